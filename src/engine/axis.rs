@@ -72,7 +72,7 @@ impl Axis {
         };
     }
 
-    /// SV_OFF.
+    /// SV_OFF: switches the axis off through the states of CiA 402.
     pub(super) fn switch_off(&mut self) {
         if self.requested.power != Power::Off {
             self.requested.power = Power::SwitchingOff;

@@ -111,9 +111,9 @@ impl fmt::Display for Rejection {
 pub struct Counters {
     /// Command frames that arrived.
     pub frames: u64,
-    /// Reports made.
+    /// Reports that were made.
     pub reports: u64,
-    /// Commands rejected, by [`Reason::kind`].
+    /// Commands that were rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
     /// Commands that were ignored because their slave was homing, or because its mode was being restored after homing.
     pub ignored_homing: u64,
@@ -132,7 +132,7 @@ pub struct Counters {
     pub crc: u64,
     /// Frames that did not arrive completely.
     pub incomplete: u64,
-    /// FIFO entries executed.
+    /// FIFO entries that were executed.
     pub executed: u64,
     /// Cycles in OP that took no entry, because the FIFO was empty or below its threshold.
     pub idle_cycles: u64,
@@ -162,30 +162,30 @@ pub enum Event {
     Rejected(Rejection),
     /// SET_DC had a Data2 that no guide mentions; it was accepted (SK-4 \[OURS]).
     OddDcShift {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
-        /// Data2.
+        /// The value of Data2.
         data2: u32,
     },
     /// DRIVE_MODE had a Data2 that no guide mentions; it was taken for DC sync (SK-4 \[OURS]).
     OddDriveType {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
-        /// Data2.
+        /// The value of Data2.
         data2: u32,
     },
     /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
     Incomplete {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
-        /// Bytes that came.
+        /// How many bytes came.
         bytes: u16,
     },
     /// A slave in SafeOP or OP does not answer any more (SK-4).
     SlaveLost {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
@@ -193,7 +193,7 @@ pub enum Event {
     /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer. Logged once,
     /// until the working counter is right again.
     WorkingCounter {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// The working counter.
         counted: u16,
@@ -202,58 +202,58 @@ pub enum Event {
     },
     /// A bus that takes outputs ahead has lost answers, because they were not polled in time. They made no report.
     AnswersLost {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
-        /// Cycles in a row.
+        /// How many cycles in a row.
         cycles: u32,
     },
     /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs off (SK-4
     /// \[OURS]).
     SlaveDisturbed {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
     },
     /// A change of state has failed and left a slave in a lower state than the others (SK-4 \[OURS]).
     SlaveLeft {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
     },
     /// A change of state has failed (SK-4): the state byte is the last state that all slaves reached, plus 0x10.
     StateFailed {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Why.
         why: StateFailure,
     },
-    /// Homing of an axis is over.
+    /// The homing of an axis has ended.
     HomingEnded {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
-        /// Its axis, from 0.
+        /// The axis of the slave, from 0.
         axis: u8,
         /// How it ended.
         end: HomingEnd,
     },
     /// The board could not restore the mode of DRIVE_MODE after homing; the drive has stayed in homing mode (SK-7 \[OURS]).
     ModeNotRestored {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
-        /// Its axis, from 0.
+        /// The axis of the slave, from 0.
         axis: u8,
         /// The abort code of the last attempt.
         code: AbortCode,
     },
     /// An SDO transfer of the host was aborted; the abort code is in the SDO slot (SK-6).
     SdoAborted {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// Slave, from 1.
         slave: u8,
@@ -266,7 +266,7 @@ pub enum Event {
     },
     /// A line of a script was carried out.
     Scripted {
-        /// When, in board time.
+        /// When it happened, in board time.
         at: Ns,
         /// The line, from 1.
         line: u32,

@@ -4,7 +4,7 @@
 /// cycle, so that a drive that does not read its controlword in every cycle sees the edge all the same.
 const PULSE_SETS: u8 = 8;
 
-/// The bit in the set of outputs made last.
+/// The fault reset bit in the newest set of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Bit {
     /// The bit is clear and may rise.

@@ -23,7 +23,7 @@ pub(super) struct CommandFifo {
     held: bool,
 }
 
-/// "160 is the default: taking starts with the first entry."
+/// The threshold of free entries below which entries are taken: with 160, the default, that begins with the first entry (SK-5).
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
 impl CommandFifo {
@@ -85,7 +85,7 @@ impl CommandFifo {
         self.held = held;
     }
 
-    /// SET_FIFO 2. SK-5 \[OURS]: above 160 counts as 160.
+    /// SET_FIFO 2: sets the threshold of free entries. SK-5 \[OURS]: a value above 160 counts as 160.
     pub(super) fn set_threshold(&mut self, free: u32) {
         self.threshold = free.min(FIFO_ENTRIES.into()) as u16;
     }

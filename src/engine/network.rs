@@ -232,7 +232,7 @@ impl Network {
         }
     }
 
-    /// A step begins.
+    /// Notes that a step begins.
     pub(super) fn begin(&mut self, step: Step) {
         let Some(change) = &mut self.change else { return };
         match step {

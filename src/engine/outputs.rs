@@ -219,7 +219,7 @@ impl Engine {
         }
     }
 
-    /// Starts a clear, and takes its end.
+    /// Starts a clear that was requested, and takes the end of one that runs.
     pub(super) fn run_clear(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.clearing == Clearing::Requested {
             bus.clear_ahead(now);

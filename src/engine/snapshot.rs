@@ -26,7 +26,7 @@ impl Leds {
     }
 }
 
-/// A board at one moment.
+/// The state of a board at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Snapshot {
     /// The time of the snapshot, board time.
@@ -59,7 +59,7 @@ pub struct Snapshot {
 }
 
 impl Board {
-    /// The board as it is now.
+    /// The state of the board now.
     pub fn snapshot(&self) -> Snapshot {
         let engine = self.engine();
         let link = self.network_answers();

@@ -26,10 +26,10 @@ pub enum Unexecuted {
 }
 
 impl Unexecuted {
-    /// How many there are.
+    /// How many kinds there are.
     pub const KINDS: usize = 9;
 
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; Self::KINDS] = [
         Self::Full,
         Self::Crc,
@@ -42,7 +42,7 @@ impl Unexecuted {
         Self::SdoAborted,
     ];
 
-    /// Its count.
+    /// The count of this kind.
     pub const fn of(self, counters: &Counters) -> u64 {
         match self {
             Self::Full => counters.full,
@@ -72,7 +72,7 @@ impl Unexecuted {
         }
     }
 
-    /// What is counted, to be put behind the number: `3 command frames found the FIFO full and were lost`.
+    /// What is counted, to be written after the number: `3 command frame(s) found the FIFO full and were lost`.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Full => "command frame(s) found the FIFO full and were lost",
@@ -87,7 +87,7 @@ impl Unexecuted {
         }
     }
 
-    /// What to do about it.
+    /// What the user can do about it.
     pub const fn advice(self) -> &'static str {
         match self {
             Self::Full => {
@@ -106,7 +106,7 @@ impl Unexecuted {
         }
     }
 
-    /// Whether the program itself has asked for the loss: by SET_FIFO 1, or by leaving OP.
+    /// Whether the program itself has caused the loss on purpose: by SET_FIFO 1, or by leaving OP.
     pub const fn is_asked_for(self) -> bool {
         matches!(self, Self::Cleared)
     }

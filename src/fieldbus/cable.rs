@@ -65,7 +65,7 @@ impl Cable {
         self.0.reach.store(slaves, Ordering::Relaxed);
     }
 
-    /// Makes the cable whole.
+    /// Repairs the cable after [`Self::cut_after`].
     pub fn heal(&self) {
         self.cut_after(u8::MAX);
     }

@@ -42,7 +42,7 @@ enum InWord {
 #[derive(Clone, Copy, Debug)]
 struct Mapped<W> {
     object: ObjectAddress,
-    /// 2 or 4.
+    /// The size of the object, 2 or 4.
     bytes: usize,
     word: W,
 }

@@ -42,9 +42,9 @@ struct Station {
     process_data: Option<ProcessData>,
 }
 
-/// The simulated bus.
+/// A simulated EtherCAT network.
 pub struct SimBus {
-    /// In the order of the cable.
+    /// The slaves in the order of the cable.
     stations: Vec<Station>,
     timing: Timing,
     handle: SimHandle,

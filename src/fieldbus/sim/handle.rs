@@ -45,12 +45,12 @@ impl SimHandle {
         &self.cable
     }
 
-    /// Where the shafts were at the end of a cycle, all at the same time.
+    /// The positions of all shafts at the end of the newest cycle.
     pub fn shafts(&self) -> Shafts {
         self.lock().clone()
     }
 
-    /// Where one shaft was at the end of a cycle, counts; `None`: there is no such axis.
+    /// The position of one shaft at the end of the newest cycle, counts; `None`: there is no such axis.
     pub fn shaft(&self, slave: u8, axis: usize) -> Option<i64> {
         let place = usize::from(slave).checked_sub(1)?;
         *self.lock().positions.get(place)?.get(axis)?

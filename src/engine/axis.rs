@@ -1,5 +1,5 @@
-//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets that
-//! hold an axis in place until it follows commands.
+//! One CiA 402 axis as the board drives it: the controlwords of SV_ON and SV_OFF, the fault reset of ALM_CLR, and targets
+//! that hold an axis in place until it follows commands.
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
@@ -42,8 +42,8 @@ pub(super) struct Axis {
     pub(super) homing: AxisHoming,
 }
 
-/// The state of an axis to which a SET_FIFO clear returns when it takes back entries that a bus has taken ahead. It is recorded
-/// in every cycle and therefore small: the phase of homing is recorded only for the few slaves that have one.
+/// The state of an axis to which a SET_FIFO clear returns when it takes back entries that a bus has taken ahead. It is
+/// recorded in every cycle and therefore small: the phase of homing is recorded only for the few slaves that have one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
@@ -62,8 +62,8 @@ impl Axis {
     /// SV_ON. It does not reset a fault, and in the state Fault it is not kept: else a later ALM_CLR would start the motor
     /// \[OURS].
     ///
-    /// An SV_ON during an SV_OFF waits for its end \[OURS]: until then the statusword may still show Operation enabled while the
-    /// drive is switching off.
+    /// An SV_ON during an SV_OFF waits for its end \[OURS]: until then the statusword may still show Operation enabled
+    /// while the drive is switching off.
     pub(super) fn switch_on(&mut self) {
         self.requested.power = match self.requested.power {
             Power::On => Power::On,
@@ -79,8 +79,8 @@ impl Axis {
         }
     }
 
-    /// ALM_CLR: a fault reset. Without a fault it has no effect \[OURS], since with bit 7 set a drive ignores the other bits of the
-    /// controlword. It starts no motor, since a fault has ended every SV_ON.
+    /// ALM_CLR: a fault reset. Without a fault it has no effect \[OURS], since with bit 7 set a drive ignores the other
+    /// bits of the controlword. It starts no motor, since a fault has ended every SV_ON.
     pub(super) fn clear_alarm(&mut self) {
         if self.faulted {
             self.requested.fault_reset.request();
@@ -136,11 +136,11 @@ impl Axis {
         follows
     }
 
-    /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow, the target that
-    /// holds it where it is. `written` is the value that was written to 0x6060 last.
+    /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow, the
+    /// target that holds it where it is. `written` is the value that was written to 0x6060 last.
     ///
-    /// Once the axis is enabled the last such target stays until the first motion command, so that a load cannot move the axis
-    /// and its target with it.
+    /// Once the axis is enabled the last such target stays until the first motion command, so that a load cannot move the
+    /// axis and its target with it.
     pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8) {
         let state = input.statusword.state();
         let in_mode = written == mode.code();
@@ -156,8 +156,8 @@ impl Axis {
         }
     }
 
-    /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target holds the
-    /// axis where it was measured last.
+    /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target
+    /// holds the axis where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
         let target = holding_target(input, mode);
         *self = Self::default();

@@ -7,7 +7,8 @@ use crate::sk::Frame;
 
 /// A script: what is done to a board and its network at given times.
 pub trait Script: Send {
-    /// A cycle begins at `now`: does everything that is due by then and calls `done` for each part of it. Must not allocate.
+    /// A cycle begins at `now`: does everything that is due by then and calls `done` for each part of it. Must not
+    /// allocate.
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event));
 
     /// Whether nothing is left to do.
@@ -104,8 +105,8 @@ impl Board {
         self.cycles
     }
 
-    /// When the last report was made and how many cycles have passed without one since, while the board makes no reports and no
-    /// script is left that could change that: the cable before the first slave is cut, or reports are suppressed.
+    /// When the last report was made and how many cycles have passed without one since, while the board makes no reports
+    /// and no script is left that could change that: the cable before the first slave is cut, or reports are suppressed.
     pub fn silence(&self) -> Option<(Ns, u64)> {
         let over = self.script.as_ref().is_none_or(|script| script.is_over());
         let silent = over && self.silent_cycles > 0 && self.now - self.last_report > self.engine.silence_tolerance_ns();
@@ -118,8 +119,8 @@ impl Board {
         self.engine.host(frame, at);
     }
 
-    /// Bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run first. A frame has
-    /// arrived with its last byte; [`PartialFrames`] says what happens to one that stays incomplete.
+    /// Bytes of command frames arrive at `at`, in pieces of any length. The cycles that are due by then run first. A
+    /// frame has arrived with its last byte; [`PartialFrames`] says what happens to one that stays incomplete.
     pub fn bytes(&mut self, bytes: &[u8], at: Ns, report: &mut dyn FnMut(&Frame, Ns)) {
         self.advance(at, report);
         self.drop_late(self.now);
@@ -143,8 +144,8 @@ impl Board {
         }
     }
 
-    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the first byte after that
-    /// begins a frame, whatever came before (SK-4, SK-5 \[OURS]).
+    /// Drops an incomplete frame when the board has booted, and when the host interface answers again: the first byte
+    /// after that begins a frame, whatever came before (SK-4, SK-5 \[OURS]).
     fn forget_partial(&mut self) {
         let (boots, talks) = (self.engine.boots(), self.engine.talks());
         if (boots, talks) != self.seen {

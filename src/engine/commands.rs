@@ -16,8 +16,8 @@ const fn slot_bit(slot: SlotKind) -> u8 {
 
 const STATES: [MasterState; 4] = [MasterState::Init, MasterState::PreOp, MasterState::SafeOp, MasterState::Op];
 
-/// For each command code the slots that it belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is a table
-/// because it is needed for every slot in every cycle.
+/// For each command code the slots that it belongs in, [`slot_bit`], and the states that allow it, [`state_bit`]. It is a
+/// table because it is needed for every slot in every cycle.
 static ADMITTED: [u8; 256] = {
     let mut admitted = [0; 256];
     let mut n = 0;
@@ -118,8 +118,8 @@ impl Engine {
         }
     }
 
-    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. When it becomes known that the entry
-    /// was sent the network may have left OP; the commands that OP allows are executed all the same.
+    /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. When it becomes known that
+    /// the entry was sent the network may have left OP; the commands that OP allows are executed all the same.
     pub(super) fn execute_queued_master(&mut self, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id.acts_on_arrival() {
@@ -150,7 +150,8 @@ impl Engine {
         }
     }
 
-    /// Executes a command of slot 0. The result, which bytes 4..7 of the answer show; SK-2 \[OURS]: 0 for a command without one.
+    /// Executes a command of slot 0. The result, which bytes 4..7 of the answer show; SK-2 \[OURS]: 0 for a command
+    /// without one.
     fn run_master(&mut self, command: &MasterCommand, at: Ns) -> Result<u32, Reason> {
         match *command {
             MasterCommand::GetStatus | MasterCommand::Other(_) => {}
@@ -198,8 +199,8 @@ impl Engine {
         }
         let id = CommandId::from_code(slot.id);
         let done = match id {
-            // Nearly every slot of a machine in motion holds CSP: with a constant id the compiler makes faster code of the same
-            // function.
+            // Nearly every slot of a machine in motion holds CSP: with a constant id the compiler makes faster code of
+            // the same function.
             CommandId::Csp => self.run_slot(slave, CommandId::Csp, slot, at),
             _ => self.run_other_slot(slave, id, slot, at),
         };
@@ -278,18 +279,18 @@ impl Engine {
         self.volatile.axes[slave - 1][..axes].iter_mut().for_each(act);
     }
 
-    /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. Of a slave
-    /// with two axes axis 1 decides \[OURS].
+    /// Whether CSP, CSV or CST is accepted: only in the mode that DRIVE_MODE chose, and while 0x6060 has that value. Of a
+    /// slave with two axes axis 1 decides \[OURS].
     pub(super) fn check_mode(&self, slave: usize, mode: Mode) -> Result<(), Reason> {
         let right = self.role(slave).mode() == Some(mode) && self.volatile.modes_written[slave - 1][0] == mode.code();
         if right { Ok(()) } else { Err(Reason::WrongMode) }
     }
 
-    /// Takes the targets and digital outputs of CSP, CSV or CST. A target for an axis 2 that is in another mode than axis 1 is
-    /// discarded \[OURS].
+    /// Takes the targets and digital outputs of CSP, CSV or CST. A target for an axis 2 that is in another mode than axis
+    /// 1 is discarded \[OURS].
     ///
-    /// A command counts as discarded once, whether one target or both are. Its digital outputs are taken all the same, since they
-    /// do not depend on the power stage \[OURS].
+    /// A command counts as discarded once, whether one target or both are. Its digital outputs are taken all the same,
+    /// since they do not depend on the power stage \[OURS].
     #[inline]
     fn set_targets(&mut self, slave: usize, mode: Mode, motion: &Motion) -> Result<(), Reason> {
         self.check_mode(slave, mode)?;

@@ -121,8 +121,8 @@ pub struct Counters {
     pub modes_not_restored: u64,
     /// Commands whose targets were discarded because the axis was not in Operation enabled.
     pub discarded_before_enabled: u64,
-    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP before the
-    /// others.
+    /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP before
+    /// the others.
     pub for_lost: u64,
     /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
@@ -136,8 +136,8 @@ pub struct Counters {
     pub executed: u64,
     /// Cycles in OP that took no entry, because the FIFO was empty or below its threshold.
     pub idle_cycles: u64,
-    /// SDO requests that repeat the one under way, as programs that poll send them. They are part of that transfer, and nothing is
-    /// lost.
+    /// SDO requests that repeat the one under way, as programs that poll send them. They are part of that transfer, and
+    /// nothing is lost.
     pub sdo_repeated: u64,
     /// Cycles that made no report because a bus that takes outputs ahead has lost their answers.
     pub answers_lost: u64,
@@ -190,8 +190,8 @@ pub enum Event {
         /// Slave, from 1.
         slave: u8,
     },
-    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer. Logged once,
-    /// until the working counter is right again.
+    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer. Logged
+    /// once, until the working counter is right again.
     WorkingCounter {
         /// When it happened, in board time.
         at: Ns,
@@ -207,8 +207,8 @@ pub enum Event {
         /// How many cycles in a row.
         cycles: u32,
     },
-    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs off (SK-4
-    /// \[OURS]).
+    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs
+    /// off (SK-4 \[OURS]).
     SlaveDisturbed {
         /// When it happened, in board time.
         at: Ns,

@@ -1,7 +1,7 @@
 //! The pulse of ALM_CLR: bit 7 of the controlword rises, stays, and falls.
 
-/// How many sets of outputs have the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the shortest
-/// cycle, so that a drive that does not read its controlword in every cycle sees the edge all the same.
+/// How many sets of outputs have the bit set, and the least number without it before it rises again \[OURS]: 2 ms at the
+/// shortest cycle, so that a drive that does not read its controlword in every cycle sees the edge all the same.
 const PULSE_SETS: u8 = 8;
 
 /// The fault reset bit in the newest set of outputs.
@@ -20,8 +20,8 @@ enum Bit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FaultReset {
     bit: Bit,
-    /// An ALM_CLR came whose pulse has not begun. One that comes during a pulse makes another pulse after it \[OURS], since the
-    /// drive may not be ready for a reset before.
+    /// An ALM_CLR came whose pulse has not begun. One that comes during a pulse makes another pulse after it \[OURS],
+    /// since the drive may not be ready for a reset before.
     requested: bool,
 }
 

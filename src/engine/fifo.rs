@@ -7,8 +7,8 @@ use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
 /// The frames that wait for their cycle.
 ///
-/// The place that became free last is used first: a program that keeps three entries waiting uses three or four places again
-/// and again, and not the memory of all 160.
+/// The place that became free last is used first: a program that keeps three entries waiting uses three or four places
+/// again and again, and not the memory of all 160.
 #[derive(Debug)]
 pub(super) struct CommandFifo {
     /// The places for frames, as many as were in use at once so far. These three have the capacity for the whole FIFO.
@@ -23,7 +23,8 @@ pub(super) struct CommandFifo {
     held: bool,
 }
 
-/// The threshold of free entries below which entries are taken: with 160, the default, that begins with the first entry (SK-5).
+/// The threshold of free entries below which entries are taken: with 160, the default, that begins with the first entry
+/// (SK-5).
 const DEFAULT_THRESHOLD: u16 = FIFO_ENTRIES;
 
 impl CommandFifo {

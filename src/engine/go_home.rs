@@ -18,8 +18,8 @@ pub enum HomingPhase {
 }
 
 impl Engine {
-    /// How far the homing of a slave (from 1) has got. Commands for a slave that is not [`HomingPhase::Idle`] are ignored, but for
-    /// SV_OFF, ALM_CLR and ABORT_HOME.
+    /// How far the homing of a slave (from 1) has got. Commands for a slave that is not [`HomingPhase::Idle`] are
+    /// ignored, but for SV_OFF, ALM_CLR and ABORT_HOME.
     pub fn homing_phase(&self, slave: u8) -> HomingPhase {
         let Some(axes) = usize::from(slave).checked_sub(1).and_then(|n| self.volatile.axes.get(n)) else {
             return HomingPhase::Idle;
@@ -55,11 +55,11 @@ impl Engine {
         ignored
     }
 
-    /// GO_HOME for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only axis 1
-    /// may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
+    /// GO_HOME for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only
+    /// axis 1 may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
     ///
-    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so that a
-    /// later SV_ON does not start homing. If one of several axes is not enabled, none starts.
+    /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so
+    /// that a later SV_ON does not start homing. If one of several axes is not enabled, none starts.
     pub(super) fn go_home(&mut self, slave: usize) -> Result<(), Reason> {
         let axes = 1 + usize::from(self.carries_two_channels(slave));
         let modes = self.volatile.modes_written[slave - 1];
@@ -154,8 +154,8 @@ impl Engine {
         }
     }
 
-    /// The network leaves OP, which ends all homing. The modes of operation are restored in SafeOP; on the way up from a lower
-    /// state they are written anyway.
+    /// The network leaves OP, which ends all homing. The modes of operation are restored in SafeOP; on the way up from a
+    /// lower state they are written anyway.
     pub(super) fn leave_homing_with_op(&mut self, at: Ns) {
         for slave in 1..=MAX_SLAVES {
             self.end_homing(slave, HomingEnd::LeftOp, at);

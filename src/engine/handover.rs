@@ -42,8 +42,8 @@ pub(super) struct Handover {
 }
 
 impl Handover {
-    /// A hand-over with room for `room` frames between two visits of the runner, and for `queue` reports that nobody has read. A
-    /// writer waits while the inbox is full, as on a USB device that does not accept data.
+    /// A hand-over with room for `room` frames between two visits of the runner, and for `queue` reports that nobody has
+    /// read. A writer waits while the inbox is full, as on a USB device that does not accept data.
     pub(super) fn new(room: usize, queue: usize) -> Self {
         Self {
             inbox: Mutex::new(Inbox { frames: VecDeque::with_capacity(room), room, phase: Phase::Open, cancels: 0 }),
@@ -53,7 +53,8 @@ impl Handover {
         }
     }
 
-    /// Host: hands over a frame that arrives at `at`. Waits until `turn`, when the wire is free, and for room, both until `end`.
+    /// Host: hands over a frame that arrives at `at`. Waits until `turn`, when the wire is free, and for room, both until
+    /// `end`.
     pub(super) fn send(&self, frame: &Frame, at: Ns, turn: Instant, end: Option<Instant>) -> Result<(), Stop> {
         let mut inbox = lock(&self.inbox);
         let cancels = inbox.cancels;

@@ -1,34 +1,36 @@
-//! The homing of one axis (SK-7): bit 4 of the controlword, which statuswords of the drive count, and when homing has ended.
+//! The homing of one axis (SK-7): bit 4 of the controlword, which statuswords of the drive count, and when homing has
+//! ended.
 //!
-//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or another mode.
-//! The inputs of a cycle were measured before its outputs arrived, so that the first statusword that counts is the one after
-//! the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. A result, attained or error, is
-//! accepted in three cases, in which it cannot be an old one:
+//! **Which statuswords count** \[OURS]. When bit 4 rises, bits 10, 12 and 13 may still show an earlier homing or another
+//! mode. The inputs of a cycle were measured before its outputs arrived, so that the first statusword that counts is the
+//! one after the cycle that carried bit 4 to the drive, however many outputs a bus has taken ahead. A result, attained or
+//! error, is accepted in three cases, in which it cannot be an old one:
 //! - A statusword that counts has shown bits 12 and 13 clear before.
-//! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4 reached
-//!   it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.
+//! - The drive, enabled and in mode 6, has shown them clear in every answer of the last [`RESULT_SETTLE_NS`] before bit 4
+//!   reached it. So the result of a drive that is home at once, by methods 35 and 37, is accepted at once.
 //! - The same result was shown for [`RESULT_SETTLE_NS`].
 //!
-//! The time before bit 4 counts from the end of the write of 0x6060, and starts again whenever the drive shows one of the bits
-//! or is not enabled: a drive may change its mode, and show the result of an earlier homing with it, a little later than it
-//! confirms, and in CSP bit 12 means that the drive follows its target.
+//! The time before bit 4 counts from the end of the write of 0x6060, and starts again whenever the drive shows one of the
+//! bits or is not enabled: a drive may change its mode, and show the result of an earlier homing with it, a little later
+//! than it confirms, and in CSP bit 12 means that the drive follows its target.
 //!
-//! **When the next homing may start** \[OURS]. While the board still waits for a result to settle, the program that reads the slot
-//! sees bits 10 and 12 under GO_HOME and sends the next GO_HOME. So for the rule of one homing at a time the homing of an axis
-//! has ended as soon as a report has shown GO_HOME with bits 10 and 12, or with bit 13 ([`AxisHoming::seems_over`]). Each axis of
-//! a pulse module of two channels counts by its own statusword; that of axis 2 is not in the slot, but 0x6841 can be read.
+//! **When the next homing may start** \[OURS]. While the board still waits for a result to settle, the program that reads
+//! the slot sees bits 10 and 12 under GO_HOME and sends the next GO_HOME. So for the rule of one homing at a time the
+//! homing of an axis has ended as soon as a report has shown GO_HOME with bits 10 and 12, or with bit 13
+//! ([`AxisHoming::seems_over`]). Each axis of a pulse module of two channels counts by its own statusword; that of axis 2
+//! is not in the slot, but 0x6841 can be read.
 //!
-//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive, it gets time to come to a standstill. Then
-//! outputs with its actual position, in the coordinates after homing, hold it there. The mode may change only when these have
-//! reached it, too: so no target from before homing can make the axis jump.
+//! **What follows the end** \[OURS]. Bit 4 falls. When that has reached the drive, it gets time to come to a standstill.
+//! Then outputs with its actual position, in the coordinates after homing, hold it there. The mode may change only when
+//! these have reached it, too: so no target from before homing can make the axis jump.
 
 use std::fmt;
 
 use crate::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
-/// The least number of sets of outputs with bit 4 clear before it rises again \[OURS]: 2 ms at the shortest cycle, so that a drive
-/// that does not read its controlword in every cycle sees the edge all the same.
+/// The least number of sets of outputs with bit 4 clear before it rises again \[OURS]: 2 ms at the shortest cycle, so
+/// that a drive that does not read its controlword in every cycle sees the edge all the same.
 const START_BIT_LOW_SETS: u8 = 8;
 
 /// How long a drive has to show no result before bit 4 rises, or the same result after it, until its result is accepted
@@ -114,8 +116,8 @@ enum Phase {
     Idle,
     /// GO_HOME was executed. Bit 4 rises as soon as it has been clear for long enough.
     Requested,
-    /// Bit 4 is set since the outputs with the id `first`. The last `in_a_row` answers have shown `result`, and with `clear_seen`
-    /// a result is accepted at once.
+    /// Bit 4 is set since the outputs with the id `first`. The last `in_a_row` answers have shown `result`, and with
+    /// `clear_seen` a result is accepted at once.
     Running { first: u64, result: ShownResult, in_a_row: u64, clear_seen: bool },
     /// Homing has ended. Bit 4 is clear since the outputs with the id `clear`, and the drive comes to a standstill.
     Braking { end: HomingEnd, clear: Option<u64>, answers: u64 },
@@ -233,8 +235,8 @@ impl AxisHoming {
         self.mode_since = at;
     }
 
-    /// Takes the answer of the cycle at `at` while bit 4 is clear, to find out whether the drive, enabled and in mode 6, shows no
-    /// result.
+    /// Takes the answer of the cycle at `at` while bit 4 is clear, to find out whether the drive, enabled and in mode 6,
+    /// shows no result.
     pub(super) fn observe_idle(&mut self, at: Ns, in_mode_6: bool, statusword: Statusword) {
         if matches!(self.phase, Phase::Running { .. }) {
             return;
@@ -243,8 +245,8 @@ impl AxisHoming {
         self.clear_answers = if clear_answers && at >= self.mode_since { self.clear_answers + 1 } else { 0 };
     }
 
-    /// Whether a report has shown the host a result of this homing: the newest outputs in reports have the id `shown`, which
-    /// carried bit 4, and the statusword shows a result.
+    /// Whether a report has shown the host a result of this homing: the newest outputs in reports have the id `shown`,
+    /// which carried bit 4, and the statusword shows a result.
     pub(super) fn seems_over(&self, shown: Option<u64>, statusword: Statusword) -> bool {
         matches!(self.phase, Phase::Running { first, .. } if shown >= Some(first))
             && ShownResult::of(statusword) != ShownResult::None
@@ -328,8 +330,8 @@ impl AxisHoming {
         }
     }
 
-    /// Takes back what was done since `then`, because SET_FIFO has cleared those entries. A homing that the drive has ended stays
-    /// ended.
+    /// Takes back what was done since `then`, because SET_FIFO has cleared those entries. A homing that the drive has
+    /// ended stays ended.
     pub(super) fn roll_back_to(&mut self, then: &Self) {
         let braking = |end| Phase::Braking { end, clear: None, answers: 0 };
         let (phase, rest) = match (self.phase, then.phase) {
@@ -435,8 +437,8 @@ mod tests {
         }
     }
 
-    /// SK-7.41 The drive is given time to stand from when it has outputs_received that bit 4 fell: what it showed before, bit 10 of
-    /// an earlier move for example, says nothing.
+    /// SK-7.41 The drive is given time to stand from when bit 4 has fallen in the outputs that it got: what it showed before,
+    /// bit 10 of an earlier move for example, says nothing.
     #[test]
     fn standing_counts_when_bit_4_has_fallen() {
         const REACHED: Statusword = Statusword(0x0237 | Statusword::TARGET_REACHED);

@@ -1,5 +1,5 @@
-//! The jobs of the bus, which take longer than a cycle: which one the engine starts when, and what follows its end. Which steps a
-//! change of state needs is decided in `network.rs`.
+//! The jobs of the bus, which take longer than a cycle: which one the engine starts when, and what follows its end. Which
+//! steps a change of state needs is decided in `network.rs`.
 
 use super::network::Step;
 use super::restore::Restore;
@@ -21,8 +21,8 @@ pub(super) struct NetworkJob {
     until: Ns,
 }
 
-/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a slave
-/// that is slow to change its state does not block the others.
+/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a
+/// slave that is slow to change its state does not block the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoOwner {
     Host,
@@ -79,8 +79,8 @@ impl Engine {
         }
     }
 
-    /// Ends a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does, and cancels a job that no longer
-    /// leads to the target.
+    /// Ends a change of state that takes too long (SK-4 \[OURS]: 10 s), whatever the bus does, and cancels a job that no
+    /// longer leads to the target.
     fn give_up_late_or_obsolete(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         let late = self.network().deadline().is_some_and(|deadline| now >= deadline);
         if late {
@@ -128,7 +128,8 @@ impl Engine {
             return;
         }
         let Some(request) = self.volatile.sdo.waiting(self.config.sdo_timeout_ns) else { return };
-        // SK-6 [OURS]: no transfer is started to a slave that is lost, even if it could answer again, or that was never found.
+        // SK-6 [OURS]: no transfer is started to a slave that is lost, even if it could answer again, or that was never
+        // found.
         if request.slave > self.network().found() || self.network().lost().contains(request.slave) {
             self.volatile.sdo.started();
             return self.sdo_done(Err(AbortCode::TIMEOUT), now);
@@ -179,8 +180,8 @@ impl Engine {
         to > MasterState::PreOp || to == MasterState::PreOp && from > Some(MasterState::PreOp)
     }
 
-    /// The slaves that are used. SK-4 \[OURS]: a slave that was found and is declared as not used stays in PreOP, and no change of
-    /// state waits for it.
+    /// The slaves that are used. SK-4 \[OURS]: a slave that was found and is declared as not used stays in PreOP, and no
+    /// change of state waits for it.
     pub(super) fn used_slaves(&self) -> SlaveSet {
         let mut slaves = self.found_slaves();
         for slave in 1..=self.network().found() {
@@ -191,8 +192,8 @@ impl Engine {
         slaves
     }
 
-    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared something else than the network was configured with last, or is being
-    /// configured with now.
+    /// Whether SET_AXIS, DRIVE_MODE or SET_DC have declared something else than the network was configured with last, or
+    /// is being configured with now.
     pub(super) fn has_new_declarations(&self) -> bool {
         let otherwise = |n: usize| {
             (self.volatile.roles[n], self.volatile.syncs[n]) != (self.declared_role(n), self.volatile.modes[n].1)
@@ -212,13 +213,14 @@ impl Engine {
         }
     }
 
-    /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a slave that is declared as a kind without one.
+    /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a slave that is declared as a kind
+    /// without one.
     pub(super) fn declared_mode(&self, slave: usize) -> u8 {
         self.declared_role(slave - 1).mode().map_or(0, |mode| mode.code())
     }
 
-    /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: mode 10 for an HSP, and any mode but 8 for a
-    /// STEP, fail the change from PreOP to SafeOP, whichever slave is declared so.
+    /// Why the network cannot be configured as declared; `None`: it can. SK-7 \[OURS]: mode 10 for an HSP, and any mode
+    /// but 8 for a STEP, fail the change from PreOP to SafeOP, whichever slave is declared so.
     fn lacks_process_data(&self) -> Option<StateFailure> {
         let lacking = (0..usize::from(self.network().found())).find(|n| !self.declared_role(*n).has_process_data());
         lacking.map(|n| StateFailure::Mode { slave: n as u8 + 1, kind: self.volatile.kinds[n] })

@@ -1,5 +1,5 @@
-//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back. Its slot
-//! keeps its values, commands for it are counted and not executed, and the other slaves go on.
+//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
+//! Its slot keeps its values, commands for it are counted and not executed, and the other slaves go on.
 
 use super::axis::AxisCheckpoint;
 use super::commands::check_kind;
@@ -10,13 +10,13 @@ use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
-/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus may still
-/// deliver later, do not show whether it is in that state.
+/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus
+/// may still deliver later, do not show whether it is in that state.
 pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 impl Engine {
-    /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP; its slot
-    /// shows the newest command, like the slot of a number without a slave.
+    /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP;
+    /// its slot shows the newest command, like the slot of a number without a slave.
     fn unreached(&self) -> SlaveSet {
         let unreached = self.inputs.lost.union(self.inputs.without_outputs);
         if unreached.is_empty() { unreached } else { unreached.intersection(self.used_slaves()) }
@@ -61,8 +61,8 @@ impl Engine {
         self.working_counter_short = short;
     }
 
-    /// Slaves that are in a lower state than the network while no change of state is under way: a change that other slaves have
-    /// refused has left them there.
+    /// Slaves that are in a lower state than the network while no change of state is under way: a change that other
+    /// slaves have refused has left them there.
     fn left_behind(&self) -> SlaveSet {
         // The end of a Configure names the slaves that it has disturbed.
         if self.job.is_some_and(|work| matches!(work.step, Step::Move(_) | Step::RecoverConfigure)) {
@@ -83,9 +83,9 @@ impl Engine {
 
     /// Finds out which slaves are lost since the last cycle.
     ///
-    /// SK-4 \[OURS]: a change to a lower state that fails may leave slaves below the state that the network ends in. These are
-    /// lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again and with their
-    /// outputs off.
+    /// SK-4 \[OURS]: a change to a lower state that fails may leave slaves below the state that the network ends in.
+    /// These are lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again
+    /// and with their outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
         if !self.network().notices_losses() {
             return;
@@ -161,14 +161,15 @@ impl Engine {
         }
     }
 
-    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can be changed all the same.
+    /// Whether commands for a slave are not executed because it is lost. Outside OP its settings can be changed all the
+    /// same.
     pub(super) fn is_lost_in_op(&self, slave: usize) -> bool {
         let lost = self.network().lost();
         !lost.is_empty() && self.network().in_op() && lost.contains(slave as u8)
     }
 
-    /// A command for a lost slave: it is counted, and its slot keeps its values. A command that is not valid is rejected all the
-    /// same. SK-4 \[OURS]
+    /// A command for a lost slave: it is counted, and its slot keeps its values. A command that is not valid is rejected
+    /// all the same. SK-4 \[OURS]
     pub(super) fn execute_for_lost(&mut self, slave: usize, slot: &RawSlot, at: Ns) {
         let id = CommandId::from_code(slot.id);
         if id == CommandId::GetStatus {
@@ -209,8 +210,8 @@ impl Engine {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
     }
 
-    /// Whether a step may begin. Lost slaves return to OP only when a bus that takes outputs ahead has none left from before their
-    /// loss, so that old outputs switch on no motor and no digital output \[OURS].
+    /// Whether a step may begin. Lost slaves return to OP only when a bus that takes outputs ahead has none left from
+    /// before their loss, so that old outputs switch on no motor and no digital output \[OURS].
     pub(super) fn may_begin_step(&mut self, step: Step) -> bool {
         if step != Step::RecoverTo(MasterState::Op) {
             return true;

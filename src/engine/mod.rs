@@ -86,8 +86,8 @@ pub struct EngineConfig {
     pub slot: SlotSize,
     /// The firmware that is modelled.
     pub firmware: Firmware,
-    /// Pin CONFIG1 is high: test mode (SK-4). The board goes to OP by itself and switches the outputs of all IO slaves on and
-    /// off in turn.
+    /// Pin CONFIG1 is high: test mode (SK-4). The board goes to OP by itself and switches the outputs of all IO slaves on
+    /// and off in turn.
     pub test: bool,
     /// Pin CONFIG3: what happens to command frames that do not arrive completely.
     pub partial_frames: PartialFrames,
@@ -170,8 +170,8 @@ pub struct Engine {
 impl Engine {
     /// A board at power-on, over a bus with that pacing.
     pub fn new(config: EngineConfig, pacing: Pacing) -> Self {
-        // A cycle of our runner is answered at once. A bus that owns its cycle holds some outputs, has sent some since it was
-        // polled last, and has not answered some. A lost slave may be named as late as an answer comes.
+        // A cycle of our runner is answered at once. A bus that owns its cycle holds some outputs, has sent some since it
+        // was polled last, and has not answered some. A lost slave may be named as late as an answer comes.
         let (unconfirmed_max, answered) = match pacing {
             Pacing::Runner => (1, 0),
             Pacing::Bus { depth, answer_delay } => {
@@ -226,8 +226,8 @@ impl Engine {
         self.network().talks()
     }
 
-    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was opened before a boot has to
-    /// be opened again.
+    /// How often the board has booted: 1, and one more with every SW_RESET. A host interface that was opened before a
+    /// boot has to be opened again.
     pub const fn boots(&self) -> u64 {
         self.boots
     }
@@ -302,8 +302,8 @@ impl Engine {
         self.reports_suppressed = suppressed;
     }
 
-    /// Takes no entries out of the FIFO any more, so that it fills, or takes them again. A fault for scripts and tests: SW_RESET
-    /// does not end it.
+    /// Takes no entries out of the FIFO any more, so that it fills, or takes them again. A fault for scripts and tests:
+    /// SW_RESET does not end it.
     pub(super) const fn hold_fifo(&mut self, held: bool) {
         self.fifo.hold(held);
     }
@@ -355,9 +355,10 @@ impl Engine {
         self.counters.incomplete += 1;
     }
 
-    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report` with the time
-    /// of its cycle. Whether a cycle of the bus has passed: with the cable cut before the first slave none does. In OP there
-    /// is no report then; before OP the board makes its reports in its own cycle, whatever the bus does (SK-9).
+    /// Runs one cycle at `now`: jobs of the bus, FIFO entries, process data, and the report, which goes to `report` with
+    /// the time of its cycle. Whether a cycle of the bus has passed: with the cable cut before the first slave none does.
+    /// In OP there is no report then; before OP the board makes its reports in its own cycle, whatever the bus does
+    /// (SK-9).
     pub fn cycle(&mut self, now: Ns, bus: &mut dyn Fieldbus, report: &mut dyn FnMut(&Frame, Ns)) -> bool {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
@@ -401,8 +402,8 @@ impl Engine {
         passed
     }
 
-    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a period
-    /// sooner or later \[OURS].
+    /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a
+    /// period sooner or later \[OURS].
     pub(super) fn next_cycle(&mut self, now: Ns) -> Ns {
         let period = self.period_ns();
         let planned = now + period;
@@ -417,9 +418,9 @@ impl Engine {
         }
     }
 
-    /// How long no cycle of the bus may pass before the cable counts as cut. A bus that owns its cycle has no cycle in some of
-    /// ours, by its phase, by jitter, and when the length of the cycle changes \[OURS: two of the longest cycles], and answers
-    /// come later still.
+    /// How long no cycle of the bus may pass before the cable counts as cut. A bus that owns its cycle has no cycle in
+    /// some of ours, by its phase, by jitter, and when the length of the cycle changes \[OURS: two of the longest
+    /// cycles], and answers come later still.
     pub(crate) fn silence_tolerance_ns(&self) -> Ns {
         match self.pacing {
             Pacing::Runner => 0,
@@ -432,8 +433,8 @@ impl Engine {
         now - self.last_passed > self.silence_tolerance_ns()
     }
 
-    /// SW_RESET: resets all variables but the CRC switches of SET_EX, which take effect now. The host interface answers again when
-    /// the boot has reached PreOP.
+    /// SW_RESET: resets all variables but the CRC switches of SET_EX, which take effect now. The host interface answers
+    /// again when the boot has reached PreOP.
     fn reset(&mut self) {
         self.counters.cleared += u64::from(self.fifo.reset());
         self.clear_ahead();
@@ -451,7 +452,8 @@ impl Engine {
         self.clear_ahead();
     }
 
-    /// How many axes SV_ON, SV_OFF and ALM_CLR act on: all that the slave has in its role, whatever the size of a slot \[OURS].
+    /// How many axes SV_ON, SV_OFF and ALM_CLR act on: all that the slave has in its role, whatever the size of a slot
+    /// \[OURS].
     fn axes(&self, slave: usize) -> usize {
         match self.role(slave) {
             Role::Io | Role::Unused => 0,
@@ -460,8 +462,8 @@ impl Engine {
         }
     }
 
-    /// Whether the slot of a slave carries two channels (SK-3): with 12-byte slots a module of two channels moves axis 1 only
-    /// \[OURS].
+    /// Whether the slot of a slave carries two channels (SK-3): with 12-byte slots a module of two channels moves axis 1
+    /// only \[OURS].
     fn carries_two_channels(&self, slave: usize) -> bool {
         self.config.slot == SlotSize::Bytes16 && self.volatile.second_axes.contains(slave as u8)
     }

@@ -1,5 +1,5 @@
-//! The state of the network (SK-4): boot, changes of state, failures, and the recovery of lost slaves. It decides which step
-//! comes next; `jobs.rs` runs the job of the bus for it.
+//! The state of the network (SK-4): boot, changes of state, failures, and the recovery of lost slaves. It decides which
+//! step comes next; `jobs.rs` runs the job of the bus for it.
 
 use crate::fieldbus::{Ns, SlaveSet};
 use crate::sk::{MasterState, StateByte};
@@ -23,8 +23,8 @@ pub(super) enum Step {
     RecoverTo(MasterState),
 }
 
-/// How long the recovery waits for all lost slaves together, until it goes on without those that do not answer \[OURS]. It is the
-/// time after which an SDO fails, too.
+/// How long the recovery waits for all lost slaves together, until it goes on without those that do not answer \[OURS].
+/// It is the time after which an SDO fails, too.
 const RECOVERY_TIMEOUT_NS: Ns = 1_000_000_000;
 /// How long it waits each time after that, since slaves that answer have done so by then \[OURS].
 const RECOVERY_RETRY_TIMEOUT_NS: Ns = 100_000_000;
@@ -51,8 +51,8 @@ struct Change {
     /// Something else was declared since, so that all slaves have to start in PreOP again.
     declared_anew: bool,
     recovery: Recovery,
-    /// The lost slaves that the change still has to bring back: those that were lost when the recovery began, without those that
-    /// have refused; `None`: it has not begun.
+    /// The lost slaves that the change still has to bring back: those that were lost when the recovery began, without
+    /// those that have refused; `None`: it has not begun.
     to_recover: Option<SlaveSet>,
     /// The slaves among them that have not answered in this round, so that the others go on without them.
     unanswered: SlaveSet,
@@ -143,9 +143,9 @@ impl Network {
         self.recovering
     }
 
-    /// Whether slaves that do not answer now are lost. In OP they always are, and in SafeOP except during a change to OP, which
-    /// waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change of state finds out.
-    /// SK-4 \[OURS]
+    /// Whether slaves that do not answer now are lost. In OP they always are, and in SafeOP except during a change to OP,
+    /// which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change of state
+    /// finds out. SK-4 \[OURS]
     pub(super) fn notices_losses(&self) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
@@ -174,9 +174,10 @@ impl Network {
 
     /// SET_STATE. False: this state does not accept it (Init accepts Init and PreOP only).
     ///
-    /// A request during a change replaces its target, and with `new_declarations` the configuration, too. A request that changes
-    /// nothing does not give the change more time \[OURS], so that a program that sends SET_STATE in every frame sees a failure,
-    /// too. A request for the present state acknowledges a failure. Every request that is accepted brings lost slaves back.
+    /// A request during a change replaces its target, and with `new_declarations` the configuration, too. A request that
+    /// changes nothing does not give the change more time \[OURS], so that a program that sends SET_STATE in every frame
+    /// sees a failure, too. A request for the present state acknowledges a failure. Every request that is accepted brings
+    /// lost slaves back.
     pub(super) fn request(&mut self, target: MasterState, deadline: Ns, new_declarations: bool) -> bool {
         let Some(state) = self.reached else { return false };
         if state == MasterState::Init && target > MasterState::PreOp {
@@ -247,8 +248,8 @@ impl Network {
 
     /// How long a step may take, when the change has `left` until its deadline; `None`: until the deadline.
     ///
-    /// A slave that does not answer does not delay the recovery of the others \[OURS]: they come back without it, and then it is
-    /// asked again until the deadline.
+    /// A slave that does not answer does not delay the recovery of the others \[OURS]: they come back without it, and
+    /// then it is asked again until the deadline.
     pub(super) fn step_timeout(&self, step: Step, left: Ns) -> Option<Ns> {
         let change = self.change?;
         let alone = change.to_recover.is_some_and(|to_recover| to_recover.len() <= 1);
@@ -262,7 +263,8 @@ impl Network {
         }
     }
 
-    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not asked again.
+    /// A slave does not come back with the others: it has not answered (`silent`), or it has refused and is not asked
+    /// again.
     pub(super) fn recovery_failed(&mut self, slave: u8, silent: bool) {
         let Some(change) = &mut self.change else { return };
         if !self.recovering.contains(slave) {
@@ -365,8 +367,8 @@ impl Network {
         }
     }
 
-    /// A step has failed, or the change took too long: the change ends where it is, without another attempt. At boot the board
-    /// scans again.
+    /// A step has failed, or the change took too long: the change ends where it is, without another attempt. At boot the
+    /// board scans again.
     pub(super) fn fail(&mut self) {
         self.failed = true;
         self.change = None;

@@ -1,16 +1,17 @@
-//! Outputs: from the entries of the command FIFO into the process image and to the bus, and how they are taken back when SET_FIFO
-//! clears what a bus has taken ahead and not sent.
+//! Outputs: from the entries of the command FIFO into the process image and to the bus, and how they are taken back when
+//! SET_FIFO clears what a bus has taken ahead and not sent.
 //!
-//! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When the outputs
-//! of an entry are known to be sent, the entry counts as executed, and the part of it that is for the board itself acts.
+//! **Which outputs were sent** is known by the ids of polled cycles, some cycles late, and by the end of a clear. When
+//! the outputs of an entry are known to be sent, the entry counts as executed, and the part of it that is for the board
+//! itself acts.
 //!
 //! **How many sets of outputs a bus holds** can only be estimated: every cycle since the newest polled one has taken one set, if
 //! one had been pushed by then. The estimate decides how many sets are pushed, never which were sent.
 //!
-//! **An axis that is being switched on** is held where it was measured last. Outputs that a bus holds have an older position: an
-//! axis that sags while its brake opens would be pulled back to it when it is enabled. So while an axis is being switched on only
-//! a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or [`AHEAD_MAX_BESIDE_MOTION`] while other axes follow
-//! targets, so that these do not stop.
+//! **An axis that is being switched on** is held where it was measured last. Outputs that a bus holds have an older
+//! position: an axis that sags while its brake opens would be pulled back to it when it is enabled. So while an axis is
+//! being switched on only a few sets are pushed ahead \[OURS]: [`AHEAD_MAX_SWITCHING_ON`], or [`AHEAD_MAX_BESIDE_MOTION`]
+//! while other axes follow targets, so that these do not stop.
 
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
@@ -21,7 +22,8 @@ use crate::sk::RawSlot;
 
 /// How many sets of outputs a bus may hold while an axis is being switched on and no axis follows targets \[OURS].
 const AHEAD_MAX_SWITCHING_ON: u64 = 1;
-/// The same while other axes follow targets \[OURS]: enough to leave no gap in their motion when the runner is a few cycles late.
+/// The same while other axes follow targets \[OURS]: enough to leave no gap in their motion when the runner is a few
+/// cycles late.
 const AHEAD_MAX_BESIDE_MOTION: u64 = 4;
 
 /// Whether outputs that a bus has taken and not sent are being cleared. No outputs are pushed meanwhile.
@@ -43,8 +45,8 @@ pub(super) struct EntryAhead {
     deferred: Option<DeferredSlots>,
 }
 
-/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that takes outputs ahead they act
-/// when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
+/// The slots of a FIFO entry that are for the board itself: slot 0 and the SDO slot. On a bus that takes outputs ahead
+/// they act when the outputs of the entry are sent (SK-5), and not at all if a clear takes the entry back.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DeferredSlots {
     pub(super) master: RawSlot,
@@ -211,8 +213,8 @@ impl Engine {
         self.clearing != Clearing::Idle
     }
 
-    /// Requests a clear of the outputs that the bus has taken and not sent. A clear that is under way is enough, since no outputs
-    /// were pushed since it began.
+    /// Requests a clear of the outputs that the bus has taken and not sent. A clear that is under way is enough, since no
+    /// outputs were pushed since it began.
     pub(super) fn clear_ahead(&mut self) {
         if self.clearing == Clearing::Idle && self.unconfirmed() > 0 {
             self.clearing = Clearing::Requested;
@@ -233,8 +235,8 @@ impl Engine {
         }
     }
 
-    /// The outputs that were not sent are cleared, and so are their entries. The axes return to their state at the newest outputs
-    /// that were sent, and the next outputs get the ids that follow those.
+    /// The outputs that were not sent are cleared, and so are their entries. The axes return to their state at the newest
+    /// outputs that were sent, and the next outputs get the ids that follow those.
     fn cleared(&mut self, Cleared { newest_sent }: Cleared, at: Ns) {
         let next = newest_sent.map_or(0, |id| id + 1).clamp(self.unconfirmed_from, self.next_output_id);
         self.confirm_sent(next, at);

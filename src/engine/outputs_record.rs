@@ -1,5 +1,6 @@
 //! What belonged to each set of outputs: commands, axes and homing as they were when the set was made. Answers come some
-//! cycles later, and a SET_FIFO clear takes back what was pushed, so that the state behind a set is needed after it was made.
+//! cycles later, and a SET_FIFO clear takes back what was pushed, so that the state behind a set is needed after it was
+//! made.
 
 use super::axis::AxisCheckpoint;
 use super::homing::AxisHoming;

@@ -1,14 +1,14 @@
 //! Command frames that arrive in pieces, put together (CONFIG3, SK-5).
 //!
-//! A frame that does not arrive completely is counted as incomplete and not executed: it takes no FIFO entry and raises no CRC
-//! error count. Bytes of it that come after it was dropped begin the next frame \[OURS]: with CRC checking on, that frame fails
-//! its CRC, and so do those after it until no bytes come for 100 cycles.
+//! A frame that does not arrive completely is counted as incomplete and not executed: it takes no FIFO entry and raises
+//! no CRC error count. Bytes of it that come after it was dropped begin the next frame \[OURS]: with CRC checking on,
+//! that frame fails its CRC, and so do those after it until no bytes come for 100 cycles.
 
 use crate::fieldbus::Ns;
 use crate::sk::{Frame, SlotSize};
 
-/// "A command frame that does not arrive completely within 100 cycles is dropped" (UG17 1.3.4). The cycles are those in force when
-/// the frame is dropped \[OURS]: EtherCAT cycles in OP, default cycles before.
+/// "A command frame that does not arrive completely within 100 cycles is dropped" (UG17 1.3.4). The cycles are those in
+/// force when the frame is dropped \[OURS]: EtherCAT cycles in OP, default cycles before.
 pub const INCOMPLETE_CYCLES: u64 = 100;
 
 /// Pin CONFIG3: what happens to a command frame that does not arrive completely.

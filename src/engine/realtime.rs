@@ -1,4 +1,5 @@
-//! What the thread of the runner needs from the operating system: exact sleeps, and if configured, priority and locked memory.
+//! What the thread of the runner needs from the operating system: exact sleeps, and if configured, priority and locked
+//! memory.
 
 #[cfg(target_os = "linux")]
 use std::num::NonZeroU64;
@@ -95,8 +96,8 @@ impl Rate {
         nanos(span.as_nanos() * u128::from(self.0) / u128::from(Self::ONE))
     }
 
-    /// Converts a span of the runner's clock to the machine's time, rounded up: when it has passed on the machine, it has passed on
-    /// the runner's clock, too.
+    /// Converts a span of the runner's clock to the machine's time, rounded up: when it has passed on the machine, it has
+    /// passed on the runner's clock, too.
     pub(super) fn real(self, span: Duration) -> Duration {
         if self.0 == Self::ONE {
             return span;

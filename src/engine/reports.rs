@@ -1,4 +1,5 @@
-//! The queue of reports that nobody has read: the newest are kept, the oldest are dropped and counted (LIB, as Windows does).
+//! The queue of reports that nobody has read: the newest are kept, the oldest are dropped and counted (LIB, as Windows
+//! does).
 
 use crate::fieldbus::Ns;
 use crate::sk::Frame;

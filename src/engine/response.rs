@@ -72,8 +72,8 @@ impl Engine {
         }
     }
 
-    /// Refreshes the slots of all slaves in OP, in every cycle and whatever the commands were. The slots of lost slaves keep their
-    /// values.
+    /// Refreshes the slots of all slaves in OP, in every cycle and whatever the commands were. The slots of lost slaves
+    /// keep their values.
     fn refresh_slave_slots(&mut self) {
         let size = self.config.slot;
         let lost = self.network().lost();
@@ -126,7 +126,8 @@ impl Engine {
         for slave in 1..=size.max_slaves() {
             let SlotHead { id, index, .. } = self.volatile.heads[slave - 1];
             let slot = self.volatile.response.slot(size, slave);
-            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: 0 for an IO slave, and for a number without a slave [OURS].
+            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: 0 for an IO slave, and for a number without a slave
+            // [OURS].
             let is_drive_mode = id == CommandId::DriveMode.code();
             let mode = if is_drive_mode { self.declared_mode(slave) } else { slot.index };
             let index = self.config.firmware.byte_1(index, mode);

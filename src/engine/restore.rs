@@ -1,4 +1,5 @@
-//! The mode of operation after homing (SK-7, firmware 1.7): the board restores the mode of DRIVE_MODE by SDO transfers of its own.
+//! The mode of operation after homing (SK-7, firmware 1.7): the board restores the mode of DRIVE_MODE by SDO transfers of
+//! its own.
 
 use super::homing::HomingEnd;
 use super::jobs::{SdoOwner, mode_object};
@@ -8,7 +9,8 @@ use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
-/// How often a transfer is attempted \[OURS]. If all attempts fail the drive stays in homing mode, which is counted and logged.
+/// How often a transfer is attempted \[OURS]. If all attempts fail the drive stays in homing mode, which is counted and
+/// logged.
 const ATTEMPTS_MAX: u8 = 3;
 
 /// The axis whose mode is restored.
@@ -66,8 +68,8 @@ impl Engine {
         }
     }
 
-    /// Starts the next transfer that is due: one of those that have failed least often, and only when no axis of its slave is
-    /// homing any more.
+    /// Starts the next transfer that is due: one of those that have failed least often, and only when no axis of its
+    /// slave is homing any more.
     pub(super) fn start_restore(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.volatile.restores.due.iter().all(|due| due.is_empty()) {
             return;
@@ -126,8 +128,8 @@ impl Engine {
         homing.mode_written(since);
     }
 
-    /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not come to a
-    /// standstill after homing. Such a transfer ends homing.
+    /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not
+    /// come to a standstill after homing. Such a transfer ends homing.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
         let waiting = self.volatile.sdo.waiting_write();
         let written = waiting.and_then(|(slave, object)| Some((usize::from(slave), mode_object(object)?)));

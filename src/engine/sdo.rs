@@ -49,8 +49,8 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request is rejected while another transfer is under way. A request that repeats
-    /// the transfer under way is part of it, since programs that poll send it in every frame.
+    /// Takes a command of the host. SK-6 \[OURS]: a request is rejected while another transfer is under way. A request
+    /// that repeats the transfer under way is part of it, since programs that poll send it in every frame.
     pub(super) fn command(&mut self, command: SdoCommand) -> Result<Accepted, Reason> {
         let transfer = match command {
             SdoCommand::Read { slave, object } => SdoTransfer { slave, object, write: None },
@@ -90,7 +90,8 @@ impl SdoSlot {
         let transfer = self.running.take()?;
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
-            // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB, habits).
+            // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB,
+            // habits).
             Ok(read) => {
                 let value = transfer.write.map_or(read, |(_, value)| value);
                 SdoResponse::Done { id, slave, object, value }.encode()

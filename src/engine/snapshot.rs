@@ -35,15 +35,15 @@ pub struct Snapshot {
     pub state: StateByte,
     /// Why a change of state has failed; `None`: none has.
     pub failure: Option<StateFailure>,
-    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does not look at
-    /// it reads zeros then (SK-4, SK-10).
+    /// The BUSY pin between two exchanges: high until the first PreOP since the board booted. A host on SPI that does not
+    /// look at it reads zeros then (SK-4, SK-10).
     pub busy: bool,
     /// The LEDs that show the state.
     pub leds: Leds,
     /// LEDR1, power: always on.
     pub power: bool,
-    /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus does not tell more about
-    /// its link.
+    /// The yellow LED of the network socket, 100 Mbit/s: on while frames come back, since a simulated bus does not tell
+    /// more about its link.
     pub link: bool,
     /// The green LED of the network socket flashes: traffic. There is traffic in every cycle while there is a link.
     pub traffic: bool,

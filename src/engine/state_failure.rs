@@ -1,5 +1,5 @@
-//! Why the network is not in the state that was requested. Byte 2 of slot 0 shows only that it is not: it is 0x10 plus the last
-//! state that all slaves have reached, 0x12 most often.
+//! Why the network is not in the state that was requested. Byte 2 of slot 0 shows only that it is not: it is 0x10 plus
+//! the last state that all slaves have reached, 0x12 most often.
 
 use std::fmt;
 
@@ -12,8 +12,8 @@ use crate::sk::{MasterState, SlaveKind, StateByte};
 pub enum StateFailure {
     /// No slave was found.
     NoSlave,
-    /// A slave has refused the process data for its declared kind, in the change from PreOP to SafeOP. The usual cause is a slave
-    /// that no SET_AXIS has declared, which counts as IO.
+    /// A slave has refused the process data for its declared kind, in the change from PreOP to SafeOP. The usual cause is
+    /// a slave that no SET_AXIS has declared, which counts as IO.
     Declared {
         /// Slave, from 1.
         slave: u8,
@@ -24,8 +24,8 @@ pub enum StateFailure {
         /// The SDO that the slave has aborted; `None`: it has aborted none.
         abort: Option<(ObjectAddress, AbortCode)>,
     },
-    /// DRIVE_MODE has given a slave a mode in which its kind has no process data (SK-7): CST to an HSP, another one than CSP
-    /// to a STEP.
+    /// DRIVE_MODE has given a slave a mode in which its kind has no process data (SK-7): CST to an HSP, another one than
+    /// CSP to a STEP.
     Mode {
         /// Slave, from 1.
         slave: u8,

@@ -1,5 +1,5 @@
-//! The runner with virtual time: time passes only in the calls of the host, so that hours pass in seconds and a single calling
-//! thread gets the same bytes every time.
+//! The runner with virtual time: time passes only in the calls of the host, so that hours pass in seconds and a single
+//! calling thread gets the same bytes every time.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ use super::reports::{Report, ReportQueue};
 use crate::fieldbus::Ns;
 use crate::sk::Frame;
 
-/// How much board time a read takes that does not wait \[OURS]: one USB microframe. Without it no time would pass for a program
-/// that polls.
+/// How much board time a read takes that does not wait \[OURS]: one USB microframe. Without it no time would pass for a
+/// program that polls.
 const POLL_READ_NS: Ns = 125_000;
 
-/// How much time [`Stepped::pass`] lets pass before calls of other threads may run in between \[OURS]: some hundred cycles, which
-/// take less than a millisecond.
+/// How much time [`Stepped::pass`] lets pass before calls of other threads may run in between \[OURS]: some hundred
+/// cycles, which take less than a millisecond.
 const PASS_STEP_NS: Ns = 100_000_000;
 
 /// Why a call on a stepped or threaded board has ended without result.
@@ -47,8 +47,8 @@ struct State {
 
 /// A board on virtual time.
 ///
-/// Its lock is a fair one, which waiting threads get in turn: no call here waits for anything but the lock, so that with an unfair
-/// lock a thread that only reads could keep a writer out for ever.
+/// Its lock is a fair one, which waiting threads get in turn: no call here waits for anything but the lock, so that with
+/// an unfair lock a thread that only reads could keep a writer out for ever.
 pub struct Stepped {
     state: Mutex<State>,
     host_ns: Ns,
@@ -85,8 +85,8 @@ impl Stepped {
     /// The oldest report that was not read yet. Time passes until there is one, at most `limit`; `None`: no limit.
     ///
     /// # Errors
-    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this call
-    /// waits; [`Stop::Rebooted`]; [`Stop::Closed`].
+    /// [`Stop::Timeout`]; [`Stop::Silent`] as soon as a cycle passes without a report, since nothing changes while this
+    /// call waits; [`Stop::Rebooted`]; [`Stop::Closed`].
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         let State { board, reports, boots } = &mut *self.lock();
         let board = alive(board, *boots)?;
@@ -112,8 +112,8 @@ impl Stepped {
         }
     }
 
-    /// Lets that much time pass. The board time then. Reports that are made meanwhile are queued like any others. Calls of other
-    /// threads may run in between.
+    /// Lets that much time pass. The board time then. Reports that are made meanwhile are queued like any others. Calls
+    /// of other threads may run in between.
     ///
     /// # Errors
     /// [`Stop::Rebooted`], [`Stop::Closed`].

@@ -1,5 +1,5 @@
-//! Test mode (pin CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and switches the outputs of all IO slaves
-//! on and off in turn until a host writes outputs.
+//! Test mode (pin CONFIG1 high, SK-4): the board goes to OP by itself, with the defaults, and switches the outputs of all
+//! IO slaves on and off in turn until a host writes outputs.
 
 use super::Engine;
 use crate::fieldbus::{Ns, Role};

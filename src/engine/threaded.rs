@@ -17,12 +17,12 @@ use crate::sk::Frame;
 const VISIT_INTERVAL: Duration = Duration::from_millis(5);
 /// How many frames a host can hand over between two visits of the runner: more than can come in that time.
 const INBOX_FRAMES: usize = 256;
-/// The longest delay whose cycles are caught up on. After a longer one (a machine that was suspended, a process stopped in a
-/// debugger) the board's time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow for its cycles has
-/// such gaps again and again, and its board runs more slowly than the clock.
+/// The longest delay whose cycles are caught up on. After a longer one (a machine that was suspended, a process stopped
+/// in a debugger) the board's time skips the whole gap, and the gap is counted \[OURS]. A machine that is too slow for
+/// its cycles has such gaps again and again, and its board runs more slowly than the clock.
 const CATCH_UP_MAX: Duration = Duration::from_secs(1);
-/// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time \[OURS], so
-/// that two writes in a row do not fail.
+/// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time
+/// \[OURS], so that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
 /// How many events are kept for the log of the host between two calls.
 const EVENTS_KEPT: usize = 32;
@@ -98,8 +98,8 @@ pub struct Threaded {
 }
 
 impl Threaded {
-    /// Opens the host interface of the board and starts its thread. A write takes `host_ns`, and the newest `queue` reports are
-    /// kept. Board time passes at that rate of machine time; the limits of calls are machine time.
+    /// Opens the host interface of the board and starts its thread. A write takes `host_ns`, and the newest `queue`
+    /// reports are kept. Board time passes at that rate of machine time; the limits of calls are machine time.
     ///
     /// # Errors
     /// The error of the system if it starts no thread; the board is dropped then.
@@ -127,8 +127,8 @@ impl Threaded {
         })
     }
 
-    /// Hands over a frame. Waits at most `limit`, but at least 125 us, for the frames before it and for room. When the frame has
-    /// arrived, board time.
+    /// Hands over a frame. Waits at most `limit`, but at least 125 us, for the frames before it and for room. When the
+    /// frame has arrived, board time.
     ///
     /// # Errors
     /// [`Stop`]; the frame was not taken.
@@ -145,8 +145,8 @@ impl Threaded {
             // Board time does not include what was skipped.
             let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
             let at = self.zero + (arrival.as_nanos() as Ns).saturating_sub(skipped);
-            // A write during a gap got a time that the board reaches only later, since the gap was skipped: it does not delay
-            // later writes.
+            // A write during a gap got a time that the board reaches only later, since the gap was skipped: it does not
+            // delay later writes.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)

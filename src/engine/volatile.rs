@@ -56,8 +56,8 @@ pub(super) struct Volatile {
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
     pub(super) axes: [[Axis; MAX_AXES]; MAX_SLAVES],
     pub(super) sdo: SdoSlot,
-    /// The slaves with an axis that is homing, or for which something of homing is left to do. Slaves that have just finished may
-    /// still be in the set.
+    /// The slaves with an axis that is homing, or for which something of homing is left to do. Slaves that have just
+    /// finished may still be in the set.
     pub(super) homing_active: SlaveSet,
     /// The modes of operation that the board has to restore after homing.
     pub(super) restores: Restores,

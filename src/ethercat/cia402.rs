@@ -16,8 +16,9 @@ pub const ERROR_CODE: u16 = 0x603F;
 /// The offset between the indices of axis 1 and those of axis 2 of a two-channel HSP (SK-3).
 pub const SECOND_AXIS_OFFSET: u16 = 0x800;
 
-/// The meaning of an error code (object 0x603F) by the table of error codes in CiA 402 (IEC 61800-7-201), or that of its class
-/// where the table has no such code. Codes from 0xFF00 belong to the drive's maker; the drive's manual says more than this.
+/// The meaning of an error code (object 0x603F) by the table of error codes in CiA 402 (IEC 61800-7-201), or that of its
+/// class where the table has no such code. Codes from 0xFF00 belong to the drive's maker; the drive's manual says more
+/// than this.
 pub const fn error_name(code: u16) -> &'static str {
     match code {
         0x0000 => "no error",
@@ -125,8 +126,8 @@ impl Statusword {
     pub const TARGET_REACHED: u16 = 1 << 10;
     /// Bit 11: internal limit active.
     pub const INTERNAL_LIMIT: u16 = 1 << 11;
-    /// Bit 12, whose meaning depends on the mode: in CSP, CSV and CST the drive follows its target, in homing mode homing is
-    /// attained.
+    /// Bit 12, whose meaning depends on the mode: in CSP, CSV and CST the drive follows its target, in homing mode homing
+    /// is attained.
     pub const BIT12: u16 = 1 << 12;
     /// Bit 13, whose meaning depends on the mode: in CSP a following error, in homing mode a homing error.
     pub const BIT13: u16 = 1 << 13;
@@ -143,8 +144,8 @@ impl Statusword {
     }
 }
 
-/// The state for each value of the statusword's bits 0 to 3, 5 and 6, as a table because the engine looks one up for each axis
-/// in each cycle.
+/// The state for each value of the statusword's bits 0 to 3, 5 and 6, as a table because the engine looks one up for each
+/// axis in each cycle.
 static STATES: [Option<DriveState>; 0x70] = {
     let mut states = [None; 0x70];
     let mut word = 0;

@@ -1,5 +1,5 @@
-//! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen over
-//! EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]). No I/O, no state, no `std`.
+//! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen
+//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]). No I/O, no state, no `std`.
 
 pub mod cia402;
 pub mod coe;

@@ -1,12 +1,13 @@
-//! The cable of a simulated network and what goes wrong along it: which slaves frames reach, which slaves answer, lose their
-//! power, refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every way to simulate a network uses it.
+//! The cable of a simulated network and what goes wrong along it: which slaves frames reach, which slaves answer, lose
+//! their power, refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every way to simulate a
+//! network uses it.
 //!
 //! A new kind of trouble for scripts begins here if it is one of the network, or in `slave/fault.rs` if it is one of a
 //! device; the verb that causes it stands in `link/script/verbs.rs`.
 //!
-//! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to take
-//! locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock, which is never
-//! held for longer than an assignment.
+//! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to
+//! take locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock,
+//! which is never held for longer than an assignment.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -70,8 +71,8 @@ impl Cable {
         self.cut_after(u8::MAX);
     }
 
-    /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass it, and
-    /// time passes in it.
+    /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass
+    /// it, and time passes in it.
     pub fn silence(&self, slave: u8, silent: bool) {
         let bit = bit_of(slave);
         if silent {
@@ -81,8 +82,8 @@ impl Cable {
         }
     }
 
-    /// Takes the power from a slave: it goes to Init, loses its process data and does not answer. Frames still pass it, so that
-    /// the slaves behind it stay on the network.
+    /// Takes the power from a slave: it goes to Init, loses its process data and does not answer. Frames still pass it,
+    /// so that the slaves behind it stay on the network.
     pub fn lose(&self, slave: u8) {
         self.silence(slave, true);
         self.0.powered_off.fetch_or(bit_of(slave), Ordering::Relaxed);
@@ -108,14 +109,14 @@ impl Cable {
         self.set_answers(slave, |answers| answers.sdo_abort = code);
     }
 
-    /// Makes a slave abort SDO transfers of one object with that abort code, without effect on the object; `None`: no longer. A
-    /// slave has at most one such object at a time.
+    /// Makes a slave abort SDO transfers of one object with that abort code, without effect on the object; `None`: no
+    /// longer. A slave has at most one such object at a time.
     pub fn abort_object(&self, slave: u8, abort: Option<(ObjectAddress, AbortCode)>) {
         self.set_answers(slave, |answers| answers.object_abort = abort);
     }
 
-    /// Causes a fault inside a slave, or ends it, from the next cycle on. A fault of an axis or a channel that the slave does not
-    /// have has no effect.
+    /// Causes a fault inside a slave, or ends it, from the next cycle on. A fault of an axis or a channel that the slave
+    /// does not have has no effect.
     pub fn apply_fault(&self, slave: u8, fault: Fault) {
         lock(&self.0.faults).push((slave, fault));
         self.0.has_faults.store(true, Ordering::Release);

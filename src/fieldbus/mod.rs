@@ -43,8 +43,8 @@ pub enum Pacing {
     Runner,
     /// The bus owns it and takes outputs ahead.
     Bus {
-        /// The most sets of outputs that it holds, whatever process data are configured. [`Fieldbus::room`] says how many it
-        /// takes now.
+        /// The most sets of outputs that it holds, whatever process data are configured. [`Fieldbus::room`] says how many
+        /// it takes now.
         depth: u16,
         /// The most cycles by which the answer to a cycle is polled late, and by which a lost slave is named late.
         answer_delay: u16,
@@ -75,8 +75,8 @@ impl Role {
         }
     }
 
-    /// Whether the board has process data for this role (SK-7, table): it has none for a pulse module in CST, and for a stepper
-    /// in CSP alone \[OURS]. True of a slave that is not used, which needs none.
+    /// Whether the board has process data for this role (SK-7, table): it has none for a pulse module in CST, and for a
+    /// stepper in CSP alone \[OURS]. True of a slave that is not used, which needs none.
     pub fn has_process_data(self) -> bool {
         self == Self::Unused || pdo::ProcessData::of(self, false).is_some()
     }
@@ -116,8 +116,8 @@ pub struct SdoRequest {
     pub timeout_ns: Ns,
 }
 
-/// Something that takes more than a cycle. A bus does one job at a time, but [`Job::Sdo`] and [`Job::State`] may run side by
-/// side, so that a slave which is slow to change its state does not block the mailboxes of the others.
+/// Something that takes more than a cycle. A bus does one job at a time, but [`Job::Sdo`] and [`Job::State`] may run side
+/// by side, so that a slave which is slow to change its state does not block the mailboxes of the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "a job is made a few times in a board's life and never stored in bulk")]
 pub enum Job {
@@ -186,8 +186,8 @@ pub struct AxisOut {
     pub controlword: Controlword,
     /// Digital outputs: 0x60FE:1 of an HSP, the 16 outputs of an IO slave.
     pub outputs: u16,
-    /// The target that is mapped for the role: 0x607A in CSP (counts), 0x60FF in CSV (counts/s), 0x6071 in CST (0.1 % of rated
-    /// torque).
+    /// The target that is mapped for the role: 0x607A in CSP (counts), 0x60FF in CSV (counts/s), 0x6071 in CST (0.1 % of
+    /// rated torque).
     pub target: i32,
 }
 
@@ -264,8 +264,9 @@ impl Default for Inputs {
 pub struct CycleDone {
     /// When the cycle ran, in board time. Its answer may have come later.
     pub at: Ns,
-    /// The id of the newest outputs that were sent by then: this cycle carried them, for the first time or again. Outputs with
-    /// a lower id were sent before. `None`: none were sent yet, or the cycle repeated outputs on a bus that loses no answers.
+    /// The id of the newest outputs that were sent by then: this cycle carried them, for the first time or again. Outputs
+    /// with a lower id were sent before. `None`: none were sent yet, or the cycle repeated outputs on a bus that loses no
+    /// answers.
     pub outputs: Option<u64>,
     /// How many cycles right before this one have lost answers, because they were not polled in time.
     pub answers_lost: u32,

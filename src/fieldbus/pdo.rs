@@ -216,8 +216,8 @@ impl ProcessData {
         image
     }
 
-    /// The master's side: takes what the slave has sent out of `image`. Fields that are not mapped become 0; those of an axis
-    /// that the slave does not have stay as they were.
+    /// The master's side: takes what the slave has sent out of `image`. Fields that are not mapped become 0; those of an
+    /// axis that the slave does not have stay as they were.
     ///
     /// # Panics
     /// If `image` is shorter than [`Self::input_bytes`].
@@ -259,7 +259,8 @@ const fn all<W, const N: usize>(mapped: &'static [Mapped<W>; N]) -> &'static [Ma
     mapped
 }
 
-/// Puts the outputs of as many axes into the image as it has room for. The three functions below do the same for their part.
+/// Puts the outputs of as many axes into the image as it has room for. The three functions below do the same for their
+/// part.
 #[inline(always)]
 fn put_outputs<const N: usize>(mapped: &[Out; N], outputs: &SlaveOut, image: &mut [u8]) {
     for (axis, mut image) in outputs.iter().zip(image.chunks_exact_mut(length(mapped))) {

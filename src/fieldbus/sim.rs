@@ -3,12 +3,12 @@
 //! A cycle is one [`Fieldbus::poll`] at a later time than the one before: the frame passes every slave (inputs are what
 //! was measured at the end of the previous cycle), then the time since the last poll passes in every slave.
 //!
-//! **Working counter.** It counts as for one LRW over the whole process image: 3 for a slave in OP (2 for its outputs, 1 for
-//! its inputs), 1 for a slave in SafeOP, and 0 for every other slave.
+//! **Working counter.** It counts as for one LRW over the whole process image: 3 for a slave in OP (2 for its outputs, 1
+//! for its inputs), 1 for a slave in SafeOP, and 0 for every other slave.
 //!
-//! **Lost slaves** \[OURS]. A slave in SafeOP or OP is lost when it does not answer a cycle: the cable before it is cut, it is
-//! silent, or it has left its state by itself. Its inputs keep their values. It stays lost, even if it could answer again,
-//! until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
+//! **Lost slaves** \[OURS]. A slave in SafeOP or OP is lost when it does not answer a cycle: the cable before it is cut,
+//! it is silent, or it has left its state by itself. Its inputs keep their values. It stays lost, even if it could answer
+//! again, until a [`Job::State`] brings it back. A slave in Init or PreOP is lost only while it does not answer.
 //!
 //! **A cut before the first slave** takes the bus down: [`Fieldbus::room`] is 0 and [`Fieldbus::poll`] gives `None`. Time
 //! goes on passing in the slaves.
@@ -63,7 +63,8 @@ pub struct SimBus {
 }
 
 impl SimBus {
-    /// A network of these slaves in the order of the cable, switched on at time 0. A scan never finds those beyond the 40th.
+    /// A network of these slaves in the order of the cable, switched on at time 0. A scan never finds those beyond the
+    /// 40th.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
         let stations =
             slaves.into_iter().map(|slave| Station { slave, commanded: AlState::Init, process_data: None }).collect();

@@ -22,8 +22,8 @@ impl ApplicationLayer {
         self.state
     }
 
-    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the mapping of
-    /// the device allows SafeOP.
+    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the mapping
+    /// of the device allows SafeOP.
     ///
     /// # Errors
     /// [`AlStatus::INVALID_CHANGE`] if a state is left out on the way up, or the error in `ready`.

@@ -103,8 +103,8 @@ struct ReachedWindow {
 
 /// An axis.
 ///
-/// A cycle of 40 drives goes through all of them, and the processor fetches memory in lines of 64 bytes: what a cycle in CSP
-/// uses lies side by side, first in the axis, and the rest after it.
+/// A cycle of 40 drives goes through all of them, and the processor fetches memory in lines of 64 bytes: what a cycle in
+/// CSP uses lies side by side, first in the axis, and the rest after it.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Axis {

@@ -1,5 +1,5 @@
-//! The objects that every CiA 402 axis has, whichever kind of device it is part of: their rows in the object dictionary, and the
-//! settings that an axis reads from them.
+//! The objects that every CiA 402 axis has, whichever kind of device it is part of: their rows in the object dictionary,
+//! and the settings that an axis reads from them.
 //!
 //! To add an object of all axes: a row in [`axis_objects`]; if it changes how the axis works, a slot in [`AxisSlots`], too.
 
@@ -42,8 +42,8 @@ const fn ramp<M: AxisModel, const N: usize>(of_axis_1: u16, name: &'static str) 
     Object::u32(index::<N>(of_axis_1), 0, name).rw().rx().range(1, u32::MAX as i64).default(1).changed(changed::<M, N>)
 }
 
-/// The objects of axis `N` (from 0). 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported ends in
-/// a homing error when it is started \[OURS].
+/// The objects of axis `N` (from 0). 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported
+/// ends in a homing error when it is started \[OURS].
 pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 23] {
     [
         Object::u16(index::<N>(0x603F), 0, "Error code")

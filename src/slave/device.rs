@@ -1,7 +1,7 @@
 //! What every simulated device does alike: AL states, mailbox, identity, process data, faults.
 //!
-//! A kind of slave keeps a [`Base`] and implements [`Model`], which says what sets it apart: its objects, its PDOs, its axes.
-//! [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) are implemented here for every [`Model`].
+//! A kind of slave keeps a [`Base`] and implements [`Model`], which says what sets it apart: its objects, its PDOs, its
+//! axes. [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) are implemented here for every [`Model`].
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
@@ -52,8 +52,8 @@ pub struct Base<M> {
 }
 
 impl<M> Base<M> {
-    /// A device at power-on: the name that people know it by, its serial number (0x1018:4), its identity, its stored values,
-    /// and its PDOs.
+    /// A device at power-on: the name that people know it by, its serial number (0x1018:4), its identity, its stored
+    /// values, and its PDOs.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
         let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos), Plan::with_room());
         Self { name, serial, identity, al, values, manufacturer: None, mapping, sync_managers: (0, 0), plan }
@@ -115,8 +115,8 @@ pub trait Model: Send + Sized + 'static {
         let _ = dt_ns;
     }
 
-    /// No outputs come any more: the device has left OP by a change of state or by its watchdog. Its axes brake without this
-    /// call.
+    /// No outputs come any more: the device has left OP by a change of state or by its watchdog. Its axes brake without
+    /// this call.
     fn lose_outputs(&mut self) {}
 }
 

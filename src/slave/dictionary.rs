@@ -1,8 +1,8 @@
 //! Object dictionaries as tables: one row holds everything that an SDO transfer needs to know of an object.
 //!
 //! A kind of device lists its objects in a constant slice of [`Object`], ascending by address, and implements [`Device`].
-//! [`read`] and [`write()`] transfer any object of the table and give the right abort codes; [`upload`] and [`download`] do the
-//! same for values of at most 4 bytes. The value of a row is kept in one of two ways:
+//! [`read`] and [`write()`] transfer any object of the table and give the right abort codes; [`upload`] and [`download`]
+//! do the same for values of at most 4 bytes. The value of a row is kept in one of two ways:
 //!
 //! - *stored*: in the [`Values`] of the device. The device reads it through a [`Slot`], which is looked up when the program
 //!   is compiled: neither a search nor a wrong type is possible at run time.
@@ -93,15 +93,15 @@ pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &m
 
 /// SDO download of a whole value.
 ///
-/// The checks come in this order \[OURS]: whether the object exists, can be written, has that size, can be written in this AL
-/// state, and has the value in its range; then the check of the row itself.
+/// The checks come in this order \[OURS]: whether the object exists, can be written, has that size, can be written in
+/// this AL state, and has the value in its range; then the check of the row itself.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`],
 /// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
 /// code of the row's own check; the object keeps its value then. With complete access also the codes of [`read`], and
-/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; the sub-indices before one that refuses
-/// its value have been written by then \[OURS].
+/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; the sub-indices before one that
+/// refuses its value have been written by then \[OURS].
 pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
     match scope {
         SdoScope::Entry => write_entry(device, at, value),

@@ -1,5 +1,5 @@
-//! A CiA 402 drive of one axis: a servo drive in CSP, CSV and CST, or a stepper, which is a drive that has CSP alone. Both do
-//! homing.
+//! A CiA 402 drive of one axis: a servo drive in CSP, CSV and CST, or a stepper, which is a drive that has CSP alone.
+//! Both do homing.
 
 mod objects;
 
@@ -71,9 +71,9 @@ impl DriveConfig {
 
 /// A simulated servo drive or stepper.
 ///
-/// \[OURS] An object that is mapped into the RxPDO can be written by SDO too; the next cycle overwrites it. When the drive
-/// leaves OP while it moves (by a change of state, or by the watchdog of its outputs, 100 ms) it brakes on the quick-stop ramp
-/// and ends in Switch on disabled; this is no fault.
+/// \[OURS] An object that is mapped into the RxPDO can be written by SDO too; the next cycle overwrites it. When the
+/// drive leaves OP while it moves (by a change of state, or by the watchdog of its outputs, 100 ms) it brakes on the
+/// quick-stop ramp and ends in Switch on disabled; this is no fault.
 #[derive(Clone, Debug)]
 #[repr(C)] // What a cycle uses lies side by side: the end of `base` and the beginning of `axis`.
 pub struct Drive {

@@ -1,11 +1,11 @@
-//! A pulse module (HSP) of one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted, with 16
-//! digital outputs and 16 digital inputs (SK-3, SK-7). Each channel does its own homing. Axis 2 has the objects of axis 1,
-//! 0x800 higher.
+//! A pulse module (HSP) of one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted,
+//! with 16 digital outputs and 16 digital inputs (SK-3, SK-7). Each channel does its own homing. Axis 2 has the objects
+//! of axis 1, 0x800 higher.
 //!
-//! \[OURS] A module has no encoder: its position is the number of pulses that it has sent. Output k of a channel is wired to
-//! input k of the same channel: what is written is read back a cycle later. Outside OP the outputs are off. The limit and home
-//! switches of a channel and the index pulse of the stepper that it drives have inputs of their own, which 0x60FD does not
-//! show.
+//! \[OURS] A module has no encoder: its position is the number of pulses that it has sent. Output k of a channel is wired
+//! to input k of the same channel: what is written is read back a cycle later. Outside OP the outputs are off. The limit
+//! and home switches of a channel and the index pulse of the stepper that it drives have inputs of their own, which
+//! 0x60FD does not show.
 
 mod objects;
 
@@ -51,7 +51,8 @@ pub struct HspConfig {
     pub times: TransitionTimes,
     /// Pulses of one turn of the steppers, which have one index pulse a turn.
     pub pulses_per_turn: u32,
-    /// The switches along the travel of each channel, in pulses. End stops have no effect, since pulses are counted all the same.
+    /// The switches along the travel of each channel, in pulses. End stops have no effect, since pulses are counted all
+    /// the same.
     pub travels: [Travel; AXES_MAX],
 }
 

@@ -101,8 +101,8 @@ impl Model for Io {
 
 type Row = Object<Io>;
 
-/// The object dictionary. \[OURS] It has the areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at 0x7000.
-/// Outputs are written by process data alone.
+/// The object dictionary. \[OURS] It has the areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at
+/// 0x7000. Outputs are written by process data alone.
 const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 2] = [&identity(), OWN];

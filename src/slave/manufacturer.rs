@@ -27,8 +27,8 @@ use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 
-/// The data type of a manufacturer-specific object. The board transfers 4 bytes at most: of a longer value it reads the first
-/// 4, and it cannot write it.
+/// The data type of a manufacturer-specific object. The board transfers 4 bytes at most: of a longer value it reads the
+/// first 4, and it cannot write it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ManufacturerType {
     /// `bool`, one byte.
@@ -55,8 +55,8 @@ pub enum ManufacturerType {
     F64,
     /// `text`, its first 8 bytes.
     Text,
-    /// `any`: a value of unknown size, as of an object that was read over the board, which shows 4 bytes at most. A write of any
-    /// size is accepted.
+    /// `any`: a value of unknown size, as of an object that was read over the board, which shows 4 bytes at most. A write
+    /// of any size is accepted.
     Any,
 }
 
@@ -154,7 +154,8 @@ impl fmt::Display for ManufacturerObject {
 /// The most objects that [`ManufacturerObjects::any`] creates by writes \[OURS]: more than any program writes at its start.
 const MADE_MAX: usize = 4096;
 
-/// The manufacturer-specific objects of a slave. An object of the same address in the dictionary of its kind has precedence.
+/// The manufacturer-specific objects of a slave. An object of the same address in the dictionary of its kind has
+/// precedence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ManufacturerObjects {
     /// In ascending order of their addresses.
@@ -203,8 +204,8 @@ impl ManufacturerObjects {
         self.any && Self::ANY.iter().any(|range| range.contains(&at.index))
     }
 
-    /// SDO upload: puts the first bytes of the value into `value`. The length of the whole value. `otherwise`: the abort code of
-    /// the slave's own dictionary, for an object that is not among these either.
+    /// SDO upload: puts the first bytes of the value into `value`. The length of the whole value. `otherwise`: the abort
+    /// code of the slave's own dictionary, for an object that is not among these either.
     ///
     /// # Errors
     /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].

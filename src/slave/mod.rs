@@ -124,8 +124,8 @@ pub trait Slave: Send {
         self.write(object, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
     }
 
-    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if they are as
-    /// long as the process data that are mapped. Init sets both to 0.
+    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if they
+    /// are as long as the process data that are mapped. Init sets both to 0.
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
         let _ = (outputs, inputs);
     }
@@ -155,7 +155,8 @@ pub trait Slave: Send {
         false
     }
 
-    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, without any effect.
+    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, without any
+    /// effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         let _ = objects;
     }

@@ -1,5 +1,5 @@
-//! The physics of an axis: a motor with its load and control loops (`plant/servo.rs`), or a train of pulses that are counted
-//! (`plant/pulses.rs`).
+//! The physics of an axis: a motor with its load and control loops (`plant/servo.rs`), or a train of pulses that are
+//! counted (`plant/pulses.rs`).
 
 mod pulses;
 mod servo;

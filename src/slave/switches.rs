@@ -1,9 +1,9 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
 //! All positions are counts of the shaft, which homing never changes. A switch is active on a range of counts, both ends
-//! included, so that an edge lies between two counts and is detected at the first count behind it; the index pulse is one count
-//! wide. [`Switches::next`] finds the counts where a switch changes between two positions, so that an edge or a pulse is
-//! latched to the count, however far the shaft moves in a cycle.
+//! included, so that an edge lies between two counts and is detected at the first count behind it; the index pulse is one
+//! count wide. [`Switches::next`] finds the counts where a switch changes between two positions, so that an edge or a
+//! pulse is latched to the count, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
@@ -94,8 +94,8 @@ pub enum HomeSwitch {
 /// The switches and end stops along the travel of an axis, in counts of its shaft. An input that is `None` is not wired: it
 /// reads 0, and a homing method that needs it ends in a homing error.
 ///
-/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, like a drive that leaves them to
-/// its master.
+/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, like a drive that leaves
+/// them to its master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
     /// The negative limit switch is active at this count and below.
@@ -179,7 +179,8 @@ impl Switches {
         }
     }
 
-    /// Makes an input stick at a value; `None`: it works again. An index pulse that sticks, at whichever value, does not come.
+    /// Makes an input stick at a value; `None`: it works again. An index pulse that sticks, at whichever value, does not
+    /// come.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.stuck[input as usize] = value;
     }
@@ -223,8 +224,8 @@ impl Switches {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` the index pulse
-    /// comes.
+    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` the index
+    /// pulse comes.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
         let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };

@@ -40,14 +40,14 @@ impl Download {
         Self { object: ObjectAddress::new(index, sub), size, value, optional: false }
     }
 
-    /// Whether the configuration goes on if the slave aborts this download with that abort code: the synchronization type is
-    /// an object that a slave may lack, or that may be read-only.
+    /// Whether the configuration goes on if the slave aborts this download with that abort code: the synchronization type
+    /// is an object that a slave may lack, or that may be read-only.
     pub const fn may_fail_with(&self, code: AbortCode) -> bool {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
-    /// The refusal of a slave that has aborted this download, with 0 as its number. \[OURS] A slave that cannot map what its role
-    /// needs, or that has no modes of operation, is reported with the AL status code for other process data.
+    /// The refusal of a slave that has aborted this download, with 0 as its number. \[OURS] A slave that cannot map what
+    /// its role needs, or that has no modes of operation, is reported with the AL status code for other process data.
     pub const fn refused(&self, code: AbortCode) -> Refusal {
         let is_mode = self.object.index & !SECOND_AXIS_OFFSET == MODES_OF_OPERATION;
         if is_mode && !matches!(code, AbortCode::NO_OBJECT) {
@@ -68,8 +68,9 @@ pub const NO_SUCH_MODE: Refusal = Refusal {
 /// The most downloads of one slave: a pulse module of two channels needs them.
 const DOWNLOADS_MAX: usize = 32;
 
-/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs for that mode
-/// are mapped. In this order a slave that lacks the mode aborts the download to 0x6060 and not one of the mapping \[OURS].
+/// The downloads of one slave, in their order: the inputs are mapped, then the mode is written, then the outputs for that
+/// mode are mapped. In this order a slave that lacks the mode aborts the download to 0x6060 and not one of the mapping
+/// \[OURS].
 #[derive(Clone, Copy, Debug)]
 pub struct Downloads {
     list: [Download; DOWNLOADS_MAX],

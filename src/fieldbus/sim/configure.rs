@@ -4,8 +4,8 @@ use crate::fieldbus::pdo::{self, ProcessData};
 use crate::fieldbus::{AlState, Refusal, Role, SlaveConfig};
 use crate::slave::{AlStatus, Slave};
 
-/// Maps the process data of a slave and writes its mode of operation, in PreOP. The process data that are mapped then; `None`:
-/// the slave is not used. Whether a pulse module has a second axis is read from it.
+/// Maps the process data of a slave and writes its mode of operation, in PreOP. The process data that are mapped then;
+/// `None`: the slave is not used. Whether a pulse module has a second axis is read from it.
 ///
 /// # Errors
 /// Why the slave refuses, with 0 as its number: it is not in PreOP, or it has aborted a download. After an aborted download

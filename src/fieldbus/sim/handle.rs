@@ -16,8 +16,8 @@ pub struct Shafts {
     pub positions: [[Option<i64>; MAX_AXES]; MAX_SLAVES],
 }
 
-/// A handle on a [`super::SimBus`]; clones are handles on the same bus. It has the functions of the [`Cable`] of the bus, by
-/// which things go wrong.
+/// A handle on a [`super::SimBus`]; clones are handles on the same bus. It has the functions of the [`Cable`] of the bus,
+/// by which things go wrong.
 #[derive(Clone)]
 pub struct SimHandle {
     cable: Cable,

@@ -148,8 +148,9 @@ impl SimBus {
         not_in_target_state
     }
 
-    /// The next transition on the way to the target state: slaves go up one state at a time and together, those in the lowest
-    /// state first; they go down in one transition. `None`: none of the slaves that have to change their state answers.
+    /// The next transition on the way to the target state: slaves go up one state at a time and together, those in the
+    /// lowest state first; they go down in one transition. `None`: none of the slaves that have to change their state
+    /// answers.
     fn next_change(&self, target: AlState, not_in_target_state: SlaveSet) -> Option<(AlState, AlState)> {
         let moving = not_in_target_state.iter().filter(|slave| self.answers(*slave));
         moving.map(|slave| self.state(slave)).min().map(|from| (from, above(from).min(target)))

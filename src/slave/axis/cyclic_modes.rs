@@ -16,8 +16,8 @@ impl Axis {
         self.followed_position(ns);
     }
 
-    /// Moves the demand to the target, or as far as it comes in `ns` out of `left`. The setpoint that the plant has to follow
-    /// for it.
+    /// Moves the demand to the target, or as far as it comes in `ns` out of `left`. The setpoint that the plant has to
+    /// follow for it.
     pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Setpoint {
         let demand = self.demand();
         let way = self.targets.position.wrapping_sub(demand as i32);

@@ -24,8 +24,8 @@ impl FollowingErrorWindow {
 }
 
 impl Axis {
-    /// `ns` pass. A following error outside the window for longer than the time out raises the fault; with 0x6066 = 0 it does
-    /// at once.
+    /// `ns` pass. A following error outside the window for longer than the time out raises the fault; with 0x6066 = 0 it
+    /// does at once.
     pub(super) fn monitor_following_error(&mut self, ns: Ns) {
         let FollowingErrorWindow { counts, timeout_ms } = self.following;
         let outside = self.following_error().unsigned_abs() > counts.into();

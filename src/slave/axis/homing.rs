@@ -1,11 +1,12 @@
-//! How homing moves an axis: the velocity that a homing run asks for becomes a position demand, and the place where home was
-//! found becomes the origin of the position actual value. The homing methods are in [`homing`](crate::slave::homing).
+//! How homing moves an axis: the velocity that a homing run asks for becomes a position demand, and the place where home
+//! was found becomes the origin of the position actual value. The homing methods are in [`homing`](crate::slave::homing).
 //!
-//! **The axis does not jump.** The counts of the shaft never change. When home is attained [`Axis::origin`] changes, which is
-//! added to them in 0x6064, 0x6062 and 0x607A. A target position that the master made before it could see the new positions
-//! would make the axis jump in the next mode. So the axis takes no target position \[OURS] while the mode is 6, nor while it
-//! still brakes after the mode was left, nor from the first exchange after home was attained or after such braking has ended;
-//! it holds where it is. The outputs of the exchange after that come from a master that has seen where the axis is.
+//! **The axis does not jump.** The counts of the shaft never change. When home is attained [`Axis::origin`] changes,
+//! which is added to them in 0x6064, 0x6062 and 0x607A. A target position that the master made before it could see the
+//! new positions would make the axis jump in the next mode. So the axis takes no target position \[OURS] while the mode
+//! is 6, nor while it still brakes after the mode was left, nor from the first exchange after home was attained or after
+//! such braking has ended; it holds where it is. The outputs of the exchange after that come from a master that has seen
+//! where the axis is.
 
 use super::measure::rounded;
 use super::{Axis, Demand, Motion};
@@ -15,8 +16,8 @@ use crate::slave::homing::{HomePosition, Homing, Shaft};
 use crate::slave::plant::Setpoint;
 use crate::slave::switches::{Input, Inputs};
 
-/// How long a shaft must not move to count as standing still: where it changes its direction it is at standstill for a moment,
-/// too \[OURS].
+/// How long a shaft must not move to count as standing still: where it changes its direction it is at standstill for a
+/// moment, too \[OURS].
 const STANDSTILL_NS: Ns = 5_000_000;
 
 impl Axis {
@@ -77,8 +78,8 @@ impl Axis {
         }
     }
 
-    /// The power stage begins to follow in homing mode: the demand is where the shaft is, to the fraction of a count, so that
-    /// the shaft does not move.
+    /// The power stage begins to follow in homing mode: the demand is where the shaft is, to the fraction of a count, so
+    /// that the shaft does not move.
     pub(super) const fn hold_for_homing(&mut self) {
         self.demand.fraction = self.plant.fraction();
     }
@@ -90,8 +91,8 @@ impl Axis {
         }
     }
 
-    /// `ns` pass after homing mode was left while the axis moved: it brakes. False: the axis stands still already, and no time
-    /// has passed.
+    /// `ns` pass after homing mode was left while the axis moved: it brakes. False: the axis stands still already, and no
+    /// time has passed.
     pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
         if self.is_standing_still() {
             self.targets.position = self.position() as i32;
@@ -131,8 +132,8 @@ impl Axis {
         }
     }
 
-    /// Moves the demand towards the count `at`, with at most `speed` counts/s and the homing acceleration. It ends exactly at that
-    /// count, without a fraction.
+    /// Moves the demand towards the count `at`, with at most `speed` counts/s and the homing acceleration. It ends
+    /// exactly at that count, without a fraction.
     fn run_to(&mut self, at: i64, speed: f64, ns: Ns) {
         let seconds = ns as f64 / 1e9;
         let ramp = self.homing.acceleration();
@@ -155,8 +156,8 @@ impl Axis {
         self.ramp_demand(wanted.clamp(0.0, speed) * towards, ramp, ns);
     }
 
-    /// Moves the demand for `ns`, its velocity changing towards `wanted`, counts/s, by at most `ramp`, counts/s². The distance,
-    /// counts.
+    /// Moves the demand for `ns`, its velocity changing towards `wanted`, counts/s, by at most `ramp`, counts/s². The
+    /// distance, counts.
     fn ramp_demand(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
         let seconds = ns as f64 / 1e9;
         let limit = f64::from(self.settings.max_velocity);

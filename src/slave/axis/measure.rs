@@ -34,8 +34,8 @@ impl Axis {
         };
     }
 
-    /// The statusword: bits 10 to 13 on top of those of the state. While the axis is off or brakes in a cyclic mode, bits 10
-    /// to 12 are 0 \[OURS]. `limited`: a limit of the plant's torque or speed was in force.
+    /// The statusword: bits 10 to 13 on top of those of the state. While the axis is off or brakes in a cyclic mode, bits
+    /// 10 to 12 are 0 \[OURS]. `limited`: a limit of the plant's torque or speed was in force.
     fn statusword(&self, limited: bool) -> Statusword {
         let mut word = self.machine.status_bits();
         if self.mode == Mode::Homing {

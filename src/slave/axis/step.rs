@@ -8,8 +8,8 @@ use crate::slave::state_machine::Power;
 
 /// \[OURS] The state machine and the following error are looked at about that often; in shorter cycles once a cycle.
 const SLICE_NS: Ns = 1_000_000;
-/// \[OURS] The same in homing mode, so that a switch acts soon after the axis has reached it. Where it was is known to the count
-/// all the same.
+/// \[OURS] The same in homing mode, so that a switch acts soon after the axis has reached it. Where it was is known to
+/// the count all the same.
 const HOMING_SLICE_NS: Ns = 2 * SUBSTEP_MAX_NS;
 
 impl Axis {

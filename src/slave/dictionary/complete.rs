@@ -1,7 +1,7 @@
 //! Complete access: all sub-indices of an object in one transfer (ETG.1000.6 5.6.2, ETG.1020 12.2).
 //!
-//! If an object has more than sub-index 0, sub-index 0 takes 16 bits of the transfer, of which the upper 8 are 0. \[OURS] As
-//! most slaves do, a write-only value is read as zeros, and what is sent for a read-only value is ignored.
+//! If an object has more than sub-index 0, sub-index 0 takes 16 bits of the transfer, of which the upper 8 are 0. \[OURS]
+//! As most slaves do, a write-only value is read as zeros, and what is sent for a read-only value is ignored.
 
 use super::object::DataType;
 use super::{Access, Device, Object, find, read_entry, write_entry};

@@ -1,8 +1,8 @@
 //! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`].
 //!
-//! Eight search plans are enough: each method is one of them or its mirror image (left and right, and the two limit switches,
-//! change places), with or without the index pulse. A plan looks for one edge of one switch: home is where the edge is crossed
-//! in one direction, and a run that reaches the same edge from its other side reverses there.
+//! Eight search plans are enough: each method is one of them or its mirror image (left and right, and the two limit
+//! switches, change places), with or without the index pulse. A plan looks for one edge of one switch: home is where the
+//! edge is crossed in one direction, and a run that reaches the same edge from its other side reverses there.
 
 use crate::slave::switches::Input;
 

@@ -1,12 +1,12 @@
 //! Homing (CiA 402-2, mode 6): the drive searches for a position on its travel by switches and the index pulse.
 //!
-//! [`method`] says what a homing method searches for; [`run`] is one search; [`Homing`] is the mode around it: start, halt,
-//! interruption, and bits 10, 12 and 13 of the statusword. Nothing moves here: the axis reads which velocity a run asks for,
-//! moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
+//! [`method`] says what a homing method searches for; [`run`] is one search; [`Homing`] is the mode around it: start,
+//! halt, interruption, and bits 10, 12 and 13 of the statusword. Nothing moves here: the axis reads which velocity a run
+//! asks for, moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
 //!
-//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse after it. The axis brakes
-//! beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it stands there homing is
-//! attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS).
+//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse after it. The axis
+//! brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it stands there homing
+//! is attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS).
 //!
 //! **Decisions** \[OURS].
 //! - Bits 10, 12 and 13 are those of the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
@@ -189,8 +189,8 @@ impl Homing {
         self.halted.then_some(self.settings.halt_option)
     }
 
-    /// The shaft has moved from one count to another, while the demand moved by `way` counts: evaluates the switches and the
-    /// index pulse between them.
+    /// The shaft has moved from one count to another, while the demand moved by `way` counts: evaluates the switches and
+    /// the index pulse between them.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) {
         let Phase::Searching(run) = &mut self.phase else { return };
         match run.pass(from, to, way, switches) {

@@ -1,12 +1,12 @@
 //! One search for home.
 //!
-//! A run treats the travel as the plan of its method does: for a mirrored method directions and limit switches are exchanged, so
-//! that every run starts to the right where its switch is inactive.
+//! A run treats the travel as the plan of its method does: for a mirrored method directions and limit switches are
+//! exchanged, so that every run starts to the right where its switch is inactive.
 //!
-//! **Speeds** \[OURS]. A run moves with the speed for switches (0x6099:1) until the switch has been active and the shaft moves in
-//! the direction in which the edge counts. From there on, and in the search for the index pulse, it moves with the speed for
-//! zero (0x6099:2). A run that reaches the edge in its first leg, from outside the switch, uses the speed for switches up to the
-//! edge.
+//! **Speeds** \[OURS]. A run moves with the speed for switches (0x6099:1) until the switch has been active and the shaft
+//! moves in the direction in which the edge counts. From there on, and in the search for the index pulse, it moves with
+//! the speed for zero (0x6099:2). A run that reaches the edge in its first leg, from outside the switch, uses the speed
+//! for switches up to the edge.
 
 use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
@@ -121,8 +121,8 @@ impl Run {
         Ok(None)
     }
 
-    /// Evaluates the switches and the index pulse at each count between two positions where one changes. `Some`: the count of
-    /// home.
+    /// Evaluates the switches and the index pulse at each count between two positions where one changes. `Some`: the
+    /// count of home.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
         // An input may change while the shaft stands still: that counts as if the shaft moved in the direction of the run.

@@ -36,9 +36,9 @@ const SUPPORTED_MODES: i64 = 1 << 5 | 1 << 7 | 1 << 8;
 
 const AXES: [AxisSlots; AXES_MAX] = [AxisSlots::of::<_, 0>(OBJECTS), AxisSlots::of::<_, 1>(OBJECTS)];
 
-/// The default values of the table, and \[OURS] those that depend on the greatest rate: from that rate the channel brakes in a
-/// tenth of a second, and by a quick stop in a hundredth. Homing searches a switch with two turns a second, and zero with a fifth
-/// of a turn a second.
+/// The default values of the table, and \[OURS] those that depend on the greatest rate: from that rate the channel brakes
+/// in a tenth of a second, and by a quick stop in a hundredth. Homing searches a switch with two turns a second, and zero
+/// with a fifth of a turn a second.
 pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = pulses_per_turn.max(5);
@@ -72,8 +72,8 @@ const PARTS: [&[Row]; 6] = [
     &channel::<1>(),
 ];
 
-/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned. Of the digital
-/// inputs and outputs the low 16 bits are used.
+/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned. Of
+/// the digital inputs and outputs the low 16 bits are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),

@@ -24,8 +24,8 @@ impl ManufacturerObjects {
     /// Reads a text of objects, one a line: `INDEX:SUB TYPE ACCESS VALUE NAME`.
     ///
     /// - `INDEX:SUB`: hexadecimal with 0x, or decimal: `0x2101:1`.
-    /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` for a value of
-    ///   unknown size.
+    /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` for a value
+    ///   of unknown size.
     /// - `ACCESS`: `ro`, `rw` or `wo`.
     /// - `VALUE`: a number; with 0x the bytes as they stand in an SDO. `-`: 0.
     /// - `NAME`: the rest of the line, for people; may be left out.

@@ -1,7 +1,7 @@
 //! A train of pulses, as it commands a stepper driver without feedback.
 //!
-//! \[OURS] The position is the number of pulses sent. They follow the demand without an error, up to the greatest rate; after a
-//! faster demand they catch up at that rate. They need no ramp: pulses begin and end at once.
+//! \[OURS] The position is the number of pulses sent. They follow the demand without an error, up to the greatest rate;
+//! after a faster demand they catch up at that rate. They need no ramp: pulses begin and end at once.
 
 use super::{Setpoint, at_most, carry, clamp_to};
 use crate::ethercat::Ns;

@@ -1,12 +1,13 @@
 //! The motor, its shaft and the load on it, with the drive's cascade of position and velocity loop.
 //!
-//! The shaft is rigid and has inertia, viscous friction and dry friction; the torque that drives it is limited. Time is cut into
-//! sub-steps of at most [`SUBSTEP_MAX_NS`], at which the loops are stable, so that a cycle may have any length. Dry friction is
-//! solved as an impulse that can at most stop the shaft, viscous friction implicitly: neither can make the shaft oscillate.
+//! The shaft is rigid and has inertia, viscous friction and dry friction; the torque that drives it is limited. Time is
+//! cut into sub-steps of at most [`SUBSTEP_MAX_NS`], at which the loops are stable, so that a cycle may have any length.
+//! Dry friction is solved as an impulse that can at most stop the shaft, viscous friction implicitly: neither can make
+//! the shaft oscillate.
 //!
-//! Positions are counts. They are kept as a whole `i64` and a fraction, so that an axis may turn in one direction for ever and
-//! its position is as precise far away as near 0; [`Servo::position`] is the whole part, rounded. All arithmetic is `+ - * /`
-//! of `f64` and conversions between `f64` and integers, which every target computes to the same bits.
+//! Positions are counts. They are kept as a whole `i64` and a fraction, so that an axis may turn in one direction for
+//! ever and its position is as precise far away as near 0; [`Servo::position`] is the whole part, rounded. All arithmetic
+//! is `+ - * /` of `f64` and conversions between `f64` and integers, which every target computes to the same bits.
 
 mod side_by_side;
 
@@ -18,8 +19,8 @@ use crate::ethercat::Ns;
 /// \[OURS] The cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] Below this speed, counts/s, the drive compensates dry friction less and less, so that it does not push a shaft that
-/// stands at its target.
+/// \[OURS] Below this speed, counts/s, the drive compensates dry friction less and less, so that it does not push a shaft
+/// that stands at its target.
 const FRICTION_FADE: f64 = 10.0;
 
 /// \[OURS] A shaft slower than this, counts/s, counts as standing still.
@@ -70,8 +71,8 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// \[OURS] A NEMA 23 stepper with an encoder, run in a closed loop, with twice its own inertia on the shaft: 10000 counts a
-    /// turn, 2 N m, no more torque than the rated one, 3000 rpm.
+    /// \[OURS] A NEMA 23 stepper with an encoder, run in a closed loop, with twice its own inertia on the shaft: 10000
+    /// counts a turn, 2 N m, no more torque than the rated one, 3000 rpm.
     pub const fn stepper() -> Self {
         Self {
             counts_per_turn: 10_000,

@@ -1,11 +1,11 @@
 //! The objects by which a master maps process data (ETG.1000.6 5.6.7.4): PDO mapping 0x1600..=0x17FF (RxPDO: outputs) and
 //! 0x1A00..=0x1BFF (TxPDO: inputs), and the assignment of PDOs to sync manager 2 (0x1C12) and 3 (0x1C13).
 //!
-//! Each of these objects is a list: sub-index 0 is the count, the items follow. An item of a PDO mapping is
-//! `index << 16 | sub-index << 8 | bits`, or padding, of which only the bits are given; an item of an assignment is the index of
-//! a PDO. All are written in PreOP alone, in the usual order: count 0, then the items, then the count. \[OURS] A PDO may be
-//! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced by
-//! another one than 0.
+//! Each of these objects is a list: sub-index 0 is the count, the items follow. An item of a PDO mapping is `index << 16
+//! | sub-index << 8 | bits`, or padding, of which only the bits are given; an item of an assignment is the index of a
+//! PDO. All are written in PreOP alone, in the usual order: count 0, then the items, then the count. \[OURS] A PDO may be
+//! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced
+//! by another one than 0.
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::AlState;
@@ -158,14 +158,14 @@ impl Mapping {
         }
     }
 
-    /// SDO download: the changed list, which [`Self::put`] puts in force. `may_map` says whether an entry may be mapped into a
-    /// PDO of a direction.
+    /// SDO download: the changed list, which [`Self::put`] puts in force. `may_map` says whether an entry may be mapped
+    /// into a PDO of a direction.
     ///
     /// # Errors
-    /// [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] for a transfer
-    /// of the wrong length; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`] for an item while the
-    /// count is not 0; [`AbortCode::VALUE_HIGH`] for a count that is too high; [`AbortCode::NOT_MAPPABLE`] and the codes of
-    /// `may_map` for items; [`AbortCode::PDO_LENGTH`] for a PDO longer than [`IMAGE_BYTES_MAX`];
+    /// [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] for a
+    /// transfer of the wrong length; [`AbortCode::DEVICE_STATE`] outside PreOP; [`AbortCode::SUB_INDEX_READ_ONLY`] for an
+    /// item while the count is not 0; [`AbortCode::VALUE_HIGH`] for a count that is too high; [`AbortCode::NOT_MAPPABLE`]
+    /// and the codes of `may_map` for items; [`AbortCode::PDO_LENGTH`] for a PDO longer than [`IMAGE_BYTES_MAX`];
     /// [`AbortCode::PARAMETER_INCOMPATIBLE`] for a PDO that is assigned twice.
     pub(in crate::slave) fn written(
         &self,

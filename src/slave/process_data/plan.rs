@@ -1,7 +1,7 @@
 //! The plan by which a cycle copies process data between a process image and the objects of a device.
 //!
-//! In an image the mapped entries follow each other, the lowest bit first, without gaps but for padding; the image ends with a
-//! whole byte (ETG.1000.6 5.6.7.4.7).
+//! In an image the mapped entries follow each other, the lowest bit first, without gaps but for padding; the image ends
+//! with a whole byte (ETG.1000.6 5.6.7.4.7).
 
 use std::fmt;
 
@@ -82,8 +82,8 @@ enum Entry {
 /// The meaning of a mapping entry in a PDO of that direction.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry with another length
-/// than the object has (CiA 301 7.4.9.4).
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry with another
+/// length than the object has (CiA 301 7.4.9.4).
 fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
@@ -256,8 +256,8 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
     EntryCopy { row: row as u16, cell, bit: bit as u16, bits }
 }
 
-/// An RxPDO that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` says that
-/// it is assigned. Its mover is straight code, since the compiler knows which objects it copies.
+/// An RxPDO that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true`
+/// says that it is assigned. Its mover is straight code, since the compiler knows which objects it copies.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {

@@ -1,15 +1,15 @@
 //! Several motors that follow positions, computed together.
 //!
-//! Each sub-step of a motor needs the result of the one before, so that a processor waits for most of the time that one motor
-//! takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`] computes, by
-//! the same operations in the same order.
+//! Each sub-step of a motor needs the result of the one before, so that a processor waits for most of the time that one
+//! motor takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`]
+//! computes, by the same operations in the same order.
 
 use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
-/// How many motors are computed together: as many as a processor with two numbers in a register can work on while it waits for
-/// the results of the first.
+/// How many motors are computed together: as many as a processor with two numbers in a register can work on while it
+/// waits for the results of the first.
 pub const SIDE_BY_SIDE: usize = 8;
 
 /// A motor, and the position that it is to follow; see [`Setpoint::Position`](super::super::Setpoint::Position).
@@ -86,8 +86,8 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
 }
 
 impl Motors {
-    /// The same as in `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft that friction holds is computed all the
-    /// same: it gets the same zeros again.
+    /// The same as in `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft that friction holds is computed
+    /// all the same: it gets the same zeros again.
     #[inline(always)]
     fn substep(&mut self) {
         for n in 0..SIDE_BY_SIDE {

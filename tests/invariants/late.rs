@@ -86,6 +86,12 @@ impl Around {
         let between = trace.was_cleared || trace.new_modes.contains(unit.slave as u8);
         !between && !self.homing.contains(unit.slave as u8) && (0..unit.axes).all(is_on)
     }
+
+    /// Whether the board may take targets of a slave: the newest answer shows one of its axes enabled.
+    fn may_follow(trace: &Trace, unit: Option<&Unit>) -> bool {
+        let (Some(unit), Some(answer)) = (unit, trace.answer()) else { return true };
+        answer.inputs[unit.slave - 1].iter().any(|input| input.statusword.is_enabled())
+    }
 }
 
 /// Targets of a motion command in the mode of its slave.

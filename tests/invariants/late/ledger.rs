@@ -87,20 +87,25 @@ impl Ledger {
             let is_motion = unit.is_some_and(|unit| is_motion_of(unit, command));
             let follows = unit.is_some_and(|unit| is_commanded(unit, command, &pushed.outputs));
             self.ignored += u64::from(is_motion && !follows);
+            use SlaveCommand::{AlarmClear, ServoOff, ServoOn};
+            let may_follow = !is_motion || follows && Around::may_follow(trace, unit);
             if around.lost().contains(n) {
                 // Passed over, or not.
                 self.lost_at_most += 1;
-            } else {
+            } else if may_follow {
                 open.may.insert(n);
             }
+            let is_sure = match command {
+                ServoOff | AlarmClear => unit.is_some(),
+                ServoOn => unit.is_some() && !around.homing.contains(n),
+                _ if slave == MARKER => true,
+                _ => follows && !falling.contains(n) && around.follows(trace, unit, &pushed.outputs),
+            };
             if around.lost_before.contains(n) && around.lost_after.contains(n) {
                 let in_mode = unit.is_some_and(|unit| trace.mode(slave, 0) == unit.mode.code());
-                use SlaveCommand::{AlarmClear, ServoOff, ServoOn};
                 let is_counted = matches!(command, ServoOn | ServoOff | AlarmClear) || is_motion && in_mode;
                 self.lost_at_least += u64::from(is_counted && unit.is_some());
-            } else if !around.lost_before.contains(n)
-                && (slave == MARKER || follows && !falling.contains(n) && around.follows(trace, unit, &pushed.outputs))
-            {
+            } else if !around.lost_before.contains(n) && is_sure {
                 open.sure.insert(n);
             }
         }

@@ -5,6 +5,9 @@ use std::collections::VecDeque;
 use super::Firmware;
 use crate::sk::{FIFO_ENTRIES, Frame, SlotSize};
 
+/// The numbers of places are kept as bytes.
+const _: () = assert!(FIFO_ENTRIES <= 256);
+
 /// The frames that wait for their cycle.
 ///
 /// The place that became free last is used first: a program that keeps three entries waiting uses three or four places

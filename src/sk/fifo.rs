@@ -1,5 +1,5 @@
 //! The board's command FIFO, as the protocol shows it: its depth, and what SET_FIFO does to it (SK-5). The model of the
-//! board has the FIFO itself.
+//! board has the FIFO itself, in `engine/fifo.rs`. Texts and tests say 160 as the guide does.
 
 /// The depth of the board's command FIFO in OP, in entries (SK-5). An entry is one command frame and lasts one cycle.
 pub const FIFO_ENTRIES: u16 = 160;

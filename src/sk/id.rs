@@ -5,9 +5,10 @@
 //!
 //! - `command.rs`, `command/slave.rs` or `command/sdo.rs`, by its slot: its arguments in a frame, in a dump and in JSON;
 //! - `engine/commands.rs`: what the board does;
-//! - `tests/engine/commands.rs` and `docs/rules/board.md`: the guide's table, and the rule.
+//! - `tests/support/src/guide.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
-//! The compiler names the first two, and tests the others. What else depends on a command, such as the kind of slave that a
+//! Tests name each that is missing (`tests/sk/commands.rs`, which also has the bytes of every command), and once the command is
+//! a variant of its enum in `command/` the compiler names the matches over it. What else depends on a command, such as the kind of slave that a
 //! dump guesses by it, follows from its row.
 
 use core::fmt;

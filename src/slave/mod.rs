@@ -17,8 +17,8 @@
 //! | `lines.rs` | digital inputs and outputs |
 //! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
 //!
-//! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add a row to the table of models in
-//! `link/slaves.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
+//! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add its row to
+//! `link/slaves/kinds.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
 //! `fieldbus/pdo.rs`. To add a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a verb for scripts to
 //! `link/script/verbs.rs`.
 

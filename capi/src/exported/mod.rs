@@ -1,4 +1,4 @@
-//! The exported functions. Each has its line in `exports.txt` too.
+//! The exported functions. Each has its line in `exports.txt` and is imported in `lib.rs`.
 //!
 //! | file | what it holds |
 //! | --- | --- |

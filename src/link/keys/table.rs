@@ -1,4 +1,4 @@
-//! The table of all keys of link URIs.
+//! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
 

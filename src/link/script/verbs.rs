@@ -1,5 +1,5 @@
 //! The verbs of a script. One table defines them all, for reading lines and for the text of `ecmsk link help`: a new verb
-//! is a new row.
+//! is a new row, and its action is in `run.rs`. What goes wrong inside a slave is a [`Fault`].
 
 use super::reader::Reader;
 use super::run::{ScriptAction, Step};

@@ -1,6 +1,6 @@
 //! The kinds of simulated slaves: which there are, and in what they differ.
 //!
-//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::Model), and a variant of [`SlaveModel`] with its
+//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of [`SlaveModel`] with its
 //! row here.
 
 #[cfg(feature = "sim")]

@@ -1,4 +1,5 @@
-//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`].
+//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], the list
+//! in [`HomingError::UnsupportedMethod`](super::HomingError::UnsupportedMethod) and the tables of the tests.
 //!
 //! Eight search plans are enough: each method is one of them or its mirror image (left and right, and the two limit
 //! switches, change places), with or without the index pulse. A plan looks for one edge of one switch: home is where the

@@ -1,4 +1,18 @@
-//! The EC01M model against the specification, over simulated slaves.
+//! The EC01M model against the specification, over simulated slaves. The first line of each file says what it shows; by
+//! subject:
+//!
+//! - commands and answers: `commands`, `full_table` with `full_table_run`, `rejections`, `answers`, `slave_answers`, `crc`,
+//!   `partial_frames`, `profiles`, `local_io`, `test_mode`, `leds`
+//! - the state of the network: `states`, `failures`, `replaced`, `leaving`, `left_behind`
+//! - cable and lost slaves: `cable`, `cable_below_op`, `lost`, `lost_together`
+//! - the FIFO and motion: `fifo`, `drives`, `modes`, `alarms`, `step`, `hsp`, `hsp_network`, `io_slaves`, `mixed`
+//! - homing: `homing` and the files that begin with its name, `hsp_homing`
+//! - SDO: `sdo`, `sdo_beside`
+//! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
+//!   group over such a bus
+//! - at random, and what always holds: `random`, `random_networks`, `allocation`
+//! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
+//!   `handles`
 
 mod ahead_entries;
 mod alarms;

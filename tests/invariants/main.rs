@@ -1,6 +1,11 @@
 //! What must hold whatever a program does and whatever goes wrong: random programs on random machines with random faults, on a
 //! bus that our runner paces and on late ones, writers of a served board that die, and a long day.
 //!
+//! - `program.rs`, `path.rs`, `machine.rs`: a random program with its faults, what it wants of a slave, the board it runs on
+//! - `paced.rs` with `books.rs`, `watch.rs`, `tap.rs`: what must hold on a bus that our runner paces, and how it is seen
+//! - `late.rs`, `late/`: the same over a bus that takes outputs ahead and answers late
+//! - `ends.rs`, `day.rs`: writers that die, and the long day
+//!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
 mod books;

@@ -1,5 +1,10 @@
 //! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
+//! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `ahead_bus`, `swift`, `images`
+//! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`
+//! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
+//! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
+//!
 //! At the top, C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`,
 //! linked with the library and run with the link that the test names.
 

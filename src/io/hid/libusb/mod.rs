@@ -1,4 +1,8 @@
 //! The backend over libusb, for every system but Windows.
+//!
+//! From the library upwards: `api.rs` its functions, looked up by name; `bus.rs` its objects as Rust types; `transfer.rs` its
+//! asynchronous transfers; `find.rs` which devices can be a board; `backend.rs` an open board. `fake.rs` stands in for the
+//! library in tests.
 
 mod api;
 mod backend;

@@ -187,9 +187,20 @@ impl Checks for Late {
     }
 }
 
+/// Says on which bus a schedule runs, if it fails there.
+struct ToldOnPanic(Ahead);
+
+impl Drop for ToldOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            println!("on a bus with {:?}", self.0);
+        }
+    }
+}
+
 fn schedule(seed: u64) -> Done {
     let how = Ahead::honest(seed);
-    println!("{how:?}");
+    let _told = ToldOnPanic(how);
     let log = Log::default();
     let mut machine = Machine::over(seed, |bus| {
         let network = bus.handle();

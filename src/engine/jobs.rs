@@ -278,7 +278,10 @@ impl Engine {
     fn network_job_done(&mut self, NetworkJob { step, until }: NetworkJob, done: JobDone, now: Ns) {
         match (step, done) {
             (Step::Scan, JobDone::Scan { found }) => {
-                self.volatile.network.scanned(found.min(self.config.slot.max_slaves() as u8));
+                let found = found.min(self.config.slot.max_slaves() as u8);
+                self.volatile.network.scanned(found);
+                // After SW_RESET fewer slaves may be found. What the others were sent last is not handed to the bus again.
+                self.outputs.slaves[usize::from(found)..].fill(Default::default());
                 self.volatile.failure = (found == 0).then_some(StateFailure::NoSlave);
             }
             (

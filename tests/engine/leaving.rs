@@ -1,13 +1,15 @@
 //! What ends with OP, and what SW_RESET leaves.
 
-use ecmsk::cia402::Mode;
+use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, Firmware};
-use ecmsk::fieldbus::Role;
+use ecmsk::fieldbus::{AxisOut, Role};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, RawSlot, SdoResponse,
     SlaveCommand, SlotSize, StateByte,
 };
 
+use crate::host::BOOT_LIMIT;
+use crate::network_rig::{Net, buses};
 use crate::probe::{Bench, any_slaves, drives};
 
 /// So slow that a FIFO fills within a cycle.
@@ -132,6 +134,23 @@ fn sw_reset_during_other_things() {
     host.declare_drives(2).master(MasterCommand::SetState(MasterState::Op)).cycles(100).soft_reset().cycles(2000);
     assert_eq!(host.state(), StateByte::reached(MasterState::PreOp));
     host.op(2).servo_on(1);
+}
+
+/// SK-4.33 SW_RESET resets what slaves are sent, also of those that are not found any more: nothing asks for their motors.
+#[test]
+fn sw_reset_leaves_no_outputs() {
+    for how in buses() {
+        let mut net = Net::on(how, 2);
+        assert_eq!(net.jobs.outputs().slaves[1][0].controlword, Controlword::ENABLE_OPERATION);
+        net.host.master(MasterCommand::SoftReset);
+        net.network.cut_after(1);
+        assert!(net.host.board.boot(BOOT_LIMIT));
+        net.host.report = Frame::new();
+        net.host.declare_drives(2).go(MasterState::Op).cycles(50);
+        assert_eq!(net.host.board.engine().slaves_found(), 1);
+        let [first, second] = [0, 1].map(|n| net.jobs.outputs().slaves[n][0]);
+        assert_eq!((first.controlword.0, second), (0, AxisOut::default()), "{how:?}");
+    }
 }
 
 /// SK-4.44 The counters outside the wire survive SW_RESET, and the frames in the FIFO count as cleared.

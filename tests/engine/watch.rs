@@ -17,7 +17,7 @@ pub struct Span {
 
 /// Every job a bus was given, in order; clones see the same ones.
 #[derive(Clone, Default)]
-pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>, Arc<AtomicU64>);
+pub struct Spans(Arc<Mutex<Vec<Span>>>, Arc<AtomicU32>, Arc<AtomicU64>, Arc<Mutex<Outputs>>);
 
 impl Spans {
     /// The bus is busy that often when it is to start something.
@@ -28,6 +28,11 @@ impl Spans {
     /// Sets of outputs that it took.
     pub fn pushes(&self) -> u64 {
         self.2.load(Ordering::Relaxed)
+    }
+
+    /// The newest outputs that it took.
+    pub fn outputs(&self) -> Outputs {
+        self.3.lock().unwrap().clone()
     }
 
     /// The SDO transfers.
@@ -98,6 +103,7 @@ impl<B: Fieldbus> Fieldbus for Watch<B> {
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
         self.spans.2.fetch_add(1, Ordering::Relaxed);
+        self.spans.3.lock().unwrap().clone_from(outputs);
         self.inner.push(outputs)
     }
 

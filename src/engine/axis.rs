@@ -39,6 +39,8 @@ pub(super) struct Axis {
     enabled: bool,
     /// The statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
+    /// How often an answer of the drive, or its loss, has ended what SV_ON or SV_OFF had begun; it wraps.
+    ends: u16,
     pub(super) homing: AxisHoming,
 }
 
@@ -47,6 +49,7 @@ pub(super) struct Axis {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
+    ends: u16,
     homing_low_sets: u8,
 }
 
@@ -159,29 +162,38 @@ impl Axis {
     /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target
     /// holds the axis where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
-        let target = holding_target(input, mode);
-        *self = Self::default();
-        self.requested.out.target = target;
+        *self = Self { ends: self.ends.wrapping_add(1), ..Self::default() };
+        self.requested.out.target = holding_target(input, mode);
     }
 
     /// The state of the axis after the newest outputs, for [`Self::roll_back_to`].
     pub(super) const fn checkpoint(&self) -> AxisCheckpoint {
-        AxisCheckpoint { requested: self.requested, homing_low_sets: self.homing.low_sets_left() }
+        AxisCheckpoint { requested: self.requested, ends: self.ends, homing_low_sets: self.homing.low_sets_left() }
     }
 
-    /// Takes back what was requested since `then`, because SET_FIFO has cleared those entries. An axis that is off stays off: no
-    /// motor starts because entries were cleared, not even for the time until the next answer \[OURS]. An axis that does not
-    /// follow its target is held where it was measured last, not where it was then. `homing`: the state of homing then; `None`:
-    /// the axis was not homing.
-    pub(super) fn roll_back_to(&mut self, then: &AxisCheckpoint, homing: Option<&AxisHoming>) {
+    /// Takes back what was requested since `then`, because SET_FIFO has cleared those entries. An axis that is off, or has been
+    /// off since, is off: no motor starts because entries were cleared, not even for the time until the next answer \[OURS].
+    /// What has ended an SV_ON that was sent is not undone by another one that was not. An axis that does not follow its target
+    /// is held where it was measured last, not where it was then. `newest`: the state in the newest answer. `homing`: the state
+    /// of homing then; `None`: the axis was not homing.
+    pub(super) fn roll_back_to(
+        &mut self,
+        then: &AxisCheckpoint,
+        newest: Option<DriveState>,
+        homing: Option<&AxisHoming>,
+    ) {
         let mut requested = then.requested;
-        if self.requested.power == Power::Off {
+        if self.requested.power == Power::Off || self.ends != then.ends {
             (requested.power, requested.out.controlword) = (Power::Off, Controlword::DISABLE_VOLTAGE);
         }
         if !self.enabled {
             requested.out.target = self.requested.out.target;
         }
         self.requested = requested;
+        if requested.power == Power::On {
+            // The drive may have left Operation enabled while an SV_OFF and an SV_ON, which are taken back, were waiting.
+            self.follow_statusword(newest);
+        }
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
     }
 
@@ -208,6 +220,9 @@ impl Axis {
             // itself [OURS]: only SV_ON starts a motor.
             _ => (Power::Off, Controlword::DISABLE_VOLTAGE),
         };
+        if power == Power::Off && self.requested.power != Power::Off {
+            self.ends = self.ends.wrapping_add(1);
+        }
         self.requested.power = power;
         self.requested.out.controlword = controlword;
     }

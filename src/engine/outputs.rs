@@ -267,8 +267,10 @@ impl Engine {
             }
             self.volatile.heads[n] = sent.heads[n];
             let then = sent.axes.iter().map(|axes| &axes[n]).zip(&sent.homing[n]);
-            for (axis, (then, homing)) in axes.iter_mut().zip(then).take(used_axes(self.volatile.second_axes, slave)) {
-                axis.roll_back_to(then, sent.homing_active.contains(slave).then_some(homing));
+            let used = used_axes(self.volatile.second_axes, slave);
+            for ((axis, (then, homing)), input) in axes.iter_mut().zip(then).zip(&self.inputs.slaves[n]).take(used) {
+                let newest = input.statusword.state();
+                axis.roll_back_to(then, newest, sent.homing_active.contains(slave).then_some(homing));
             }
             if axes.iter().any(|axis| !axis.homing.is_idle()) {
                 self.volatile.homing_active.insert(slave);

@@ -11,7 +11,7 @@ use ecmsk::sk::{
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 use crate::host::Host;
-use crate::puppet::{FAULT, Puppet};
+use crate::puppet::{DISABLED, ENABLED, FAULT, Puppet, READY};
 use crate::rig::{Rig, ahead};
 use support::ahead_bus::{Ahead, AheadBus};
 
@@ -200,6 +200,37 @@ fn clear_starts_no_motor() {
         rig.puppet.forget();
         rig.run(50);
         assert_eq!(rig.puppet.controlwords(), [0], "{how:?}, held: {held}");
+    }
+}
+
+/// SK-5.22 [OURS] An SV_ON that was sent and that the drive has ended is not brought back when a later SV_ON is taken back, and
+/// neither is one whose drive has stopped while an SV_OFF and an SV_ON lay ahead: no motor is on by an SV_ON that was not sent.
+#[test]
+fn clear_brings_back_no_sv_on_that_has_ended() {
+    let on_again = |rig: &mut Rig| rig.send(|frame| frame.put_slave(SIZE, 1, &SlaveCommand::ServoOn.into()));
+    let stops = [(Some(FAULT), DISABLED), (Some(FAULT), ENABLED), (None, READY)];
+    for (how, (fault, shows)) in ahead().filter(|how| how.depth > 8).flat_map(|how| stops.map(|stop| (how, stop))) {
+        let mut rig = Rig::new(how);
+        (0..50).for_each(|_| rig.target());
+        if let Some(fault) = fault {
+            rig.run(5);
+            rig.puppet.strings().freeze(fault);
+            rig.run(how.pipeline + 3);
+            rig.puppet.strings().freeze(shows);
+            rig.run(how.pipeline + 3);
+        } else {
+            rig.send(|frame| frame.put_slave(SIZE, 1, &SlaveCommand::ServoOff.into()));
+            rig.run(5);
+            rig.puppet.strings().freeze(shows);
+        }
+        on_again(&mut rig);
+        rig.run(how.pipeline + 3);
+        rig.send(|frame| frame.put_master(SIZE, &clear()));
+        rig.run(1);
+        assert_eq!(rig.puppet.last().controlword, Controlword::ENABLE_OPERATION, "{how:?}, {shows:04X}");
+        rig.puppet.forget();
+        rig.run(50);
+        assert_eq!(rig.puppet.controlwords(), [0], "{how:?}, {shows:04X}");
     }
 }
 

@@ -163,9 +163,9 @@ impl Checks for Late {
         for event in log.lock().expect("no panic").drain(..) {
             let sent = trace.apply(&event);
             if let log::Event::Pushed { .. } = event {
-                let mark = trace.newest_outputs().0.mark;
+                let carried = ledger.carried(trace, &around);
                 ledger.pushed(trace, &machine.units, &around, axes.falling);
-                axes.pushed(trace, &machine.units, &around, mark.map_or(&[], |mark| ledger.entry(mark)));
+                axes.pushed(trace, &machine.units, &around, &carried);
             }
             ledger.apply(trace, &machine.units, &event, sent);
             let mark = sent.and_then(|id| trace.outputs(id)).and_then(|pushed| pushed.mark);

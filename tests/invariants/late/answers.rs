@@ -86,7 +86,8 @@ impl Answers {
         }
         for (k, unit) in machine.units.iter().enumerate() {
             let slave = unit.slave as u8;
-            if unheard.contains(slave) || n < trace.op {
+            let is_found = slave <= machine.board.engine().slaves_found();
+            if !is_found || unheard.contains(slave) || n < trace.op {
                 self.last[k] = Default::default();
                 continue;
             }

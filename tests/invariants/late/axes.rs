@@ -39,16 +39,18 @@ impl Axes {
         if jammed { self.jammed.insert(slave as u8) } else { self.jammed.remove(slave as u8) }
     }
 
-    /// Outputs were handed over that carry an entry of these commands.
-    pub fn pushed(&mut self, trace: &Trace, units: &[Unit], around: &Around, entry: &[(usize, SlaveCommand)]) {
+    /// Outputs were handed over that carry these commands; while the marker is lost they may carry them.
+    pub fn pushed(&mut self, trace: &Trace, units: &[Unit], around: &Around, carried: &[(usize, SlaveCommand)]) {
         let (pushed, _) = trace.newest_outputs();
         for unit in units {
             let n = unit.slave as u8;
-            let command = entry.iter().find(|(slave, _)| *slave == unit.slave).map(|(_, command)| *command);
-            match command {
-                Some(SlaveCommand::ServoOn) => self.on.insert(n),
-                Some(SlaveCommand::ServoOff) => self.falling.insert(n),
-                _ => {}
+            let of_unit = carried.iter().filter(|(slave, _)| *slave == unit.slave).map(|(_, command)| *command);
+            let commands: Vec<SlaveCommand> = of_unit.collect();
+            if commands.contains(&SlaveCommand::ServoOn) {
+                self.on.insert(n);
+            }
+            if commands.contains(&SlaveCommand::ServoOff) {
+                self.falling.insert(n);
             }
             if around.lost().contains(n) {
                 continue;
@@ -57,7 +59,7 @@ impl Axes {
                 let word = pushed.outputs[unit.slave - 1][axis].controlword.0;
                 let motor = word & !(Controlword::FAULT_RESET | Controlword::HOMING_START);
                 assert!(motor == 0 || self.on.contains(n), "slave {n} is switched on by {word:04X} without an SV_ON");
-                self.target(trace, unit, axis, &pushed.outputs, command);
+                self.target(trace, unit, axis, &pushed.outputs, &commands);
             }
         }
         self.on_by.push((pushed.id, self.on));
@@ -65,25 +67,19 @@ impl Axes {
     }
 
     /// The target of an axis is what a command has asked for, or holds the axis where the newest answer has seen it.
-    fn target(
-        &self,
-        trace: &Trace,
-        unit: &Unit,
-        axis: usize,
-        outputs: &[SlaveOut; SLAVES],
-        command: Option<SlaveCommand>,
-    ) {
+    fn target(&self, trace: &Trace, unit: &Unit, axis: usize, outputs: &[SlaveOut; SLAVES], commands: &[SlaveCommand]) {
         let Some(answer) = trace.answer() else { return };
         let slave = unit.slave;
         let input = &answer.inputs[slave - 1][axis];
         let target = outputs[slave - 1][axis].target;
         let holding = if unit.mode == Mode::Csp { input.position } else { 0 };
         let before = self.outputs.as_ref().map(|outputs| outputs[slave - 1][axis].target);
-        let asked = command.and_then(|command| super::targets(unit, command)).map(|targets| targets[axis]);
+        let asked = commands.iter().filter_map(|command| super::targets(unit, *command)).map(|targets| targets[axis]);
+        let asked: Vec<i32> = asked.collect();
         // What a change of mode or a clear means for the target is known with the next answer.
         let is_between = trace.new_modes.contains(slave as u8) || trace.was_cleared;
         let right = if is_enabled(trace, unit, axis, input) {
-            before.is_none_or(|before| target == before) || asked == Some(target) || is_between && target == holding
+            before.is_none_or(|before| target == before) || asked.contains(&target) || is_between && target == holding
         } else {
             target == holding || is_between && before == Some(target)
         };
@@ -105,17 +101,19 @@ impl Axes {
             }
             Event::Answered { .. } => {
                 let Some(answer) = trace.answer() else { return };
+                let mut faulted = SlaveSet::EMPTY;
                 for unit in units {
                     let states = (0..unit.axes).map(|axis| answer.inputs[unit.slave - 1][axis].statusword.state());
                     for state in states.flatten() {
                         if matches!(state, DriveState::Fault | DriveState::FaultReactionActive) && unit.axes == 1 {
-                            self.on.remove(unit.slave as u8);
+                            faulted.insert(unit.slave as u8);
                         }
                         if state != DriveState::OperationEnabled {
                             self.falling.remove(unit.slave as u8);
                         }
                     }
                 }
+                self.ended(faulted);
             }
             Event::Cleared { newest_sent } => {
                 self.on_by.retain(|(id, _)| Some(*id) <= *newest_sent);
@@ -130,9 +128,18 @@ impl Axes {
         }
     }
 
+    /// A fault or a loss has ended every SV_ON that was handed over by now: a clear brings none of them back.
+    fn ended(&mut self, slaves: SlaveSet) {
+        if slaves.is_empty() {
+            return;
+        }
+        let all = self.on_by.iter_mut().map(|(_, on)| on).chain([&mut self.on]);
+        all.for_each(|on| *on = on.difference(slaves));
+    }
+
     /// A cycle of the board has passed.
     pub fn check(&mut self, around: &Around) {
-        self.on = self.on.difference(around.lost_after);
+        self.ended(around.lost_after);
         if !around.in_op {
             (self.on, self.outputs) = (SlaveSet::EMPTY, None);
         }

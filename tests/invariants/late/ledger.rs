@@ -1,9 +1,11 @@
 //! The frames of a schedule on a bus that takes outputs ahead: what each of them carries, when it was sent, and what
 //! became of it.
 
+use std::collections::VecDeque;
+
 use ecmsk::engine::Counters;
 use ecmsk::fieldbus::{SlaveOut, SlaveSet};
-use ecmsk::sk::{FIFO_ENTRIES, Frame, SlaveCommand, SlotCommand, SlotSize};
+use ecmsk::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, SlaveCommand, SlotCommand, SlotSize};
 
 use super::log::{Event, SLAVES};
 use super::trace::{Trace, mark};
@@ -25,6 +27,10 @@ struct Open {
 pub struct Ledger {
     /// Commands of each frame, by its mark.
     entries: Vec<Vec<(usize, SlaveCommand)>>,
+    /// Marks of the frames that were queued and may not have been handed over.
+    waiting: VecDeque<u16>,
+    /// Outputs that were handed over since then, while no mark could show what they carry.
+    unmarked: usize,
     /// Frames that were queued.
     queued: u64,
     /// Entries that were sent, with those that were executed while the marker was lost, which nobody saw.
@@ -58,12 +64,38 @@ impl Ledger {
         &self.entries[usize::from(mark) - 1]
     }
 
+    /// The commands that the newest outputs carry: those of their entry. While the marker is lost nothing shows whether they
+    /// carry one. They carry the first of those that wait or none; so that the n-th of such outputs carry one of the first n.
+    pub fn carried(&mut self, trace: &Trace, around: &Around) -> Vec<(usize, SlaveCommand)> {
+        if let Some(mark) = trace.newest_outputs().0.mark {
+            self.waiting.retain(|waits| *waits > mark);
+            self.unmarked = 0;
+            return self.entry(mark).to_vec();
+        }
+        if !around.lost().contains(MARKER as u8) {
+            return Vec::new();
+        }
+        self.unmarked += 1;
+        self.waiting.iter().take(self.unmarked).flat_map(|mark| self.entry(*mark)).copied().collect()
+    }
+
+    /// What waits is cleared.
+    fn forget_waiting(&mut self) {
+        self.waiting.clear();
+        self.unmarked = 0;
+    }
+
     /// A frame has arrived in OP: it is queued unless it is counted as full.
     pub fn arrived(&mut self, frame: &Frame, size: SlotSize, before: &Counters, after: &Counters) {
+        use MasterCommand::{SetFifo, SoftReset};
+        if let Ok(SetFifo(FifoAction::Clear) | SoftReset) = MasterCommand::decode(&frame.slot(size, 0), size) {
+            self.forget_waiting();
+        }
         if after.full > before.full {
             return;
         }
         self.queued += 1;
+        self.waiting.push_back(self.entries.len() as u16);
         let commands = (1..=size.max_slaves().min(SLAVES))
             .filter_map(|slave| Some((slave, SlotCommand::decode(&frame.slot(size, slave), size).ok()?.command)));
         *self.entries.last_mut().expect("it has a mark") =
@@ -74,6 +106,9 @@ impl Ledger {
     pub fn begin(&mut self, around: &Around) {
         self.ignored = 0;
         self.is_blurred |= around.lost().contains(MARKER as u8);
+        if !around.in_op {
+            self.forget_waiting();
+        }
     }
 
     /// Outputs were handed over.
@@ -162,6 +197,10 @@ impl Ledger {
     pub fn check(&mut self, trace: &Trace, machine: &Machine, before: &Counters, after: &Counters) {
         let held = u64::from(FIFO_ENTRIES - machine.board.engine().fifo_free());
         assert_eq!(self.queued, after.executed + after.cleared + held, "queued: executed, cleared or held ({held})");
+        while self.waiting.len() as u64 > held {
+            self.waiting.pop_front();
+            self.unmarked = self.unmarked.saturating_sub(1);
+        }
         let counted = not_executed(after) - not_executed(before);
         assert!(self.ignored <= counted, "{} motion commands are not in the outputs, {counted} counted", self.ignored);
         if self.is_blurred {

@@ -25,7 +25,8 @@
 //!   lies ahead, and follow answers.
 //!
 //! Not watched here: which counter of several a command that was not executed stands in, and the order of what happens to the
-//! marker's entries while it is itself lost; the ledger then begins anew when all is at rest.
+//! marker's entries while it is itself lost; the ledger then begins anew when all is at rest. What outputs carry in that time
+//! no mark shows: an SV_ON or a target counts as handed over when it may have been, by its place among the frames that wait.
 
 mod answers;
 mod axes;
@@ -69,6 +70,8 @@ pub struct Around {
     /// Slaves that were homing before or after.
     homing: SlaveSet,
     in_op: bool,
+    /// Slaves that the board has found at its newest boot.
+    found: u8,
 }
 
 impl Around {
@@ -157,6 +160,7 @@ impl Checks for Late {
             lost_after,
             homing: std::mem::replace(&mut self.homing, now).union(now),
             in_op: machine.in_op(),
+            found: machine.board.engine().slaves_found(),
         };
         let Self { log, trace, ledger, axes, answers, .. } = self;
         ledger.begin(&around);

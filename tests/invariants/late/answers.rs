@@ -86,8 +86,8 @@ impl Answers {
         }
         for (k, unit) in machine.units.iter().enumerate() {
             let slave = unit.slave as u8;
-            let is_found = slave <= machine.board.engine().slaves_found();
-            if !is_found || unheard.contains(slave) || n < trace.op {
+            // The slot of a slave that was not found shows what no slave has said.
+            if slave > around.found || unheard.contains(slave) || n < trace.op {
                 self.last[k] = Default::default();
                 continue;
             }

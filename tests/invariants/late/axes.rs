@@ -52,6 +52,12 @@ impl Axes {
             if commands.contains(&SlaveCommand::ServoOff) {
                 self.falling.insert(n);
             }
+            if n > around.found {
+                // Where it stands the board does not know, and nothing may come of what it was sent before the boot.
+                let outputs = &pushed.outputs[unit.slave - 1];
+                assert_eq!(*outputs, SlaveOut::default(), "slave {n} was not found");
+                continue;
+            }
             if around.lost().contains(n) {
                 continue;
             }

@@ -65,7 +65,8 @@ impl Ledger {
     }
 
     /// The commands that the newest outputs carry: those of their entry. While the marker is lost nothing shows whether they
-    /// carry one. They carry the first of those that wait or none; so that the n-th of such outputs carry one of the first n.
+    /// carry one, so that these are the commands that they may carry: entries go in order and one at most with each set of
+    /// outputs, so that the n-th set without a mark carries one of the first n entries that wait, or none.
     pub fn carried(&mut self, trace: &Trace, around: &Around) -> Vec<(usize, SlaveCommand)> {
         if let Some(mark) = trace.newest_outputs().0.mark {
             self.waiting.retain(|waits| *waits > mark);
@@ -87,8 +88,7 @@ impl Ledger {
 
     /// A frame has arrived in OP: it is queued unless it is counted as full.
     pub fn arrived(&mut self, frame: &Frame, size: SlotSize, before: &Counters, after: &Counters) {
-        use MasterCommand::{SetFifo, SoftReset};
-        if let Ok(SetFifo(FifoAction::Clear) | SoftReset) = MasterCommand::decode(&frame.slot(size, 0), size) {
+        if MasterCommand::decode(&frame.slot(size, 0), size) == Ok(MasterCommand::SetFifo(FifoAction::Clear)) {
             self.forget_waiting();
         }
         if after.full > before.full {

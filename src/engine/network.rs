@@ -168,7 +168,7 @@ impl Network {
         self.mark_lost(slaves);
         if let Some(change) = &mut self.change {
             self.recovering = self.recovering.union(slaves);
-            change.to_recover = Some(change.to_recover.unwrap_or_default().union(slaves));
+            change.to_recover = Some(change.to_recover.unwrap_or(self.lost).union(slaves));
         }
     }
 
@@ -270,7 +270,7 @@ impl Network {
         if !self.recovering.contains(slave) {
             return self.fail();
         }
-        let to_recover = change.to_recover.get_or_insert(self.recovering);
+        let to_recover = change.to_recover.get_or_insert(self.lost);
         if silent {
             change.unanswered.insert(slave);
         } else {
@@ -347,7 +347,8 @@ impl Network {
     /// Lost slaves are back in the state of the network.
     fn recovered(&mut self, state: MasterState) {
         let Some(change) = &mut self.change else { return };
-        let to_recover = change.to_recover.unwrap_or_default().difference(self.recovering);
+        // A request that has replaced the change meanwhile brings back the others that are lost, too.
+        let to_recover = change.to_recover.unwrap_or(self.lost).difference(self.recovering);
         change.to_recover = Some(to_recover);
         if !to_recover.is_empty() {
             (change.recovery, change.unanswered) = (Recovery::NotBegun, SlaveSet::EMPTY);

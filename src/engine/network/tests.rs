@@ -118,6 +118,46 @@ fn one_more_is_lost_after_the_others_came_back() {
     assert_eq!((network.lost(), network.state_byte()), (SlaveSet::EMPTY, StateByte::reached(Op)));
 }
 
+/// SK-4.62 SK-4.74 Of two lost slaves one is left behind, and while the other comes back another state is asked for: that
+/// request brings both back, and goes no further without them.
+#[test]
+fn another_request_forgets_no_lost_slave() {
+    use MasterState::*;
+    for silent in [true, false] {
+        let mut network = at(SafeOp);
+        network.mark_lost(SlaveSet::first(2));
+        assert!(network.request(SafeOp, 0, false));
+        network.begin(Step::RecoverToPreOp);
+        network.recovery_failed(1, silent);
+        network.done(Step::RecoverToPreOp);
+        network.begin(Step::RecoverConfigure);
+        network.done(Step::RecoverConfigure);
+        network.begin(Step::RecoverTo(SafeOp));
+        assert!(network.request(Op, 0, false));
+        network.done(Step::RecoverTo(SafeOp));
+        assert_eq!(network.lost(), SlaveSet::first(1));
+        let again = [Step::RecoverToPreOp, Step::RecoverConfigure, Step::RecoverTo(SafeOp), Step::Move(Op)];
+        assert_eq!(walk(&mut network), again, "silent: {silent}");
+        assert_eq!(network.state_byte(), StateByte::reached(Op));
+    }
+}
+
+/// SK-4.74 The same when the one that was coming back refuses after the other request: the one left behind is tried.
+#[test]
+fn who_refuses_after_another_request_keeps_nobody_back() {
+    use MasterState::*;
+    let mut network = at(SafeOp);
+    network.mark_lost(SlaveSet::first(2));
+    assert!(network.request(SafeOp, 0, false));
+    network.begin(Step::RecoverToPreOp);
+    network.recovery_failed(1, true);
+    assert!(network.request(Op, 0, false));
+    network.recovery_failed(2, false);
+    assert_eq!(network.next_step(), Some(Step::RecoverToPreOp));
+    network.begin(Step::RecoverToPreOp);
+    assert_eq!(network.recovering(), SlaveSet::first(1));
+}
+
 /// SK-4.55 SK-4.76 A program that asks in every frame sees that a lost slave has refused: asking again forgets nothing.
 #[test]
 fn asking_again_forgets_no_refusal() {

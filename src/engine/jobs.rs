@@ -106,7 +106,7 @@ impl Engine {
                 self.fail_state(why, now);
                 continue;
             }
-            if !self.may_begin_step(step) {
+            if self.awaits_who_was_left(now) || !self.may_begin_step(step) {
                 return;
             }
             self.volatile.network.begin(step);
@@ -229,6 +229,7 @@ impl Engine {
     /// The change of state under way has failed.
     fn fail_state(&mut self, why: StateFailure, at: Ns) {
         self.volatile.network.fail();
+        self.volatile.left_shown_from = Some(self.answers_valid_from(at));
         self.volatile.failure = Some(why);
         self.log.push(Event::StateFailed { at, why });
     }

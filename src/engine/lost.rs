@@ -87,7 +87,7 @@ impl Engine {
     /// These are lost, too: they take no outputs, and SET_STATE brings them back like other lost slaves, configured again
     /// and with their outputs off.
     pub(super) fn note_lost(&mut self, at: Ns) {
-        if !self.network().notices_losses() {
+        if !self.network().notices_losses(self.volatile.left_shown_from.is_some()) {
             return;
         }
         let gone = self.inputs.lost.union(self.left_behind());
@@ -208,6 +208,17 @@ impl Engine {
     /// Commands that were executed will not be sent, because OP begins or ends.
     pub(super) fn drop_commanded(&mut self) {
         self.counters.for_lost += u64::from(std::mem::take(&mut self.commanded).len());
+    }
+
+    /// Whether no step may begin yet, because a change of state has failed and no answer has shown which slaves it has left in
+    /// another state. These are lost, and the next change has to bring them back as such. A bus that is silent shows it never.
+    pub(super) fn awaits_who_was_left(&mut self, now: Ns) -> bool {
+        let left_shown_from = self.volatile.left_shown_from;
+        let awaits = left_shown_from.is_some_and(|from| self.last_passed < from) && !self.is_bus_silent(now);
+        if !awaits {
+            self.volatile.left_shown_from = None;
+        }
+        awaits
     }
 
     /// Whether a step may begin. Lost slaves return to OP only when a bus that takes outputs ahead has none left from

@@ -145,11 +145,14 @@ impl Network {
 
     /// Whether slaves that do not answer now are lost. In OP they always are, and in SafeOP except during a change to OP,
     /// which waits for them until its deadline. Below SafeOP no process data are exchanged, and the next change of state
-    /// finds out. SK-4 \[OURS]
-    pub(super) fn notices_losses(&self) -> bool {
+    /// finds out. SK-4 \[OURS] A change that has not begun any step, because it `awaits` what the one before has left
+    /// behind, waits for nobody yet.
+    pub(super) fn notices_losses(&self, awaits: bool) -> bool {
         match self.reached {
             Some(MasterState::Op) => true,
-            Some(MasterState::SafeOp) => self.change.is_none_or(|change| change.target <= MasterState::SafeOp),
+            Some(MasterState::SafeOp) => {
+                awaits || self.change.is_none_or(|change| change.target <= MasterState::SafeOp)
+            }
             _ => false,
         }
     }

@@ -6,7 +6,7 @@ use super::restore::Restores;
 use super::sdo::SdoSlot;
 use super::{StateFailure, lost, test_mode};
 use crate::cia402::Mode;
-use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Role, SlaveSet};
+use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 
 /// The CRC switches of SET_EX.
@@ -51,6 +51,9 @@ pub(super) struct Volatile {
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
     pub(super) answers_valid_from: lost::AnswersValidFrom,
+    /// A change of state has failed: the time from which answers show in which states it has left the slaves. `None`: that
+    /// is known.
+    pub(super) left_shown_from: Option<Ns>,
     pub(super) test: test_mode::TestPhase,
     /// The value that the board or an SDO of the host has written to 0x6060 (0x6860) last.
     pub(super) modes_written: [[u8; MAX_AXES]; MAX_SLAVES],
@@ -84,6 +87,7 @@ impl Volatile {
             second_axes: SlaveSet::EMPTY,
             syncs: [DriveSync::DcSync; MAX_SLAVES],
             answers_valid_from: [0; MAX_SLAVES],
+            left_shown_from: None,
             test: test_mode::TestPhase::default(),
             modes_written: [[0; MAX_AXES]; MAX_SLAVES],
             axes: [[Axis::default(); MAX_AXES]; MAX_SLAVES],

@@ -11,7 +11,7 @@ use ecmsk::slave::{AlStatus, Io, Slave};
 use crate::host::Host;
 use crate::network_rig::{Net, buses, set, two_buses};
 use crate::probe::drives;
-use support::ahead_bus::AheadBus;
+use support::ahead_bus::{Ahead, AheadBus, Honesty};
 use support::hand_on;
 
 const REFUSAL: AlStatus = AlStatus(0x0011);
@@ -83,6 +83,32 @@ fn it_comes_back() {
             net.host.servo_on(1);
             net.stream(5).settle();
             assert_eq!([1, 2].map(|slave| net.host.drive(slave).position), [net.targets; 2], "{how:?} {to}");
+        }
+    }
+}
+
+/// SK-4.73 SK-12.5 The same when SET_STATE comes at once, before the answers of a late bus show who has left: those are waited
+/// for, in OP and in SafeOP.
+#[test]
+fn it_comes_back_at_once() {
+    let late =
+        Ahead { honesty: Honesty { seed: 1, keeps: 64, jitter: 20, ..Honesty::default() }, ..Ahead::kind(16, 5, 0, 0) };
+    for how in buses().chain([Some(late)]) {
+        for (from, to) in [(Op, SafeOp), (Op, PreOp), (SafeOp, PreOp)] {
+            let mut net = if from == Op { Net::on(how, 2) } else { Net::new(how, 2) };
+            net.host.go(from);
+            refuse(&net, to);
+            let configured = net.puppets[0].strings().roles.len();
+            let mark = net.host.mark();
+            net.host.master(MasterCommand::SetState(to));
+            net.host.until("the failure", |host| host.board.engine().state().is_failed());
+            net.host.master(MasterCommand::SetState(Op));
+            net.host.until("OP", |host| host.board.engine().state() == StateByte(8)).cycles(100);
+            let what = format!("{how:?} {from} {to}");
+            let told: Vec<_> = net.host.board.engine().events_since(mark).collect();
+            assert!(told.iter().any(|event| matches!(event, Event::SlaveLeft { slave: 1, .. })), "{what}: {told:?}");
+            assert_eq!(net.puppets[0].strings().roles.len(), configured + 1, "{what}");
+            assert!(!net.host.drive(1).statusword.is_enabled(), "{what}");
         }
     }
 }

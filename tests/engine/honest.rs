@@ -125,6 +125,19 @@ fn a_loss_known_when_op_is_over() {
     }
 }
 
+/// SK-12.5 A slave that was silent before the first outputs of the board were sent has got none of them.
+#[test]
+fn a_loss_before_the_first_outputs() {
+    let mut net = Net::new(Some(but(Honesty { loss_delay: 40, keeps: 64, ..Honesty::default() })), 2);
+    net.host.go(Op);
+    net.network.silence(2, true);
+    for slave in [1, 2] {
+        net.host.slave(slave, SlaveCommand::ServoOn);
+    }
+    net.until_state(0x18);
+    assert_eq!((net.lost(), net.host.counters().for_lost), (set(&[2]), 1));
+}
+
 /// SK-12.7 A bus that configures no slave without the others: bringing one back throws them out of OP. That is logged, their
 /// motors stay off until they are switched on, and one SET_STATE brings all back. SK-4.62
 #[test]

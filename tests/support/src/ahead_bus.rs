@@ -134,7 +134,7 @@ impl Ahead {
 struct Silence {
     /// The cycle in which it began, and the first outputs that the slave has not got.
     since: u64,
-    outputs: Option<u64>,
+    outputs: u64,
 }
 
 /// What it does at a clear.
@@ -279,7 +279,8 @@ impl<B: Fieldbus> AheadBus<B> {
     /// it has not got.
     fn hide_losses(&mut self, seen: &mut Inputs, carries_news: bool) {
         let delay = self.how.honesty.loss_delay;
-        let first = self.sent.map(|id| if carries_news { id } else { id + 1 });
+        // A slave that fell silent before any outputs were sent has got none.
+        let first = self.sent.map_or(0, |id| if carries_news { id } else { id + 1 });
         for ((slave, silent), lost_from) in (1..).zip(&mut self.silent).zip(&mut seen.lost_from) {
             if !seen.lost.contains(slave) {
                 *silent = None;
@@ -290,7 +291,7 @@ impl<B: Fieldbus> AheadBus<B> {
             if self.cycles - since < delay {
                 seen.lost.remove(slave);
             } else {
-                *lost_from = outputs;
+                *lost_from = Some(outputs);
             }
         }
     }

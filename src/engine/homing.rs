@@ -206,6 +206,13 @@ impl AxisHoming {
         self.phase = Phase::Requested;
     }
 
+    /// GO_HOME waits: bit 4 does not rise in the next outputs.
+    pub(super) fn wait(&mut self) {
+        if self.phase == Phase::Requested {
+            self.low_sets_left = self.low_sets_left.max(1);
+        }
+    }
+
     /// Ends homing if it is under way. Whether it was.
     pub(super) const fn end(&mut self, end: HomingEnd) -> bool {
         if !self.is_homing() {

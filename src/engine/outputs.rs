@@ -73,6 +73,7 @@ impl Engine {
             }
             let id = self.next_output_id;
             self.outputs.id = id;
+            self.hold_go_home();
             let record = self.records.of_mut(id);
             refresh_outputs(&mut self.outputs, &mut self.volatile, record);
             record.heads = self.volatile.heads;

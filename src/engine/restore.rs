@@ -138,6 +138,16 @@ impl Engine {
         self.volatile.axes[slave - 1][axis].homing.is_ending()
     }
 
+    /// A GO_HOME waits for the end of a write of the axis's mode that the host has begun before it. Such a write ends homing,
+    /// and would do so while the drive goes home: at any time, and before the target of CSP is one of after the home event.
+    pub(super) fn hold_go_home(&mut self) {
+        let Some((slave, object)) = self.volatile.sdo.running_write() else { return };
+        let axes = self.volatile.axes.get_mut(usize::from(slave).wrapping_sub(1));
+        if let (Some(axes), Some(axis)) = (axes, mode_object(object)) {
+            axes[axis].homing.wait();
+        }
+    }
+
     /// Gives up restoring a mode of a slave that is lost.
     pub(super) fn give_up_restore_of_lost(&mut self, slave: u8, axis: usize, now: Ns) {
         let restore = Restore { slave, axis };

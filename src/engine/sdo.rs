@@ -80,6 +80,11 @@ impl SdoSlot {
         self.waiting.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
     }
 
+    /// Slave and object of the transfer under way, if it is a download.
+    pub(super) fn running_write(&self) -> Option<(u8, ObjectAddress)> {
+        self.running.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
+    }
+
     /// The transfer that waited was started.
     pub(super) fn started(&mut self) {
         self.running = self.waiting.take();

@@ -102,7 +102,8 @@ fn the_hosts_mode_counts() {
     }
 }
 
-/// SK-6.5 A write of the mode that was under way already when GO_HOME came ends that homing, and its mode stays.
+/// SK-6.5 A write of the mode that was under way already when GO_HOME came ends that homing, and its mode stays. The drive does
+/// not begin to go home: it might come home just before its mode changes, and no target of CSP is there yet (SK-7.41).
 #[test]
 fn a_write_under_way_when_homing_begins() {
     for mode in [6, 8] {
@@ -116,7 +117,21 @@ fn a_write_under_way_when_homing_begins() {
         home.host.cycles(900);
         assert_eq!(home.ends(mark), [(1, HomingEnd::ModeWritten)], "{mode}");
         assert_eq!((home.drive().modes(), home.phase(1)), (vec![mode], HomingPhase::Idle));
+        assert_eq!(home.drive().begun(), 0, "{mode}");
     }
+}
+
+/// SK-6.5 A write that the drive refuses was under way when GO_HOME came: homing waits for it, and begins.
+#[test]
+fn a_refused_write_under_way_when_homing_begins() {
+    let mut home = Home::ready(Firmware::V17, None);
+    home.network.delay_sdo(1, 300 * MS);
+    home.host.sdo(write_mode(1, 99)).cycles(5);
+    let mark = home.host.mark();
+    home.go_home(1).drained().cycles(40);
+    assert_eq!((home.phase(1), home.drive().begun()), (HomingPhase::Homing, 0));
+    home.host.cycles(900);
+    assert_eq!((home.ends(mark), home.drive().begun()), (vec![(1, HomingEnd::Attained)], 1));
 }
 
 /// SK-6.5 A host's write of 0x6060 ends homing when it is taken, though it has to wait for a transfer of the board's own;

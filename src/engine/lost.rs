@@ -245,6 +245,21 @@ impl Engine {
         at_rest && !self.is_clearing()
     }
 
+    /// With no slave in OP a bus may send no outputs. Entries that it was handed would wait until slaves are back, and those
+    /// behind them would be executed then, an SV_ON of long ago, too. So entries are cleared if cycles have passed without
+    /// them; not while slaves return to OP, since what is rolled back then would be theirs.
+    pub(super) fn clear_what_nobody_gets(&mut self) {
+        let alone = self.present(self.used_slaves()).is_empty();
+        let return_now = self.job.is_some_and(|work| matches!(work.step, Step::RecoverTo(_)));
+        if self.entries_ahead.is_empty() || !alone || return_now {
+            return;
+        }
+        let could_go_from = self.records.of(self.unconfirmed_from).pushed_at.max(self.last_carried);
+        if self.last_passed > could_go_from + 2 * self.longest_period_ns() {
+            self.clear_ahead();
+        }
+    }
+
     /// The time from which cycles ran after something that has ended by `now`.
     pub(super) fn answers_valid_from(&self, now: Ns) -> Ns {
         match self.pacing {

@@ -154,6 +154,8 @@ pub struct Engine {
     shown_heads: [SlotHead; MAX_SLAVES],
     /// When the newest cycle of the bus passed.
     last_passed: Ns,
+    /// When the newest cycle passed that carried new outputs.
+    last_carried: Ns,
     /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
     /// The working counter of the newest cycle was too low, and the bus names no lost slave.
@@ -205,6 +207,7 @@ impl Engine {
             commanded: SlaveSet::EMPTY,
             shown_heads: [SlotHead::default(); MAX_SLAVES],
             last_passed: 0,
+            last_carried: 0,
             next_deadline: None,
             working_counter_short: false,
             local_inputs: 0,
@@ -369,6 +372,7 @@ impl Engine {
             self.run_test(now);
         }
         if self.network().in_op() {
+            self.clear_what_nobody_gets();
             self.push_outputs(now, bus);
         }
         let (in_op, mut passed) = (self.network().in_op(), false);

@@ -22,7 +22,9 @@ impl Engine {
             self.refresh_response();
             self.note_working_counter(done);
         }
-        self.newest_answered = carried.or(self.newest_answered);
+        if carried.is_some() {
+            (self.newest_answered, self.last_carried) = (carried, done.at);
+        }
     }
 
     /// Refreshes the response, but for the slots of slaves in OP.

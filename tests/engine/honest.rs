@@ -8,10 +8,11 @@ use MasterState::{Op, PreOp, SafeOp};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig, Event};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::{CycleDone, Fieldbus, Inputs, Ns};
+use ecmsk::fieldbus::{AlState, CycleDone, Fieldbus, Inputs, Ns};
 use ecmsk::sk::{
     FIFO_ENTRIES, Frame, MasterCommand, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand, StateByte,
 };
+use ecmsk::slave::AlStatus;
 
 use crate::network_rig::{Net, buses, set};
 use crate::puppet::Puppet;
@@ -170,6 +171,40 @@ fn configuring_one_disturbs_the_others() {
         net.stream(50).settle();
         for slave in [1, 2, 3] {
             assert_eq!(*net.received(slave).last().unwrap(), from + 50);
+        }
+    }
+}
+
+/// SK-12.2 With all slaves lost and nobody in OP such a bus sends nothing: entries do not wait in the FIFO until the slaves are
+/// back. They count as cleared, their commands as those for lost slaves (SK-4.61), and no motor starts by them.
+#[test]
+fn entries_that_nobody_gets_are_cleared() {
+    for honesty in [Honesty::default(), Honesty { clear_looks: 6, jitter: 20, keeps: 64, ..Honesty::default() }] {
+        let mut net = Net::on(Some(but(Honesty { disturbs: true, ..honesty })), 2);
+        net.network.lose(2);
+        net.until_state(0x18);
+        net.network.find(2);
+        [1, 2].into_iter().for_each(|slave| net.network.refuse(slave, Some((AlState::Op, AlStatus(0x0011)))));
+        net.host.master(MasterCommand::SetState(Op)).cycles(500);
+        assert_eq!((net.host.state().0, net.lost()), (0x18, set(&[1, 2])));
+        let before = net.host.counters();
+        for _ in 0..300 {
+            net.target();
+            net.host.cycles(2);
+        }
+        for slave in [1, 2] {
+            net.host.slave(slave, SlaveCommand::ServoOn);
+        }
+        net.host.cycles(300);
+        let after = net.host.counters();
+        assert_eq!((net.host.answer().fifo_free, after.full - before.full), (FIFO_ENTRIES, 0));
+        assert_eq!((after.cleared - before.cleared, after.for_lost - before.for_lost), (302, 602));
+        [1, 2].into_iter().for_each(|slave| net.network.refuse(slave, None));
+        net.puppets.iter().for_each(Puppet::forget);
+        net.ask(Op, StateByte(8)).host.cycles(200);
+        for slave in [1, 2] {
+            assert_eq!(net.puppets[slave - 1].controlwords(), [0], "slave {slave} stays off");
+            net.host.servo_on(slave);
         }
     }
 }

@@ -130,7 +130,7 @@ fn a_refused_write_under_way_when_homing_begins() {
     let mark = home.host.mark();
     home.go_home(1).drained().cycles(40);
     assert_eq!((home.phase(1), home.drive().begun()), (HomingPhase::Homing, 0));
-    home.host.cycles(900);
+    home.host.cycles(1200);
     assert_eq!((home.ends(mark), home.drive().begun()), (vec![(1, HomingEnd::Attained)], 1));
 }
 

@@ -34,11 +34,17 @@ fn the_runner_is_never_early() {
         let passed = began.elapsed();
         assert!(u128::from(at) <= passed.as_nanos(), "a report of {at} ns after {passed:?}");
     }
-    let late = runner.lateness();
-    let passed = began.elapsed();
+    // Cycles that are made up for one after the other are counted when the last of them has ended.
+    let (late, passed) = loop {
+        let late = runner.lateness();
+        let passed = began.elapsed();
+        if late.cycles >= 80 {
+            break (late, passed);
+        }
+        assert!(passed < PATIENCE.unwrap(), "{late:?} after {passed:?}");
+    };
     assert!(u128::from(late.worst_ns) <= passed.as_nanos(), "{late:?} after {passed:?}");
-    // The last one is counted when it has ended.
-    assert!((79..=passed.as_millis() + 1).contains(&late.cycles.into()), "{late:?} after {passed:?}");
+    assert!(u128::from(late.cycles) <= passed.as_millis() + 1, "{late:?} after {passed:?}");
 }
 
 /// LIB-55 It says what the board has counted, and what nobody has read.

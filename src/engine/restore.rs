@@ -60,6 +60,11 @@ impl Restores {
     }
 }
 
+/// Slave and axis whose mode of operation a download of the host writes; `None`: it writes another object.
+fn mode_write((slave, object): (u8, ObjectAddress)) -> Option<(usize, usize)> {
+    Some((slave.into(), mode_object(object)?))
+}
+
 impl Engine {
     /// The homing of that axis has ended and its mode may change: the mode is to be restored.
     pub(super) fn restore_later(&mut self, slave: usize, axis: usize) {
@@ -131,9 +136,7 @@ impl Engine {
     /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not
     /// come to a standstill after homing. Such a transfer ends homing.
     pub(super) fn holds_mode_write(&mut self, now: Ns) -> bool {
-        let waiting = self.volatile.sdo.waiting_write();
-        let written = waiting.and_then(|(slave, object)| Some((usize::from(slave), mode_object(object)?)));
-        let Some((slave, axis)) = written else { return false };
+        let Some((slave, axis)) = self.volatile.sdo.waiting_write().and_then(mode_write) else { return false };
         self.end_homing_of_axis(slave, axis, HomingEnd::ModeWritten, now);
         self.volatile.axes[slave - 1][axis].homing.is_ending()
     }
@@ -141,11 +144,8 @@ impl Engine {
     /// A GO_HOME waits for the end of a write of the axis's mode that the host has begun before it. Such a write ends homing,
     /// and would do so while the drive goes home: at any time, and before the target of CSP is one of after the home event.
     pub(super) fn hold_go_home(&mut self) {
-        let Some((slave, object)) = self.volatile.sdo.running_write() else { return };
-        let axes = self.volatile.axes.get_mut(usize::from(slave).wrapping_sub(1));
-        if let (Some(axes), Some(axis)) = (axes, mode_object(object)) {
-            axes[axis].homing.wait();
-        }
+        let Some((slave, axis)) = self.volatile.sdo.running_write().and_then(mode_write) else { return };
+        self.volatile.axes[slave - 1][axis].homing.wait();
     }
 
     /// Gives up restoring a mode of a slave that is lost.

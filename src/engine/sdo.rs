@@ -21,6 +21,11 @@ impl SdoTransfer {
             Some(_) => CommandId::SdoWrite,
         }
     }
+
+    /// Slave and object, if it is a download.
+    fn written(&self) -> Option<(u8, ObjectAddress)> {
+        self.write.map(|_| (self.slave, self.object))
+    }
 }
 
 /// What happened to a request that was not rejected.
@@ -77,12 +82,12 @@ impl SdoSlot {
 
     /// Slave and object of the transfer that waits, if it is a download.
     pub(super) fn waiting_write(&self) -> Option<(u8, ObjectAddress)> {
-        self.waiting.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
+        self.waiting.as_ref().and_then(SdoTransfer::written)
     }
 
     /// Slave and object of the transfer under way, if it is a download.
     pub(super) fn running_write(&self) -> Option<(u8, ObjectAddress)> {
-        self.running.filter(|transfer| transfer.write.is_some()).map(|transfer| (transfer.slave, transfer.object))
+        self.running.as_ref().and_then(SdoTransfer::written)
     }
 
     /// The transfer that waited was started.

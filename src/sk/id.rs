@@ -7,9 +7,9 @@
 //! - `engine/commands.rs`: what the board does;
 //! - `tests/support/src/guide.rs` and `docs/rules/board.md`: the guide's table, and the rule.
 //!
-//! Tests name each that is missing (`tests/sk/commands.rs`, which also has the bytes of every command), and once the command is
-//! a variant of its enum in `command/` the compiler names the matches over it. What else depends on a command, such as the kind of slave that a
-//! dump guesses by it, follows from its row.
+//! Tests name each that is missing (`tests/sk/commands.rs`, which also has the bytes of every command), and once the
+//! command is a variant of its enum in `command/` the compiler names the matches over it. What else depends on a command,
+//! such as the kind of slave that a dump guesses by it, follows from its row.
 
 use core::fmt;
 

@@ -1,7 +1,7 @@
 //! The kinds of simulated slaves: which there are, and in what they differ.
 //!
-//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of [`SlaveModel`] with its
-//! row here.
+//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of
+//! [`SlaveModel`] with its row here.
 
 #[cfg(feature = "sim")]
 use crate::link::sim;

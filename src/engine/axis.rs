@@ -31,6 +31,15 @@ pub(super) struct AxisRequest {
     pub(super) out: AxisOut,
 }
 
+/// How often something other than a command has ended what commands had requested of an axis; both wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Ends {
+    /// An answer of the drive has ended an SV_ON or SV_OFF.
+    by_drive: u8,
+    /// The slave was lost, which has ended all requests.
+    by_loss: u8,
+}
+
 /// One axis as the board drives it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
@@ -39,8 +48,7 @@ pub(super) struct Axis {
     enabled: bool,
     /// The statusword of the last cycle showed Fault or Fault reaction active.
     faulted: bool,
-    /// How often an answer of the drive, or its loss, has ended what SV_ON or SV_OFF had begun; it wraps.
-    ends: u16,
+    ends: Ends,
     pub(super) homing: AxisHoming,
 }
 
@@ -49,7 +57,7 @@ pub(super) struct Axis {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AxisCheckpoint {
     requested: AxisRequest,
-    ends: u16,
+    ends: Ends,
     homing_low_sets: u8,
 }
 
@@ -162,7 +170,8 @@ impl Axis {
     /// The slave of the axis is lost: all requests end, so that no motor starts when the slave comes back. The target
     /// holds the axis where it was measured last.
     pub(super) fn lose(&mut self, input: &AxisIn, mode: Option<Mode>) {
-        *self = Self { ends: self.ends.wrapping_add(1), ..Self::default() };
+        let ends = Ends { by_loss: self.ends.by_loss.wrapping_add(1), ..self.ends };
+        *self = Self { ends, ..Self::default() };
         self.requested.out.target = holding_target(input, mode);
     }
 
@@ -174,14 +183,17 @@ impl Axis {
     /// Takes back what was requested since `then`, because SET_FIFO has cleared those entries. An axis that is off, or has been
     /// off since, is off: no motor starts because entries were cleared, not even for the time until the next answer \[OURS].
     /// What has ended an SV_ON that was sent is not undone by another one that was not. An axis that does not follow its target
-    /// is held where it was measured last, not where it was then. `newest`: the state in the newest answer. `homing`: the state
-    /// of homing then; `None`: the axis was not homing.
+    /// is held where it was measured last, not where it was then. If the slave was lost since, the axis returns to what it was
+    /// when the slave came back: off, digital outputs too. `newest`: the state in the newest answer. `homing`: the state of
+    /// homing then; `None`: the axis was not homing.
     pub(super) fn roll_back_to(
         &mut self,
         then: &AxisCheckpoint,
         newest: Option<DriveState>,
         homing: Option<&AxisHoming>,
     ) {
+        let when_back = AxisCheckpoint { ends: self.ends, ..AxisCheckpoint::default() };
+        let (then, homing) = if self.ends.by_loss != then.ends.by_loss { (&when_back, None) } else { (then, homing) };
         let mut requested = then.requested;
         if self.requested.power == Power::Off || self.ends != then.ends {
             (requested.power, requested.out.controlword) = (Power::Off, Controlword::DISABLE_VOLTAGE);
@@ -221,7 +233,7 @@ impl Axis {
             _ => (Power::Off, Controlword::DISABLE_VOLTAGE),
         };
         if power == Power::Off && self.requested.power != Power::Off {
-            self.ends = self.ends.wrapping_add(1);
+            self.ends.by_drive = self.ends.by_drive.wrapping_add(1);
         }
         self.requested.power = power;
         self.requested.out.controlword = controlword;

@@ -10,10 +10,12 @@ use ecmsk::engine::{Board, EngineConfig, Event};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AlState, CycleDone, Fieldbus, Inputs, Ns};
 use ecmsk::sk::{
-    FIFO_ENTRIES, Frame, MasterCommand, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand, StateByte,
+    FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand,
+    StateByte,
 };
 use ecmsk::slave::AlStatus;
 
+use crate::host::{self, Host};
 use crate::network_rig::{Net, buses, set};
 use crate::puppet::Puppet;
 use support::ahead_bus::{Ahead, Honesty};
@@ -209,6 +211,46 @@ fn entries_that_nobody_gets_are_cleared() {
     }
 }
 
+/// SK-4.62 SK-12.2 SET_FIFO 1 while slaves that were all lost return to OP, on a bus whose clear ends when they are back: the
+/// newest outputs that were sent are from before the loss, and no output of an IO slave comes on again by them.
+#[test]
+fn a_clear_brings_back_nothing_from_before_a_loss() {
+    for wait in (410..560).step_by(10) {
+        // Slave 1 leaves OP because slave 2 is configured, so that the bus sends nothing after the outputs that it got.
+        let how = but(Honesty { clear_looks: 400, disturbs: true, ..Honesty::default() });
+        let puppets = [Puppet::new(), Puppet::new()];
+        let bus = SimBus::new(puppets.iter().map(Puppet::boxed).collect());
+        let network = bus.handle();
+        let mut host = host::on(Some(how), EngineConfig::default(), bus);
+        host.go(Op).drained();
+        let refuse = |refusal| [1, 2].into_iter().for_each(|slave| network.refuse(slave, refusal));
+        let ask_for_op = |host: &mut Host, bits| {
+            host.build(|frame, size| {
+                frame.put_master(size, &MasterCommand::SetState(Op));
+                frame.put_slave(size, 1, &SlaveCommand::IoWrite(bits).into());
+            });
+        };
+        network.lose(2);
+        host.until("the loss", |host| host.state().0 == 0x18);
+        network.find(2);
+        refuse(Some((AlState::Op, AlStatus(0x0011))));
+        ask_for_op(&mut host, 0x101);
+        host.cycles(500);
+        assert_eq!((host.state().0, host.board.engine().lost()), (0x18, set(&[1, 2])));
+        assert_eq!(puppets[0].last().outputs, 0x101);
+        refuse(None);
+        puppets[0].forget();
+        ask_for_op(&mut host, 0x102);
+        host.cycles(wait);
+        assert_eq!(host.state().0, 0x18);
+        host.master(MasterCommand::SetFifo(FifoAction::Clear)).until("OP", |host| host.state().0 == 8).cycles(500);
+        assert!(puppets[0].strings().sent.len() > 300);
+        assert!(puppets[0].strings().sent.iter().all(|out| out.outputs == 0), "clear after {wait} cycles");
+        host.slave(1, SlaveCommand::IoWrite(0x77)).drained().cycles(20);
+        assert_eq!(puppets[0].last().outputs, 0x77);
+    }
+}
+
 /// SK-12.10 A bus may refuse an SDO beside a change of state: it waits for the end of the change, and is answered then.
 #[test]
 fn an_sdo_waits_for_the_end_of_a_change() {
@@ -254,7 +296,7 @@ fn local_io_is_that_of_the_bus() {
             inputs: Arc::clone(&inputs),
             outputs: Arc::clone(&outputs),
         };
-        let mut host = crate::host::on(how, EngineConfig::default(), pins);
+        let mut host = host::on(how, EngineConfig::default(), pins);
         host.declare_drives(1);
         for (n, state) in [PreOp, SafeOp, Op].into_iter().enumerate() {
             host.go(state);
@@ -310,7 +352,7 @@ fn a_clear_takes_a_while() {
             let before = net.host.counters();
             (0..100).for_each(|_| net.target());
             net.host.cycles(20);
-            let clear = MasterCommand::SetFifo(ecmsk::sk::FifoAction::Clear);
+            let clear = MasterCommand::SetFifo(FifoAction::Clear);
             let mut frame = Frame::new();
             frame.put_master(net.host.size, &clear);
             net.host.arrive(&frame).cycle();

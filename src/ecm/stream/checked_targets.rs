@@ -136,17 +136,22 @@ impl CheckedTargets {
     /// second axis.
     #[inline]
     pub(super) fn set_first(&mut self, slave: u8, target: i32, mode: Mode, guard: bool) -> Result<(), EcmError> {
-        let command = if mode == Mode::Csp { SlaveCommand::Csp } else { SlaveCommand::Csv };
         if matches!(self.network.slave(slave), Some(Slave::Hsp(_))) {
             let motion = self.first_of_hsp(slave, target, mode);
-            return self.set(slave, command(motion), guard);
+            let command = if mode == Mode::Csp { SlaveCommand::Csp(motion) } else { SlaveCommand::Csv(motion) };
+            return self.set(slave, command, guard);
         }
         // Other slaves have one axis, and 40 of them come this way in a cycle.
         let axis_guard = self.check_axis(slave, mode)?;
-        if let (Mode::Csp, Guard::Within(limit), true) = (mode, axis_guard, guard) {
+        let motion = Motion::to(target);
+        if mode != Mode::Csp {
+            self.put(slave, SlaveCommand::Csv(motion));
+            return Ok(());
+        }
+        if let (Guard::Within(limit), true) = (axis_guard, guard) {
             check_distance(slave, target, self.actual(slave), limit)?;
         }
-        self.put(slave, command(Motion::to(target)));
+        self.put(slave, SlaveCommand::Csp(motion));
         Ok(())
     }
 

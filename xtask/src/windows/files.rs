@@ -56,7 +56,8 @@ impl Built {
         let shown = details.object(width, &target.join(width.name()))?;
         let mut cargo = cargo(project, width, &target)?;
         cargo.arg("rustc").args(*what).args(["--profile", PROFILE]);
-        cargo.args(["-Zbuild-std=std,panic_abort", "--target", width.target()]);
+        // What rustc knows of a crate stands in a file beside the library, and not in it once more: 400 MB less.
+        cargo.args(["-Zbuild-std=std,panic_abort", "-Zno-embed-metadata", "--target", width.target()]);
         println!("building {} for {}", details.name, width.name());
         cargo.arg("--").arg(format!("-Clink-arg={}", shown.display()));
         if width == Width::X86 && matches!(details.kind, Kind::Library) {

@@ -83,6 +83,9 @@ pub fn pack(
         archive.copy(library.to_string_lossy().trim_start_matches('/'), &library)?;
     }
 
+    // All of them are in the archive.
+    fs::remove_dir_all(&stripped).map_err(Error::file("remove", &stripped))?;
+
     let initrd = folder.join("initrd");
     fs::write(&initrd, archive.finish()).map_err(Error::file("write", &initrd))?;
     Ok(initrd)

@@ -12,9 +12,9 @@ const KERNEL: &str = "linux-image-amd64";
 /// Further packages: busybox is the guest's user land, usbip attaches a board, libusb and libudev are loaded by the
 /// link `usb:`, and libelf1 by the programs of linux-kbuild.
 const OTHERS: [&str; 5] = ["busybox-static", "usbip", "libusb-1.0-0", "libudev1", "libelf1"];
-/// Folders of modules for hardware that the guest does not have, which is most of the kernel's package.
-const LEFT_OUT: [&str; 6] =
-    ["drivers/gpu", "drivers/infiniband", "drivers/media", "drivers/net", "drivers/scsi", "sound"];
+/// The folders of modules for what the guests have. The others are most of the kernel's package.
+const KEPT: [&str; 8] =
+    ["drivers/hid", "drivers/usb", "drivers/virtio", "fs/9p", "fs/fscache", "fs/netfs", "fs/overlayfs", "net/9p"];
 /// The file in the root that lists the packages that it was made of.
 const MADE_OF: &str = "made-of";
 
@@ -35,17 +35,18 @@ pub fn fetch(folder: &Path) -> Result<Packages, Error> {
     let release = image.trim_start_matches("linux-image-").to_owned();
     let root = folder.join(format!("root-{release}"));
     let names = names(&image, &release);
-    let made_of = names.join(" ");
+    let made_of = format!("{} with {}", names.join(" "), KEPT.join(" "));
     if fs::read_to_string(root.join(MADE_OF)).ok().as_ref() != Some(&made_of) {
         let (debs, unpacked) = (folder.join("debs"), folder.join("unpacking"));
         for folder in [&debs, &unpacked] {
             empty(folder)?;
         }
-        println!("fetching for the guest: {made_of}");
+        println!("fetching for the guest: {}", names.join(" "));
         command::run(Command::new("apt-get").current_dir(&debs).args(["-qq", "download"]).args(names))?;
         for deb in list(&debs)? {
             unpack(&deb, &unpacked)?;
         }
+        remove_modules(&unpacked.join("lib/modules").join(&release).join("kernel"))?;
         fs::remove_dir_all(&debs).map_err(Error::file("remove", &debs))?;
         let list = unpacked.join(MADE_OF);
         fs::write(&list, made_of).map_err(Error::file("write", &list))?;
@@ -84,13 +85,23 @@ impl Packages {
     }
 }
 
-/// Unpacks a package without the folders in [`LEFT_OUT`].
+/// Unpacks a package without its documentation.
 fn unpack(deb: &Path, to: &Path) -> Result<(), Error> {
-    let without = LEFT_OUT.map(|folder| format!("--exclude=*/kernel/{folder}")).join(" ");
     let mut shell = Command::new("sh");
     // If dpkg-deb fails, tar misses the end of the archive, which is an error.
-    let line = format!("dpkg-deb --fsys-tarfile \"$0\" | tar --extract --directory \"$1\" {without}");
-    command::run(shell.args(["-ec", &line]).arg(deb).arg(to))
+    let line = "dpkg-deb --fsys-tarfile \"$0\" | tar --extract --directory \"$1\" --exclude=./usr/share/doc";
+    command::run(shell.args(["-ec", line]).arg(deb).arg(to))
+}
+
+/// Removes the modules in `folder` that are in none of the folders in [`KEPT`].
+fn remove_modules(folder: &Path) -> Result<(), Error> {
+    // From the folder itself, since its own path may look like a pattern.
+    let mut find = Command::new("find");
+    find.current_dir(folder).args([".", "-name", "*.ko"]);
+    for kept in KEPT {
+        find.args(["-not", "-path", &format!("./{kept}/*")]);
+    }
+    command::run(find.arg("-delete"))
 }
 
 /// The names of all packages: the kernel, what is needed to build modules for it, and the others.

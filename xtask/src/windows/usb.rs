@@ -95,8 +95,9 @@ pub fn bench(project: &Project) -> Result<String, Error> {
 fn in_guest(project: &Project, words: &[String], is_shown: fn(&str) -> bool) -> Result<Vec<String>, Error> {
     let folder = folder(project).join("usb");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
-    let packages = packages::fetch(&project.target.join("xtask/rig"))?;
-    let kernel = kernel::unpack(&packages, &folder)?;
+    let rig = project.target.join("xtask/rig");
+    let packages = packages::fetch(&rig)?;
+    let kernel = kernel::unpack(&packages, &rig)?;
     let root = set_up_root(project)?;
     let share = share(project, &folder)?;
     let initrd = pack(&packages, &folder)?;

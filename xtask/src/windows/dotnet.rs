@@ -62,7 +62,8 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
         cargo.env("ECMSK_WINDOWS_STAGE", &prefix).env("ECMSK_WINE", &wine.script);
         cargo.env("ECMSK_WINE_PROGRAMS", &wine.programs).env("ECMSK_WINE_DOTNET", &dotnet);
         cargo.env("ECMSK_VB_PROGRAMS", out.join("vb")).env("ECMSK_DOTNET", DOTNET_CORE_3.program(project));
-    })
+    })?;
+    wine.clear()
 }
 
 /// The path of `dotnet.exe` in Wine.

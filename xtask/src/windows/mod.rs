@@ -163,7 +163,8 @@ pub fn test(project: &Project, width: Width, names: &[String]) -> Result<(), Err
     run_tests(project, width, names, &[dotnet::MODULE], |cargo| {
         cargo.env("ECMSK_WINDOWS_STAGE", &prefix).env("ECMSK_WINDOWS_HOST_TOOL", &tool);
         cargo.env("ECMSK_WINE", &wine.script).env("ECMSK_WINE_PROGRAMS", &wine.programs);
-    })
+    })?;
+    wine.clear()
 }
 
 /// Runs the tests of a width whose names contain one of `names` and none of `but`, with what `tell` tells them.

@@ -83,6 +83,16 @@ impl Wine {
         self.programs.parent().map(Path::to_owned).unwrap_or_default()
     }
 
+    /// Removes the folders of [`Self::programs`]: each test makes its own anew, with a copy of the DLL. Files stay.
+    pub fn clear(&self) -> Result<(), Error> {
+        for entry in fs::read_dir(&self.programs).map_err(Error::file("list", &self.programs))?.flatten() {
+            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                fs::remove_dir_all(entry.path()).map_err(Error::file("remove", &entry.path()))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Runs a program in a folder of [`Self::programs`].
     pub fn run(&self, folder: &str, words: &[&str]) -> Result<(), Error> {
         let mut script = Command::new(&self.script);

@@ -72,13 +72,13 @@ fn runtime(project: &Project, width: Width, wine: &Wine) -> Result<PathBuf, Erro
     if width == Width::X64 {
         return Ok(DOTNET_X64.folder(project).join(PROGRAM));
     }
-    // 32-bit Wine runs in another root, so it needs a copy.
+    // 32-bit Wine runs in another root, so its files have to be there, too; they are only read.
     let from = DOTNET_X86.folder(project);
     let name = from.file_name().unwrap_or_default();
     let copy = wine.root().join(name);
     if !copy.exists() {
         let new = copy.with_extension("new");
-        command::run(Command::new("cp").arg("--recursive").arg("--no-target-directory").arg(&from).arg(&new))?;
+        command::run(Command::new("cp").args(["--recursive", "--link", "--no-target-directory"]).arg(&from).arg(&new))?;
         fs::rename(&new, &copy).map_err(Error::file("rename", &new))?;
     }
     Ok(Path::new("/").join(name).join(PROGRAM))

@@ -22,14 +22,16 @@ pub struct System {
     /// A second architecture of which it has packages.
     pub also: Option<&'static str>,
     pub packages: &'static [&'static str],
-    /// The files that dpkg leaves out.
-    pub left_out: &'static str,
+    /// The files that dpkg leaves out, as patterns of paths.
+    pub left_out: &'static [&'static str],
+    /// What is done with the files of the new system, before it counts as made.
+    pub finish: fn(&Path) -> Result<(), Error>,
 }
 
 /// Makes a system below `folder` if there is none; returns its root.
 pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     let root = folder.join(system.name);
-    let made_of = format!("{RELEASE}: {}\n", system.packages.join(" "));
+    let made_of = format!("{RELEASE}: {} without {}\n", system.packages.join(" "), system.left_out.join(" "));
     if fs::read_to_string(root.join(MADE_OF)).is_ok_and(|text| text == made_of) {
         return Ok(root);
     }
@@ -46,7 +48,11 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     debootstrap.args(["--variant=minbase", RELEASE]).arg(&new).arg(&mirror);
     command::output(&mut debootstrap)?;
     write(&new.join("etc/apt/apt.conf.d/90ecmsk"), "APT::Install-Recommends \"0\";\n")?;
-    write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), system.left_out)?;
+    let left_out: String = system.left_out.iter().map(|files| format!("path-exclude={files}\n")).collect();
+    write(&new.join("etc/dpkg/dpkg.cfg.d/90ecmsk"), &left_out)?;
+    // debootstrap has unpacked them all the same.
+    let remove = format!("rm -rf {}", system.left_out.join(" "));
+    command::output(&mut inside(&new, &["sh", "-c", &remove]))?;
     if let Some(architecture) = system.also {
         command::output(&mut inside(&new, &["dpkg", "--add-architecture", architecture]))?;
     }
@@ -56,6 +62,7 @@ pub fn set_up(folder: &Path, system: &System) -> Result<PathBuf, Error> {
     // The lists of packages are not needed any more, because nothing else is fetched.
     let lists = new.join("var/lib/apt/lists");
     fs::remove_dir_all(&lists).map_err(Error::file("remove", &lists))?;
+    (system.finish)(&new)?;
     write(&new.join(MADE_OF), &made_of)?;
     // It gets its name last, when it is complete.
     fs::rename(&new, &root).map_err(Error::file("rename", &new))?;

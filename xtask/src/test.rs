@@ -295,7 +295,10 @@ pub fn rules(site: &Site) -> Result<(), Error> {
 }
 
 fn fuzz_targets(site: &Site) -> Result<(), Error> {
-    command::run(site.project.cargo().args(["check", "--manifest-path=fuzz/Cargo.toml"]))
+    let mut cargo = site.project.cargo();
+    // Not in fuzz/target, where all dependencies would be compiled once more.
+    cargo.args(["check", "--manifest-path=fuzz/Cargo.toml", "--target-dir"]).arg(&site.project.target);
+    command::run(&mut cargo)
 }
 
 fn staged(site: &Site) -> Result<(), Error> {

@@ -126,6 +126,7 @@
 //! | [`ecm`] | [`Ecm`], the API for programs: configuration, states, homing, motion, SDO, IO |
 //! | [`link`] | links to a board: the trait [`Link`](link::Link), the URI, `usb:`, `spi:`, `tcp:`, `sim:`, injected faults, recording |
 //! | [`sk`] | the wire format: slots, frames, CRC, commands and responses as types, a readable dump; `no_std` |
+//! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types; `no_std` |
 //! | [`ethercat`] | [`coe`] and [`cia402`]: objects, SDO abort codes, statusword and controlword; `no_std` |
 //! | [`engine`] | the model of the EC01M: states of the network, command FIFO, SDO slot, homing |
 //! | [`fieldbus`] | the trait by which the model reaches its slaves, and the simulated bus |
@@ -140,7 +141,7 @@
 //!
 //! | feature | default | what it adds |
 //! | --- | --- | --- |
-//! | `std` | yes | everything but [`sk`] and [`ethercat`], which need no operating system and no allocator |
+//! | `std` | yes | everything but [`sk`], [`xf`] and [`ethercat`], which need no operating system and no allocator |
 //! | `sim` | yes | simulated slaves and the link `sim:` |
 //! | `tcp` | yes | the link `tcp:` to a board that another program serves |
 //! | `usb` | | the link `usb:`. It needs libusb on Linux, which is loaded when the link is opened, and nothing on Windows |
@@ -169,6 +170,7 @@
 
 pub mod ethercat;
 pub mod sk;
+pub mod xf;
 
 pub use ethercat::{cia402, coe};
 

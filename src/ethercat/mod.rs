@@ -1,10 +1,13 @@
 //! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen
-//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]). No I/O, no state, no `std`.
+//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte order of the wire. No I/O, no
+//! state, no `std`.
 
 pub mod cia402;
 pub mod coe;
+mod little_endian;
 mod slave_set;
 
+pub use little_endian::{I32Le, U16Le, U32Le};
 pub use slave_set::{MAX_SLAVES, SlaveSet};
 
 /// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.

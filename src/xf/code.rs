@@ -1,0 +1,272 @@
+//! The 67 command codes and 91 functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
+//!
+//! Five codes, 31 to 35, carry 29 functions, which the parameter byte names; the other 62 are one function each. Codes that
+//! only the vendor's header names are unknown here, as to the chip.
+//!
+//! A new command begins here with its row; what follows is its type in [`request`](super::request) and its row in the table
+//! there, its answer in [`response`](super::response), and the lists of the tests.
+
+use core::fmt;
+
+/// When a command is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Timing {
+    /// At once: its answer has the result.
+    Immediate,
+    /// After a while, during which [`Status::BUSY`](super::Status::BUSY) is set and no other such command is taken.
+    NonImmediate,
+    /// `[OURS]` With parameter 0 after a while, with any other at once.
+    ByParameter,
+}
+
+/// Where the result of a command stands in its answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AnswerForm {
+    /// There is none.
+    Nothing,
+    /// In the return byte.
+    Value,
+    /// In the data segment.
+    Data,
+    /// In both.
+    ValueAndData,
+    /// Each function has its own.
+    ByFunction,
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Command {
+    /// The command.
+    pub code: CommandCode,
+    /// The name as in the manuals.
+    pub name: &'static str,
+    /// When it is done.
+    pub timing: Timing,
+    /// Where its result stands.
+    pub answer: AnswerForm,
+    /// The functions that the parameter byte names; empty where the command is one function.
+    pub functions: &'static [Function],
+}
+
+/// A function of the codes 31 to 35.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Function {
+    /// The parameter byte.
+    pub parameter: u8,
+    /// The name as in the manuals.
+    pub name: &'static str,
+    /// The first firmware that has it; 0 where the manuals name none. What they have for "certain versions" alone is 0 too.
+    pub since: u8,
+    /// Where its result stands.
+    pub answer: AnswerForm,
+}
+
+macro_rules! commands {
+    ($($variant:ident = $code:literal, $name:literal, $timing:ident, $answer:ident;)*) => {
+        /// A command code, byte 0x0C of both headers. A code that the manuals do not have survives.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum CommandCode {
+            $(#[doc = concat!("Code ", $code, ", `", $name, "`.")] #[doc(alias = $name)] $variant,)*
+            /// Any other code.
+            Unknown(u8),
+        }
+
+        /// All commands by ascending code.
+        pub static COMMANDS: [Command; 67] = [$(Command {
+            code: CommandCode::$variant,
+            name: $name,
+            timing: Timing::$timing,
+            answer: AnswerForm::$answer,
+            functions: functions_of($code),
+        },)*];
+
+        impl CommandCode {
+            /// The command with this code.
+            pub const fn from_code(code: u8) -> Self {
+                match code {
+                    $($code => Self::$variant,)*
+                    other => Self::Unknown(other),
+                }
+            }
+
+            /// The code on the wire.
+            pub const fn code(self) -> u8 {
+                match self {
+                    $(Self::$variant => $code,)*
+                    Self::Unknown(code) => code,
+                }
+            }
+        }
+    };
+}
+
+commands! {
+    InfoUpdate = 0, "ECM_CMD_INFO_UPDATE_OP", Immediate, Nothing;
+    EcatInit = 1, "ECM_CMD_ECAT_INIT_OP", NonImmediate, Nothing;
+    Reconfig = 2, "ECM_CMD_ECAT_RECONFIG_OP", NonImmediate, Nothing;
+    InitDc = 3, "ECM_CMD_ECAT_INIT_DC_OP", NonImmediate, Nothing;
+    PdoWorkingCounterGet = 4, "ECM_CMD_ECAT_PDO_WC_GET", Immediate, Data;
+    PdoDataFifo = 5, "ECM_CMD_ECAT_PDO_DATA_FIFO_OP", Immediate, ValueAndData;
+    PdoData = 6, "ECM_CMD_ECAT_PDO_DATA_OP", Immediate, ValueAndData;
+    PdoConfigSet = 7, "ECM_CMD_ECAT_PDO_CONFIG_SET", NonImmediate, Nothing;
+    PdoConfigRequest = 8, "ECM_CMD_ECAT_PDO_CONFIG_REQ", NonImmediate, Nothing;
+    PdoConfigGet = 9, "ECM_CMD_ECAT_PDO_CONFIG_GET", Immediate, Data;
+    SdoRequest = 10, "ECM_CMD_ECAT_SDO_REQ", NonImmediate, Nothing;
+    SdoGet = 11, "ECM_CMD_ECAT_SDO_GET", Immediate, Data;
+    StateSet = 12, "ECM_CMD_ECAT_STATE_SET", NonImmediate, Nothing;
+    StateGet = 13, "ECM_CMD_ECAT_STATE_GET", Immediate, Value;
+    SlaveInfoGet = 15, "ECM_CMD_ECAT_SLV_INFO_GET", Immediate, Data;
+    SlaveCountGet = 16, "ECM_CMD_ECAT_SLV_CNT_GET", Immediate, Value;
+    FifoEnable = 18, "ECM_CMD_FIFO_ENABLE", Immediate, Nothing;
+    FifoPackSizeGet = 19, "ECM_CMD_FIFO_PACK_SIZE_GET", Immediate, Data;
+    SpiPackSizeGet = 20, "ECM_CMD_SPI_PACK_SIZE_GET", Immediate, Data;
+    SpiReconfig = 23, "ECM_CMD_SPI_RECONFIG_OP", Immediate, Nothing;
+    CrcErrorCountClear = 24, "ECM_CMD_CRC_ERR_CNT_CLR", Immediate, Value;
+    CrcTypeSet = 25, "ECM_CMD_CRC_TYPE_SET", Immediate, Nothing;
+    HelperConfigSet = 26, "ECM_CMD_402_CONFIG_SET", Immediate, Nothing;
+    HelperStateSet = 27, "ECM_CMD_402_STATE_SET", Immediate, Nothing;
+    HelperStateGet = 28, "ECM_CMD_402_STATE_GET", Immediate, Value;
+    HelperControlSet = 29, "ECM_CMD_402_CTL_SET", Immediate, Nothing;
+    HelperControlGet = 30, "ECM_CMD_402_CTL_GET", Immediate, Value;
+    GpioConfig = 31, "ECM_GPIO_CONFIG_SET", Immediate, ByFunction;
+    GpioFunction = 32, "ECM_GPIO_FUNC_OP", Immediate, ByFunction;
+    EncoderFunction = 33, "ECM_QEI_FUNC_OP", Immediate, ByFunction;
+    DacFunction = 34, "ECM_DAC_FUNC_OP", Immediate, ByFunction;
+    AdcFunction = 35, "ECM_ADC_FUNC_OP", Immediate, ByFunction;
+    EepromRequest = 38, "ECM_EEPROM_REQ", NonImmediate, Nothing;
+    EepromGet = 39, "ECM_EEPROM_GET", Immediate, ValueAndData;
+    StateCheck = 41, "ECM_CMD_ECAT_STATE_CHECK", NonImmediate, Nothing;
+    DcSync = 50, "ECM_CMD_ECAT_DCSYNC", NonImmediate, Nothing;
+    FifoClear = 51, "ECM_CMD_FIFO_CLR_OP", Immediate, Nothing;
+    FifoSetTxCount = 52, "ECM_CMD_FIFO_SET_TX_CNT", Immediate, Nothing;
+    FifoGetTxCount = 53, "ECM_CMD_FIFO_GET_TX_CNT", Immediate, Value;
+    FifoSetRxCount = 54, "ECM_CMD_FIFO_SET_RX_CNT", Immediate, Nothing;
+    FifoGetRxCount = 55, "ECM_CMD_FIFO_GET_RX_CNT", Immediate, Value;
+    FirmwareVersionGet = 56, "ECM_CMD_FW_VERSION_GET", Immediate, ValueAndData;
+    StateUpdate = 57, "ECM_CMD_ECAT_STATE_UPDATE", NonImmediate, Nothing;
+    InterruptSetEnable = 58, "ECM_CMD_ECAT_INT_SET_ENABLE", Immediate, Nothing;
+    InterruptGetEnable = 59, "ECM_CMD_ECAT_INT_GET_ENABLE", Immediate, ValueAndData;
+    FifoInit = 66, "ECM_CMD_FIFO_INIT", NonImmediate, Nothing;
+    SdoAbortCodeGet = 69, "ECM_CMD_ECAT_SDO_ABORTCODE_GET", Immediate, Data;
+    FifoThresholdSet = 70, "ECM_CMD_ECAT_SET_FIFO_TH", Immediate, Nothing;
+    ConfigSyncManager = 71, "ECM_CMD_ECAT_CONFIG_SM", NonImmediate, Nothing;
+    ConfigFmmu = 72, "ECM_CMD_ECAT_CONFIG_FMMU", NonImmediate, Nothing;
+    ConfigMap = 73, "ECM_CMD_ECAT_CONFIG_MAP", NonImmediate, Nothing;
+    HelperStatuswordGet = 74, "ECM_CMD_402_GET_STATUSWORD", Immediate, Data;
+    AsyncReset = 75, "ECM_CMD_ASYNCCMD_RESET", Immediate, Nothing;
+    Mdio = 81, "ECM_CMD_MDIO", Immediate, Data;
+    DirectAssign = 82, "ECM_CMD_DIRECT_ASSIGN", Immediate, Nothing;
+    CoeEmergency = 83, "ECM_CMD_COE_EMERGENCY", Immediate, Data;
+    WarmReset = 127, "ECM_CMD_WARM_RESET", Immediate, Nothing;
+    WkcErrorCountGet = 130, "ECM_CMD_ECAT_WKC_CONTI_ERR_CNT_GET", Immediate, Value;
+    WkcErrorMaxGet = 131, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_GET", Immediate, Value;
+    WkcErrorMaxSet = 132, "ECM_CMD_ECAT_WKC_CONTI_ERR_MAX_SET", Immediate, Nothing;
+    RawRequest = 137, "ECM_CMD_RAW_ECAT_FUNC_REQ", NonImmediate, Nothing;
+    RawGet = 138, "ECM_CMD_RAW_ECAT_FUNC_GET", Immediate, Data;
+    FoeRequest = 139, "ECM_CMD_FOE_FUNC_REQ", NonImmediate, Nothing;
+    FoeGet = 140, "ECM_CMD_FOE_FUNC_GET", Immediate, Data;
+    EnableLrw = 142, "ECM_CMD_ENABLE_LRW", Immediate, Nothing;
+    ReceiveMailbox = 143, "ECM_CMD_RECV_MAILBOX", ByParameter, Data;
+    MailboxStatus = 144, "ECM_CMD_MBX_STAT", Immediate, Data;
+}
+
+impl Default for CommandCode {
+    /// INFO_UPDATE_OP, which asks for nothing.
+    fn default() -> Self {
+        Self::InfoUpdate
+    }
+}
+
+impl CommandCode {
+    /// The command's row; `None` for an unknown code.
+    pub fn command(self) -> Option<&'static Command> {
+        COMMANDS.binary_search_by_key(&self.code(), |row| row.code.code()).ok().map(|row| &COMMANDS[row])
+    }
+
+    /// The name as in the manuals; `None` for an unknown code.
+    pub fn name(self) -> Option<&'static str> {
+        self.command().map(|row| row.name)
+    }
+
+    /// The function that `parameter` names with the codes 31 to 35; `None` for other codes and unknown parameters.
+    pub fn function(self, parameter: u8) -> Option<&'static Function> {
+        self.command()?.functions.iter().find(|function| function.parameter == parameter)
+    }
+
+    /// Whether the command is done at once with this parameter byte. An unknown code is: it is answered with an error.
+    ///
+    /// The manuals list 30 of the codes; for others it is what the vendor's driver waits for (OBS), and for 139 and 143
+    /// `[OURS]`.
+    pub fn is_immediate(self, parameter: u8) -> bool {
+        match self.command().map(|row| row.timing) {
+            Some(Timing::NonImmediate) => false,
+            Some(Timing::ByParameter) => parameter != 0,
+            Some(Timing::Immediate) | None => true,
+        }
+    }
+}
+
+impl fmt::Display for CommandCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.name() {
+            Some(name) => write!(f, "{name} ({})", self.code()),
+            None => write!(f, "unknown command {}", self.code()),
+        }
+    }
+}
+
+const fn functions_of(code: u8) -> &'static [Function] {
+    match code {
+        31 => GPIO_CONFIG,
+        32 => GPIO_FUNCTION,
+        33 => ENCODER,
+        34 => DAC,
+        35 => ADC,
+        _ => &[],
+    }
+}
+
+const GPIO_CONFIG: &[Function] = &[
+    Function { parameter: 0, name: "ECM_GpioSetMode", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 1, name: "ECM_GpioIntEnable", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 2, name: "ECM_GpioEnableDebounce", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 3, name: "ECM_GpioSetDebounceClock", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 4, name: "ECM_GpioIntClear", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 6, name: "ECM_GpioIntClear", since: 9, answer: AnswerForm::Nothing },
+    Function { parameter: 8, name: "ECM_GpioSetMode", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 9, name: "ECM_GpioEnableDebounce", since: 0, answer: AnswerForm::Nothing },
+];
+
+const GPIO_FUNCTION: &[Function] = &[
+    Function { parameter: 0, name: "ECM_GpioSetValue", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 1, name: "ECM_GpioGetValue", since: 0, answer: AnswerForm::Data },
+    Function { parameter: 2, name: "ECM_GpioExtSetValue", since: 9, answer: AnswerForm::Nothing },
+    Function { parameter: 3, name: "ECM_GpioExtGetValue", since: 9, answer: AnswerForm::Data },
+    Function { parameter: 5, name: "ECM_GpioGetIntFlag", since: 0, answer: AnswerForm::Data },
+    Function { parameter: 7, name: "ECM_GpioExtGetIntFlag", since: 0, answer: AnswerForm::Data },
+];
+
+const ENCODER: &[Function] = &[
+    Function { parameter: 4, name: "ECM_EncOpen", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 5, name: "ECM_EncStart", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 6, name: "ECM_EncStop", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 21, name: "ECM_EncGetCount", since: 0, answer: AnswerForm::Data },
+];
+
+const DAC: &[Function] = &[
+    Function { parameter: 0, name: "ECM_DacStartConv", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 11, name: "ECM_DacSetData", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 20, name: "ECM_DacOpen", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 21, name: "ECM_DacClose", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 22, name: "ECM_DacSetDelayTime", since: 0, answer: AnswerForm::Nothing },
+];
+
+const ADC: &[Function] = &[
+    Function { parameter: 12, name: "ECM_AdcStartConv", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 15, name: "ECM_AdcGetConvData", since: 0, answer: AnswerForm::Data },
+    Function { parameter: 17, name: "ECM_AdcGetDataValidFlag", since: 0, answer: AnswerForm::Data },
+    Function { parameter: 40, name: "ECM_AdcOpen", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 41, name: "ECM_AdcClose", since: 0, answer: AnswerForm::Nothing },
+    Function { parameter: 42, name: "ECM_AdcConfigSampleModule", since: 0, answer: AnswerForm::Nothing },
+];

@@ -1,0 +1,85 @@
+//! The wire format of the ECM-XF: packets, check words, typed requests and answers, finding packets in a stream.
+//!
+//! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
+//! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
+//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. This module has no I/O,
+//! no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets of the protocol;
+//! everything else in the crate uses its types. Each request and each answer is encoded and decoded, so that hosts and
+//! models of the chip speak with the same types.
+//!
+//! How to read it:
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`size`] | the size of the data segment, n, which is a value at run time |
+//! | [`header`] | the two headers: of a command and of an answer, with the meaning of their bits |
+//! | [`check`] | the check word: fixed or CRC-32, and which bytes it covers |
+//! | [`packet`] | packets are built into a buffer and parsed from one |
+//! | [`resync`] | packets are found in a stream of bytes whose n and offset nobody knows |
+//! | [`code`] | the table of the 67 command codes and 91 functions |
+//! | [`value`] | numbers of slaves, motors and pins that are always in range |
+//! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
+//! | [`response`] | what the chip answers to them |
+//! | [`malformed`] | what is wrong with a field |
+//!
+//! Three notations stand throughout:
+//! - `XF EN 436`, `XF ZH 442`: the line of the text of NEXTW's *ECM-XF user manual*, English v050 and Chinese v049, where
+//!   the command's block begins; `OBS`: seen in the vendor's own driver and in programs that work with real chips;
+//!   `[OURS]`: a decision of this project, where no source says anything.
+//! - `par`, `i0` to `i3`, `ret`: the parameter byte 0x0D and the information bytes 0x04 to 0x07 of a command, and the
+//!   return byte 0x0D of an answer. `@4` is byte 4 of the data segment.
+//! - `XF-1.5`: the row of `docs/rules/xf.md` in the project's repository that states the rule and its source.
+//!
+//! ```
+//! use ecmsk::xf::request::{Slaves, StateSet};
+//! use ecmsk::xf::{CheckRule, CommandHeader, CommandPacket, DataSize, EtherCatState, MAX_PACKET, write_request};
+//!
+//! let mut buffer = [0xA5; MAX_PACKET];
+//! let request = StateSet { slaves: Slaves::All, state: EtherCatState::Op };
+//! let header = CommandHeader::with_index(4);
+//! let packet = write_request(&mut buffer, DataSize::MANUAL, CheckRule::CRC32, header, &request)?;
+//! assert_eq!(packet.len(), 144);
+//! assert_eq!(packet[0x0B..0x0E], [4, 12, 0xFF]);
+//!
+//! let received = CommandPacket::parse(packet, DataSize::MANUAL, CheckRule::CRC32)?;
+//! assert_eq!(received.request()?, request.into());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod bits;
+pub mod check;
+pub mod code;
+pub mod header;
+pub mod malformed;
+pub mod packet;
+pub mod request;
+pub mod response;
+pub mod resync;
+mod segment;
+pub mod size;
+pub mod value;
+
+pub use check::{CheckRule, CheckType, Coverage};
+pub use code::CommandCode;
+pub use header::{AnswerHeader, CommandHeader, Control, Errors, Interrupts, NetworkState, Reserve, Status};
+pub use malformed::{Allowed, Malformed};
+pub use packet::{AnswerPacket, CommandPacket, PacketError, Received, WriteError, write_answer, write_request};
+pub use request::{Call, Request};
+pub use resync::Resync;
+pub use size::DataSize;
+pub use value::EtherCatState;
+
+/// The first word of every packet: bytes A4 A3 A2 A1 (XF EN 211, table 1).
+pub const START_WORD: u32 = 0xA1A2_A3A4;
+/// The last word of every packet: bytes 59 58 57 56 (XF EN 181).
+pub const END_WORD: u32 = 0x5657_5859;
+/// The check word of check type 0 (XF EN 180).
+pub const FIXED_CHECK: u32 = 0x1234_5678;
+/// The check word of an answer that means: the chip is not ready yet, leave it more idle time (OBS).
+pub const NOT_READY: u32 = 0x8765_4321;
+/// Bytes of a header, of a command as of an answer.
+pub const HEADER_LEN: usize = 24;
+/// Bytes of the check word and the end word behind the data segment.
+pub const TRAILER_LEN: usize = 8;
+/// Bytes of the longest packet: 1408 of data and 32 around them.
+pub const MAX_PACKET: usize = DataSize::MAX.packet_len();

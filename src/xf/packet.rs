@@ -1,0 +1,338 @@
+//! Packets: built into a buffer of the caller, and parsed from one.
+//!
+//! Both directions have the same shape: header 24, data segment n, check word 4, end word 4 (XF EN 174, figure 3).
+
+use core::fmt;
+
+use super::check::{CheckRule, CheckType, Coverage, Verdict, judge_answer};
+use super::header::{AnswerHeader, CommandHeader, Status};
+use super::request::{Arguments, Call, Encode, Request};
+use super::response::{Answer, Returned};
+use super::{CommandCode, DataSize, END_WORD, HEADER_LEN, Malformed, NOT_READY, START_WORD};
+
+/// Why bytes are no packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PacketError {
+    /// There are more or fewer bytes than a packet has.
+    Length {
+        /// n + 32.
+        expected: usize,
+        /// The bytes that are there.
+        found: usize,
+    },
+    /// The first word is not [`START_WORD`].
+    StartWord {
+        /// The word that is there.
+        found: u32,
+    },
+    /// The last word is not [`END_WORD`].
+    EndWord {
+        /// The word that is there.
+        found: u32,
+    },
+    /// The check word is not the one that belongs to the bytes.
+    CheckWord {
+        /// How the word was to be made.
+        kind: CheckType,
+        /// The word that belongs to the bytes.
+        expected: u32,
+        /// The word that is there.
+        found: u32,
+    },
+    /// The status bits of an answer name check type 1 or 2, which are undefined.
+    CheckType {
+        /// The two bits.
+        bits: u8,
+    },
+}
+
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Length { expected, found } => write!(f, "a packet has {expected} bytes, these are {found}"),
+            Self::StartWord { found } => write!(f, "the start word is 0x{found:08X}, not 0x{START_WORD:08X}"),
+            Self::EndWord { found } => write!(f, "the end word is 0x{found:08X}, not 0x{END_WORD:08X}"),
+            Self::CheckWord { kind: CheckType::Fixed, expected, found } => {
+                write!(f, "the check word is 0x{found:08X}, the fixed one is 0x{expected:08X}")
+            }
+            Self::CheckWord { kind: CheckType::Crc32, expected, found } => {
+                write!(f, "the check word is 0x{found:08X}, the CRC-32 of the packet is 0x{expected:08X}")
+            }
+            Self::CheckType { bits } => write!(f, "the status names check type {bits}: none of 0 fixed, 3 CRC-32"),
+        }
+    }
+}
+
+impl core::error::Error for PacketError {}
+
+/// Why a packet is not built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WriteError {
+    /// The buffer is shorter than a packet.
+    Buffer {
+        /// n + 32.
+        needed: usize,
+        /// The bytes of the buffer.
+        found: usize,
+    },
+    /// The request or the answer does not fit into the data segment, or has more of something than the chip takes.
+    Malformed(Malformed),
+}
+
+impl fmt::Display for WriteError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Buffer { needed, found } => write!(f, "a packet has {needed} bytes, the buffer has {found}"),
+            Self::Malformed(malformed) => malformed.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for WriteError {}
+
+impl From<Malformed> for WriteError {
+    fn from(malformed: Malformed) -> Self {
+        Self::Malformed(malformed)
+    }
+}
+
+/// Builds the command packet of `request` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
+/// written.
+///
+/// Of `header` the index, the control byte, the clearing of interrupts and the GPIO outputs are taken; code, parameter,
+/// information and length are the request's, and its reserve bits are added.
+///
+/// # Errors
+/// The buffer is too short, or the request does not fit into n bytes.
+pub fn write_request<'b>(
+    buffer: &'b mut [u8],
+    size: DataSize,
+    rule: CheckRule,
+    header: CommandHeader,
+    request: &impl Encode,
+) -> Result<&'b [u8], WriteError> {
+    let parts = Parts::of_buffer(buffer, size)?;
+    let (code, arguments) = request.command(parts.data)?;
+    let Arguments { parameter, info, reserve, len } = arguments;
+    let header = CommandHeader { code, parameter, info, len, reserve: header.reserve | reserve, ..header };
+    parts.head.copy_from_slice(&header.encode());
+    let packet = &mut buffer[..size.packet_len()];
+    let word = rule.of_command(&header).word(&packet[..HEADER_LEN + size.bytes()], header.len);
+    Ok(close(packet, word))
+}
+
+/// Builds the answer packet with `answer` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
+/// written.
+///
+/// Of `header` all is taken but the return byte and the length, which are the answer's, and the check type in the status,
+/// which is that of `rule`. An answer that has no result is `()`, with [`Status::NOP`] if it is to no command.
+///
+/// # Errors
+/// The buffer is too short, or the answer does not fit into n bytes.
+pub fn write_answer<'b, 'a>(
+    buffer: &'b mut [u8],
+    size: DataSize,
+    rule: CheckRule,
+    header: AnswerHeader,
+    answer: &impl Answer<'a>,
+) -> Result<&'b [u8], WriteError> {
+    let parts = Parts::of_buffer(buffer, size)?;
+    let Returned { ret, len } = answer.encode(parts.data)?;
+    let header = AnswerHeader { ret, len, status: header.status.with_check_type(rule.kind), ..header };
+    parts.head.copy_from_slice(&header.encode());
+    let packet = &mut buffer[..size.packet_len()];
+    let word = rule.word(&packet[..HEADER_LEN + size.bytes()], header.len);
+    Ok(close(packet, word))
+}
+
+/// Builds an answer packet that says that the chip is not ready: no data, and [`NOT_READY`] for a check word (OBS).
+///
+/// # Errors
+/// The buffer is too short.
+pub fn write_not_ready(buffer: &mut [u8], size: DataSize, header: AnswerHeader) -> Result<&[u8], WriteError> {
+    let parts = Parts::of_buffer(buffer, size)?;
+    parts.head.copy_from_slice(&header.encode());
+    Ok(close(&mut buffer[..size.packet_len()], NOT_READY))
+}
+
+/// The places of a packet that are filled first.
+struct Parts<'b> {
+    head: &'b mut [u8],
+    data: &'b mut [u8],
+}
+
+impl<'b> Parts<'b> {
+    /// The places at the beginning of `buffer`, the data segment all 0.
+    fn of_buffer(buffer: &'b mut [u8], size: DataSize) -> Result<Self, WriteError> {
+        let (needed, found) = (size.packet_len(), buffer.len());
+        let Some(packet) = buffer.get_mut(..needed) else { return Err(WriteError::Buffer { needed, found }) };
+        let (head, rest) = packet.split_at_mut(HEADER_LEN);
+        let (data, _) = rest.split_at_mut(size.bytes());
+        data.fill(0);
+        Ok(Self { head, data })
+    }
+}
+
+/// Writes check word and end word.
+fn close(packet: &mut [u8], word: u32) -> &[u8] {
+    let end = packet.len();
+    packet[end - 8..end - 4].copy_from_slice(&word.to_le_bytes());
+    packet[end - 4..].copy_from_slice(&END_WORD.to_le_bytes());
+    packet
+}
+
+/// A packet whose length, start word and end word are right.
+struct Framed<'p> {
+    head: &'p [u8; HEADER_LEN],
+    /// Header and data segment.
+    covered: &'p [u8],
+    data: &'p [u8],
+    check_word: u32,
+}
+
+impl<'p> Framed<'p> {
+    fn parse(bytes: &'p [u8], size: DataSize) -> Result<Self, PacketError> {
+        let length = PacketError::Length { expected: size.packet_len(), found: bytes.len() };
+        if bytes.len() != size.packet_len() {
+            return Err(length);
+        }
+        let (head, rest) = bytes.split_first_chunk::<HEADER_LEN>().ok_or(length)?;
+        let (rest, end_word) = rest.split_last_chunk::<4>().ok_or(length)?;
+        let (data, check_word) = rest.split_last_chunk::<4>().ok_or(length)?;
+        let start_word = CommandHeader::decode(head).0;
+        if start_word != START_WORD {
+            return Err(PacketError::StartWord { found: start_word });
+        }
+        let end_word = u32::from_le_bytes(*end_word);
+        if end_word != END_WORD {
+            return Err(PacketError::EndWord { found: end_word });
+        }
+        let covered = &bytes[..HEADER_LEN + data.len()];
+        Ok(Self { head, covered, data, check_word: u32::from_le_bytes(*check_word) })
+    }
+}
+
+/// A command packet that was received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommandPacket<'p> {
+    /// The header.
+    pub header: CommandHeader,
+    /// The whole data segment, n bytes.
+    pub data: &'p [u8],
+}
+
+impl<'p> CommandPacket<'p> {
+    /// The packet in `bytes`, which are as many as a packet has. The check word has to be as `rule` says; that of
+    /// SPI_RECONFIG_OP is always the fixed one.
+    ///
+    /// # Errors
+    /// Length, start word, end word or check word are wrong.
+    pub fn parse(bytes: &'p [u8], size: DataSize, rule: CheckRule) -> Result<Self, PacketError> {
+        let framed = Framed::parse(bytes, size)?;
+        let header = CommandHeader::decode(framed.head).1;
+        let rule = rule.of_command(&header);
+        let expected = rule.word(framed.covered, header.len);
+        if framed.check_word != expected {
+            return Err(PacketError::CheckWord { kind: rule.kind, expected, found: framed.check_word });
+        }
+        Ok(Self { header, data: framed.data })
+    }
+
+    /// What the packet asks for. A code or function that the manuals do not have is [`Request::Unknown`].
+    ///
+    /// # Errors
+    /// A field of the request has a value that the manuals do not allow.
+    pub fn request(&self) -> Result<Request<'p>, Malformed> {
+        Request::decode(self.header.code, &self.header.arguments(), self.data)
+    }
+}
+
+impl CommandHeader {
+    /// The fields that belong to the request.
+    pub const fn arguments(&self) -> Arguments {
+        Arguments { parameter: self.parameter, info: self.info, reserve: self.reserve, len: self.len }
+    }
+}
+
+/// What a host received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Received<'p> {
+    /// An answer.
+    Answer(AnswerPacket<'p>),
+    /// The chip was not ready for the exchange: the host tries again and leaves it more idle time. No error.
+    NotReady,
+}
+
+/// An answer packet that was received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AnswerPacket<'p> {
+    /// The header.
+    pub header: AnswerHeader,
+    /// The whole data segment, n bytes.
+    pub data: &'p [u8],
+}
+
+impl<'p> AnswerPacket<'p> {
+    /// The packet in `bytes`, which are as many as a packet has. Whether its check word is fixed or a CRC-32 its own
+    /// status says; `coverage` says what a CRC-32 covers.
+    ///
+    /// # Errors
+    /// Length, start word, end word or check word are wrong, or the status names no check type.
+    pub fn parse(bytes: &'p [u8], size: DataSize, coverage: Coverage) -> Result<Received<'p>, PacketError> {
+        let framed = Framed::parse(bytes, size)?;
+        let header = AnswerHeader::decode(framed.head).1;
+        let found = framed.check_word;
+        match judge_answer(&header, framed.covered, found, coverage) {
+            Verdict::Right => Ok(Received::Answer(Self { header, data: framed.data })),
+            Verdict::NotReady => Ok(Received::NotReady),
+            Verdict::Wrong { kind, expected } => Err(PacketError::CheckWord { kind, expected, found }),
+            Verdict::Undefined(bits) => Err(PacketError::CheckType { bits }),
+        }
+    }
+
+    /// The result that the packet has for `call`. Whether the index is that of the call is the host's to look at.
+    ///
+    /// # Errors
+    /// The packet answers another command or none, or its fields have values that the manuals do not allow.
+    pub fn answer_to<'d, C: Call<'d>>(&self, call: &C) -> Result<C::Answer<'p>, AnswerError> {
+        let AnswerHeader { code, status, ret, len, .. } = self.header;
+        if status.contains(Status::NOP) {
+            return Err(AnswerError::Nop { index: self.header.index });
+        }
+        if code != C::CODE {
+            return Err(AnswerError::OtherCommand { expected: C::CODE, found: code });
+        }
+        call.answer(Returned { ret, len }, self.data).map_err(AnswerError::Malformed)
+    }
+}
+
+/// Why an answer packet has no result for a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AnswerError {
+    /// The packet has the NOP flag: it is never a result, even if index and code are those of the command (OBS).
+    Nop {
+        /// The packet's index.
+        index: u8,
+    },
+    /// The packet answers another command.
+    OtherCommand {
+        /// The command that was asked for.
+        expected: CommandCode,
+        /// The command that is answered.
+        found: CommandCode,
+    },
+    /// A field of the answer has a value that the manuals do not allow.
+    Malformed(Malformed),
+}
+
+impl fmt::Display for AnswerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nop { index } => write!(f, "the packet with index {index} has the NOP flag and no result"),
+            Self::OtherCommand { expected, found } => write!(f, "the packet answers {found}, not {expected}"),
+            Self::Malformed(malformed) => malformed.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for AnswerError {}

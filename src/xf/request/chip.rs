@@ -1,0 +1,157 @@
+//! The chip itself: packets, check words, version, resets, error counts, PHY.
+
+use super::{Arguments, Call, WriteOrRead, plain, short};
+use crate::xf::response::{FirmwareVersion, MdioAnswer};
+use crate::xf::value::choices;
+use crate::xf::{CheckType, CommandCode, DataSize, Malformed};
+
+plain! {
+    /// SPI_PACK_SIZE_GET, code 20: n, @0 u16 (XF EN 704).
+    SpiPackSizeGet, SpiPackSizeGet -> DataSize;
+    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words; what `ret` means the manuals do not say (XF EN 730).
+    CrcErrorCountClear, CrcErrorCountClear -> u8;
+    /// FW_VERSION_GET, code 56: version and series of the chip (XF EN 1285).
+    FirmwareVersionGet, FirmwareVersionGet -> FirmwareVersion;
+    /// WARM_RESET, code 127: all is as after power-on; the next command has to wait until the chip has started, for which
+    /// the vendor's driver takes 1 s (XF EN 1517).
+    WarmReset, WarmReset -> ();
+    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: wrong working counters one after the other, in `ret` (XF EN 1526).
+    WkcErrorCountGet, WkcErrorCountGet -> u8;
+    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: how many of them are allowed, in `ret` (XF EN 1538).
+    WkcErrorMaxGet, WkcErrorMaxGet -> WkcErrorLimit;
+}
+
+short! {
+    /// CRC_TYPE_SET, code 25: what the check word is, from the answer to this command on. `par` the type (XF EN 741).
+    CrcTypeSet {
+        /// The type.
+        pub kind: CheckType,
+    }, CrcTypeSet -> (),
+        |request| Arguments::NONE.parameter(request.kind.code()),
+        |a| Self {
+            kind: CheckType::from_code(a.parameter)
+                .ok_or(Malformed::only("CRC_TYPE_SET type", a.parameter.into(), "0 fixed, 3 CRC-32"))?,
+        };
+
+    /// SPI_RECONFIG_OP, code 23: another n. The length field is the new n, and the check word of this packet is always
+    /// the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
+    SpiReconfig {
+        /// The new size of the data segment.
+        pub size: DataSize,
+    }, SpiReconfig -> (),
+        |request| Arguments::NONE.len(request.size.get()),
+        |a| Self { size: data_size("SPI_RECONFIG_OP size", a.len)? };
+
+    /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy; it is always taken. `par` what (XF EN 1446).
+    AsyncReset {
+        /// What is ended.
+        pub action: AsyncResetAction,
+    }, AsyncReset -> (),
+        |request| Arguments::NONE.parameter(request.action.code()),
+        |a| Self { action: AsyncResetAction::decode(a.parameter)? };
+
+    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond them
+    /// process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
+    WkcErrorMaxSet {
+        /// The limit; [`WkcErrorLimit::AtMost`] of 1 to 254.
+        pub limit: WkcErrorLimit,
+    }, WkcErrorMaxSet -> (),
+        |request| Arguments::NONE.parameter(settable(request.limit.code())?),
+        |a| Self { limit: WkcErrorLimit::from_code(settable(a.parameter)?) };
+}
+
+/// The limit, if it is one that can be set.
+fn settable(code: u8) -> Result<u8, Malformed> {
+    match code {
+        0 => Err(Malformed::only("working counter error limit", 0, "1 to 254, or 255 for none")),
+        code => Ok(code),
+    }
+}
+
+/// `n` as a size of the data segment.
+pub(in crate::xf) fn data_size(field: &'static str, n: u16) -> Result<DataSize, Malformed> {
+    DataSize::new(n.into()).ok_or(Malformed::only(field, n.into(), "32 to 1408"))
+}
+
+/// How many wrong working counters one after the other are allowed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum WkcErrorLimit {
+    /// 0..=254: so many. The chip may report 0, but takes 1 to 254.
+    AtMost(u8),
+    /// 255: any number, what the chip starts with.
+    #[default]
+    None,
+}
+
+impl WkcErrorLimit {
+    /// The limit with this code.
+    pub const fn from_code(code: u8) -> Self {
+        match code {
+            0xFF => Self::None,
+            most => Self::AtMost(most),
+        }
+    }
+
+    /// The code on the wire. A limit of 255 is none.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::AtMost(most) => most,
+            Self::None => 0xFF,
+        }
+    }
+}
+
+choices! {
+    /// What [`AsyncReset`] ends.
+    AsyncResetAction(u8), "ASYNCCMD_RESET action", "1 clear busy, 2 skip the port's wait, 4 give up the command" {
+        /// 1: clears the busy flag.
+        ClearBusy = 1,
+        /// 2: skips the wait for the network port at the start.
+        SkipPortWait = 2,
+        /// 4: gives up the command that runs.
+        GiveUp = 4,
+    }
+}
+
+/// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16 data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Mdio {
+    /// Writes a register.
+    Write {
+        /// Address of the PHY.
+        phy: u8,
+        /// Number of the register.
+        register: u8,
+        /// The value.
+        value: u16,
+    },
+    /// Reads a register; the answer has 2 bytes, @0 u16.
+    Read {
+        /// Address of the PHY.
+        phy: u8,
+        /// Number of the register.
+        register: u8,
+    },
+}
+
+impl Call<'_> for Mdio {
+    const CODE: CommandCode = CommandCode::Mdio;
+    type Answer<'a> = MdioAnswer;
+
+    fn encode(&self, _: &mut [u8]) -> Result<Arguments, Malformed> {
+        let (operation, phy, register, value) = match *self {
+            Self::Write { phy, register, value } => (WriteOrRead::Write, phy, register, value),
+            Self::Read { phy, register } => (WriteOrRead::Read, phy, register, 0),
+        };
+        let [low, high] = value.to_le_bytes();
+        Ok(Arguments::NONE.parameter(operation.code()).info([register, phy, low, high]))
+    }
+
+    fn decode(arguments: &Arguments, _: &[u8]) -> Result<Self, Malformed> {
+        let [register, phy, low, high] = arguments.info;
+        Ok(match WriteOrRead::decode(arguments.parameter)? {
+            WriteOrRead::Write => Self::Write { phy, register, value: u16::from_le_bytes([low, high]) },
+            WriteOrRead::Read => Self::Read { phy, register },
+        })
+    }
+}

@@ -1,0 +1,321 @@
+//! Process data and their configuration.
+
+use super::{Arguments, Call, SlaveNumber, plain};
+use crate::coe::ObjectAddress;
+use crate::xf::bits::bits;
+use crate::xf::response::PdoExchange;
+use crate::xf::value::choices;
+use crate::xf::{CommandCode, Malformed, segment};
+
+plain! {
+    /// ECAT_PDO_CONFIG_GET, code 9: what [`PdoConfigRequest`] has read (XF EN 533).
+    PdoConfigGet, PdoConfigGet -> PdoConfig;
+}
+
+bits! {
+    /// `i0` of [`PdoDataFifo`] and of [`PdoData`], and the return byte of their answers. Other bits of the vendor's header
+    /// are unknown, and survive.
+    PdoOperation(u8) {
+        /// Bit 0: outputs are written, or were.
+        WRITE = 1 << 0;
+        /// Bit 1: inputs are read, or were. In an answer of [`PdoDataFifo`] it is clear if the TxFIFO was empty (OBS).
+        READ = 1 << 1;
+        /// Bit 2, in [`PdoData`]: bits 0 and 1 are valid; without it the chip writes and reads.
+        VALID = 1 << 2;
+        /// Bit 7, in an answer: it failed (OBS).
+        FAILED = 1 << 7;
+    }
+}
+
+/// The data of a request that goes by the length field.
+fn sized<'d>(arguments: &Arguments, data: &'d [u8]) -> Result<&'d [u8], Malformed> {
+    segment::get_at(data, 0, arguments.len.into())
+}
+
+/// ECAT_PDO_DATA_FIFO_OP, code 5: RxPDOs into the FIFO, TxPDOs out of it (XF EN 436). `par` how many PDOs, `i0` what is
+/// done; the length is that of all RxPDOs together (OBS).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PdoDataFifo<'d> {
+    /// How many PDOs are written, and read at most.
+    pub count: u8,
+    /// Write, read or both.
+    pub operation: PdoOperation,
+    /// The RxPDOs one after the other.
+    pub data: &'d [u8],
+}
+
+impl<'d> Call<'d> for PdoDataFifo<'d> {
+    const CODE: CommandCode = CommandCode::PdoDataFifo;
+    type Answer<'a> = PdoExchange<'a>;
+
+    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
+        let len = segment::put_at(data, 0, self.data)?;
+        Ok(Arguments::NONE.parameter(self.count).info([self.operation.0, 0, 0, 0]).len(len))
+    }
+
+    fn decode(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
+        let operation = PdoOperation(arguments.info[0]);
+        Ok(Self { count: arguments.parameter, operation, data: sized(arguments, data)? })
+    }
+}
+
+/// ECAT_PDO_DATA_OP, code 6: outputs and inputs past the FIFO (XF EN 452). `i0` what is done; the data are one RxPDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PdoData<'d> {
+    /// Write, read or both; with [`PdoOperation::VALID`].
+    pub operation: PdoOperation,
+    /// The RxPDO.
+    pub data: &'d [u8],
+}
+
+impl<'d> Call<'d> for PdoData<'d> {
+    const CODE: CommandCode = CommandCode::PdoData;
+    type Answer<'a> = PdoExchange<'a>;
+
+    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
+        let len = segment::put_at(data, 0, self.data)?;
+        Ok(Arguments::NONE.info([self.operation.0, 0, 0, 0]).len(len))
+    }
+
+    fn decode(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
+        Ok(Self { operation: PdoOperation(arguments.info[0]), data: sized(arguments, data)? })
+    }
+}
+
+choices! {
+    /// The object that lists a slave's PDOs.
+    PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
+        /// 0x1C12: RxPDOs, the outputs.
+        Rx = 0x1C12,
+        /// 0x1C13: TxPDOs, the inputs.
+        Tx = 0x1C13,
+    }
+}
+
+/// An object in a PDO: `u32`, low byte bits, then sub-index, then index.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct MappedObject {
+    /// Index; 0 where there is no object.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Length in bits.
+    pub bits: u8,
+}
+
+impl MappedObject {
+    /// The object with so many bits.
+    pub const fn new(object: ObjectAddress, bits: u8) -> Self {
+        Self { index: object.index, sub: object.sub, bits }
+    }
+
+    /// The object's address.
+    pub const fn object(self) -> ObjectAddress {
+        ObjectAddress::new(self.index, self.sub)
+    }
+
+    const fn to_bytes(self) -> [u8; 4] {
+        let [low, high] = self.index.to_le_bytes();
+        [self.bits, self.sub, low, high]
+    }
+
+    const fn from_bytes([bits, sub, low, high]: [u8; 4]) -> Self {
+        Self { index: u16::from_le_bytes([low, high]), sub, bits }
+    }
+}
+
+/// A PDO: its mapping object, and up to 8 objects in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct PdoMap {
+    index: u16,
+    count: u8,
+    objects: [MappedObject; Self::OBJECTS],
+}
+
+impl PdoMap {
+    /// The most objects that the chip takes.
+    pub const OBJECTS: usize = 8;
+
+    /// The PDO with the mapping object `index`, such as 0x1600, and these objects; `None` if there are more than 8.
+    pub fn new(index: u16, objects: &[MappedObject]) -> Option<Self> {
+        let mut map = Self { index, count: u8::try_from(objects.len()).ok()?, ..Self::default() };
+        map.objects.get_mut(..objects.len())?.copy_from_slice(objects);
+        Some(map)
+    }
+
+    /// The mapping object, such as 0x1600.
+    pub const fn index(&self) -> u16 {
+        self.index
+    }
+
+    /// The objects in order.
+    pub fn objects(&self) -> &[MappedObject] {
+        &self.objects[..self.count.into()]
+    }
+}
+
+/// The PDOs that are assigned to a sync manager of a slave: what [`PdoConfigSet`] sets and [`PdoConfigGet`] reads.
+///
+/// @0 slave, @1 how many PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16 counts of objects @10
+/// (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware (OBS).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PdoConfig {
+    /// Which slave.
+    pub slave: SlaveNumber,
+    /// Outputs or inputs.
+    pub assignment: PdoAssignment,
+    form: PdoConfigForm,
+    count: u8,
+    maps: [PdoMap; 4],
+}
+
+/// How many PDOs a [`PdoConfig`] has room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum PdoConfigForm {
+    /// 3 PDOs, 112 bytes.
+    Three = 3,
+    /// 4 PDOs, 148 bytes: in answers of newer firmware (OBS).
+    Four = 4,
+}
+
+impl PdoConfigForm {
+    /// How many PDOs there is room for.
+    pub const fn maps(self) -> usize {
+        self as usize
+    }
+
+    /// Bytes of the layout: 112 or 148.
+    pub const fn bytes(self) -> usize {
+        self.objects_at() + self.maps() * PdoMap::OBJECTS * 4
+    }
+
+    const fn counts_at(self) -> usize {
+        4 + 2 * self.maps()
+    }
+
+    const fn objects_at(self) -> usize {
+        4 + 4 * self.maps()
+    }
+}
+
+const _: () = assert!(PdoConfigForm::Three.bytes() == 112 && PdoConfigForm::Four.bytes() == 148);
+
+impl PdoConfig {
+    /// The configuration with these PDOs; `None` if there are more than `form` has room for.
+    pub fn new(slave: SlaveNumber, assignment: PdoAssignment, form: PdoConfigForm, maps: &[PdoMap]) -> Option<Self> {
+        if maps.len() > form.maps() {
+            return None;
+        }
+        let mut config = Self { slave, assignment, form, count: maps.len() as u8, maps: [PdoMap::default(); 4] };
+        config.maps[..maps.len()].copy_from_slice(maps);
+        Some(config)
+    }
+
+    /// How many PDOs there is room for.
+    pub const fn form(&self) -> PdoConfigForm {
+        self.form
+    }
+
+    /// The PDOs in order.
+    pub fn maps(&self) -> &[PdoMap] {
+        &self.maps[..self.count.into()]
+    }
+
+    /// Writes the layout and returns its length.
+    pub(in crate::xf) fn write(&self, data: &mut [u8]) -> Result<u16, Malformed> {
+        let form = self.form;
+        // Places of PDOs and objects that are not there stay 0.
+        let len = segment::put_at(data, form.bytes(), &[])?;
+        data[..4].copy_from_slice(&[self.slave.get(), self.count, 0, 0]);
+        data[2..4].copy_from_slice(&self.assignment.code().to_le_bytes());
+        for (i, map) in self.maps().iter().enumerate() {
+            data[4 + 2 * i..][..2].copy_from_slice(&map.index.to_le_bytes());
+            data[form.counts_at() + 2 * i..][..2].copy_from_slice(&u16::from(map.count).to_le_bytes());
+            for (k, object) in map.objects().iter().enumerate() {
+                let at = form.objects_at() + 4 * (PdoMap::OBJECTS * i + k);
+                data[at..at + 4].copy_from_slice(&object.to_bytes());
+            }
+        }
+        Ok(len)
+    }
+
+    /// Reads the layout. What stands behind the PDOs and objects that are counted means nothing.
+    pub(in crate::xf) fn read(data: &[u8], form: PdoConfigForm) -> Result<Self, Malformed> {
+        let data = segment::get_at(data, 0, form.bytes())?;
+        let word = |at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
+        let slave = SlaveNumber::decode(data[0])?;
+        let count = Malformed::at_most("PDO count", data[1].into(), form.maps())?;
+        let assignment = PdoAssignment::decode(word(2))?;
+        let mut maps = [PdoMap::default(); 4];
+        for (i, map) in maps[..count].iter_mut().enumerate() {
+            let counted = word(form.counts_at() + 2 * i);
+            let objects = Malformed::at_most("PDO object count", counted.into(), PdoMap::OBJECTS)?;
+            *map = PdoMap { index: word(4 + 2 * i), count: objects as u8, ..PdoMap::default() };
+            let area = &data[form.objects_at() + 4 * PdoMap::OBJECTS * i..];
+            for (object, bytes) in map.objects[..objects].iter_mut().zip(area.as_chunks::<4>().0) {
+                *object = MappedObject::from_bytes(*bytes);
+            }
+        }
+        Ok(Self { slave, assignment, form, count: count as u8, maps })
+    }
+}
+
+/// ECAT_PDO_CONFIG_SET, code 7: sets the PDOs of a slave, 3 at most with 8 objects at most (XF EN 468).
+///
+/// The layout is [`PdoConfig`]'s of 112 bytes; with more PDOs or objects SDOs set them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PdoConfigSet {
+    config: PdoConfig,
+}
+
+impl PdoConfigSet {
+    /// The request with these PDOs; `None` if they are more than 3.
+    pub fn new(slave: SlaveNumber, assignment: PdoAssignment, maps: &[PdoMap]) -> Option<Self> {
+        Some(Self { config: PdoConfig::new(slave, assignment, PdoConfigForm::Three, maps)? })
+    }
+
+    /// What is set.
+    pub const fn config(&self) -> &PdoConfig {
+        &self.config
+    }
+}
+
+impl Call<'_> for PdoConfigSet {
+    const CODE: CommandCode = CommandCode::PdoConfigSet;
+    type Answer<'a> = ();
+
+    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
+        Ok(Arguments::NONE.len(self.config.write(data)?))
+    }
+
+    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
+        Ok(Self { config: PdoConfig::read(data, PdoConfigForm::Three)? })
+    }
+}
+
+/// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0, @2 u16
+/// assignment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PdoConfigRequest {
+    /// Which slave.
+    pub slave: SlaveNumber,
+    /// Outputs or inputs.
+    pub assignment: PdoAssignment,
+}
+
+impl Call<'_> for PdoConfigRequest {
+    const CODE: CommandCode = CommandCode::PdoConfigRequest;
+    type Answer<'a> = ();
+
+    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
+        let [low, high] = self.assignment.code().to_le_bytes();
+        Ok(Arguments::NONE.len(segment::put(data, &[self.slave.get(), 0, low, high])?))
+    }
+
+    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
+        let [slave, _, low, high] = segment::get::<[u8; 4]>(data)?;
+        let assignment = PdoAssignment::decode(u16::from_le_bytes([low, high]))?;
+        Ok(Self { slave: SlaveNumber::decode(slave)?, assignment })
+    }
+}

@@ -1,0 +1,89 @@
+//! What the chip answers: the result of each request, from the return byte, the length and the data segment of an answer.
+//!
+//! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain: `()` is no result, `u8` the
+//! return byte, `u16` and `u32` a number @0, a slice the valid bytes of the data segment. A list like that of the requests:
+//!
+//! | file | answers |
+//! | --- | --- |
+//! | `plain` | numbers, bytes and words that other parts of the crate have types for |
+//! | `network` | items about slaves |
+//! | `pdo` | process data and their configuration |
+//! | `chip` | version, limit of working counter errors, PHY, size of packets |
+//! | `helper` | states of axes; interrupts |
+//! | `raw` | datagrams and EEPROMs |
+//! | `mailbox` | emergencies, sets of slaves |
+
+mod chip;
+mod helper;
+mod mailbox;
+mod network;
+mod pdo;
+mod plain;
+mod raw;
+
+pub use chip::{FirmwareIdentity, FirmwareVersion, MdioAnswer, Series};
+pub use helper::DriveStateByte;
+pub use mailbox::{Emergencies, Emergency};
+pub use network::SlaveInfo;
+pub use pdo::PdoExchange;
+pub use raw::{EepromAnswer, RawAnswer};
+
+use super::{Malformed, segment};
+
+/// The fields of an answer's header that belong to the result.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Returned {
+    /// `ret`, byte 0x0D.
+    pub ret: u8,
+    /// Word 0x0E: how many bytes of the data segment are valid.
+    pub len: u16,
+}
+
+impl Returned {
+    /// No result.
+    pub const NONE: Self = Self { ret: 0, len: 0 };
+
+    /// The result is the return byte alone.
+    pub(super) const fn value(ret: u8) -> Self {
+        Self { ret, len: 0 }
+    }
+
+    /// The result is in the data segment alone.
+    pub(super) const fn data(len: u16) -> Self {
+        Self { ret: 0, len }
+    }
+
+    /// The valid bytes of the data segment.
+    ///
+    /// # Errors
+    /// The length says that there are more than the segment has.
+    pub(super) fn valid(self, data: &[u8]) -> Result<&[u8], Malformed> {
+        let len = Malformed::at_most("valid data length", self.len.into(), data.len())?;
+        Ok(&data[..len])
+    }
+
+    /// The `n` bytes at the beginning of the data segment, which have to be valid.
+    ///
+    /// # Errors
+    /// The length says that there are fewer, or more than the segment has.
+    pub(super) fn first(self, data: &[u8], n: usize) -> Result<&[u8], Malformed> {
+        let valid = self.valid(data)?;
+        Malformed::at_least("valid data length", valid.len(), n)?;
+        segment::get_at(valid, 0, n)
+    }
+}
+
+/// The result of a request. `'a` is how long its data live, if it has any.
+pub trait Answer<'a>: Sized {
+    /// Writes the data into a segment that is all 0, and returns the fields of the header.
+    ///
+    /// # Errors
+    /// The data do not fit into the segment.
+    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed>;
+
+    /// Reads the result from the fields of the header and the whole data segment.
+    ///
+    /// # Errors
+    /// A field has a value that the manuals do not allow.
+    fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed>;
+}

@@ -1,0 +1,198 @@
+//! Finds packets in a stream of bytes: nobody knows where in the stream one begins, or how long it is.
+//!
+//! That is so on SPI when a host starts while the chip runs, and on USB behind a serial port. What the vendor's driver does
+//! is seen in it (OBS): where an end word and a start word follow each other there is a border between packets, and two
+//! such borders show n. A border may stand in data as well, so that here the check word between the two has to be right
+//! too, by either of its types and either coverage. Once n is known, start word and end word alone tell a packet, so that
+//! one with a wrong check word reaches the parser, which names the error.
+
+use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, START_WORD};
+
+/// Bytes that the reader holds: two packets of the longest kind, so that a border in front of a packet, the packet and the
+/// border behind it are in it whatever is in front of them.
+const CAPACITY: usize = 2 * MAX_PACKET;
+/// Bytes of a border: end word and start word.
+const BORDER: usize = 8;
+
+/// A reader that takes bytes and gives packets. It holds 2880 bytes at most.
+///
+/// ```
+/// use ecmsk::xf::{CheckRule, CommandHeader, DataSize, MAX_PACKET, Resync, request::InfoUpdate, write_request};
+///
+/// let mut buffer = [0; MAX_PACKET];
+/// let header = CommandHeader::with_index(1);
+/// let packet = write_request(&mut buffer, DataSize::MANUAL, CheckRule::CRC32, header, &InfoUpdate)?;
+///
+/// let mut reader = Resync::new();
+/// let mut found = 0;
+/// for bytes in [&packet[100..], packet, packet, packet] {
+///     let mut rest = bytes;
+///     while !rest.is_empty() {
+///         rest = &rest[reader.push(rest)..];
+///         while let Some(received) = reader.next_packet() {
+///             assert_eq!(received, packet);
+///             found += 1;
+///         }
+///     }
+/// }
+/// assert_eq!((reader.size(), found, reader.dropped()), (Some(DataSize::MANUAL), 3, 44));
+/// # Ok::<(), ecmsk::xf::WriteError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Resync {
+    bytes: [u8; CAPACITY],
+    /// Bytes that are held, from the beginning of `bytes`.
+    held: usize,
+    /// Bytes at the beginning that were given away as a packet.
+    given: usize,
+    size: Option<DataSize>,
+    dropped: u64,
+}
+
+impl Default for Resync {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Resync {
+    /// A reader that finds n by itself.
+    pub const fn new() -> Self {
+        Self { bytes: [0; CAPACITY], held: 0, given: 0, size: None, dropped: 0 }
+    }
+
+    /// A reader for packets of that size.
+    pub const fn with_size(size: DataSize) -> Self {
+        Self { size: Some(size), ..Self::new() }
+    }
+
+    /// The size of the data segment, if it is known.
+    pub const fn size(&self) -> Option<DataSize> {
+        self.size
+    }
+
+    /// From now on packets have that size, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Bytes that are
+    /// held stay.
+    pub const fn set_size(&mut self, size: Option<DataSize>) {
+        self.size = size;
+    }
+
+    /// How many bytes were in no packet.
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Takes bytes and returns how many: all that there is room for, and at least one whenever [`Self::next_packet`] has
+    /// just given nothing.
+    pub fn push(&mut self, bytes: &[u8]) -> usize {
+        self.forget_given();
+        let taken = bytes.len().min(CAPACITY - self.held);
+        self.bytes[self.held..self.held + taken].copy_from_slice(&bytes[..taken]);
+        self.held += taken;
+        taken
+    }
+
+    /// The next packet, n + 32 bytes with a right start word and a right end word; `None` until more bytes have come.
+    pub fn next_packet(&mut self) -> Option<&[u8]> {
+        self.forget_given();
+        let size = match self.size {
+            Some(size) => size,
+            None => self.find_size()?,
+        };
+        self.size = Some(size);
+        let len = size.packet_len();
+        let skipped = self.find_packet(len);
+        self.drop_front(skipped);
+        if self.held < len || !self.is_packet(0, len) {
+            return None;
+        }
+        self.given = len;
+        Some(&self.bytes[..len])
+    }
+
+    fn forget_given(&mut self) {
+        self.bytes.copy_within(self.given..self.held, 0);
+        self.held -= self.given;
+        self.given = 0;
+    }
+
+    fn drop_front(&mut self, n: usize) {
+        self.bytes.copy_within(n..self.held, 0);
+        self.held -= n;
+        self.dropped += n as u64;
+    }
+
+    /// Whether the word at byte `at` is there and is this one.
+    fn has(&self, at: usize, word: u32) -> bool {
+        self.bytes[..self.held].get(at..at + 4) == Some(&word.to_le_bytes())
+    }
+
+    /// Whether a packet of `len` bytes, all of which are held, stands at byte `at`.
+    fn is_packet(&self, at: usize, len: usize) -> bool {
+        self.has(at, START_WORD) && self.has(at + len - 4, END_WORD)
+    }
+
+    /// How many bytes are in front of the first place where a packet of that length is, or may be once more bytes have come.
+    fn find_packet(&self, len: usize) -> usize {
+        (0..self.held)
+            .find(|&at| {
+                let start = START_WORD.to_le_bytes();
+                let here = &self.bytes[at..self.held];
+                let begins = here.iter().zip(start).all(|(byte, word)| *byte == word);
+                begins && (here.len() < len || self.has(at + len - 4, END_WORD))
+            })
+            .unwrap_or(self.held)
+    }
+
+    /// Finds n. What cannot belong to a packet any more is dropped, so that there is room for more.
+    fn find_size(&mut self) -> Option<DataSize> {
+        let is_border = |at: &usize| self.has(*at, END_WORD) && self.has(*at + 4, START_WORD);
+        let borders = || (0..(self.held + 1).saturating_sub(BORDER)).filter(is_border);
+        let found = borders().find_map(|first| {
+            let packet = first + 4;
+            let lens = borders().filter(|second| *second > first).map(move |second| second + 4 - packet);
+            Some((packet, self.checked(packet, lens)?))
+        });
+        if let Some((packet, size)) = found {
+            let whole = self.packets_before(packet, size.packet_len());
+            self.drop_front(packet - whole);
+            return Some(size);
+        }
+        if self.held == CAPACITY {
+            // A border may still be the first one if that behind the longest packet has not come yet.
+            let undecided = (CAPACITY + 1).saturating_sub(MAX_PACKET + BORDER);
+            let border = (undecided..=CAPACITY - BORDER).find(is_border);
+            // The last bytes may be the beginning of a border.
+            let kept = border.unwrap_or(CAPACITY - BORDER + 1);
+            self.drop_front(kept);
+        }
+        None
+    }
+
+    /// The first of the lengths, which ascend, with which the bytes from `packet` on have a right check word.
+    fn checked(&self, packet: usize, lens: impl Iterator<Item = usize>) -> Option<DataSize> {
+        let bytes = &self.bytes[packet..self.held];
+        let valid = HEADER_LEN + usize::from(u16::from_le_bytes([*bytes.get(0x0E)?, *bytes.get(0x0F)?]));
+        let (mut digest, mut covered, mut crc_of_valid) = (crc32fast::Hasher::new(), 0, None);
+        lens.filter_map(DataSize::of_packet).find(|size| {
+            let end = HEADER_LEN + size.bytes();
+            let Some(word) = bytes.get(end..end + 4) else { return false };
+            let word = u32::from_le_bytes([word[0], word[1], word[2], word[3]]);
+            digest.update(&bytes[covered..end]);
+            covered = end;
+            word == FIXED_CHECK
+                || word == NOT_READY
+                || word == digest.clone().finalize()
+                || (valid <= end && word == *crc_of_valid.get_or_insert_with(|| crc32fast::hash(&bytes[..valid])))
+        })
+    }
+
+    /// How many bytes of whole packets of that length stand right in front of `packet`.
+    fn packets_before(&self, packet: usize, len: usize) -> usize {
+        let mut whole = 0;
+        while packet - whole >= len && self.is_packet(packet - whole - len, len) {
+            whole += len;
+        }
+        whole
+    }
+}

@@ -1,0 +1,47 @@
+//! The size of the data segment, n: 32 to 1408 bytes, the same for both directions until it is changed.
+
+/// How many bytes the data segment of a packet has, 32..=1408 (XF EN 182). A host that does not know it finds it with
+/// [`Resync`](super::Resync), asks for it with SPI_PACK_SIZE_GET and changes it with SPI_RECONFIG_OP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct DataSize(u16);
+
+impl DataSize {
+    /// 32 bytes, the least.
+    pub const MIN: Self = Self(32);
+    /// 1408 bytes, the most.
+    pub const MAX: Self = Self(1408);
+    /// 112 bytes: what an ECM-XF starts with according to the manuals.
+    pub const MANUAL: Self = Self(112);
+    /// 1024 bytes: what newer firmware starts with (OBS).
+    pub const NEWER: Self = Self(1024);
+    /// 992 bytes: the only size of an ECM-XFU, so that a packet is one USB packet of 1024 bytes (XF EN 715).
+    pub const XFU: Self = Self(992);
+
+    /// The size of `n` bytes; `None` unless `n` is 32..=1408.
+    pub const fn new(n: usize) -> Option<Self> {
+        if n >= Self::MIN.bytes() && n <= Self::MAX.bytes() { Some(Self(n as u16)) } else { None }
+    }
+
+    /// The size of the data segment of a packet of `len` bytes; `None` unless `len` is 64..=1440.
+    pub const fn of_packet(len: usize) -> Option<Self> {
+        match len.checked_sub(super::HEADER_LEN + super::TRAILER_LEN) {
+            Some(n) => Self::new(n),
+            None => None,
+        }
+    }
+
+    /// Bytes of the data segment: n.
+    pub const fn bytes(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Bytes of a whole packet: n + 32.
+    pub const fn packet_len(self) -> usize {
+        super::HEADER_LEN + self.bytes() + super::TRAILER_LEN
+    }
+
+    /// n as the length field of SPI_RECONFIG_OP has it.
+    pub const fn get(self) -> u16 {
+        self.0
+    }
+}

@@ -1,0 +1,187 @@
+//! Values that several requests have, always in their range.
+
+use super::Malformed;
+use crate::ethercat::AlState;
+
+/// Defines numbers with an upper limit.
+macro_rules! numbers {
+    ($($(#[$doc:meta])* $name:ident($int:ty), $field:literal, 0..=$most:literal;)*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub struct $name($int);
+
+        impl $name {
+            /// The largest one.
+            pub const MAX: Self = Self($most);
+
+            /// The number `n`; `None` if it is above [`Self::MAX`].
+            pub const fn new(n: $int) -> Option<Self> {
+                if n <= $most { Some(Self(n)) } else { None }
+            }
+
+            /// The number.
+            pub const fn get(self) -> $int {
+                self.0
+            }
+
+            pub(super) fn decode(n: $int) -> Result<Self, Malformed> {
+                Self::new(n).ok_or(Malformed {
+                    field: $field,
+                    found: n.into(),
+                    allowed: super::Allowed::Between(0, $most),
+                })
+            }
+        }
+    )*};
+}
+
+numbers! {
+    /// A slave by its place on the cable, 0..=127; the first one is 0.
+    SlaveNumber(u8), "slave number", 0..=127;
+    /// An axis of the CiA 402 helper, 0..=127; the first one is 0.
+    MotorNumber(u8), "motor number", 0..=127;
+    /// A GPIO, 0..=19; above 15 with certain versions of the chip only.
+    GpioChannel(u8), "GPIO channel", 0..=19;
+    /// GPIO 16 to 19 as bits: bit k is GPIO 16 + k.
+    UpperPins(u8), "mask of GPIO 16 to 19", 0..=0x0F;
+    /// GPIO 0 to 19 as bits: bit k is GPIO k.
+    AllPins(u32), "bits of GPIO 0 to 19", 0..=0xF_FFFF;
+    /// A value of 12 bits, 0..=4095, for 0 V to 3.3 V.
+    Analog(u32), "analog value", 0..=4095;
+    /// The delay of a conversion by the DAC, 0..=1023 in 1/96 us. A full step takes 8 us: more than 768 is advised.
+    DacDelay(u32), "DAC delay", 0..=1023;
+    /// A place in the flash memory of the chip that is for files, 0..=0x3FFFF.
+    FlashAddress(u32), "flash address", 0..=0x3_FFFF;
+}
+
+impl SlaveNumber {
+    /// From a field of 16 bits.
+    pub(super) fn decode_wide(n: u16) -> Result<Self, Malformed> {
+        let malformed = Malformed { field: "slave number", found: n.into(), allowed: super::Allowed::Between(0, 127) };
+        u8::try_from(n).ok().and_then(Self::new).ok_or(malformed)
+    }
+}
+
+/// One slave or all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Slaves {
+    /// This slave.
+    One(SlaveNumber),
+    /// All slaves: 0xFF.
+    All,
+}
+
+impl Slaves {
+    /// All slaves, on the wire.
+    const ALL: u8 = 0xFF;
+
+    /// The byte on the wire: 0..=127 or 0xFF.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::One(slave) => slave.get(),
+            Self::All => Self::ALL,
+        }
+    }
+
+    pub(super) fn decode(code: u8) -> Result<Self, Malformed> {
+        match (code, SlaveNumber::new(code)) {
+            (Self::ALL, _) => Ok(Self::All),
+            (_, Some(slave)) => Ok(Self::One(slave)),
+            (code, None) => Err(Malformed::only("slave number", code.into(), "0 to 127, or 255 for all")),
+        }
+    }
+}
+
+impl From<SlaveNumber> for Slaves {
+    fn from(slave: SlaveNumber) -> Self {
+        Self::One(slave)
+    }
+}
+
+/// Enums of a few codes, which are all that the manuals allow.
+macro_rules! choices {
+    ($($(#[$doc:meta])* $name:ident($int:ty), $field:literal, $allowed:literal {
+        $($(#[$variant_doc:meta])* $variant:ident = $code:literal,)*
+    })*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[repr($int)]
+        pub enum $name {
+            $($(#[$variant_doc])* $variant = $code,)*
+        }
+
+        impl $name {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
+
+            /// The one with this code; `None` for a code that the manuals do not allow.
+            pub const fn from_code(code: $int) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$variant),)*
+                    _ => None,
+                }
+            }
+
+            /// The code on the wire.
+            pub const fn code(self) -> $int {
+                self as $int
+            }
+
+            #[allow(dead_code, reason = "not every list of codes is part of a request")]
+            pub(in crate::xf) fn decode(code: $int) -> Result<Self, $crate::xf::Malformed> {
+                Self::from_code(code).ok_or($crate::xf::Malformed::only($field, code.into(), $allowed))
+            }
+        }
+    )*};
+}
+
+pub(super) use choices;
+
+choices! {
+    /// An EtherCAT state as the chip counts them (XF EN 619). [`AlState`] has no Boot, which no slave of ours knows.
+    EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP" {
+        /// 1: Init.
+        Init = 1,
+        /// 2: Pre-operational.
+        PreOp = 2,
+        /// 3: Bootstrap, for files.
+        Boot = 3,
+        /// 4: Safe-operational.
+        SafeOp = 4,
+        /// 8: Operational.
+        Op = 8,
+    }
+
+    /// Whether something is read or written, where 0 is to write.
+    WriteOrRead(u8), "operation", "0 write, 1 read" {
+        /// 0: write.
+        Write = 0,
+        /// 1: read.
+        Read = 1,
+    }
+
+    /// A switch.
+    Switch(u8), "switch", "0 off, 1 on" {
+        /// 0: off.
+        Off = 0,
+        /// 1: on.
+        On = 1,
+    }
+}
+
+impl From<AlState> for EtherCatState {
+    fn from(state: AlState) -> Self {
+        match state {
+            AlState::Init => Self::Init,
+            AlState::PreOp => Self::PreOp,
+            AlState::SafeOp => Self::SafeOp,
+            AlState::Op => Self::Op,
+        }
+    }
+}
+
+impl From<bool> for Switch {
+    fn from(on: bool) -> Self {
+        if on { Self::On } else { Self::Off }
+    }
+}

@@ -28,6 +28,8 @@ pub use network::SlaveInfo;
 pub use pdo::PdoExchange;
 pub use raw::{EepromAnswer, RawAnswer};
 
+use core::fmt;
+
 use super::{Malformed, segment};
 
 /// The fields of an answer's header that belong to the result.
@@ -74,7 +76,7 @@ impl Returned {
 }
 
 /// The result of a request. `'a` is how long its data live, if it has any.
-pub trait Answer<'a>: Sized {
+pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     /// Writes the data into a segment that is all 0, and returns the fields of the header.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 //! What the tests of the wire format share: the golden frames as they stand in their file, and a frame full of rubbish.
 
 pub mod golden;
+pub mod xf;
 
 use ecmsk::sk::{Frame, RawSlot, SlotSize};
 use serde_json::Value;

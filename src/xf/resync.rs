@@ -8,13 +8,13 @@
 
 use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, START_WORD};
 
-/// Bytes that the reader holds: two packets of the longest kind, so that a border in front of a packet, the packet and the
-/// border behind it are in it whatever is in front of them.
-const CAPACITY: usize = 2 * MAX_PACKET;
 /// Bytes of a border: end word and start word.
 const BORDER: usize = 8;
+/// Bytes that the reader holds: two packets of the longest kind and the beginning of a third one, so that the packet in front
+/// of a border is not lost while the next border has not come.
+const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
-/// A reader that takes bytes and gives packets. It holds 2880 bytes at most.
+/// A reader that takes bytes and gives packets. It holds 2888 bytes at most.
 ///
 /// ```
 /// use ecmsk::xf::{CheckRule, CommandHeader, DataSize, MAX_PACKET, Resync, request::InfoUpdate, write_request};
@@ -45,6 +45,9 @@ pub struct Resync {
     held: usize,
     /// Bytes at the beginning that were given away as a packet.
     given: usize,
+    /// Where the first border may be that was not yet compared with those in front of it. Without it a stream that is full
+    /// of borders would be compared anew with each byte that comes.
+    compared: usize,
     size: Option<DataSize>,
     dropped: u64,
 }
@@ -58,7 +61,7 @@ impl Default for Resync {
 impl Resync {
     /// A reader that finds n by itself.
     pub const fn new() -> Self {
-        Self { bytes: [0; CAPACITY], held: 0, given: 0, size: None, dropped: 0 }
+        Self { bytes: [0; CAPACITY], held: 0, given: 0, compared: 0, size: None, dropped: 0 }
     }
 
     /// A reader for packets of that size.
@@ -74,6 +77,7 @@ impl Resync {
     /// From now on packets have that size, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Bytes that are
     /// held stay.
     pub const fn set_size(&mut self, size: Option<DataSize>) {
+        self.compared = 0;
         self.size = size;
     }
 
@@ -119,12 +123,18 @@ impl Resync {
     fn drop_front(&mut self, n: usize) {
         self.bytes.copy_within(n..self.held, 0);
         self.held -= n;
+        self.compared = self.compared.saturating_sub(n);
         self.dropped += n as u64;
     }
 
     /// Whether the word at byte `at` is there and is this one.
     fn has(&self, at: usize, word: u32) -> bool {
         self.bytes[..self.held].get(at..at + 4) == Some(&word.to_le_bytes())
+    }
+
+    /// Whether an end word and a start word follow each other at byte `at`.
+    fn is_border(&self, at: usize) -> bool {
+        self.has(at, END_WORD) && self.has(at + 4, START_WORD)
     }
 
     /// Whether a packet of `len` bytes, all of which are held, stands at byte `at`.
@@ -146,24 +156,27 @@ impl Resync {
 
     /// Finds n. What cannot belong to a packet any more is dropped, so that there is room for more.
     fn find_size(&mut self) -> Option<DataSize> {
-        let is_border = |at: &usize| self.has(*at, END_WORD) && self.has(*at + 4, START_WORD);
-        let borders = || (0..(self.held + 1).saturating_sub(BORDER)).filter(is_border);
-        let found = borders().find_map(|first| {
+        let places = (self.held + 1).saturating_sub(BORDER);
+        let is_border = |at: &usize| self.is_border(*at);
+        let found = (0..places).filter(is_border).find_map(|first| {
             let packet = first + 4;
-            let lens = borders().filter(|second| *second > first).map(move |second| second + 4 - packet);
-            Some((packet, self.checked(packet, lens)?))
+            let behind = (self.compared.max(first + 1)..places).filter(is_border);
+            Some((packet, self.checked(packet, behind.map(|second| second + 4 - packet))?))
         });
         if let Some((packet, size)) = found {
             let whole = self.packets_before(packet, size.packet_len());
             self.drop_front(packet - whole);
             return Some(size);
         }
+        self.compared = places;
         if self.held == CAPACITY {
-            // A border may still be the first one if that behind the longest packet has not come yet.
-            let undecided = (CAPACITY + 1).saturating_sub(MAX_PACKET + BORDER);
-            let border = (undecided..=CAPACITY - BORDER).find(is_border);
+            // Borders in front of this place were compared with all that there can be behind them.
+            let undecided = CAPACITY + 1 - (MAX_PACKET + BORDER);
             // The last bytes may be the beginning of a border.
-            let kept = border.unwrap_or(CAPACITY - BORDER + 1);
+            let border = (undecided..places).find(|at| self.is_border(*at)).unwrap_or(places);
+            // The packet in front of that border may be a whole one.
+            let earliest = border + 4 - MAX_PACKET;
+            let kept = (earliest..border).find(|at| self.has(*at, START_WORD)).unwrap_or(border);
             self.drop_front(kept);
         }
         None

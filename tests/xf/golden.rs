@@ -29,7 +29,7 @@ fn request<'d>(name: &str, data: &'d [u8]) -> Request<'d> {
         "ecat-init-lrw-master-shift" => init(ReferenceClock::FirstSlave, true, dc(2_000_000, -125_000)).into(),
         "state-set-op" => all_op.into(),
         "sdo-req-write" => sdo(2, 0x6060, SdoOperation::Write(&[8])).into(),
-        "crc-valid-only" => sdo(1, 0x6041, SdoOperation::Read { bytes: 2 }).into(),
+        "crc-valid-only" => sdo(0, 0x6041, SdoOperation::Read { bytes: 2 }).into(),
         "pdo-fifo-rw" => PdoDataFifo { count: 1, operation: PdoOperation::WRITE | PdoOperation::READ, data }.into(),
         "pdo-fifo-two" => PdoDataFifo { count: 2, operation: PdoOperation::WRITE, data }.into(),
         "pdo-config-set" => {

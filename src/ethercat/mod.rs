@@ -1,6 +1,6 @@
 //! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen
-//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte order of the wire. No I/O, no
-//! state, no `std`.
+//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte order of the wire. No I/O,
+//! no state, no `std`.
 
 pub mod cia402;
 pub mod coe;

@@ -1,13 +1,14 @@
 //! The check word behind the data segment: a fixed word, or a CRC-32 of the header and the data.
 //!
 //! The CRC-32 is zlib's (XF EN 741). `crc32fast` computes it with the carry-less multiplication of the processor where
-//! there is one, which matters because every packet of every cycle is checked on both sides; it is small, needs no `std`,
-//! and is the one that zlib's users in Rust have.
+//! there is one, which matters because every packet of every cycle is checked on both sides; it is small, needs no
+//! `std`, and is the one that zlib's users in Rust have.
 
 use super::header::CommandHeader;
 use super::{AnswerHeader, FIXED_CHECK, HEADER_LEN, NOT_READY};
 
-/// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are undefined.
+/// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are
+/// undefined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum CheckType {
@@ -100,7 +101,8 @@ pub(super) enum Verdict {
     Undefined(u8),
 }
 
-/// The check word of an answer is judged by the answer's own status bits, which a host trusts more than what it has set.
+/// The check word of an answer is judged by the answer's own status bits, which a host trusts more than what it has
+/// set.
 ///
 /// A CRC that is by chance the word for "not ready" is a right one.
 pub(super) fn judge_answer(header: &AnswerHeader, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {

@@ -1,10 +1,10 @@
 //! The 67 command codes and 91 functions, as one table (XF EN 272, tables 3 and 4, and the block of each command).
 //!
-//! Five codes, 31 to 35, carry 29 functions, which the parameter byte names; the other 62 are one function each. Codes that
-//! only the vendor's header names are unknown here, as to the chip.
+//! Five codes, 31 to 35, carry 29 functions, which the parameter byte names; the other 62 are one function each. Codes
+//! that only the vendor's header names are unknown here, as to the chip.
 //!
-//! A new command begins here with its row; what follows is its type in [`request`](super::request) and its row in the table
-//! there, its answer in [`response`](super::response), and the lists of the tests.
+//! A new command begins here with its row; what follows is its type in [`request`](super::request) and its row in the
+//! table there, its answer in [`response`](super::response), and the lists of the tests.
 
 use core::fmt;
 
@@ -56,7 +56,8 @@ pub struct Function {
     pub parameter: u8,
     /// The name as in the manuals.
     pub name: &'static str,
-    /// The first firmware that has it; 0 where the manuals name none. What they have for "certain versions" alone is 0 too.
+    /// The first firmware that has it; 0 where the manuals name none. What they have for "certain versions" alone is 0
+    /// too.
     pub since: u8,
     /// Where its result stands.
     pub answer: AnswerForm,

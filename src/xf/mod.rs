@@ -2,10 +2,10 @@
 //!
 //! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
 //! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
-//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. This module has no I/O,
-//! no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets of the protocol;
-//! everything else in the crate uses its types. Each request and each answer is encoded and decoded, so that hosts and
-//! models of the chip speak with the same types.
+//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. This module has no
+//! I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets of the
+//! protocol; everything else in the crate uses its types. Each request and each answer is encoded and decoded, so that
+//! hosts and models of the chip speak with the same types.
 //!
 //! How to read it:
 //!
@@ -23,9 +23,9 @@
 //! | [`malformed`] | what is wrong with a field |
 //!
 //! Three notations stand throughout:
-//! - `XF EN 436`, `XF ZH 442`: the line of the text of NEXTW's *ECM-XF user manual*, English v050 and Chinese v049, where
-//!   the command's block begins; `OBS`: seen in the vendor's own driver and in programs that work with real chips;
-//!   `[OURS]`: a decision of this project, where no source says anything.
+//! - `XF EN 436`, `XF ZH 442`: the line of the text of NEXTW's *ECM-XF user manual*, English v050 and Chinese v049,
+//!   where the command's block begins; `OBS`: seen in the vendor's own driver and in programs that work with real
+//!   chips; `[OURS]`: a decision of this project, where no source says anything.
 //! - `par`, `i0` to `i3`, `ret`: the parameter byte 0x0D and the information bytes 0x04 to 0x07 of a command, and the
 //!   return byte 0x0D of an answer. `@4` is byte 4 of the data segment.
 //! - `XF-1.5`: the row of `docs/rules/xf.md` in the project's repository that states the rule and its source.

@@ -124,8 +124,8 @@ pub fn write_request<'b>(
 /// Builds the answer packet with `answer` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
 /// written.
 ///
-/// Of `header` all is taken but the return byte and the length, which are the answer's, and the check type in the status,
-/// which is that of `rule`. An answer that has no result is `()`, with [`Status::NOP`] if it is to no command.
+/// Of `header` all is taken but the return byte and the length, which are the answer's, and the check type in the
+/// status, which is that of `rule`. An answer that has no result is `()`, with [`Status::NOP`] if it is to no command.
 ///
 /// # Errors
 /// The buffer is too short, or the answer does not fit into n bytes.

@@ -1,17 +1,17 @@
 //! Finds packets in a stream of bytes: nobody knows where in the stream one begins, or how long it is.
 //!
-//! That is so on SPI when a host starts while the chip runs, and on USB behind a serial port. What the vendor's driver does
-//! is seen in it (OBS): where an end word and a start word follow each other there is a border between packets, and two
-//! such borders show n. A border may stand in data as well, so that here the check word between the two has to be right
-//! too, by either of its types and either coverage. Once n is known, start word and end word alone tell a packet, so that
-//! one with a wrong check word reaches the parser, which names the error.
+//! That is so on SPI when a host starts while the chip runs, and on USB behind a serial port. What the vendor's driver
+//! does is seen in it (OBS): where an end word and a start word follow each other there is a border between packets,
+//! and two such borders show n. A border may stand in data as well, so that here the check word between the two has to
+//! be right too, by either of its types and either coverage. Once n is known, start word and end word alone tell a
+//! packet, so that one with a wrong check word reaches the parser, which names the error.
 
 use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, START_WORD};
 
 /// Bytes of a border: end word and start word.
 const BORDER: usize = 8;
-/// Bytes that the reader holds: two packets of the longest kind and the beginning of a third one, so that the packet in front
-/// of a border is not lost while the next border has not come.
+/// Bytes that the reader holds: two packets of the longest kind and the beginning of a third one, so that the packet in
+/// front of a border is not lost while the next border has not come.
 const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
 /// A reader that takes bytes and gives packets. It holds 2888 bytes at most.
@@ -45,8 +45,8 @@ pub struct Resync {
     held: usize,
     /// Bytes at the beginning that were given away as a packet.
     given: usize,
-    /// Where the first border may be that was not yet compared with those in front of it. Without it a stream that is full
-    /// of borders would be compared anew with each byte that comes.
+    /// Where the first border may be that was not yet compared with those in front of it. Without it a stream that is
+    /// full of borders would be compared anew with each byte that comes.
     compared: usize,
     size: Option<DataSize>,
     dropped: u64,
@@ -74,8 +74,8 @@ impl Resync {
         self.size
     }
 
-    /// From now on packets have that size, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Bytes that are
-    /// held stay.
+    /// From now on packets have that size, as after SPI_RECONFIG_OP; with `None` the reader finds it again. Bytes that
+    /// are held stay.
     pub const fn set_size(&mut self, size: Option<DataSize>) {
         self.compared = 0;
         self.size = size;
@@ -86,8 +86,8 @@ impl Resync {
         self.dropped
     }
 
-    /// Takes bytes and returns how many: all that there is room for, and at least one whenever [`Self::next_packet`] has
-    /// just given nothing.
+    /// Takes bytes and returns how many: all that there is room for, and at least one whenever [`Self::next_packet`]
+    /// has just given nothing.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         self.forget_given();
         let taken = bytes.len().min(CAPACITY - self.held);
@@ -142,7 +142,8 @@ impl Resync {
         self.has(at, START_WORD) && self.has(at + len - 4, END_WORD)
     }
 
-    /// How many bytes are in front of the first place where a packet of that length is, or may be once more bytes have come.
+    /// How many bytes are in front of the first place where a packet of that length is, or may be once more bytes have
+    /// come.
     fn find_packet(&self, len: usize) -> usize {
         (0..self.held)
             .find(|&at| {

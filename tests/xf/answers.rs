@@ -318,8 +318,8 @@ fn answers_with_process_data() {
     process_data();
 }
 
-/// XF-7.3 Objects and why they failed; XF-7.4 EEPROM; XF-7.6 datagrams, by byte 2 whatever the length; XF-7.7 flash memory;
-/// XF-7.9 emergencies; XF-7.10, XF-7.11 mailboxes.
+/// XF-7.3 Objects and why they failed; XF-7.4 EEPROM; XF-7.6 datagrams, by byte 2 whatever the length; XF-7.7 flash
+/// memory; XF-7.9 emergencies; XF-7.10, XF-7.11 mailboxes.
 #[test]
 fn answers_of_slaves() {
     transfers();

@@ -4,10 +4,13 @@ use ecmsk::xf::code::{AnswerForm, COMMANDS};
 use ecmsk::xf::request::{Arguments, UnknownCommand};
 use ecmsk::xf::{CommandCode, Request};
 
-/// Code, name without `ECM_CMD_` (with `ECM_` where the manuals have that), and the functions by parameter: the blocks of
-/// the English manual in their order of codes.
+/// Code, name, and the functions by parameter.
+type Row = (u8, &'static str, &'static [(u8, &'static str)]);
+
+/// Code, name without `ECM_CMD_` (with `ECM_` where the manuals have that), and the functions by parameter: the blocks
+/// of the English manual in their order of codes.
 #[rustfmt::skip]
-pub const MANUAL: &[(u8, &str, &[(u8, &str)])] = &[
+pub const MANUAL: &[Row] = &[
     (0, "INFO_UPDATE_OP", &[]), (1, "ECAT_INIT_OP", &[]), (2, "ECAT_RECONFIG_OP", &[]), (3, "ECAT_INIT_DC_OP", &[]),
     (4, "ECAT_PDO_WC_GET", &[]), (5, "ECAT_PDO_DATA_FIFO_OP", &[]), (6, "ECAT_PDO_DATA_OP", &[]),
     (7, "ECAT_PDO_CONFIG_SET", &[]), (8, "ECAT_PDO_CONFIG_REQ", &[]), (9, "ECAT_PDO_CONFIG_GET", &[]),
@@ -51,14 +54,15 @@ pub const MANUAL: &[(u8, &str, &[(u8, &str)])] = &[
 #[rustfmt::skip]
 const DATA: [(u8, Option<u8>); 26] = [
     (4, None), (5, None), (6, None), (9, None), (11, None), (15, None), (19, None), (20, None), (32, Some(1)),
-    (32, Some(3)), (32, Some(5)), (32, Some(7)), (33, Some(21)), (35, Some(17)), (35, Some(15)), (39, None), (56, None), (59, None),
+    (32, Some(3)), (32, Some(5)), (32, Some(7)), (33, Some(21)), (35, Some(17)), (35, Some(15)),
+    (39, None), (56, None), (59, None),
     (69, None), (74, None), (81, None), (83, None), (138, None), (140, None), (143, None), (144, None),
 ];
 const VALUE: [u8; 13] = [5, 13, 16, 24, 28, 30, 39, 53, 55, 56, 59, 130, 131];
 
 /// Every function of the manual: its code and, with codes 31 to 35, its parameter.
 pub fn functions() -> Vec<(u8, Option<u8>)> {
-    let of = |&(code, _, functions): &(u8, &str, &'static [(u8, &str)])| {
+    let of = |&(code, _, functions): &Row| {
         let numbered: Vec<_> = functions.iter().map(|(parameter, _)| (code, Some(*parameter))).collect();
         if numbered.is_empty() { vec![(code, None)] } else { numbered }
     };
@@ -133,8 +137,8 @@ fn commands_that_are_not_done_at_once() {
     }
 }
 
-/// XF-4.7 Three functions are there from firmware 9 on; answers have their results where the manual's response packets have
-/// them.
+/// XF-4.7 Three functions are there from firmware 9 on; answers have their results where the manual's response packets
+/// have them.
 #[test]
 fn functions_say_since_when_and_where_their_result_is() {
     let since_9 = [(31, 6), (32, 2), (32, 3)];

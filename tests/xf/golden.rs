@@ -69,8 +69,8 @@ fn beside(packet: &Packet) -> CommandHeader {
     }
 }
 
-/// XF-1.4 Every golden command is encoded to its bytes; XF-1.5 whatever was in the buffer; XF-2.6 SPI_RECONFIG_OP has the
-/// fixed check word although a CRC-32 is set.
+/// XF-1.4 Every golden command is encoded to its bytes; XF-1.5 whatever was in the buffer; XF-2.6 SPI_RECONFIG_OP has
+/// the fixed check word although a CRC-32 is set.
 #[test]
 fn golden_commands_encode_to_their_bytes() {
     for packet in packets().iter().filter(|packet| !packet.is_answer) {

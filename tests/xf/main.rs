@@ -5,8 +5,8 @@
 //! - `golden.rs`, `packets.rs`: golden packets; what is no packet, and the check word
 //! - `header.rs`: where every field of the headers is, and what its bits mean
 //! - `codes.rs`: the 67 codes and 91 functions, against a list of its own
-//! - `requests.rs`, `answers.rs`: every request and every answer byte by byte, as the manuals print them; which of them has
-//!   which rule is in their folders
+//! - `requests.rs`, `answers.rs`: every request and every answer byte by byte, as the manuals print them; which of them
+//!   has which rule is in their folders
 //! - `values.rs`: values that the manuals do not allow
 //! - `roundtrip.rs`: encoding and decoding of anything
 //! - `resync.rs`: packets in a stream of bytes

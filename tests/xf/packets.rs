@@ -144,7 +144,8 @@ fn an_answer_names_its_check_type() {
     }
 }
 
-/// XF-2.5 Not ready is neither an answer nor an error, whatever the type; a CRC-32 that is this word by chance is right.
+/// XF-2.5 Not ready is neither an answer nor an error, whatever the type; a CRC-32 that is this word by chance is
+/// right.
 #[test]
 fn a_chip_that_is_not_ready_is_no_error() {
     for status in 0..=3 {
@@ -187,8 +188,8 @@ fn spi_reconfig_is_checked_by_the_fixed_word() {
     assert!(matches!(error, PacketError::CheckWord { kind: CheckType::Fixed, expected: 0x1234_5678, .. }));
 }
 
-/// XF-4.6 An answer with the NOP flag is never a result, even if index and code are those of the command; nor is an answer
-/// to another command.
+/// XF-4.6 An answer with the NOP flag is never a result, even if index and code are those of the command; nor is an
+/// answer to another command.
 #[test]
 fn what_is_no_result_is_not_taken_for_one() {
     let of = |status, take: fn(&AnswerPacket<'_>) -> Option<AnswerError>| {
@@ -245,14 +246,19 @@ proptest! {
         prop_assert!(AnswerPacket::parse(&bytes, size, Coverage::Valid).is_err());
     }
 
-    /// XF-1.6, XF-2.2 One bit that was flipped anywhere is an error, as is a packet that is cut off; XF-2.3 whatever the
-    /// CRC covers, if it is covered.
+    /// XF-1.6, XF-2.2 One bit that was flipped anywhere is an error, as is a packet that is cut off; XF-2.3 whatever
+    /// the CRC covers, if it is covered.
     #[test]
-    fn a_damaged_packet_is_an_error(data in proptest::collection::vec(any::<u8>(), 112), bit in 0usize..144 * 8, cut in 0usize..144) {
+    fn a_damaged_packet_is_an_error(
+        data in proptest::collection::vec(any::<u8>(), 112),
+        bit in 0usize..144 * 8,
+        cut in 0usize..144,
+    ) {
         let unknown = UnknownCommand { code: CommandCode::from_code(99), arguments: Default::default(), data: &data };
         let mut buffer = [0xA5; MAX_PACKET];
         let header = CommandHeader::with_index(1);
-        let packet = write_request(&mut buffer, SIZE, CheckRule::CRC32, header, &Request::Unknown(unknown)).expect("it fits");
+        let request = Request::Unknown(unknown);
+        let packet = write_request(&mut buffer, SIZE, CheckRule::CRC32, header, &request).expect("it fits");
         prop_assert!(parse(packet).is_ok());
         prop_assert_eq!(parse(&packet[..cut]), Err(PacketError::Length { expected: 144, found: cut }));
         let mut damaged = packet.to_vec();

@@ -59,7 +59,8 @@ fn answers(size: DataSize, rule: CheckRule, n: u8) -> Vec<Vec<u8>> {
     (0..n).map(|index| answer(size, rule, index)).collect()
 }
 
-/// XF-3.1, XF-3.2 From every offset of a stream: what is left of the packet that was cut is dropped, all others are found.
+/// XF-3.1, XF-3.2 From every offset of a stream: what is left of the packet that was cut is dropped, all others are
+/// found.
 #[test]
 fn from_every_offset() {
     let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 5);
@@ -131,8 +132,8 @@ fn damaged_packets_are_given() {
     assert!(AnswerPacket::parse(&packets[4], DataSize::MANUAL, Coverage::All).is_err());
 }
 
-/// XF-3.4, XF-3.5 A packet that lost its start word, its end word or other bytes is dropped, and bytes between packets are;
-/// those behind are found.
+/// XF-3.4, XF-3.5 A packet that lost its start word, its end word or other bytes is dropped, and bytes between packets
+/// are; those behind are found.
 #[test]
 fn after_bytes_were_lost_or_added() {
     let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 6);
@@ -151,7 +152,8 @@ fn after_bytes_were_lost_or_added() {
     }
 }
 
-/// XF-3.2 With a size that is known the first packet is found without a border; XF-3.5 another size is taken when it is set.
+/// XF-3.2 With a size that is known the first packet is found without a border; XF-3.5 another size is taken when it is
+/// set.
 #[test]
 fn of_a_size_that_is_known() {
     let packet = answer(DataSize::MANUAL, CheckRule::CRC32, 1);
@@ -191,8 +193,8 @@ fn streams_of_borders() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
-    /// XF-3.4 Any bytes in any pieces: nothing panics, each byte is in a packet, dropped, or still held; the pieces change
-    /// nothing.
+    /// XF-3.4 Any bytes in any pieces: nothing panics, each byte is in a packet, dropped, or still held; the pieces
+    /// change nothing.
     #[test]
     fn any_stream(
         words in proptest::collection::vec(prop_oneof![

@@ -99,8 +99,8 @@ fn any_answer(request: &Request<'_>, returned: Returned, data: &[u8]) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1024))]
 
-    /// XF-4.5 What was decoded from any fields and any data is encoded and decoded to the same; XF-4.4 what is not allowed is
-    /// an error that can be read.
+    /// XF-4.5 What was decoded from any fields and any data is encoded and decoded to the same; XF-4.4 what is not
+    /// allowed is an error that can be read.
     #[test]
     fn every_request_comes_back((code, arguments) in known(), data in data(300)) {
         match Request::decode(code, &arguments, &data) {
@@ -170,7 +170,12 @@ proptest! {
 
     /// XF-4.5 Any bytes decode without harm, in a segment of any size.
     #[test]
-    fn any_command_decodes(code: u8, arguments in arguments(), data in proptest::collection::vec(any::<u8>(), 0..300), cut: Index) {
+    fn any_command_decodes(
+        code: u8,
+        arguments in arguments(),
+        data in proptest::collection::vec(any::<u8>(), 0..300),
+        cut: Index,
+    ) {
         let _ = Request::decode(CommandCode::from_code(code), &arguments, &data[..cut.index(data.len() + 1)]);
     }
 }

@@ -43,7 +43,10 @@ impl Call<'_> for AdcOpen {
 
 /// Requests whose data are fixed numbers, u32 each.
 macro_rules! fixed {
-    ($($(#[$doc:meta])* $name:ident($function:literal) = $numbers:expr, $field:literal, $allowed:literal, $answer:ty;)*) => {$(
+    ($(
+        $(#[$doc:meta])*
+        $name:ident($function:literal) = $numbers:expr, $field:literal, $allowed:literal, $answer:ty;
+    )*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
         pub struct $name;
@@ -72,17 +75,18 @@ macro_rules! fixed {
 }
 
 fixed! {
-    /// ECM_AdcConfigSampleModule, code 35, `par` 42: conversions are started by software, the one trigger there is (XF EN
-    /// 1091). 12 bytes: @0, @4, @8 u32 0.
+    /// ECM_AdcConfigSampleModule, code 35, `par` 42: conversions are started by software, the one trigger there is
+    /// (XF EN 1091). 12 bytes: @0, @4, @8 u32 0.
     AdcConfigSampleModule(42) = [0; 3], "ECM_AdcConfigSampleModule number", "0", ();
 
-    /// ECM_AdcGetDataValidFlag, code 35, `par` 17: whether a conversion is done, @0 u32 not 0 (XF EN 1102). 4 bytes: @0 u32
-    /// 0x1000.
+    /// ECM_AdcGetDataValidFlag, code 35, `par` 17: whether a conversion is done, @0 u32 not 0 (XF EN 1102). 4 bytes:
+    /// @0 u32 0x1000.
     AdcGetDataValidFlag(17) = [0x1000], "ECM_AdcGetDataValidFlag number", "0x1000", u32;
 
     /// ECM_AdcStartConv, code 35, `par` 12: starts a conversion (XF EN 1117). 4 bytes: @0 u32 0x1000.
     AdcStartConv(12) = [0x1000], "ECM_AdcStartConv number", "0x1000", ();
 
-    /// ECM_AdcGetConvData, code 35, `par` 15: the value, @0 u32, 0..=4095 for 0 V to 3.3 V (XF EN 1128). 4 bytes: @0 u32 12.
+    /// ECM_AdcGetConvData, code 35, `par` 15: the value, @0 u32, 0..=4095 for 0 V to 3.3 V (XF EN 1128). 4 bytes:
+    /// @0 u32 12.
     AdcGetConvData(15) = [12], "ECM_AdcGetConvData number", "12", Analog;
 }

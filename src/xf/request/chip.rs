@@ -8,12 +8,13 @@ use crate::xf::{CheckType, CommandCode, DataSize, Malformed};
 plain! {
     /// SPI_PACK_SIZE_GET, code 20: n, @0 u16 (XF EN 704).
     SpiPackSizeGet, SpiPackSizeGet -> DataSize;
-    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words; what `ret` means the manuals do not say (XF EN 730).
+    /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words; what `ret` means the manuals do not say
+    /// (XF EN 730).
     CrcErrorCountClear, CrcErrorCountClear -> u8;
     /// FW_VERSION_GET, code 56: version and series of the chip (XF EN 1285).
     FirmwareVersionGet, FirmwareVersionGet -> FirmwareVersion;
-    /// WARM_RESET, code 127: all is as after power-on; the next command has to wait until the chip has started, for which
-    /// the vendor's driver takes 1 s (XF EN 1517).
+    /// WARM_RESET, code 127: all is as after power-on; the next command has to wait until the chip has started, for
+    /// which the vendor's driver takes 1 s (XF EN 1517).
     WarmReset, WarmReset -> ();
     /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: wrong working counters one after the other, in `ret` (XF EN 1526).
     WkcErrorCountGet, WkcErrorCountGet -> u8;
@@ -50,8 +51,8 @@ short! {
         |request| Arguments::NONE.parameter(request.action.code()),
         |a| Self { action: AsyncResetAction::decode(a.parameter)? };
 
-    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond them
-    /// process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
+    /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond
+    /// them process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
     WkcErrorMaxSet {
         /// The limit; [`WkcErrorLimit::AtMost`] of 1 to 254.
         pub limit: WkcErrorLimit,
@@ -113,7 +114,8 @@ choices! {
     }
 }
 
-/// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16 data.
+/// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16
+/// data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mdio {
     /// Writes a register.

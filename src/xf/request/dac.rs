@@ -32,7 +32,10 @@ choices! {
 
 /// Requests with one u32 @0.
 macro_rules! with_number {
-    ($($(#[$doc:meta])* $name:ident { $(#[$field_doc:meta])* $field:ident: $type:ident = $function:literal, $get:ident })*) => {$(
+    ($(
+        $(#[$doc:meta])*
+        $name:ident { $(#[$field_doc:meta])* $field:ident: $type:ident = $function:literal, $get:ident }
+    )*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub struct $name {

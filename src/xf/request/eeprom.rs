@@ -50,8 +50,8 @@ pub enum EepromOperation {
     Write(u16),
 }
 
-/// EEPROM_REQ, code 38: reads or writes a slave's EEPROM (XF EN 1144, XF ZH 1096). 12 bytes: @0 u16 operation, @2 u16 slave,
-/// @4 u16 position, @6 u16 word to write, @8 u32 time limit in us.
+/// EEPROM_REQ, code 38: reads or writes a slave's EEPROM (XF EN 1144, XF ZH 1096). 12 bytes: @0 u16 operation, @2 u16
+/// slave, @4 u16 position, @6 u16 word to write, @8 u32 time limit in us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EepromRequest {
     /// Which slave.

@@ -1,4 +1,5 @@
-//! The FIFOs of process data: the RxFIFO holds RxPDOs that the chip sends, one a cycle, the TxFIFO the TxPDOs it received.
+//! The FIFOs of process data: the RxFIFO holds RxPDOs that the chip sends, one a cycle, the TxFIFO the TxPDOs it
+//! received.
 
 use super::{Arguments, Switch, plain, short};
 use crate::xf::value::choices;
@@ -39,8 +40,8 @@ short! {
         |request| Arguments::NONE.parameter(request.fifos.code()),
         |a| Self { fifos: Fifos::decode(a.parameter)? };
 
-    /// FIFO_SET_TX_CNT, code 52: the entries of the TxFIFO, 64 at first; when it is full the oldest is lost. `par` entries
-    /// (XF EN 1236).
+    /// FIFO_SET_TX_CNT, code 52: the entries of the TxFIFO, 64 at first; when it is full the oldest is lost. `par`
+    /// entries (XF EN 1236).
     FifoSetTxCount {
         /// Entries.
         pub entries: u8,
@@ -48,8 +49,8 @@ short! {
         |request| Arguments::NONE.parameter(request.entries),
         |a| Self { entries: a.parameter };
 
-    /// FIFO_SET_RX_CNT, code 54: the entries of the RxFIFO, 64 at first; when it is full the new one is lost. `par` entries
-    /// (XF EN 1262).
+    /// FIFO_SET_RX_CNT, code 54: the entries of the RxFIFO, 64 at first; when it is full the new one is lost. `par`
+    /// entries (XF EN 1262).
     FifoSetRxCount {
         /// Entries.
         pub entries: u8,
@@ -57,8 +58,8 @@ short! {
         |request| Arguments::NONE.parameter(request.entries),
         |a| Self { entries: a.parameter };
 
-    /// ECAT_SET_FIFO_TH, code 70: limits at which the FIFOs raise an interrupt. `par` bit 0 TxFIFO high on, bit 1 RxFIFO
-    /// low on; `i0` limit of the TxFIFO, `i1` of the RxFIFO (XF EN 1374).
+    /// ECAT_SET_FIFO_TH, code 70: limits at which the FIFOs raise an interrupt. `par` bit 0 TxFIFO high on, bit 1
+    /// RxFIFO low on; `i0` limit of the TxFIFO, `i1` of the RxFIFO (XF EN 1374).
     FifoThresholdSet {
         /// The interrupt comes when the TxFIFO rises to so many entries.
         pub tx_high: Option<u8>,

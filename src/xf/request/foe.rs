@@ -71,9 +71,9 @@ pub struct FoeFile<'d> {
     pub name: &'d [u8],
 }
 
-/// FOE_FUNC_REQ, code 139: moves files, and reads and writes the flash memory that they pass through (XF EN 1598, XF ZH
-/// 1517). 20 bytes and the name or the data: @0 slave, @2 operation, @4 u32 password, @8 u32 bytes, @12 u32 time limit in us,
-/// @16 u32 start in the flash memory, @20 name or data.
+/// FOE_FUNC_REQ, code 139: moves files, and reads and writes the flash memory that they pass through (XF EN 1598,
+/// XF ZH 1517). 20 bytes and the name or the data: @0 slave, @2 operation, @4 u32 password, @8 u32 bytes, @12 u32 time
+/// limit in us, @16 u32 start in the flash memory, @20 name or data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FoeRequest<'d> {
     /// A file from a slave into the flash memory.
@@ -172,8 +172,8 @@ fn flash_bytes(bytes: usize) -> Result<u16, Malformed> {
 
 /// The name of a file where the request is read.
 ///
-/// `[OURS]` It ends where the length field says, or before that at the first byte 0; a length field that leaves no name is
-/// not believed, since the chip reads fixed layouts whatever the length says.
+/// `[OURS]` It ends where the length field says, or before that at the first byte 0; a length field that leaves no name
+/// is not believed, since the chip reads fixed layouts whatever the length says.
 fn name<'d>(arguments: &Arguments, data: &'d [u8]) -> &'d [u8] {
     let rest = data.get(FOE_HEAD..).unwrap_or_default();
     let named = usize::from(arguments.len).saturating_sub(FOE_HEAD);

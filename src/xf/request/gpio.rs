@@ -8,7 +8,8 @@ use crate::xf::value::choices;
 plain! {
     /// ECM_GpioGetValue, code 32, `par` 1: the inputs, @0 u16, bit k is GPIO k (XF EN 940).
     GpioGetValue, GpioFunction(1) -> u16;
-    /// ECM_GpioExtGetValue, code 32, `par` 3, from firmware 9 on: the inputs, @0 u32, bit k is GPIO k, 0 to 19 (XF EN 953).
+    /// ECM_GpioExtGetValue, code 32, `par` 3, from firmware 9 on: the inputs, @0 u32, bit k is GPIO k, 0 to 19
+    /// (XF EN 953).
     GpioExtGetValue, GpioFunction(3) -> u32;
     /// ECM_GpioGetIntFlag, code 32, `par` 5: the interrupt flags, @0 u16, bit k is GPIO k (XF EN 968).
     GpioGetIntFlag, GpioFunction(5) -> u16;
@@ -39,8 +40,8 @@ choices! {
         Down = 2,
     }
 
-    /// Which edges raise the interrupt of a GPIO. The manuals number them 0 to 3; the vendor's driver of 2020 sends 0, 3, 4
-    /// and 5 (OBS), so that 4 and 5 are taken as well and keep their numbers.
+    /// Which edges raise the interrupt of a GPIO. The manuals number them 0 to 3; the vendor's driver of 2020 sends 0,
+    /// 3, 4 and 5 (OBS), so that 4 and 5 are taken as well and keep their numbers.
     GpioTrigger(u8), "GPIO interrupt type", "0 off, 1 both edges, 2 falling, 3 rising, or 4, 5 of the vendor's driver" {
         /// 0: none.
         Off = 0,
@@ -121,8 +122,8 @@ short! {
         |request| Arguments::NONE.info(with_low(request.pins, request.on.into(), 0)),
         |a| Self { pins: low(a.info), on: Switch::decode(a.info[2])? == Switch::On };
 
-    /// ECM_GpioEnableDebounce, code 31, `par` 9: whether inputs among GPIO 16 to 19 are debounced. `i0` mask, `i2` switch
-    /// (XF EN 861).
+    /// ECM_GpioEnableDebounce, code 31, `par` 9: whether inputs among GPIO 16 to 19 are debounced. `i0` mask, `i2`
+    /// switch (XF EN 861).
     GpioEnableDebounceExt {
         /// Which ones.
         pub pins: UpperPins,
@@ -132,8 +133,8 @@ short! {
         |request| Arguments::NONE.info([request.pins.get(), 0, request.on.into(), 0]),
         |a| Self { pins: UpperPins::decode(a.info[0])?, on: Switch::decode(a.info[2])? == Switch::On };
 
-    /// ECM_GpioSetDebounceClock, code 31, `par` 3: inputs are sampled every 2^exponent periods of the source. `i0` bits 0 to
-    /// 3 exponent, bit 4 source (XF EN 876).
+    /// ECM_GpioSetDebounceClock, code 31, `par` 3: inputs are sampled every 2^exponent periods of the source. `i0` bits
+    /// 0 to 3 exponent, bit 4 source (XF EN 876).
     GpioSetDebounceClock {
         /// The clock.
         pub clock: DebounceClock,
@@ -141,7 +142,8 @@ short! {
         |request| Arguments::NONE.info([request.clock.code(), 0, 0, 0]),
         |a| Self { clock: DebounceClock::decode(a.info[0])? };
 
-    /// ECM_GpioIntEnable, code 31, `par` 1: which edges of a GPIO raise an interrupt. `i0` channel, `i1` edges (XF EN 890).
+    /// ECM_GpioIntEnable, code 31, `par` 1: which edges of a GPIO raise an interrupt. `i0` channel, `i1` edges
+    /// (XF EN 890).
     GpioIntEnable {
         /// Which one; above 15 with certain versions alone.
         pub channel: GpioChannel,

@@ -11,8 +11,8 @@ bits! {
     HelperControl(u8) {
         /// Bit 3: a fault is reset once.
         RESET_ONCE = 1 << 3;
-        /// Bit 4: the helper leads the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a reset of faults is
-        /// chosen (XF ZH 708).
+        /// Bit 4: the helper leads the axis: it overwrites bits 0 to 3 of the controlword, and bit 7 if a reset of
+        /// faults is chosen (XF ZH 708).
         ON = 1 << 4;
         /// Bit 7: faults are reset whenever there is one.
         RESET_ALWAYS = 1 << 7;
@@ -66,8 +66,8 @@ short! {
         |request| Arguments::NONE.parameter(request.motor.get()),
         |a| Self { motor: MotorNumber::decode(a.parameter)? };
 
-    /// 402_CTL_SET, code 29: what the helper does with an axis. `par` motor, `i0` control byte, `i1` 0x5A, `i2` number of
-    /// motors, `i3` slave (XF EN 795).
+    /// 402_CTL_SET, code 29: what the helper does with an axis. `par` motor, `i0` control byte, `i1` 0x5A, `i2` number
+    /// of motors, `i3` slave (XF EN 795).
     HelperControlSet {
         /// Which axis.
         pub motor: MotorNumber,

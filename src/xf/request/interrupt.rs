@@ -85,8 +85,8 @@ impl InterruptEnable {
     }
 }
 
-/// ECAT_INT_SET_ENABLE, code 58: what raises INT1, and the polarity of both lines (XF EN 1310). `par` polarity; 6 bytes: @0
-/// u32 sources, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the encoder.
+/// ECAT_INT_SET_ENABLE, code 58: what raises INT1, and the polarity of both lines (XF EN 1310). `par` polarity; 6
+/// bytes: @0 u32 sources, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct InterruptSetEnable {
     /// What is set.

@@ -199,8 +199,8 @@ impl SlaveBits {
     }
 }
 
-/// MBX_STAT, code 144: which slaves have mail, and which are asked (XF EN 1663, XF ZH 1580). The answers to the first and
-/// the last form have the bits.
+/// MBX_STAT, code 144: which slaves have mail, and which are asked (XF EN 1663, XF ZH 1580). The answers to the first
+/// and the last form have the bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MailboxStatus {
     /// `par` 0: which mailboxes are full, in OP.

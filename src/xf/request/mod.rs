@@ -1,8 +1,8 @@
 //! The 91 functions as requests: one type each, which holds only what the manuals allow, and [`Request`] over all.
 //!
-//! A type encodes itself into the fields of the header that belong to it ([`Arguments`]) and the data segment, and decodes
-//! itself from them. Like the chip it reads fixed layouts from the data segment, whatever the length field says; only the
-//! requests that say so go by the length (XF-4.3).
+//! A type encodes itself into the fields of the header that belong to it ([`Arguments`]) and the data segment, and
+//! decodes itself from them. Like the chip it reads fixed layouts from the data segment, whatever the length field
+//! says; only the requests that say so go by the length (XF-4.3).
 //!
 //! | file | requests |
 //! | --- | --- |
@@ -374,4 +374,4 @@ macro_rules! short {
     )*};
 }
 
-pub(self) use {plain, short};
+use {plain, short};

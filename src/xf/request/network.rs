@@ -62,8 +62,8 @@ short! {
         |request| Arguments::NONE.parameter(request.which.code()),
         |a| Self { which: WorkingCounterItem::decode(a.parameter)? };
 
-    /// ENABLE_LRW, code 142: whether process data travel in one LRW datagram, if the slaves can, or in LRD and LWR. `par`
-    /// the switch (XF EN 1635).
+    /// ENABLE_LRW, code 142: whether process data travel in one LRW datagram, if the slaves can, or in LRD and LWR.
+    /// `par` the switch (XF EN 1635).
     EnableLrw {
         /// LRW; otherwise LRD and LWR.
         pub lrw: bool,
@@ -210,9 +210,9 @@ impl DcLayout {
     }
 }
 
-/// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). `par` 48 for special slaves; reserve bits 12 and
-/// 11; 16 bytes: @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32 SYNC0, @8 u32 SYNC1, @12
-/// i32 shift, in nanoseconds.
+/// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). `par` 48 for special slaves; reserve bits 12
+/// and 11; 16 bytes: @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32 SYNC0, @8 u32
+/// SYNC1, @12 i32 shift, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EcatInit {
     /// `par` is 48: the manuals call the slaves special and say no more.
@@ -267,8 +267,8 @@ impl Call<'_> for EcatInit {
     }
 }
 
-/// ECAT_DCSYNC, code 50: other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201, XF ZH 1136). 16
-/// bytes as with [`EcatInit`], but @0 is the slave, and @1 is reserved.
+/// ECAT_DCSYNC, code 50: other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201, XF ZH 1136).
+/// 16 bytes as with [`EcatInit`], but @0 is the slave, and @1 is reserved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DcSync {
     /// Which slave. `[OURS]` 0xFF is all of them, as elsewhere.

@@ -13,8 +13,8 @@ plain! {
 }
 
 bits! {
-    /// `i0` of [`PdoDataFifo`] and of [`PdoData`], and the return byte of their answers. Other bits of the vendor's header
-    /// are unknown, and survive.
+    /// `i0` of [`PdoDataFifo`] and of [`PdoData`], and the return byte of their answers. Other bits of the vendor's
+    /// header are unknown, and survive.
     PdoOperation(u8) {
         /// Bit 0: outputs are written, or were.
         WRITE = 1 << 0;
@@ -156,8 +156,8 @@ impl PdoMap {
 
 /// The PDOs that are assigned to a sync manager of a slave: what [`PdoConfigSet`] sets and [`PdoConfigGet`] reads.
 ///
-/// @0 slave, @1 how many PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16 counts of objects @10
-/// (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware (OBS).
+/// @0 slave, @1 how many PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16 counts of objects
+/// @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware (OBS).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
     /// Which slave.
@@ -294,8 +294,8 @@ impl Call<'_> for PdoConfigSet {
     }
 }
 
-/// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0, @2 u16
-/// assignment.
+/// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0,
+/// @2 u16 assignment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfigRequest {
     /// Which slave.

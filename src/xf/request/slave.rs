@@ -74,8 +74,8 @@ impl Call<'_> for ConfigSyncManager {
     }
 }
 
-/// ECAT_CONFIG_FMMU, code 72: without effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314). 5 bytes: @0
-/// slave, @1..@4 the functions of FMMU 0 to 3.
+/// ECAT_CONFIG_FMMU, code 72: without effect, since the chip sets the FMMUs itself (XF EN 1407, XF ZH 1314). 5 bytes:
+/// @0 slave, @1..@4 the functions of FMMU 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ConfigFmmu {
     /// Which slave.

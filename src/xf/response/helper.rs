@@ -12,8 +12,8 @@ pub struct DriveStateByte(pub u8);
 impl DriveStateByte {
     /// The state; `None` for values that stand for none.
     ///
-    /// `[OURS]` The manuals mask the statusword with 0x6F. Here bit 5 is ignored for Not ready, Switch on disabled, Fault
-    /// reaction active and Fault, as CiA 402 has it.
+    /// `[OURS]` The manuals mask the statusword with 0x6F. Here bit 5 is ignored for Not ready, Switch on disabled,
+    /// Fault reaction active and Fault, as CiA 402 has it.
     pub const fn state(self) -> Option<DriveState> {
         Statusword(self.0 as u16).state()
     }

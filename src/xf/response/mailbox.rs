@@ -75,8 +75,8 @@ pub struct Emergencies {
 }
 
 impl Emergencies {
-    /// A list with these places, some of which may hold none; `None` if they are more than 8. An emergency has the number
-    /// 0xFF of none only by mistake, and is none then.
+    /// A list with these places, some of which may hold none; `None` if they are more than 8. An emergency has the
+    /// number 0xFF of none only by mistake, and is none then.
     pub fn new(places: &[Option<Emergency>]) -> Option<Self> {
         let mut list = Self { count: u8::try_from(places.len()).ok()?, ..Self::default() };
         list.places.get_mut(..places.len())?.copy_from_slice(places);

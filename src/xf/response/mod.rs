@@ -1,7 +1,9 @@
-//! What the chip answers: the result of each request, from the return byte, the length and the data segment of an answer.
+//! What the chip answers: the result of each request, from the return byte, the length and the data segment of an
+//! answer.
 //!
-//! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain: `()` is no result, `u8` the
-//! return byte, `u16` and `u32` a number @0, a slice the valid bytes of the data segment. A list like that of the requests:
+//! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain: `()` is no result, `u8`
+//! the return byte, `u16` and `u32` a number @0, a slice the valid bytes of the data segment. A list like that of the
+//! requests:
 //!
 //! | file | answers |
 //! | --- | --- |

@@ -3,8 +3,8 @@
 use super::{Answer, Returned};
 use crate::xf::Malformed;
 
-/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so that the answer's length
-/// says what it is (XF EN 643).
+/// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so that the answer's
+/// length says what it is (XF EN 643).
 ///
 /// `[OURS]` The chip answers items 0 to 2, 8 and 9 with 4 bytes, 4 to 7 with 2 bytes, and 3 with a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -4,8 +4,8 @@ use super::{Answer, Returned};
 use crate::xf::request::{PdoConfig, PdoConfigForm, PdoOperation};
 use crate::xf::{Malformed, segment};
 
-/// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): `ret` what
-/// was done, the data TxPDOs (XF EN 436 and 452).
+/// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): `ret`
+/// what was done, the data TxPDOs (XF EN 436 and 452).
 ///
 /// `[OURS]` To a read of several PDOs the chip answers with as many whole TxPDOs as it has, but not more than that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -4,11 +4,11 @@ use super::{Answer, Returned};
 use crate::xf::request::{RAW_DATA_MAX, RAW_HEAD, RawLayout, RawOperation};
 use crate::xf::{Malformed, segment};
 
-/// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter @16 i32 (XF EN
-/// 1580).
+/// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter @16 i32
+/// (XF EN 1580).
 ///
-/// Both manuals give its length as 4 + n, but what they draw needs 20 + n. The chip of ours answers with 20 + n; a host goes
-/// by @2, the number of data bytes.
+/// Both manuals give its length as 4 + n, but what they draw needs 20 + n. The chip of ours answers with 20 + n; a host
+/// goes by @2, the number of data bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RawAnswer<'a> {
     /// The datagram's command; see [`RawOperation::from_code`].
@@ -66,8 +66,8 @@ impl<'a> Answer<'a> for RawAnswer<'a> {
     }
 }
 
-/// The answer to [`EepromGet`](crate::xf::request::EepromGet): `ret` error code, the data up to 8 bytes (OBS) that were read
-/// (XF EN 1168).
+/// The answer to [`EepromGet`](crate::xf::request::EepromGet): `ret` error code, the data up to 8 bytes (OBS) that were
+/// read (XF EN 1168).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EepromAnswer<'a> {
     /// The error code, which the manuals do not explain.

@@ -77,7 +77,8 @@ fn information() -> Vec<Function> {
     cases
 }
 
-/// XF ZH 1297: @0 slave, @1 SM number, @2 start, @4 length, @6 control, @7 activate. XF ZH 1314: @0 slave, @1 to @4 FMMUs.
+/// XF ZH 1297: @0 slave, @1 SM number, @2 start, @4 length, @6 control, @7 activate. XF ZH 1314: @0 slave, @1 to @4
+/// FMMUs.
 fn managers() -> Vec<Function> {
     let manager =
         ConfigSyncManager { slave: slave(1), number: 2, start: 0x1100, length: 0x0234, control: 0x64, activate: 0x01 };

@@ -161,6 +161,19 @@ bits! {
     }
 }
 
+impl Control {
+    /// The bits that clear these errors; the levels among them have none.
+    pub const fn clearing(errors: Errors) -> Self {
+        Self(errors.0 & Errors::ALL.0)
+    }
+}
+
+/// The outputs of a command's header as GPIOs, or GPIOs as those outputs: bit 12 drives GPIO 13, and bit 13 GPIO 12 (XF
+/// EN 211, XF ZH 246).
+pub const fn swap_gpio_12_and_13(bits: u16) -> u16 {
+    bits & !0x3000 | (bits & 0x1000) << 1 | (bits & 0x2000) >> 1
+}
+
 impl Status {
     /// Bits 1 and 0 of the byte: the check type.
     const CHECK_TYPE: u8 = 0b11;
@@ -233,7 +246,7 @@ pub struct CommandHeader {
     /// 0x14..0x15: the interrupt flags of GPIO 0..15 to clear; bit k is GPIO k.
     pub gpio_interrupt_clear: u16,
     /// 0x16..0x17: outputs, taken if [`Reserve::GPIO_OUTPUTS_VALID`]. Bit k is GPIO k, for k up to 11; from firmware
-    /// 0x1E on also 12 to 15, where bit 12 drives GPIO 13 and bit 13 GPIO 12 (XF ZH 246).
+    /// 0x1E on also 12 to 15, see [`swap_gpio_12_and_13`] (XF ZH 246).
     pub gpio_outputs: u16,
 }
 

@@ -50,6 +50,8 @@ numbers! {
     Analog(u32), "analog value", 0..=4095;
     /// The delay of a conversion by the DAC, 0..=1023 in 1/96 us. A full step takes 8 us: more than 768 is advised.
     DacDelay(u32), "DAC delay", 0..=1023;
+    /// How many bytes of the flash memory are read at once, 0..=256.
+    FlashBytes(u32), "FOE_FUNC_REQ flash bytes", 0..=256;
     /// A place in the flash memory of the chip that is for files, 0..=0x3FFFF.
     FlashAddress(u32), "flash address", 0..=0x3_FFFF;
 }
@@ -100,16 +102,17 @@ impl From<SlaveNumber> for Slaves {
 
 /// Enums of a few codes, which are all that the manuals allow.
 macro_rules! choices {
-    ($($(#[$doc:meta])* $name:ident($int:ty), $field:literal, $allowed:literal {
+    ($($(#[$doc:meta])* $vis:vis $name:ident($int:ty), $field:literal, $allowed:literal {
         $($(#[$variant_doc:meta])* $variant:ident = $code:literal,)*
     })*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         #[repr($int)]
-        pub enum $name {
+        $vis enum $name {
             $($(#[$variant_doc])* $variant = $code,)*
         }
 
+        #[allow(dead_code, reason = "not every list of codes needs all of it")]
         impl $name {
             /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
@@ -127,7 +130,6 @@ macro_rules! choices {
                 self as $int
             }
 
-            #[allow(dead_code, reason = "not every list of codes is part of a request")]
             pub(in crate::xf) fn decode(code: $int) -> Result<Self, $crate::xf::Malformed> {
                 Self::from_code(code).ok_or($crate::xf::Malformed::only($field, code.into(), $allowed))
             }
@@ -139,7 +141,7 @@ pub(super) use choices;
 
 choices! {
     /// An EtherCAT state as the chip counts them (XF EN 619). [`AlState`] has no Boot, which no slave of ours knows.
-    EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP" {
+    pub EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP" {
         /// 1: Init.
         Init = 1,
         /// 2: Pre-operational.
@@ -153,7 +155,7 @@ choices! {
     }
 
     /// Whether something is read or written, where 0 is to write.
-    WriteOrRead(u8), "operation", "0 write, 1 read" {
+    pub(super) WriteOrRead(u8), "operation", "0 write, 1 read" {
         /// 0: write.
         Write = 0,
         /// 1: read.
@@ -161,7 +163,7 @@ choices! {
     }
 
     /// A switch.
-    Switch(u8), "switch", "0 off, 1 on" {
+    pub(super) Switch(u8), "switch", "0 off, 1 on" {
         /// 0: off.
         Off = 0,
         /// 1: on.
@@ -177,11 +179,5 @@ impl From<AlState> for EtherCatState {
             AlState::SafeOp => Self::SafeOp,
             AlState::Op => Self::Op,
         }
-    }
-}
-
-impl From<bool> for Switch {
-    fn from(on: bool) -> Self {
-        if on { Self::On } else { Self::Off }
     }
 }

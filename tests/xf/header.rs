@@ -1,5 +1,6 @@
 //! Where every field of the two headers is, and what its bits mean.
 
+use ecmsk::xf::header::swap_gpio_12_and_13;
 use ecmsk::xf::{
     AnswerHeader, CommandCode, CommandHeader, Control, Errors, EtherCatState, HEADER_LEN, Interrupts, NetworkState,
     Reserve, Status,
@@ -107,6 +108,24 @@ fn bits_have_their_places() {
     assert_eq!(Control::CLEAR_ALL.0, Errors::ALL.0);
     assert_eq!((Errors::FIFO | Errors::CRC).without(Errors::CRC), Errors::FIFO);
     assert!(!Errors::FIFO.contains(Errors::FIFO | Errors::CRC));
+}
+
+/// XF-1.11 Errors are cleared by their own bits, levels by none; XF-1.12 bits 12 and 13 of the header's outputs stand for GPIO
+/// 13 and 12.
+#[test]
+fn errors_are_cleared_and_outputs_swapped() {
+    let errors = Errors::SPI | Errors::CRC | Errors::LINK_PIN | Errors::STATE;
+    assert_eq!(Control::clearing(errors), Control::CLEAR_SPI | Control::CLEAR_CRC);
+    assert_eq!(Control::clearing(Errors(0xFF)), Control::CLEAR_ALL);
+    for bit in 0..16 {
+        let gpio = match bit {
+            12 => 13,
+            13 => 12,
+            same => same,
+        };
+        assert_eq!(swap_gpio_12_and_13(1 << bit), 1 << gpio);
+    }
+    assert_eq!(swap_gpio_12_and_13(0xFFFF), 0xFFFF);
 }
 
 /// XF-1.10 The state with and without the error bit, and what is none.

@@ -2,9 +2,9 @@
 
 use ecmsk::xf::packet::WriteError;
 use ecmsk::xf::request::{
-    AllPins, Analog, Arguments, DacDelay, EmergencyCount, FlashAddress, FoeFile, FoeRequest, GpioChannel, InfoUpdate,
-    MotorNumber, PdoDataFifo, PdoOperation, RawOperation, RawRequest, SdoOperation, SdoRequest, SlaveNumber, Slaves,
-    StateSet, UpperPins, WkcErrorLimit, WkcErrorMaxSet,
+    AllPins, Analog, Arguments, DacDelay, EmergencyCount, FlashAddress, FlashBytes, FoeFile, FoeRequest, GpioChannel,
+    InfoUpdate, MotorNumber, PdoDataFifo, PdoOperation, RawOperation, RawRequest, SdoOperation, SdoRequest,
+    SlaveNumber, Slaves, StateSet, UpperPins,
 };
 use ecmsk::xf::{CheckRule, CommandCode, CommandHeader, DataSize, EtherCatState, MAX_PACKET, Request, write_request};
 
@@ -141,7 +141,7 @@ fn values_in_the_data() {
             "FOE_FUNC_REQ operation is 5 (0x5), allowed is 1 upload, 2 download, 3 read flash, 4 write flash",
         ),
         (foe(128, 1, 0, 0), "slave number is 128 (0x80), allowed is 0 to 127"),
-        (foe(0, 3, 257, 0), "FOE_FUNC_REQ flash bytes is 257 (0x101), allowed is at most 256"),
+        (foe(0, 3, 257, 0), "FOE_FUNC_REQ flash bytes is 257 (0x101), allowed is 0 to 256"),
         (foe(0, 4, 1, 0x4_0000), "flash address is 262144 (0x40000), allowed is 0 to 262143"),
     ];
     for (said, wanted) in cases {
@@ -159,6 +159,7 @@ fn numbers_stay_in_their_range() {
     assert_eq!((AllPins::new(1 << 20), AllPins::MAX.get()), (None, 0xF_FFFF));
     assert_eq!((Analog::new(4096), Analog::MAX.get()), (None, 4095));
     assert_eq!((DacDelay::new(1024), DacDelay::MAX.get()), (None, 1023));
+    assert_eq!((FlashBytes::new(257), FlashBytes::MAX.get()), (None, 256));
     assert_eq!((FlashAddress::new(0x4_0000), FlashAddress::MAX.get()), (None, 0x3_FFFF));
     assert_eq!([0, 1, 8, 9].map(|n| EmergencyCount::new(n).map(EmergencyCount::get)), [None, Some(1), Some(8), None]);
     assert_eq!((Slaves::All.code(), Slaves::from(slave(7)).code()), (255, 7));
@@ -202,16 +203,12 @@ fn requests_that_do_not_fit() {
     assert_eq!(written(DataSize::NEWER, raw(&[0; 257])), Err(said.to_owned()));
 
     let start = FlashAddress::default();
-    let said = "FOE_FUNC_REQ flash bytes is 257 (0x101), allowed is at most 256";
-    assert_eq!(written(DataSize::NEWER, FoeRequest::ReadFlash { start, bytes: 257 }), Err(said.to_owned()));
+    let said = "FOE_FUNC_REQ flash bytes is 257 (0x101), allowed is 0 to 256";
     assert_eq!(written(DataSize::NEWER, FoeRequest::WriteFlash { start, data: &[0; 257] }), Err(said.to_owned()));
     let name = b"a\0b";
     let file = FoeFile { slave: slave(0), password: 0, bytes: 0, timeout_us: 0, start, name };
     let said = "a byte of the file name is 0 (0x0), allowed is 1 to 255";
     assert_eq!(written(DataSize::NEWER, FoeRequest::Download(file)), Err(said.to_owned()));
-
-    let said = "working counter error limit is 0 (0x0), allowed is 1 to 254, or 255 for none";
-    assert_eq!(written(DataSize::MIN, WkcErrorMaxSet { limit: WkcErrorLimit::AtMost(0) }), Err(said.to_owned()));
 }
 
 /// XF-4.8 A layout that is longer than the data segment that was received is an error and no panic.

@@ -12,7 +12,7 @@ plain! {
 
 choices! {
     /// What the ADC measures.
-    AdcMode(u32), "ECM_AdcOpen mode", "0x000 single ended, 0x100 differential" {
+    pub AdcMode(u32), "ECM_AdcOpen mode", "0x000 single ended, 0x100 differential" {
         /// 0x000: an input against ground.
         SingleEnded = 0x000,
         /// 0x100: two inputs against each other.

@@ -54,18 +54,25 @@ short! {
     /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond
     /// them process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
     WkcErrorMaxSet {
-        /// The limit; [`WkcErrorLimit::AtMost`] of 1 to 254.
-        pub limit: WkcErrorLimit,
+        limit: WkcErrorLimit,
     }, WkcErrorMaxSet -> (),
-        |request| Arguments::NONE.parameter(settable(request.limit.code())?),
-        |a| Self { limit: WkcErrorLimit::from_code(settable(a.parameter)?) };
+        |request| Arguments::NONE.parameter(request.limit.code()),
+        |a| Self::new(WkcErrorLimit(a.parameter)).ok_or(Malformed::only(
+            "working counter error limit",
+            a.parameter.into(),
+            "1 to 254, or 255 for none",
+        ))?;
 }
 
-/// The limit, if it is one that can be set.
-fn settable(code: u8) -> Result<u8, Malformed> {
-    match code {
-        0 => Err(Malformed::only("working counter error limit", 0, "1 to 254, or 255 for none")),
-        code => Ok(code),
+impl WkcErrorMaxSet {
+    /// The request with that limit; `None` if it is 0, which the chip does not take.
+    pub const fn new(limit: WkcErrorLimit) -> Option<Self> {
+        if limit.0 == 0 { None } else { Some(Self { limit }) }
+    }
+
+    /// The limit.
+    pub const fn limit(self) -> WkcErrorLimit {
+        self.limit
     }
 }
 
@@ -75,36 +82,39 @@ pub(in crate::xf) fn data_size(field: &'static str, n: u16) -> Result<DataSize, 
 }
 
 /// How many wrong working counters one after the other are allowed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum WkcErrorLimit {
-    /// 0..=254: so many. The chip may report 0, but takes 1 to 254.
-    AtMost(u8),
-    /// 255: any number, what the chip starts with.
-    #[default]
-    None,
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct WkcErrorLimit(u8);
+
+impl Default for WkcErrorLimit {
+    /// What the chip starts with: any number.
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl WkcErrorLimit {
-    /// The limit with this code.
+    /// 255: any number.
+    pub const NONE: Self = Self(0xFF);
+
+    /// The limit with this code: 0..=254, or 255 for none. The chip may report 0, but does not take it.
     pub const fn from_code(code: u8) -> Self {
-        match code {
-            0xFF => Self::None,
-            most => Self::AtMost(most),
-        }
+        Self(code)
     }
 
-    /// The code on the wire. A limit of 255 is none.
+    /// The code on the wire.
     pub const fn code(self) -> u8 {
-        match self {
-            Self::AtMost(most) => most,
-            Self::None => 0xFF,
-        }
+        self.0
+    }
+
+    /// How many are allowed, 0..=254; `None` for any number.
+    pub const fn most(self) -> Option<u8> {
+        if self.0 == Self::NONE.0 { None } else { Some(self.0) }
     }
 }
 
 choices! {
     /// What [`AsyncReset`] ends.
-    AsyncResetAction(u8), "ASYNCCMD_RESET action", "1 clear busy, 2 skip the port's wait, 4 give up the command" {
+    pub AsyncResetAction(u8), "ASYNCCMD_RESET action", "1 clear busy, 2 skip the port's wait, 4 give up the command" {
         /// 1: clears the busy flag.
         ClearBusy = 1,
         /// 2: skips the wait for the network port at the start.

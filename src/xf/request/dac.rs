@@ -14,7 +14,7 @@ plain! {
 
 choices! {
     /// What makes the DAC put out what was set.
-    DacTrigger(u32), "ECM_DacOpen trigger", "0x0000, 0x0010, 0x0030, 0x1030, 0x2030 or 0x3030" {
+    pub DacTrigger(u32), "ECM_DacOpen trigger", "0x0000, 0x0010, 0x0030, 0x1030, 0x2030 or 0x3030" {
         /// 0x0000: [`DacSetData`] itself.
         SetData = 0x0000,
         /// 0x0010: [`DacStartConv`].

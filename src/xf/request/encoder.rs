@@ -16,7 +16,7 @@ plain! {
 
 choices! {
     /// How the encoder counts.
-    EncoderMode(u32), "ECM_EncOpen mode", "0x000 x4 free, 0x100 x2 free, 0x200 x4 compare, 0x300 x2 compare" {
+    pub EncoderMode(u32), "ECM_EncOpen mode", "0x000 x4 free, 0x100 x2 free, 0x200 x4 compare, 0x300 x2 compare" {
         /// 0x000: all four edges, freely.
         X4Free = 0x000,
         /// 0x100: two edges, freely.

@@ -79,7 +79,7 @@ short! {
 
 choices! {
     /// One of the FIFOs, in [`FifoPackSizeGet`].
-    Fifo(u8), "FIFO_PACK_SIZE_GET FIFO", "0 RxPDO, 1 TxPDO" {
+    pub Fifo(u8), "FIFO_PACK_SIZE_GET FIFO", "0 RxPDO, 1 TxPDO" {
         /// 0: the RxFIFO.
         Rx = 0,
         /// 1: the TxFIFO.
@@ -87,7 +87,7 @@ choices! {
     }
 
     /// Which FIFOs are emptied, in [`FifoClear`].
-    Fifos(u8), "FIFO_CLR_OP FIFOs", "0 both, 1 TxFIFO, 2 RxFIFO" {
+    pub Fifos(u8), "FIFO_CLR_OP FIFOs", "0 both, 1 TxFIFO, 2 RxFIFO" {
         /// 0: both.
         Both = 0,
         /// 1: the TxFIFO.

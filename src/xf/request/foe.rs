@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Arguments, Call, FlashAddress, SlaveNumber, plain};
+use super::{Arguments, Call, FlashAddress, FlashBytes, SlaveNumber, plain};
 use crate::ethercat::U32Le;
 use crate::xf::value::choices;
 use crate::xf::{CommandCode, Malformed, segment};
@@ -51,9 +51,6 @@ struct FoeLayout {
 const FOE_HEAD: usize = size_of::<FoeLayout>();
 const _: () = assert!(FOE_HEAD == 20 && align_of::<FoeLayout>() == 1);
 
-/// The most bytes of flash memory that one request reads or writes.
-pub const FLASH_DATA_MAX: usize = 256;
-
 /// A file of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FoeFile<'d> {
@@ -84,14 +81,14 @@ pub enum FoeRequest<'d> {
     ReadFlash {
         /// From where on.
         start: FlashAddress,
-        /// How many bytes, [`FLASH_DATA_MAX`] at most.
-        bytes: u16,
+        /// How many bytes.
+        bytes: FlashBytes,
     },
     /// Writes the flash memory.
     WriteFlash {
         /// From where on.
         start: FlashAddress,
-        /// The bytes, [`FLASH_DATA_MAX`] at most.
+        /// The bytes, 256 at most.
         data: &'d [u8],
     },
 }
@@ -104,11 +101,10 @@ impl<'d> Call<'d> for FoeRequest<'d> {
         let (layout, tail) = match *self {
             Self::Upload(file) => (file.layout(FoeOperation::Upload), checked(file.name)?),
             Self::Download(file) => (file.layout(FoeOperation::Download), checked(file.name)?),
-            Self::ReadFlash { start, bytes } => {
-                (flash(FoeOperation::ReadFlash, start, flash_bytes(bytes.into())?), &[][..])
-            }
+            Self::ReadFlash { start, bytes } => (flash(FoeOperation::ReadFlash, start, bytes), &[][..]),
             Self::WriteFlash { start, data } => {
-                (flash(FoeOperation::WriteFlash, start, flash_bytes(data.len())?), data)
+                let bytes = u32::try_from(data.len()).unwrap_or(u32::MAX);
+                (flash(FoeOperation::WriteFlash, start, FlashBytes::decode(bytes)?), data)
             }
         };
         segment::put(data, &layout)?;
@@ -122,10 +118,10 @@ impl<'d> Call<'d> for FoeRequest<'d> {
         Ok(match FoeOperation::decode(layout.operation)? {
             FoeOperation::Upload => Self::Upload(FoeFile::read(&layout, start, name(arguments, data))?),
             FoeOperation::Download => Self::Download(FoeFile::read(&layout, start, name(arguments, data))?),
-            FoeOperation::ReadFlash => Self::ReadFlash { start, bytes: flash_bytes(bytes as usize)? },
+            FoeOperation::ReadFlash => Self::ReadFlash { start, bytes: FlashBytes::decode(bytes)? },
             FoeOperation::WriteFlash => {
-                let bytes = flash_bytes(bytes as usize)?;
-                Self::WriteFlash { start, data: segment::get_at(data, FOE_HEAD, bytes.into())? }
+                let bytes = FlashBytes::decode(bytes)?.get() as usize;
+                Self::WriteFlash { start, data: segment::get_at(data, FOE_HEAD, bytes)? }
             }
         })
     }
@@ -157,17 +153,13 @@ impl<'d> FoeFile<'d> {
     }
 }
 
-fn flash(operation: FoeOperation, start: FlashAddress, bytes: u16) -> FoeLayout {
+fn flash(operation: FoeOperation, start: FlashAddress, bytes: FlashBytes) -> FoeLayout {
     FoeLayout {
         operation: operation.code(),
-        bytes: u32::from(bytes).into(),
+        bytes: bytes.get().into(),
         start: start.get().into(),
         ..Zeroable::zeroed()
     }
-}
-
-fn flash_bytes(bytes: usize) -> Result<u16, Malformed> {
-    Ok(Malformed::at_most("FOE_FUNC_REQ flash bytes", bytes, FLASH_DATA_MAX)? as u16)
 }
 
 /// The name of a file where the request is read.

@@ -19,7 +19,7 @@ plain! {
 
 choices! {
     /// What a GPIO is.
-    GpioMode(u8), "GPIO mode", "0 input, 1 output, 2 open drain, 3 quasi-bidirectional" {
+    pub GpioMode(u8), "GPIO mode", "0 input, 1 output, 2 open drain, 3 quasi-bidirectional" {
         /// 0: input.
         Input = 0,
         /// 1: output.
@@ -31,7 +31,7 @@ choices! {
     }
 
     /// The resistor at a GPIO.
-    GpioPull(u8), "GPIO pull", "0 none, 1 up, 2 down" {
+    pub GpioPull(u8), "GPIO pull", "0 none, 1 up, 2 down" {
         /// 0: none.
         None = 0,
         /// 1: pull-up.
@@ -42,7 +42,7 @@ choices! {
 
     /// Which edges raise the interrupt of a GPIO. The manuals number them 0 to 3; the vendor's driver of 2020 sends 0,
     /// 3, 4 and 5 (OBS), so that 4 and 5 are taken as well and keep their numbers.
-    GpioTrigger(u8), "GPIO interrupt type", "0 off, 1 both edges, 2 falling, 3 rising, or 4, 5 of the vendor's driver" {
+    pub GpioTrigger(u8), "GPIO interrupt type", "0 off, 1 both edges, 2 falling, 3 rising, or 4, 5 of the vendor's driver" {
         /// 0: none.
         Off = 0,
         /// 1: both.
@@ -58,7 +58,7 @@ choices! {
     }
 
     /// What counts the clock of debouncing.
-    DebounceSource(u8), "debounce clock source", "0 192 MHz, 1 10 kHz" {
+    pub DebounceSource(u8), "debounce clock source", "0 192 MHz, 1 10 kHz" {
         /// 0: 192 MHz.
         Mhz192 = 0,
         /// 1: 10 kHz.

@@ -163,10 +163,12 @@ impl SlaveBits {
         Self { bits: 0, bytes: if bytes as usize > Self::BYTES { Self::BYTES as u8 } else { bytes } }
     }
 
-    /// The same set with that slave in it.
+    /// The same set with that slave in it, and with as many bytes as it needs for that.
     #[must_use]
     pub const fn with(self, slave: SlaveNumber) -> Self {
-        Self { bits: self.bits | 1 << slave.get(), ..self }
+        let needed = slave.get() / 8 + 1;
+        let bytes = if self.bytes < needed { needed } else { self.bytes };
+        Self { bits: self.bits | 1 << slave.get(), bytes }
     }
 
     /// Whether the slave is in the set.

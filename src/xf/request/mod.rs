@@ -52,11 +52,11 @@ pub use sdo::*;
 pub use slave::*;
 
 pub use super::value::{
-    AllPins, Analog, DacDelay, FlashAddress, GpioChannel, MotorNumber, SlaveNumber, Slaves, Switch, UpperPins,
-    WriteOrRead,
+    AllPins, Analog, DacDelay, FlashAddress, FlashBytes, GpioChannel, MotorNumber, SlaveNumber, Slaves, UpperPins,
 };
 
 use super::response::{Answer, Returned};
+use super::value::{Switch, WriteOrRead};
 use super::{CommandCode, Malformed, Reserve, segment};
 
 /// The fields of a command header that belong to the request.

@@ -74,7 +74,7 @@ short! {
 
 choices! {
     /// Which number [`PdoWorkingCounterGet`] asks for. In theory the counter is inputs + 2 * outputs.
-    WorkingCounterItem(u8), "PDO_WC_GET item", "1 slaves with inputs, 2 slaves with outputs, 3 working counter" {
+    pub WorkingCounterItem(u8), "PDO_WC_GET item", "1 slaves with inputs, 2 slaves with outputs, 3 working counter" {
         /// 1: how many slaves have inputs.
         Inputs = 1,
         /// 2: how many slaves have outputs.
@@ -84,7 +84,7 @@ choices! {
     }
 
     /// What [`SlaveInfoGet`] asks for.
-    SlaveInfoItem(u8), "SLV_INFO_GET item", "0 to 13" {
+    pub SlaveInfoItem(u8), "SLV_INFO_GET item", "0 to 13" {
         /// 0: vendor id.
         Vendor = 0,
         /// 1: product code.
@@ -117,7 +117,7 @@ choices! {
 
     /// Whose clock leads the distributed clocks: reserve bit 12 of [`EcatInit`], from firmware 0x22 on. The two manuals
     /// contradict each other; the vendor's header names the bit as it is here.
-    ReferenceClock(u8), "reference clock", "0 bus shift, 1 master shift" {
+    pub ReferenceClock(u8), "reference clock", "0 bus shift, 1 master shift" {
         /// 0: bus shift, the chip's own clock.
         Chip = 0,
         /// 1: master shift, the clock of the first slave that has one.

@@ -84,7 +84,7 @@ impl<'d> Call<'d> for PdoData<'d> {
 
 choices! {
     /// The object that lists a slave's PDOs.
-    PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
+    pub PdoAssignment(u16), "PDO assignment", "0x1C12 or 0x1C13" {
         /// 0x1C12: RxPDOs, the outputs.
         Rx = 0x1C12,
         /// 0x1C13: TxPDOs, the inputs.

@@ -15,7 +15,7 @@ plain! {
 
 choices! {
     /// The command of a datagram.
-    RawOperation(u8), "RAW_ECAT_FUNC_REQ operation", "1, 2, 4, 5, 7, 8 or 10 to 14" {
+    pub RawOperation(u8), "RAW_ECAT_FUNC_REQ operation", "1, 2, 4, 5, 7, 8 or 10 to 14" {
         /// 1: APRD.
         Aprd = 1,
         /// 2: APWR.

@@ -101,7 +101,7 @@ impl Call<'_> for ConfigFmmu {
 
 choices! {
     /// Which process data [`DirectAssign`] means.
-    Direction(u8), "DIRECT_ASSIGN direction", "0 output, 1 input" {
+    pub Direction(u8), "DIRECT_ASSIGN direction", "0 output, 1 input" {
         /// 0: outputs, the RxPDO.
         Output = 0,
         /// 1: inputs, the TxPDO.

@@ -56,12 +56,13 @@ fn resets() -> Vec<Function> {
 
 /// XF EN 1526 to 1553.
 fn counters() -> Vec<Function> {
+    let limit = |limit| WkcErrorMaxSet::new(limit).expect("not 0");
     vec![
         case(WkcErrorCountGet, short(130, 0, [0; 4])),
         case(WkcErrorMaxGet, short(131, 0, [0; 4])),
-        case(WkcErrorMaxSet { limit: WkcErrorLimit::AtMost(1) }, short(132, 1, [0; 4])),
-        case(WkcErrorMaxSet { limit: WkcErrorLimit::AtMost(254) }, short(132, 254, [0; 4])),
-        case(WkcErrorMaxSet { limit: WkcErrorLimit::None }, short(132, 255, [0; 4])),
+        case(limit(WkcErrorLimit::from_code(1)), short(132, 1, [0; 4])),
+        case(limit(WkcErrorLimit::from_code(254)), short(132, 254, [0; 4])),
+        case(limit(WkcErrorLimit::NONE), short(132, 255, [0; 4])),
     ]
 }
 
@@ -140,6 +141,9 @@ fn resets_of_the_chip() {
 #[test]
 fn working_counter_errors() {
     counters();
+    assert_eq!(WkcErrorMaxSet::new(WkcErrorLimit::from_code(0)), None);
+    let set = WkcErrorMaxSet::new(WkcErrorLimit::default()).expect("any number");
+    assert_eq!((set.limit().most(), WkcErrorLimit::from_code(254).most()), (None, Some(254)));
 }
 
 /// XF-8.7 Registers of PHYs.

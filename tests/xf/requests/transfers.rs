@@ -3,8 +3,8 @@
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::Request;
 use ecmsk::xf::request::{
-    CoeEmergency, EepromGet, EepromOperation, EepromRequest, EmergencyCount, FlashAddress, FoeFile, FoeGet, FoeRequest,
-    MailboxPart, MailboxStatus, RawGet, RawOperation, RawRequest, ReceiveMailbox, SdoAbortCodeGet, SdoGet,
+    CoeEmergency, EepromGet, EepromOperation, EepromRequest, EmergencyCount, FlashAddress, FlashBytes, FoeFile, FoeGet,
+    FoeRequest, MailboxPart, MailboxStatus, RawGet, RawOperation, RawRequest, ReceiveMailbox, SdoAbortCodeGet, SdoGet,
     SdoOperation, SdoRequest, SlaveBits,
 };
 
@@ -102,7 +102,7 @@ fn foe() -> Vec<Function> {
     vec![
         case(FoeRequest::Upload(file), long(139, 0, file_bytes(1))),
         case(FoeRequest::Download(file), long(139, 0, file_bytes(2))),
-        case(FoeRequest::ReadFlash { start, bytes: 256 }, long(139, 0, head(3, 256))),
+        case(FoeRequest::ReadFlash { start, bytes: FlashBytes::MAX }, long(139, 0, head(3, 256))),
         case(FoeRequest::WriteFlash { start, data: &most }, long(139, 0, [&head(4, 256)[..], &most].concat())),
         case(FoeGet, short(140, 0, [0; 4])),
     ]

@@ -49,6 +49,8 @@ pub struct Resync {
     /// full of borders would be compared anew with each byte that comes.
     compared: usize,
     size: Option<DataSize>,
+    /// The reader found the size by itself.
+    found: bool,
     dropped: u64,
 }
 
@@ -61,7 +63,7 @@ impl Default for Resync {
 impl Resync {
     /// A reader that finds n by itself.
     pub const fn new() -> Self {
-        Self { bytes: [0; CAPACITY], held: 0, given: 0, compared: 0, size: None, dropped: 0 }
+        Self { bytes: [0; CAPACITY], held: 0, given: 0, compared: 0, size: None, found: false, dropped: 0 }
     }
 
     /// A reader for packets of that size.
@@ -78,6 +80,7 @@ impl Resync {
     /// are held stay.
     pub const fn set_size(&mut self, size: Option<DataSize>) {
         self.compared = 0;
+        self.found = false;
         self.size = size;
     }
 
@@ -99,17 +102,27 @@ impl Resync {
     /// The next packet, n + 32 bytes with a right start word and a right end word; `None` until more bytes have come.
     pub fn next_packet(&mut self) -> Option<&[u8]> {
         self.forget_given();
-        let size = match self.size {
-            Some(size) => size,
-            None => self.find_size()?,
+        let len = loop {
+            let size = match self.size {
+                Some(size) => size,
+                None => {
+                    let size = self.find_size()?;
+                    self.found = true;
+                    size
+                }
+            };
+            self.size = Some(size);
+            let len = size.packet_len();
+            let skipped = self.find_packet(len);
+            self.drop_front(skipped);
+            if self.held < len || !self.is_packet(0, len) {
+                return None;
+            }
+            if !(self.found && self.is_joined(len)) {
+                break len;
+            }
+            self.set_size(None);
         };
-        self.size = Some(size);
-        let len = size.packet_len();
-        let skipped = self.find_packet(len);
-        self.drop_front(skipped);
-        if self.held < len || !self.is_packet(0, len) {
-            return None;
-        }
         self.given = len;
         Some(&self.bytes[..len])
     }
@@ -140,6 +153,20 @@ impl Resync {
     /// Whether a packet of `len` bytes, all of which are held, stands at byte `at`.
     fn is_packet(&self, at: usize, len: usize) -> bool {
         self.has(at, START_WORD) && self.has(at + len - 4, END_WORD)
+    }
+
+    /// Whether a word that is no CRC stands at byte `at` as a check word: it says nothing about the bytes in front of
+    /// it.
+    fn has_constant_check(&self, at: usize) -> bool {
+        self.has(at, FIXED_CHECK) || self.has(at, NOT_READY)
+    }
+
+    /// Whether the packet of `len` bytes at the beginning is more likely two. Without a CRC that is what n is taken for
+    /// if the border between two packets was damaged when n was looked for.
+    fn is_joined(&self, len: usize) -> bool {
+        let shortest = DataSize::MIN.packet_len();
+        let is_end = |at: usize| self.has_constant_check(at - 4) && self.is_border(at);
+        self.has_constant_check(len - 8) && (shortest..=len.saturating_sub(shortest)).any(|end| is_end(end - 4))
     }
 
     /// How many bytes are in front of the first place where a packet of that length is, or may be once more bytes have

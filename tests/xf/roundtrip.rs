@@ -1,5 +1,7 @@
 //! Round trips: whatever is said with a type comes back as the same, whatever comes over the wire harms nobody.
 
+use std::collections::BTreeSet;
+
 use ecmsk::xf::request::{Arguments, Call, Encode, Request, UnknownCommand};
 use ecmsk::xf::response::Returned;
 use ecmsk::xf::{
@@ -8,33 +10,48 @@ use ecmsk::xf::{
 };
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
+use proptest::strategy::ValueTree as _;
+use proptest::test_runner::TestRunner;
 
 use crate::codes::functions;
 
 /// Fields of a header whose numbers are often small, so that they are often valid.
 fn arguments() -> impl Strategy<Value = Arguments> {
-    let byte = || prop_oneof![0u8..16, Just(0x5A), Just(0xFF), any::<u8>()];
+    let byte = || prop_oneof![4 => 0u8..3, 1 => 0u8..16, 1 => Just(0x5A), 1 => Just(0xFF), 1 => any::<u8>()];
     (byte(), [byte(), byte(), byte(), byte()], any::<u16>(), prop_oneof![0u16..400, any::<u16>()])
         .prop_map(|(parameter, info, reserve, len)| Arguments { parameter, info, reserve: Reserve(reserve), len })
 }
 
 /// The data of a segment. Fields are often small, and the lists of PDOs, the fixed numbers and the lengths often valid.
 fn data(n: usize) -> impl Strategy<Value = Vec<u8>> {
-    let small = prop_oneof![6 => Just(0u8), 3 => 0u8..4, 2 => any::<u8>()];
-    let small = proptest::collection::vec(small, n);
+    // More than half of the bytes are 0, and more than half of the others below 4.
+    let small = proptest::collection::vec(any::<u16>(), n).prop_map(|numbers| {
+        let byte = |number: u16| match number >> 8 & 0xF {
+            0..=8 => 0,
+            9..=12 => number as u8 & 3,
+            _ => number as u8,
+        };
+        numbers.into_iter().map(byte).collect::<Vec<u8>>()
+    });
     let pdo = (small.clone(), 0u8..4, 0u8..9, any::<bool>()).prop_map(|(mut data, count, objects, tx)| {
         data[1] = count;
         data[2..4].copy_from_slice(&[0x12 + u8::from(tx), 0x1C]);
         data[10..16].copy_from_slice(&[objects, 0, objects / 2, 0, 1, 0]);
         data
     });
-    let fixed = (small.clone(), select(&[0u32, 12, 0x10, 0x30, 0x100, 0x200, 0x300, 0x1000, 0x1030, 0x2030][..]))
-        .prop_map(|(mut data, number)| {
-            data[..4].copy_from_slice(&number.to_le_bytes());
-            data
-        });
+    let numbers = [0u32, 12, 12, 12, 0x10, 0x100, 0x200, 0x300, 0x1000, 0x1000, 0x1000, 0x1030, 0x2030, 0x3030];
+    let fixed = (small.clone(), select(numbers.to_vec())).prop_map(|(mut data, number)| {
+        data[..4].copy_from_slice(&number.to_le_bytes());
+        data
+    });
+    let foe = (small.clone(), 1u8..=4, 0u8..100, 0u32..0x4_0000).prop_map(|(mut data, operation, bytes, start)| {
+        data[..4].copy_from_slice(&[operation / 2, 0, operation, 0]);
+        data[8..12].copy_from_slice(&u32::from(bytes).to_le_bytes());
+        data[16..20].copy_from_slice(&start.to_le_bytes());
+        data
+    });
     let zeros = Just(vec![0; n]);
-    prop_oneof![4 => small, 2 => pdo, 2 => fixed, 1 => zeros, 1 => proptest::collection::vec(any::<u8>(), n)]
+    prop_oneof![3 => small, 2 => pdo, 3 => fixed, 1 => foe, 1 => zeros, 1 => proptest::collection::vec(any::<u8>(), n)]
 }
 
 /// A function of the manuals, its code and the fields, which have its parameter if it has one.
@@ -60,14 +77,15 @@ fn encoded(request: &Request<'_>, n: usize) -> Option<(CommandCode, Arguments, V
     Some((code, arguments, data))
 }
 
-/// Reads an answer for the request's type, and writes and reads it again.
-fn through_answer<'d, C: Call<'d>>(call: &C, returned: Returned, data: &[u8]) {
+/// Reads an answer for the request's type, and writes and reads it again. Says whether it could be read.
+fn through_answer<'d, C: Call<'d>>(call: &C, returned: Returned, data: &[u8]) -> bool {
     use ecmsk::xf::response::Answer as _;
-    let Ok(answer) = call.answer(returned, data) else { return };
+    let Ok(answer) = call.answer(returned, data) else { return false };
     let mut again = vec![0; data.len()];
     let returned = answer.encode(&mut again).expect("what was read fits");
     let second = call.answer(returned, &again).expect("what was written is read");
     assert_eq!(format!("{answer:?}"), format!("{second:?}"));
+    true
 }
 
 /// Reads an answer to whatever the request is.
@@ -75,12 +93,12 @@ macro_rules! through_any_answer {
     ($request:expr, $returned:expr, $data:expr; $($variant:ident)*) => {
         match $request {
             $(Request::$variant(call) => through_answer(call, $returned, $data),)*
-            Request::Unknown(_) => {}
+            Request::Unknown(_) => false,
         }
     };
 }
 
-fn any_answer(request: &Request<'_>, returned: Returned, data: &[u8]) {
+fn any_answer(request: &Request<'_>, returned: Returned, data: &[u8]) -> bool {
     through_any_answer!(request, returned, data;
         InfoUpdate EcatInit Reconfig InitDc PdoWorkingCounterGet PdoDataFifo PdoData PdoConfigSet PdoConfigRequest
         PdoConfigGet SdoRequest SdoGet StateSet StateGet SlaveInfoGet SlaveCountGet FifoEnable FifoPackSizeGet
@@ -93,7 +111,36 @@ fn any_answer(request: &Request<'_>, returned: Returned, data: &[u8]) {
         FifoGetRxCount FirmwareVersionGet StateUpdate InterruptSetEnable InterruptGetEnable FifoInit SdoAbortCodeGet
         FifoThresholdSet ConfigSyncManager ConfigFmmu ConfigMap HelperStatuswordGet AsyncReset Mdio DirectAssign
         CoeEmergency WarmReset WkcErrorCountGet WkcErrorMaxGet WkcErrorMaxSet RawRequest RawGet FoeRequest FoeGet
-        EnableLrw ReceiveMailbox MailboxStatus);
+        EnableLrw ReceiveMailbox MailboxStatus)
+}
+
+/// The lengths of answers, those that some answers need among them.
+fn answer_len() -> impl Strategy<Value = u16> {
+    prop_oneof![Just(0u16), 0u16..24, Just(112), Just(148), 0u16..400]
+}
+
+/// XF-4.5 What the properties below are tried with has requests of every function, and answers to each that can be read.
+#[test]
+fn every_function_is_tried() {
+    let mut runner = TestRunner::deterministic();
+    let tried = (known(), data(160), data(160), answer_len());
+    let all: BTreeSet<_> = functions().into_iter().collect();
+    let (mut requests, mut answers) = (BTreeSet::new(), BTreeSet::new());
+    for _ in 0..20_000 {
+        if answers.len() == all.len() {
+            break;
+        }
+        let ((code, arguments), command, data, len) = tried.new_tree(&mut runner).expect("a value").current();
+        if let Ok(request) = Request::decode(code, &arguments, &command) {
+            let function = (code.code(), (31..=35).contains(&code.code()).then_some(arguments.parameter));
+            requests.insert(function);
+            if any_answer(&request, Returned { ret: 0, len }, &data) {
+                answers.insert(function);
+            }
+        }
+    }
+    assert_eq!(all.difference(&requests).collect::<Vec<_>>(), Vec::<&(u8, Option<u8>)>::new());
+    assert_eq!(all.difference(&answers).collect::<Vec<_>>(), Vec::<&(u8, Option<u8>)>::new());
 }
 
 proptest! {
@@ -121,7 +168,7 @@ proptest! {
         command in data(300),
         data in data(300),
         ret: u8,
-        len in prop_oneof![Just(0u16), 0u16..24, Just(112), Just(148), 0u16..400],
+        len in answer_len(),
     ) {
         if let Ok(request) = Request::decode(code, &arguments, &command) {
             any_answer(&request, Returned { ret, len }, &data);

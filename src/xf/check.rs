@@ -104,7 +104,7 @@ pub(super) enum Verdict {
 /// The check word of an answer is judged by the answer's own status bits, which a host trusts more than what it has
 /// set.
 ///
-/// A CRC that is by chance the word for "not ready" is a right one.
+/// `[OURS]` A CRC that is by chance the word for "not ready" is a right one.
 pub(super) fn judge_answer(header: &AnswerHeader, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {
     let kind = header.status.check_type();
     let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, header.len));

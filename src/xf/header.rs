@@ -168,8 +168,8 @@ impl Control {
     }
 }
 
-/// The outputs of a command's header as GPIOs, or GPIOs as those outputs: bit 12 drives GPIO 13, and bit 13 GPIO 12 (XF
-/// EN 211, XF ZH 246).
+/// The outputs of a command's header as GPIOs, or GPIOs as those outputs: bit 12 drives GPIO 13, and bit 13 GPIO 12
+/// (XF EN 211, XF ZH 246).
 pub const fn swap_gpio_12_and_13(bits: u16) -> u16 {
     bits & !0x3000 | (bits & 0x1000) << 1 | (bits & 0x2000) >> 1
 }

@@ -110,8 +110,8 @@ fn bits_have_their_places() {
     assert!(!Errors::FIFO.contains(Errors::FIFO | Errors::CRC));
 }
 
-/// XF-1.11 Errors are cleared by their own bits, levels by none; XF-1.12 bits 12 and 13 of the header's outputs stand for GPIO
-/// 13 and 12.
+/// XF-1.11 Errors are cleared by their own bits, levels by none; XF-1.12 bits 12 and 13 of the header's outputs stand
+/// for GPIO 13 and 12.
 #[test]
 fn errors_are_cleared_and_outputs_swapped() {
     let errors = Errors::SPI | Errors::CRC | Errors::LINK_PIN | Errors::STATE;

@@ -134,8 +134,8 @@ fn damaged_packets_are_given() {
     assert!(AnswerPacket::parse(&packets[4], DataSize::MANUAL, Coverage::All).is_err());
 }
 
-/// XF-3.6 With the fixed check word two packets between which the border was damaged look like one of twice the length, but
-/// not for long.
+/// XF-3.6 With the fixed check word two packets between which the border was damaged look like one of twice the length,
+/// but not for long.
 #[test]
 fn a_size_that_was_two_packets_is_found_again() {
     let mut packets = answers(DataSize::MANUAL, CheckRule::FIXED, 8);

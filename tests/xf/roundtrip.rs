@@ -119,7 +119,8 @@ fn answer_len() -> impl Strategy<Value = u16> {
     prop_oneof![Just(0u16), 0u16..24, Just(112), Just(148), 0u16..400]
 }
 
-/// XF-4.5 What the properties below are tried with has requests of every function, and answers to each that can be read.
+/// XF-4.5 What the properties below are tried with has requests of every function, and answers to each that can be
+/// read.
 #[test]
 fn every_function_is_tried() {
     let mut runner = TestRunner::deterministic();

@@ -292,6 +292,26 @@ impl<'p> AnswerPacket<'p> {
 
     /// The result that the packet has for `call`. Whether the index is that of the call is the host's to look at.
     ///
+    /// ```
+    /// use ecmsk::xf::request::{StateGet, Slaves};
+    /// use ecmsk::xf::{
+    ///     AnswerHeader, AnswerPacket, CheckRule, CommandCode, Coverage, DataSize, EtherCatState, MAX_PACKET,
+    ///     NetworkState, Received, write_answer,
+    /// };
+    ///
+    /// let size = DataSize::MANUAL;
+    /// let mut buffer = [0; MAX_PACKET];
+    /// let header = AnswerHeader { index: 4, code: CommandCode::StateGet, ..AnswerHeader::default() };
+    /// let op = NetworkState::from(EtherCatState::Op);
+    /// let bytes = write_answer(&mut buffer, size, CheckRule::CRC32, header, &op)?;
+    ///
+    /// match AnswerPacket::parse(bytes, size, Coverage::All)? {
+    ///     Received::Answer(packet) => assert_eq!(packet.answer_to(&StateGet { slaves: Slaves::All })?, op),
+    ///     Received::NotReady => println!("once more, after some idle time"),
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// The packet answers another command or none, or its fields have values that the manuals do not allow.
     pub fn answer_to<'d, C: Call<'d>>(&self, call: &C) -> Result<C::Answer<'p>, AnswerError> {

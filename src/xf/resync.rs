@@ -161,8 +161,8 @@ impl Resync {
         self.has(at, FIXED_CHECK) || self.has(at, NOT_READY)
     }
 
-    /// Whether the packet of `len` bytes at the beginning is more likely two. Without a CRC that is what n is taken for
-    /// if the border between two packets was damaged when n was looked for.
+    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two. Without a CRC that is what n is
+    /// taken for if the border between two packets was damaged when n was looked for.
     fn is_joined(&self, len: usize) -> bool {
         let shortest = DataSize::MIN.packet_len();
         let is_end = |at: usize| self.has_constant_check(at - 4) && self.is_border(at);
@@ -211,6 +211,8 @@ impl Resync {
     }
 
     /// The first of the lengths, which ascend, with which the bytes from `packet` on have a right check word.
+    ///
+    /// `[OURS]` The vendor's driver goes by the borders alone.
     fn checked(&self, packet: usize, lens: impl Iterator<Item = usize>) -> Option<DataSize> {
         let bytes = &self.bytes[packet..self.held];
         let valid = HEADER_LEN + usize::from(u16::from_le_bytes([*bytes.get(0x0E)?, *bytes.get(0x0F)?]));

@@ -67,7 +67,8 @@ pub struct MailboxPart {
 impl MailboxPart {
     /// From byte `start`, 0..=63, so many bytes, 0..=63; `None` for others.
     ///
-    /// Above these the manuals can be read in two ways, see [`Self::start`], so that a host does not ask for them.
+    /// Above these the manuals can be read in two ways, as 64 or as 256 times the high byte, so that a host does not
+    /// ask for them.
     pub const fn new(start: u8, length: u8) -> Option<Self> {
         if start < 64 && length < 64 { Some(Self { start: start as u16, length: length as u16 }) } else { None }
     }
@@ -82,8 +83,8 @@ impl MailboxPart {
         self.length
     }
 
-    /// Two information bytes as a number. `[OURS]` As the manuals' text has it, high * 64 + low; their drawing shows a
-    /// field of 16 bits, where the high byte would count 256.
+    /// Two information bytes as a number, up to 16575. `[OURS]` As the manuals' text has it, high * 64 + low; their
+    /// drawing shows a field of 16 bits, where the high byte would count 256.
     const fn number(low: u8, high: u8) -> u16 {
         high as u16 * 64 + low as u16
     }

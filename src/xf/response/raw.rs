@@ -7,8 +7,8 @@ use crate::xf::{Malformed, segment};
 /// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter @16 i32
 /// (XF EN 1580).
 ///
-/// Both manuals give its length as 4 + n, but what they draw needs 20 + n. The chip of ours answers with 20 + n; a host
-/// goes by @2, the number of data bytes.
+/// Both manuals give its length as 4 + n, but what they draw needs 20 + n. `[OURS]` The length is 20 + n; a host goes
+/// by @2, the number of data bytes, whatever the length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RawAnswer<'a> {
     /// The datagram's command; see [`RawOperation::from_code`].

@@ -4,8 +4,7 @@
 //! [`SlaveModel`] with its row here.
 
 #[cfg(feature = "sim")]
-use crate::link::sim;
-use crate::link::travel::TravelSpec;
+use crate::link::{sim, travel::TravelSpec};
 use crate::sk::SlaveKind;
 #[cfg(feature = "sim")]
 use crate::slave::{Channels, DriveConfig, Io, Slave};
@@ -35,6 +34,7 @@ impl SlaveModel {
     }
 
     /// The name with its article, for messages.
+    #[cfg_attr(not(feature = "sim"), expect(dead_code, reason = "errors of scripts alone say it"))]
     pub(in crate::link) const fn with_article(self) -> &'static str {
         self.row().with_article
     }

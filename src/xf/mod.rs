@@ -2,10 +2,10 @@
 //!
 //! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
 //! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
-//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. This module has no
-//! I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets of the
-//! protocol; everything else in the crate uses its types. Each request and each answer is encoded and decoded, so that
-//! hosts and models of the chip speak with the same types.
+//! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. But for `chip` this
+//! module has no I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets
+//! of the protocol; everything else in the crate uses its types. Each request and each answer is encoded and decoded,
+//! so that hosts and models of the chip speak with the same types.
 //!
 //! How to read it:
 //!
@@ -21,6 +21,7 @@
 //! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | what the chip answers to them |
 //! | [`malformed`] | what is wrong with a field |
+//! | `chip` | with the feature `sim`: a model of the chip, the other end of the wire |
 //!
 //! Three notations stand throughout:
 //! - `XF EN 436`, `XF ZH 442`: the line of the text of NEXTW's *ECM-XF user manual*, English v050 and Chinese v049,
@@ -48,6 +49,8 @@
 
 mod bits;
 pub mod check;
+#[cfg(feature = "sim")]
+pub mod chip;
 pub mod code;
 pub mod header;
 pub mod malformed;

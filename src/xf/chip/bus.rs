@@ -1,0 +1,161 @@
+//! What the chip knows of its network: slaves, states as last read, where process data are, the working counter.
+
+use super::network::{IMAGE_MAX, Network, Place, SLAVES_MAX, mapped_bytes};
+use crate::coe::AbortCode;
+use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::xf::request::{DcTiming, PdoAssignment, WkcErrorLimit};
+use crate::xf::{EtherCatState, NetworkState};
+
+/// What the chip has in its memory about a slave.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Known {
+    /// As ECAT_STATE_GET answers; [`NetworkState::NONE`] if the slave did not answer.
+    pub state: NetworkState,
+    pub al_status: u16,
+    /// As ECAT_DCSYNC or ECAT_INIT_OP has set it.
+    pub dc: DcTiming,
+    /// The last initialisation of the clocks has set its clock.
+    pub dc_active: bool,
+}
+
+/// The network.
+pub(super) struct Bus {
+    /// ECAT_INIT_OP has succeeded.
+    pub initialised: bool,
+    /// Slaves found.
+    pub count: u8,
+    pub known: [Known; SLAVES_MAX],
+    pub places: [Place; SLAVES_MAX],
+    /// Process data are configured and exchanged.
+    pub mapped: bool,
+    pub rx_bytes: u16,
+    pub tx_bytes: u16,
+    /// The newest outputs: what is repeated while the RxFIFO is empty.
+    pub outputs: [u8; IMAGE_MAX],
+    pub inputs: [u8; IMAGE_MAX],
+    pub lrw: bool,
+    pub working_counter: u16,
+    /// All errors, up to 255.
+    pub wkc_errors: u8,
+    /// Those one after the other, up to 255.
+    pub wkc_errors_in_a_row: u8,
+    pub wkc_limit: WkcErrorLimit,
+    /// From when on the clocks are stable; `None`: no slave has one, or they are not initialised.
+    pub dc_stable_at: Option<Ns>,
+    pub cycle_ns: Ns,
+}
+
+impl Bus {
+    pub fn new(cycle_ns: Ns) -> Self {
+        Self {
+            initialised: false,
+            count: 0,
+            known: [Known::default(); SLAVES_MAX],
+            places: [Place::default(); SLAVES_MAX],
+            mapped: false,
+            rx_bytes: 0,
+            tx_bytes: 0,
+            outputs: [0; IMAGE_MAX],
+            inputs: [0; IMAGE_MAX],
+            lrw: true,
+            working_counter: 0,
+            wkc_errors: 0,
+            wkc_errors_in_a_row: 0,
+            wkc_limit: WkcErrorLimit::NONE,
+            dc_stable_at: None,
+            cycle_ns,
+        }
+    }
+
+    pub fn places(&self) -> &[Place] {
+        &self.places[..self.count.into()]
+    }
+
+    pub fn slaves(&self) -> std::ops::Range<u8> {
+        0..self.count
+    }
+
+    /// Slaves with inputs and slaves with outputs.
+    pub fn slaves_with(&self) -> (u32, u32) {
+        let count = |has: fn(&Place) -> bool| self.places().iter().filter(|place| has(place)).count() as u32;
+        (count(|place| place.input_bytes > 0), count(|place| place.output_bytes > 0))
+    }
+
+    /// Whether any slave was brought at least to that state.
+    pub fn any_commanded(&self, state: AlState) -> bool {
+        self.places().iter().any(|place| place.commanded >= state)
+    }
+
+    pub fn expected_working_counter(&self) -> u16 {
+        self.places().iter().map(|place| place.counts(place.commanded, self.lrw)).sum()
+    }
+
+    /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which it
+    /// was brought, with AL status 0x1B where it left OP by its watchdog, or has refused a change.
+    pub fn update(&mut self, network: &impl Network, slave: u8) {
+        let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
+        let Some(state) = network.state(slave) else {
+            known.state = NetworkState(NetworkState::ERROR);
+            return;
+        };
+        if state < place.commanded {
+            known.al_status = AlStatus::WATCHDOG.0;
+        }
+        let error = if known.al_status == 0 { 0 } else { NetworkState::ERROR };
+        known.state = NetworkState(EtherCatState::from(state).code() | error);
+    }
+
+    /// The state of all: the lowest one, with the error bit of any.
+    pub fn state_of_all(&self) -> NetworkState {
+        let known = &self.known[..self.count.into()];
+        let lowest = known.iter().map(|known| known.state.0 & 0x0F).min().unwrap_or(0);
+        let error = known.iter().any(|known| known.state.has_error());
+        if self.initialised {
+            NetworkState(lowest | if error { NetworkState::ERROR } else { 0 })
+        } else {
+            NetworkState::NONE
+        }
+    }
+
+    /// Lays out the process data as the slaves' own mapping objects say.
+    ///
+    /// # Errors
+    /// The abort code with which a slave aborts, or [`AbortCode::PDO_LENGTH`]: they are more than the images hold.
+    pub fn map(&mut self, network: &mut impl Network) -> Result<(), AbortCode> {
+        let (mut outputs, mut inputs) = (0_u16, 0_u16);
+        self.mapped = false;
+        for slave in self.slaves() {
+            let output_bytes = mapped_bytes(network, slave, PdoAssignment::Rx)?;
+            let input_bytes = mapped_bytes(network, slave, PdoAssignment::Tx)?;
+            let place = &mut self.places[usize::from(slave)];
+            *place = Place { outputs_at: outputs, output_bytes, inputs_at: inputs, input_bytes, ..*place };
+            (outputs, inputs) = (outputs + output_bytes, inputs + input_bytes);
+            if usize::from(outputs.max(inputs)) > IMAGE_MAX {
+                return Err(AbortCode::PDO_LENGTH);
+            }
+        }
+        (self.rx_bytes, self.tx_bytes) = (outputs, inputs);
+        self.outputs.fill(0);
+        self.inputs.fill(0);
+        (self.wkc_errors_in_a_row, self.mapped) = (0, true);
+        Ok(())
+    }
+
+    /// Counts a cycle's working counter. False: it was wrong.
+    pub fn count(&mut self, working_counter: u16) -> bool {
+        self.working_counter = working_counter;
+        let right = working_counter == self.expected_working_counter();
+        if right {
+            self.wkc_errors_in_a_row = 0;
+        } else {
+            self.wkc_errors = self.wkc_errors.saturating_add(1);
+            self.wkc_errors_in_a_row = self.wkc_errors_in_a_row.saturating_add(1);
+        }
+        right
+    }
+
+    /// Whether there are more errors in a row than the limit allows.
+    pub fn is_over_limit(&self) -> bool {
+        self.wkc_limit.most().is_some_and(|most| self.wkc_errors_in_a_row > most)
+    }
+}

@@ -1,0 +1,156 @@
+//! What each command does at once; one that takes time is started. By subject:
+//!
+//! | file | commands |
+//! | --- | --- |
+//! | `start.rs` | those that take time |
+//! | `network.rs` | states, slaves, working counter |
+//! | `pdo.rs` | process data and FIFOs |
+//! | `unit.rs` | the chip itself: packets, version, resets, interrupts; the CiA 402 helper |
+//! | `io.rs` | GPIO, encoder, DAC, ADC |
+
+mod io;
+mod network;
+mod pdo;
+mod start;
+mod unit;
+
+pub use start::SYNC0_MIN_NS;
+
+use super::Chip;
+use super::network::Network;
+use crate::xf::request::{FoeRequest, Request};
+use crate::xf::response::{Answer, Returned};
+use crate::xf::{CommandCode, Malformed};
+
+/// Commands that the model answers with the command error, since slave models have no registers, EEPROMs, files or raw
+/// mailboxes. Beside them FOE_FUNC_REQ moves no files, operations 1 and 2: the flash memory that it reads and writes the
+/// model has.
+pub const WITHOUT_EFFECT: [CommandCode; 9] = [
+    CommandCode::EepromRequest,
+    CommandCode::EepromGet,
+    CommandCode::ConfigSyncManager,
+    CommandCode::ConfigFmmu,
+    CommandCode::DirectAssign,
+    CommandCode::RawRequest,
+    CommandCode::RawGet,
+    CommandCode::ReceiveMailbox,
+    CommandCode::MailboxStatus,
+];
+
+/// The command is wrong: it has no effect, and the command error is set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Refused;
+
+impl From<Malformed> for Refused {
+    /// A field that the manuals do not allow, or an answer that does not fit into the data segment.
+    fn from(_: Malformed) -> Self {
+        Self
+    }
+}
+
+/// What a command returns, its data being in the segment.
+pub(super) type Outcome = Result<Returned, Refused>;
+
+/// Done, with no result.
+const DONE: Outcome = Ok(Returned::NONE);
+
+/// The outcome of what may be refused and has no result.
+const fn done_if(done: bool) -> Outcome {
+    if done { DONE } else { Err(Refused) }
+}
+
+/// The outcome with a result, or the refusal where there is none.
+fn answered<'a>(answer: Option<impl Answer<'a>>, data: &mut [u8]) -> Outcome {
+    Ok(answer.ok_or(Refused)?.encode(data)?)
+}
+
+impl<N: Network> Chip<N> {
+    /// Runs a command: its data go into `data`, a segment that is all 0.
+    ///
+    /// # Errors
+    /// The command is wrong: see [`Refused`].
+    pub(super) fn run(&mut self, request: &Request<'_>, data: &mut [u8]) -> Outcome {
+        if !self.has(request) {
+            return Err(Refused);
+        }
+        match *request {
+            Request::InfoUpdate(_) => DONE,
+
+            Request::PdoWorkingCounterGet(ref request) => self.working_counter_item(request, data),
+            Request::StateGet(ref request) => self.state_get(request, data),
+            Request::SlaveInfoGet(ref request) => self.slave_info(request, data),
+            Request::SlaveCountGet(_) => Ok(self.bus.count.encode(data)?),
+            Request::EnableLrw(request) => self.enable_lrw(request.lrw),
+            Request::SdoGet(_) => self.sdo_get(data),
+            Request::SdoAbortCodeGet(_) => Ok(self.sdo.abort.encode(data)?),
+            Request::CoeEmergency(request) => Self::emergencies(request, data),
+            Request::WkcErrorCountGet(_) => Ok(self.bus.wkc_errors_in_a_row.encode(data)?),
+            Request::WkcErrorMaxGet(_) => Ok(self.bus.wkc_limit.encode(data)?),
+            Request::WkcErrorMaxSet(request) => {
+                self.bus.wkc_limit = request.limit();
+                DONE
+            }
+
+            Request::PdoDataFifo(ref request) => Ok(self.pdo_data_fifo(request, data)),
+            Request::PdoData(ref request) => Ok(self.pdo_data(request, data)),
+            Request::PdoConfigGet(_) => answered(self.pdo_config, data),
+            Request::FifoEnable(request) => {
+                self.fifo_on = request.on;
+                DONE
+            }
+            Request::FifoPackSizeGet(request) => Ok(self.pdo_bytes(request.fifo).encode(data)?),
+            Request::FifoClear(request) => self.clear_fifos(request.fifos),
+            Request::FifoSetTxCount(request) => Self::set_entries(&mut self.fifos.tx_entries, request.entries),
+            Request::FifoGetTxCount(_) => Ok(self.fifos.tx_entries.encode(data)?),
+            Request::FifoSetRxCount(request) => Self::set_entries(&mut self.fifos.rx_entries, request.entries),
+            Request::FifoGetRxCount(_) => Ok(self.fifos.rx_entries.encode(data)?),
+            Request::FifoThresholdSet(request) => {
+                self.fifos.thresholds = request;
+                DONE
+            }
+
+            Request::SpiPackSizeGet(_) => Ok(self.size.encode(data)?),
+            Request::SpiReconfig(request) => self.set_size(request.size),
+            Request::CrcErrorCountClear(_) => Ok(std::mem::take(&mut self.crc_errors).encode(data)?),
+            Request::CrcTypeSet(request) => {
+                self.check = request.kind;
+                DONE
+            }
+            Request::FirmwareVersionGet(_) => self.version(data),
+            Request::AsyncReset(request) => self.reset_job(request.action),
+            Request::WarmReset(_) => {
+                self.restarts = true;
+                DONE
+            }
+            Request::Mdio(request) => answered(self.phys.run(request), data),
+            Request::InterruptSetEnable(request) => {
+                self.interrupts.enable = request.enable;
+                DONE
+            }
+            Request::InterruptGetEnable(_) => Ok(self.interrupts.enable.encode(data)?),
+            Request::FoeGet(_) => answered(self.flash.result(), data),
+
+            Request::HelperConfigSet(ref request) => {
+                self.helper.configure(request);
+                DONE
+            }
+            Request::HelperStateSet(request) => done_if(self.helper.set_target(request.motor.get(), request.state)),
+            Request::HelperStateGet(request) => self.drive_state(request.motor, data),
+            Request::HelperControlSet(ref request) => done_if(self.helper.set_control(request)),
+            Request::HelperControlGet(request) => answered(self.helper.control(request.motor.get()), data),
+            Request::HelperStatuswordGet(request) => answered(self.statusword(request.motor), data),
+
+            ref other => self.run_io(other, data).unwrap_or_else(|| self.start(other)),
+        }
+    }
+
+    /// Whether the firmware and the model have this function.
+    fn has(&self, request: &Request<'_>) -> bool {
+        let is_there = match request {
+            Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => false,
+            _ => !WITHOUT_EFFECT.contains(&request.code()),
+        };
+        let function = request.function().and_then(|parameter| request.code().function(parameter));
+        is_there && function.is_none_or(|function| function.since <= self.profile.version)
+    }
+}

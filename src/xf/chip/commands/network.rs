@@ -1,0 +1,86 @@
+//! States, slaves, working counter, results of SDO transfers.
+
+use super::{Outcome, Refused, answered, done_if};
+use crate::xf::chip::Chip;
+use crate::xf::chip::network::Network;
+use crate::xf::request::{
+    CoeEmergency, EMERGENCIES_MAX, PdoWorkingCounterGet, SlaveInfoGet, SlaveInfoItem, Slaves, StateGet,
+    WorkingCounterItem,
+};
+use crate::xf::response::{Answer, Emergencies, SlaveInfo};
+
+/// The station address of the first slave, the next one has the next. `[OURS]`
+const FIRST_STATION_ADDRESS: u16 = 0x1001;
+
+impl<N: Network> Chip<N> {
+    pub(super) fn working_counter_item(&self, request: &PdoWorkingCounterGet, data: &mut [u8]) -> Outcome {
+        let (inputs, outputs) = self.bus.slaves_with();
+        let number = match request.which {
+            WorkingCounterItem::Inputs => inputs,
+            WorkingCounterItem::Outputs => outputs,
+            WorkingCounterItem::Counter => self.bus.working_counter.into(),
+        };
+        Ok(number.encode(data)?)
+    }
+
+    /// From the chip's memory. `[OURS]` All slaves together have the lowest state of any.
+    pub(super) fn state_get(&self, request: &StateGet, data: &mut [u8]) -> Outcome {
+        let state = match request.slaves {
+            Slaves::All => Some(self.bus.state_of_all()),
+            Slaves::One(slave) => self.found(request.slaves).then(|| self.bus.known[usize::from(slave.get())].state),
+        };
+        answered(state, data)
+    }
+
+    /// `[OURS]` Items 10 and 13 are one byte, 11 and 12 four, and firmware before 0x22 does not have these.
+    pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> Outcome {
+        let slave = request.slave.get();
+        if !self.found(request.slave.into()) {
+            return Err(Refused);
+        }
+        let (known, place) = (&self.bus.known[usize::from(slave)], &self.bus.places[usize::from(slave)]);
+        let identity = self.network.identity(slave).ok_or(Refused)?;
+        let is_newer = self.profile.is_newer();
+        let item = match request.item {
+            SlaveInfoItem::Vendor => SlaveInfo::U32(identity.vendor),
+            SlaveInfoItem::Product => SlaveInfo::U32(identity.product),
+            SlaveInfoItem::Revision => SlaveInfo::U32(identity.revision),
+            SlaveInfoItem::Name => {
+                let name = identity.name.as_bytes();
+                SlaveInfo::Text(&name[..name.len().min(data.len())])
+            }
+            SlaveInfoItem::StationAddress => SlaveInfo::U16(FIRST_STATION_ADDRESS + u16::from(slave)),
+            SlaveInfoItem::Alias => SlaveInfo::U16(0),
+            SlaveInfoItem::State => SlaveInfo::U16(known.state.0.into()),
+            SlaveInfoItem::AlStatus => SlaveInfo::U16(known.al_status),
+            SlaveInfoItem::OutputBytes => SlaveInfo::U32(place.output_bytes.into()),
+            SlaveInfoItem::InputBytes => SlaveInfo::U32(place.input_bytes.into()),
+            SlaveInfoItem::HasDc if is_newer => SlaveInfo::U8(self.network.has_dc(slave).into()),
+            SlaveInfoItem::DcCycle if is_newer => SlaveInfo::U32(known.dc.sync0_ns),
+            SlaveInfoItem::DcShift if is_newer => SlaveInfo::U32(known.dc.shift_ns as u32),
+            SlaveInfoItem::DcActive if is_newer => SlaveInfo::U8(known.dc_active.into()),
+            _ => return Err(Refused),
+        };
+        Ok(item.encode(data)?)
+    }
+
+    /// `[OURS]` Firmware before 0x22 does not have it.
+    pub(super) fn enable_lrw(&mut self, lrw: bool) -> Outcome {
+        if self.profile.is_newer() {
+            self.bus.lrw = lrw;
+        }
+        done_if(self.profile.is_newer())
+    }
+
+    /// As many bytes as were read, or as the data segment holds. `[OURS]` Before any were read it is refused.
+    pub(super) fn sdo_get(&self, data: &mut [u8]) -> Outcome {
+        let read = self.sdo.len.map(|len| &self.sdo.data[..len.min(data.len())]);
+        answered(read, data)
+    }
+
+    /// There are none: slave models send no emergencies.
+    pub(super) fn emergencies(request: CoeEmergency, data: &mut [u8]) -> Outcome {
+        let places = [None; EMERGENCIES_MAX];
+        answered(Emergencies::new(&places[..usize::from(request.count.get())]), data)
+    }
+}

@@ -1,0 +1,61 @@
+//! The chip itself, and what the CiA 402 helper tells.
+
+use super::{DONE, Outcome, answered, done_if};
+use crate::cia402::Statusword;
+use crate::xf::chip::Chip;
+use crate::xf::chip::network::Network;
+use crate::xf::request::{AsyncResetAction, MotorNumber};
+use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
+use crate::xf::{DataSize, Errors};
+
+/// The bits of the statusword that 402_STATE_GET returns (XF EN 778).
+const STATE_BITS: u16 = 0x6F;
+
+impl<N: Network> Chip<N> {
+    /// From the next packet on, and in the answer to this one.
+    pub(super) fn set_size(&mut self, size: DataSize) -> Outcome {
+        let is_allowed = !self.profile.size_is_fixed;
+        if is_allowed {
+            self.size = size;
+        }
+        done_if(is_allowed)
+    }
+
+    pub(super) fn version(&self, data: &mut [u8]) -> Outcome {
+        let (version, identity) = (self.profile.version, self.profile.identity);
+        Ok(FirmwareVersion { version, identity }.encode(data)?)
+    }
+
+    /// `[OURS]` A command that is given up has no more effects, whether by 1 or by 4; 4 says that it has failed.
+    pub(super) fn reset_job(&mut self, action: AsyncResetAction) -> Outcome {
+        match action {
+            AsyncResetAction::ClearBusy => self.job = None,
+            AsyncResetAction::GiveUp => {
+                if self.job.take().is_some() {
+                    self.errors = self.errors | Errors::NON_IMMEDIATE;
+                }
+            }
+            AsyncResetAction::SkipPortWait => self.skip_port_wait(),
+        }
+        DONE
+    }
+
+    /// The port is ready now, and an initialisation that waits for it goes on.
+    fn skip_port_wait(&mut self) {
+        let skipped = self.port_ready_at.saturating_sub(self.now);
+        self.port_ready_at -= skipped;
+        if let Some(running) = self.job.as_mut().filter(|running| running.waits_for_port()) {
+            running.due -= skipped;
+        }
+    }
+
+    /// The axis' statusword as it came last; `None`: the axis is not configured.
+    pub(super) fn statusword(&self, motor: MotorNumber) -> Option<Statusword> {
+        self.helper.statusword(motor.get(), self.bus.places(), &self.bus.inputs)
+    }
+
+    pub(super) fn drive_state(&self, motor: MotorNumber, data: &mut [u8]) -> Outcome {
+        let state = |word: Statusword| DriveStateByte((word.0 & STATE_BITS) as u8);
+        answered(self.statusword(motor).map(state), data)
+    }
+}

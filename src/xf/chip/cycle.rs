@@ -1,0 +1,64 @@
+//! Time: EtherCAT cycles, and the ends of commands that take time.
+
+use super::Chip;
+use super::network::{IMAGE_MAX, Network};
+use crate::ethercat::{AlState, Ns};
+use crate::xf::Interrupts;
+
+impl<N: Network> Chip<N> {
+    /// Lets time pass until `now`: EtherCAT cycles at SYNC0 of ECAT_INIT_OP, and the ends of commands. A time that has
+    /// passed already has no effect.
+    ///
+    /// It takes as long as the cycles are many: a second of 1 ms cycles is a thousand.
+    pub fn run_until(&mut self, now: Ns) {
+        while self.next_event() <= now {
+            let at = self.next_event();
+            self.now = at;
+            if at == self.next_cycle {
+                self.cycle();
+                self.next_cycle = at + self.bus.cycle_ns;
+            } else {
+                self.end_job();
+            }
+        }
+        self.now = self.now.max(now);
+        self.gpio.settle(self.now);
+        self.analog.settle(self.now);
+    }
+
+    /// The next cycle, or the next end of a part of a command if that is earlier.
+    fn next_event(&self) -> Ns {
+        self.job.as_ref().map_or(self.next_cycle, |job| job.due.min(self.next_cycle))
+    }
+
+    /// The time since the last cycle passes in the slaves, then a frame takes outputs to them and brings what they have
+    /// measured.
+    ///
+    /// `[OURS]` RxPDOs are taken out of the FIFO from the first slave in OP on; inputs come from SafeOP on.
+    fn cycle(&mut self) {
+        self.network.pass(self.now - self.last_cycle);
+        self.last_cycle = self.now;
+        if !self.bus.mapped || !self.bus.any_commanded(AlState::SafeOp) {
+            return;
+        }
+        if self.fifo_on && self.bus.any_commanded(AlState::Op) {
+            let (_, interrupt) = self.fifos.pop_rx(&mut self.bus.outputs);
+            self.interrupts.raise(interrupt);
+        }
+        let mut frame = [0; IMAGE_MAX];
+        let bus = &mut self.bus;
+        frame.copy_from_slice(&bus.outputs);
+        let places = &bus.places[..bus.count.into()];
+        self.helper.lead(places, &mut frame, &bus.inputs);
+        let working_counter = self.network.exchange(places, &frame, &mut bus.inputs, bus.lrw);
+        let is_right = bus.count(working_counter);
+        let interrupt = self.fifos.push_tx(&bus.inputs[..bus.tx_bytes.into()]);
+        self.interrupts.raise(interrupt | Interrupts::ETHERCAT);
+        if !is_right {
+            self.interrupts.raise(Interrupts::WORKING_COUNTER);
+            if self.bus.is_over_limit() {
+                (self.bus.mapped, self.fifo_on) = (false, false);
+            }
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! One packet each way: which answer goes out, what a command packet does beside its command, and what the next answer says.
+
+use super::Chip;
+use super::commands::Outcome;
+use super::network::Network;
+use crate::ethercat::Ns;
+use crate::xf::header::CommandHeader;
+use crate::xf::packet::{write_answer, write_not_ready};
+use crate::xf::response::{Answer, Returned};
+use crate::xf::{
+    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Control, DataSize, Errors, HEADER_LEN, Interrupts,
+    MAX_PACKET, Malformed, PacketError, Reserve, Status,
+};
+
+/// GPIO 0 to 11, which the header drives with every firmware (XF EN 211).
+const HEADER_OUTPUTS: u16 = 0x0FFF;
+
+/// The packet that goes out in the next exchange.
+pub(super) struct Prepared {
+    pub bytes: [u8; MAX_PACKET],
+    /// Its header, for an exchange in which the chip is not ready.
+    pub header: AnswerHeader,
+    /// Its length.
+    pub len: usize,
+}
+
+/// An answer whose data are bytes already.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Encoded<'a> {
+    ret: u8,
+    data: &'a [u8],
+}
+
+impl<'a> Answer<'a> for Encoded<'a> {
+    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
+        let Returned { len, .. } = self.data.encode(data)?;
+        Ok(Returned { ret: self.ret, len })
+    }
+
+    fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed> {
+        <&[u8]>::decode(returned, data).map(|data| Self { ret: returned.ret, data })
+    }
+}
+
+/// What is answered to a command packet.
+struct Reply {
+    index: u8,
+    code: CommandCode,
+    returned: Returned,
+    is_nop: bool,
+}
+
+impl Reply {
+    /// `[OURS]` An answer with the NOP flag echoes index and code.
+    const fn nop(header: &CommandHeader) -> Self {
+        Self { index: header.index, code: header.code, returned: Returned::NONE, is_nop: true }
+    }
+}
+
+impl<N: Network> Chip<N> {
+    /// One exchange, whose last byte passes at `now`: the chip takes a command packet and gives the answer to the one
+    /// before. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error. `answer` gets as much
+    /// of the packet as it has room for, and 0 behind it.
+    ///
+    /// While the chip is not ready ([`Self::is_ready`]) it answers with the check word
+    /// [`NOT_READY`](crate::xf::NOT_READY); the command is lost, and the answer that was to go out stays for the next
+    /// exchange.
+    pub fn exchange(&mut self, now: Ns, command: &[u8], answer: &mut [u8]) {
+        self.run_until(now);
+        let is_ready = self.is_ready();
+        let (bytes, len) = self.outgoing(is_ready);
+        let copied = len.min(answer.len());
+        answer[..copied].copy_from_slice(&bytes[..copied]);
+        answer[copied..].fill(0);
+        if is_ready {
+            self.take(command);
+        }
+    }
+
+    /// Whether the next packet is taken: the chip has started, and has processed the last one.
+    pub const fn is_ready(&self) -> bool {
+        self.now >= self.ready_at
+    }
+
+    /// The packet that goes out, and its length.
+    pub(super) fn outgoing(&self, is_ready: bool) -> ([u8; MAX_PACKET], usize) {
+        if is_ready {
+            return (self.prepared.bytes, self.prepared.len);
+        }
+        let mut bytes = [0; MAX_PACKET];
+        // A buffer for the longest packet has room for any.
+        let _ = write_not_ready(&mut bytes, self.size, self.prepared.header);
+        (bytes, self.size.packet_len())
+    }
+
+    /// Processes a command packet and prepares the answer to it.
+    pub(super) fn take(&mut self, command: &[u8]) {
+        // Before the command: in the answer, which goes out in the next exchange, counts lag two exchanges behind (OBS).
+        let counts = self.fifos.counts();
+        let mut data = [0; DataSize::MAX.bytes()];
+        let size = self.size;
+        let reply = match self.parse(command) {
+            Ok(packet) => self.run_packet(&packet, &mut data[..size.bytes()]),
+            Err((error, header)) => {
+                self.count_damage(error);
+                Reply::nop(&header)
+            }
+        };
+        if self.restarts {
+            return self.restart();
+        }
+        self.prepare(&reply, counts, &data);
+        self.ready_at = self.now + self.timing.packet_ns;
+    }
+
+    /// CRC_TYPE_SET is taken with the fixed word too.
+    fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
+        let rule = self.check_rule();
+        CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
+            let head = bytes.first_chunk::<HEADER_LEN>().map(|head| CommandHeader::decode(head).1);
+            let header = head.unwrap_or_default();
+            let fixed = CommandPacket::parse(bytes, self.size, CheckRule { kind: CheckType::Fixed, ..rule });
+            match (header.code, fixed) {
+                (CommandCode::CrcTypeSet, Ok(packet)) => Ok(packet),
+                _ => Err((error, header)),
+            }
+        })
+    }
+
+    const fn check_rule(&self) -> CheckRule {
+        CheckRule { kind: self.check, coverage: self.profile.coverage }
+    }
+
+    /// A packet that is none is counted and not run.
+    fn count_damage(&mut self, error: PacketError) {
+        self.crc_errors = self.crc_errors.saturating_add(1);
+        self.errors = self.errors
+            | match error {
+                PacketError::CheckWord { .. } => {
+                    self.interrupts.raise(Interrupts::CRC);
+                    Errors::CRC
+                }
+                _ => Errors::SPI,
+            };
+    }
+
+    /// `[OURS]` Of a repeated packet the header is taken too, but it starts no update of states.
+    fn run_packet(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Reply {
+        let header = &packet.header;
+        self.take_header(header);
+        let is_repeated = self.previous.replace((header.index, header.code)) == Some((header.index, header.code));
+        if is_repeated {
+            return Reply::nop(header);
+        }
+        let outcome = self.run_command(packet, data);
+        let updates = header.control.contains(Control::UPDATE_STATE);
+        if outcome.is_err() || updates && !self.start_update() {
+            self.errors = self.errors | Errors::COMMAND;
+        }
+        let returned = outcome.unwrap_or(Returned::NONE);
+        Reply { index: header.index, code: header.code, returned, is_nop: false }
+    }
+
+    fn run_command(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Outcome {
+        let outcome = packet.request().map_err(Into::into).and_then(|request| self.run(&request, data));
+        if outcome.is_err() {
+            data.fill(0);
+        }
+        outcome
+    }
+
+    /// What every header does: clears errors and flags, and drives GPIOs.
+    fn take_header(&mut self, header: &CommandHeader) {
+        self.errors = self.errors.without(Errors(header.control.0 & Control::CLEAR_ALL.0));
+        self.interrupts.clear(header.interrupt_clear);
+        if header.interrupt_clear.contains(Interrupts::ENCODER) {
+            self.encoder.flags = Default::default();
+        }
+        self.gpio.clear(header.gpio_interrupt_clear.into());
+        if header.reserve.contains(Reserve::GPIO_OUTPUTS_VALID) {
+            let (pins, values) = self.header_outputs(header.gpio_outputs);
+            self.gpio.set_outputs(self.now, pins.into(), values.into());
+        }
+    }
+
+    /// Which pins the header drives, and their values: from firmware 0x1E on also 12 to 15, where bit 12 is GPIO 13 and bit
+    /// 13 GPIO 12 (XF ZH 246).
+    const fn header_outputs(&self, bits: u16) -> (u16, u16) {
+        if !self.profile.has_wide_header_outputs() {
+            return (HEADER_OUTPUTS, bits);
+        }
+        (u16::MAX, bits & 0xCFFF | (bits & 0x1000) << 1 | (bits & 0x2000) >> 1)
+    }
+
+    fn prepare(&mut self, reply: &Reply, (rx_fifo, tx_fifo): (u8, u8), data: &[u8]) {
+        let header = AnswerHeader {
+            crc_errors: self.crc_errors,
+            wkc_errors: self.bus.wkc_errors,
+            tx_fifo,
+            rx_fifo,
+            state: self.bus.state_of_all(),
+            errors: self.errors | self.levels(),
+            status: self.status(reply.is_nop),
+            index: reply.index,
+            code: reply.code,
+            ret: 0,
+            len: 0,
+            interrupts: self.interrupts.word(self.encoder.flags),
+            gpio_interrupts: self.gpio.flags() as u16,
+            gpio_inputs: self.gpio.values() as u16,
+        };
+        let Returned { ret, len } = reply.returned;
+        let answer = Encoded { ret, data: &data[..usize::from(len).min(data.len())] };
+        let rule = self.check_rule();
+        let bytes = &mut self.prepared.bytes;
+        let written = write_answer(bytes, self.size, rule, header, &answer).map(<[u8]>::len);
+        // A size that has just become smaller than the answer leaves no room for it.
+        let without = |bytes| write_answer(bytes, self.size, rule, header, &()).map_or(0, <[u8]>::len);
+        self.prepared.len = written.unwrap_or_else(|_| without(&mut self.prepared.bytes));
+        self.prepared.header = header;
+    }
+
+    /// The first answer after a start: there is no command that it could answer (XF EN 169).
+    pub(super) fn prepare_first(&mut self) {
+        self.prepare(&Reply::nop(&CommandHeader::default()), (0, 0), &[]);
+    }
+
+    /// Bits 0 to 2 of byte 0x09.
+    fn levels(&self) -> Errors {
+        let bit = |on, bit| if on { bit } else { Errors::NONE };
+        bit(self.network.has_link(), Errors::LINK_PIN)
+            | bit(self.phy_link, Errors::PHY_LINK)
+            | bit(self.bus.state_of_all().has_error(), Errors::STATE)
+    }
+
+    fn status(&self, is_nop: bool) -> Status {
+        let bit = |on, bit| if on { bit } else { Status::NONE };
+        bit(self.bus.dc_stable_at.is_some_and(|at| at <= self.now), Status::DC_STABLE)
+            | bit(self.port_ready_at <= self.now, Status::PORT_READY)
+            | bit(self.bus.mapped, Status::PDO_CONFIGURED)
+            | bit(is_nop, Status::NOP)
+            | bit(self.fifo_on, Status::FIFO_ON)
+            | bit(self.job.is_some(), Status::BUSY)
+    }
+}

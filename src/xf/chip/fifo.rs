@@ -1,0 +1,158 @@
+//! The FIFOs of process data: entries, memory, limits that raise interrupts.
+
+use crate::xf::Interrupts;
+use crate::xf::request::FifoThresholdSet;
+
+/// The memory of both FIFOs together, bytes (XF EN 1236).
+pub const FIFO_MEMORY: usize = 0x4000;
+/// The entries of each FIFO after a start (XF EN 1236).
+pub const FIFO_ENTRIES: u8 = 64;
+/// The most entries that can be set (OBS).
+pub const FIFO_ENTRIES_MAX: u8 = 128;
+
+/// A ring of entries of one size.
+struct Ring {
+    memory: Vec<u8>,
+    entry_bytes: usize,
+    entries: usize,
+    first: usize,
+    len: usize,
+}
+
+impl Ring {
+    fn new() -> Self {
+        Self { memory: vec![0; FIFO_MEMORY], entry_bytes: 0, entries: 0, first: 0, len: 0 }
+    }
+
+    fn build(&mut self, entry_bytes: usize, entries: usize) {
+        (self.entry_bytes, self.entries, self.first, self.len) = (entry_bytes, entries, 0, 0);
+    }
+
+    const fn clear(&mut self) {
+        (self.first, self.len) = (0, 0);
+    }
+
+    fn slot(&self, place: usize) -> std::ops::Range<usize> {
+        let at = (self.first + place) % self.entries * self.entry_bytes;
+        at..at + self.entry_bytes
+    }
+
+    /// False: there is no room.
+    fn push(&mut self, entry: &[u8]) -> bool {
+        if self.len >= self.entries {
+            return false;
+        }
+        let slot = self.slot(self.len);
+        self.memory[slot].copy_from_slice(entry);
+        self.len += 1;
+        true
+    }
+
+    fn pop(&mut self) -> Option<&[u8]> {
+        if self.len == 0 {
+            return None;
+        }
+        let slot = self.slot(0);
+        self.first = (self.first + 1) % self.entries;
+        self.len -= 1;
+        Some(&self.memory[slot])
+    }
+}
+
+/// Both FIFOs.
+pub(super) struct Fifos {
+    rx: Ring,
+    tx: Ring,
+    /// The entries as set.
+    pub rx_entries: u8,
+    /// The entries as set.
+    pub tx_entries: u8,
+    pub thresholds: FifoThresholdSet,
+}
+
+impl Fifos {
+    pub fn new() -> Self {
+        Self {
+            rx: Ring::new(),
+            tx: Ring::new(),
+            rx_entries: FIFO_ENTRIES,
+            tx_entries: FIFO_ENTRIES,
+            thresholds: FifoThresholdSet { tx_high: None, rx_low: None },
+        }
+    }
+
+    /// As after a start, in the same memory.
+    pub fn reset(&mut self) {
+        self.build_none();
+        (self.rx_entries, self.tx_entries) = (FIFO_ENTRIES, FIFO_ENTRIES);
+        self.thresholds = FifoThresholdSet { tx_high: None, rx_low: None };
+    }
+
+    fn build_none(&mut self) {
+        self.rx.build(0, 0);
+        self.tx.build(0, 0);
+    }
+
+    /// Builds both empty. False: they need more than the memory, and hold nothing now.
+    pub fn build(&mut self, rx_bytes: u16, tx_bytes: u16) -> bool {
+        let (rx, tx) = (usize::from(self.rx_entries), usize::from(self.tx_entries));
+        let fits = rx * usize::from(rx_bytes) + tx * usize::from(tx_bytes) <= FIFO_MEMORY;
+        if fits {
+            self.rx.build(rx_bytes.into(), rx);
+            self.tx.build(tx_bytes.into(), tx);
+        } else {
+            self.build_none();
+        }
+        fits
+    }
+
+    pub const fn clear_rx(&mut self) {
+        self.rx.clear();
+    }
+
+    pub const fn clear_tx(&mut self) {
+        self.tx.clear();
+    }
+
+    /// Entries in the RxFIFO and in the TxFIFO.
+    pub const fn counts(&self) -> (u8, u8) {
+        (self.rx.len as u8, self.tx.len as u8)
+    }
+
+    /// The host's RxPDO. False: the FIFO is full, and the RxPDO is lost (XF EN 1262).
+    pub fn push_rx(&mut self, pdo: &[u8]) -> bool {
+        pdo.len() == self.rx.entry_bytes && self.rx.push(pdo)
+    }
+
+    /// The RxPDO of a cycle, copied to the beginning of `image`: false if there is none. The interrupt that this raises.
+    pub fn pop_rx(&mut self, image: &mut [u8]) -> (bool, Interrupts) {
+        let Some(pdo) = self.rx.pop() else { return (false, Interrupts::NONE) };
+        image[..pdo.len()].copy_from_slice(pdo);
+        let falls = self.thresholds.rx_low.is_some_and(|limit| usize::from(limit) == self.rx.len);
+        (true, if falls { Interrupts::RX_FIFO_LOW } else { Interrupts::NONE })
+    }
+
+    /// The TxPDO of a cycle. When the FIFO is full the oldest is lost (XF EN 1236). The interrupt that this raises.
+    pub fn push_tx(&mut self, pdo: &[u8]) -> Interrupts {
+        if self.tx.entries == 0 || pdo.len() != self.tx.entry_bytes {
+            return Interrupts::NONE;
+        }
+        let was = self.tx.len;
+        if was == self.tx.entries {
+            self.tx.pop();
+        }
+        self.tx.push(pdo);
+        let rises = self.thresholds.tx_high.is_some_and(|limit| usize::from(limit) == self.tx.len);
+        if rises && was < self.tx.len { Interrupts::TX_FIFO_HIGH } else { Interrupts::NONE }
+    }
+
+    /// The host reads the oldest TxPDO, to the beginning of `data`. False: there is none, or it does not fit.
+    pub fn pop_tx(&mut self, data: &mut [u8]) -> bool {
+        if data.len() < self.tx.entry_bytes {
+            return false;
+        }
+        let Some(pdo) = self.tx.pop() else { return false };
+        data[..pdo.len()].copy_from_slice(pdo);
+        true
+    }
+}

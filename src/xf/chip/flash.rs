@@ -1,0 +1,55 @@
+//! The part of the flash memory that is for files, as memory.
+
+use crate::xf::request::{FlashAddress, FlashBytes};
+
+/// Bytes of the memory (XF EN 1598).
+pub const FLASH_BYTES: usize = FlashAddress::MAX.get() as usize + 1;
+/// What erased memory reads.
+const ERASED: u8 = 0xFF;
+
+pub(super) struct Flash {
+    memory: Vec<u8>,
+    read: [u8; FlashBytes::MAX.get() as usize],
+    /// Bytes of `read`; `None`: nothing was read.
+    len: Option<usize>,
+}
+
+impl Flash {
+    pub fn new() -> Self {
+        Self { memory: vec![ERASED; FLASH_BYTES], read: [0; FlashBytes::MAX.get() as usize], len: None }
+    }
+
+    /// As after a start: the memory stays.
+    pub const fn reset(&mut self) {
+        self.len = None;
+    }
+
+    /// Whether so many bytes from there on are in the memory.
+    pub const fn has(start: u32, bytes: usize) -> bool {
+        start as usize + bytes <= FLASH_BYTES
+    }
+
+    pub fn read(&mut self, start: u32, bytes: u16) {
+        let bytes = usize::from(bytes);
+        if let Some(found) = self.memory.get(start as usize..start as usize + bytes) {
+            self.read[..bytes].copy_from_slice(found);
+            self.len = Some(bytes);
+        }
+    }
+
+    /// `[OURS]` The chip erases what it writes over.
+    pub fn write(&mut self, start: u32, data: &[u8]) {
+        if let Some(place) = self.memory.get_mut(start as usize..start as usize + data.len()) {
+            place.copy_from_slice(data);
+        }
+    }
+
+    /// What was read last.
+    pub fn result(&self) -> Option<&[u8]> {
+        self.len.map(|len| &self.read[..len])
+    }
+
+    pub fn memory(&self) -> &[u8] {
+        &self.memory
+    }
+}

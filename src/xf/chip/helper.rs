@@ -1,0 +1,147 @@
+//! The CiA 402 helper: the chip leads the state machines of drives by the low bits of their controlwords.
+
+use crate::cia402::{Controlword, DriveState, Statusword};
+use crate::xf::chip::network::Place;
+use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
+
+/// Axes that the chip numbers.
+const MOTORS: usize = 128;
+/// For how many cycles a fault reset is given, and for how many it is taken away before the next one. `[OURS]`
+const RESET_CYCLES: u8 = 8;
+/// The bits of the controlword that lead the state machine: 0 to 3.
+const LEADING_BITS: u16 = 0x0F;
+
+/// An axis as 402_CONFIG_SET has set it.
+#[derive(Clone, Copy)]
+struct Axis {
+    slave: u8,
+    controlword_at: u16,
+    statusword_at: u16,
+    control: HelperControl,
+    target: DriveState,
+    /// Cycles since the axis is in Fault and a reset is chosen; 0: it is not.
+    in_fault: u8,
+}
+
+/// All axes.
+pub(super) struct Helper {
+    axes: [Option<Axis>; MOTORS],
+}
+
+impl Helper {
+    pub const fn new() -> Self {
+        Self { axes: [None; MOTORS] }
+    }
+
+    /// 402_CONFIG_SET. `[OURS]` The state to reach is Switch on disabled until 402_STATE_SET names one.
+    pub fn configure(&mut self, request: &HelperConfigSet) {
+        self.axes[usize::from(request.motor.get())] = Some(Axis {
+            slave: request.slave.get(),
+            controlword_at: request.controlword_offset.into(),
+            statusword_at: request.statusword_offset.into(),
+            control: request.control,
+            target: DriveState::SwitchOnDisabled,
+            in_fault: 0,
+        });
+    }
+
+    /// 402_STATE_SET. False: the axis is not configured.
+    pub fn set_target(&mut self, motor: u8, target: DriveState) -> bool {
+        self.axis_mut(motor).map(|axis| axis.target = target).is_some()
+    }
+
+    /// 402_CTL_SET. `[OURS]` Its slave is taken too, its number of motors is not. False: the axis is not configured.
+    pub fn set_control(&mut self, request: &HelperControlSet) -> bool {
+        let set =
+            |axis: &mut Axis| (axis.control, axis.slave, axis.in_fault) = (request.control, request.slave.get(), 0);
+        self.axis_mut(request.motor.get()).map(set).is_some()
+    }
+
+    /// The control byte; `None`: the axis is not configured.
+    pub fn control(&self, motor: u8) -> Option<HelperControl> {
+        self.axes[usize::from(motor)].map(|axis| axis.control)
+    }
+
+    /// The statusword in the inputs; 0 where the TxPDO ends before it. `None`: the axis is not configured.
+    pub fn statusword(&self, motor: u8, places: &[Place], inputs: &[u8]) -> Option<Statusword> {
+        self.axes[usize::from(motor)].map(|axis| axis.statusword(places, inputs).unwrap_or_default())
+    }
+
+    /// Overwrites the controlwords of a cycle's outputs.
+    pub fn lead(&mut self, places: &[Place], outputs: &mut [u8], inputs: &[u8]) {
+        for axis in self.axes.iter_mut().flatten().filter(|axis| axis.control.contains(HelperControl::ON)) {
+            axis.lead(places, outputs, inputs);
+        }
+    }
+
+    fn axis_mut(&mut self, motor: u8) -> Option<&mut Axis> {
+        self.axes[usize::from(motor)].as_mut()
+    }
+}
+
+impl Axis {
+    fn statusword(&self, places: &[Place], inputs: &[u8]) -> Option<Statusword> {
+        let image = inputs.get(places.get(usize::from(self.slave))?.inputs())?;
+        let word = image.get(usize::from(self.statusword_at)..)?.first_chunk()?;
+        Some(Statusword(u16::from_le_bytes(*word)))
+    }
+
+    fn lead(&mut self, places: &[Place], outputs: &mut [u8], inputs: &[u8]) {
+        let state = self.statusword(places, inputs).and_then(Statusword::state);
+        let Some(image) = places.get(usize::from(self.slave)).and_then(|place| outputs.get_mut(place.outputs())) else {
+            return;
+        };
+        let place = image.get_mut(usize::from(self.controlword_at)..);
+        let Some(word) = place.and_then(|place| place.first_chunk_mut()) else { return };
+        let resets = self.control.0 & (HelperControl::RESET_ONCE.0 | HelperControl::RESET_ALWAYS.0) != 0;
+        let mut controlword = u16::from_le_bytes(*word) & !LEADING_BITS | command(state, self.target).0;
+        if resets {
+            controlword &= !Controlword::FAULT_RESET;
+            if self.gives_reset(state) {
+                controlword |= Controlword::FAULT_RESET;
+            }
+        }
+        *word = controlword.to_le_bytes();
+    }
+
+    /// Whether this cycle has a fault reset. A reset acts by its rising edge, so that it comes and goes.
+    ///
+    /// `[OURS]` RESET_ONCE clears itself when its reset was given.
+    fn gives_reset(&mut self, state: Option<DriveState>) -> bool {
+        if state != Some(DriveState::Fault) {
+            if self.in_fault > 1 {
+                self.control = self.control.without(HelperControl::RESET_ONCE);
+            }
+            self.in_fault = 0;
+            return false;
+        }
+        self.in_fault += 1;
+        if self.in_fault > 1 + 2 * RESET_CYCLES {
+            self.in_fault = 1;
+        }
+        if self.in_fault == 2 + RESET_CYCLES {
+            self.control = self.control.without(HelperControl::RESET_ONCE);
+        }
+        // The first cycle is without it, so that there is an edge whatever the bit was.
+        (2..2 + RESET_CYCLES).contains(&self.in_fault)
+    }
+}
+
+/// Bits 0 to 3 of the controlword that lead from a state towards a target (CiA 402-2, table of commands).
+///
+/// `[OURS]` States that no command leads to (Not ready, Fault reaction, Fault) are led to as Switch on disabled is. From
+/// Quick stop active the way to Operation enabled is by Disable voltage, since not every drive knows the direct one.
+const fn command(state: Option<DriveState>, target: DriveState) -> Controlword {
+    use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
+    /// Quick stop: bit 1 alone.
+    const QUICK_STOP: Controlword = Controlword(0x02);
+    match (target, state) {
+        (QuickStopActive, _) => QUICK_STOP,
+        (ReadyToSwitchOn | SwitchedOn | OperationEnabled, Some(SwitchOnDisabled)) => Controlword::SHUTDOWN,
+        (ReadyToSwitchOn, Some(ReadyToSwitchOn | SwitchedOn | OperationEnabled)) => Controlword::SHUTDOWN,
+        (SwitchedOn, Some(ReadyToSwitchOn | SwitchedOn | OperationEnabled)) => Controlword::SWITCH_ON,
+        (OperationEnabled, Some(ReadyToSwitchOn)) => Controlword::SWITCH_ON,
+        (OperationEnabled, Some(SwitchedOn | OperationEnabled)) => Controlword::ENABLE_OPERATION,
+        _ => Controlword::DISABLE_VOLTAGE,
+    }
+}

@@ -1,0 +1,44 @@
+//! Interrupt flags, what of them raises INT1, and the polarity of the lines.
+
+use crate::xf::Interrupts;
+use crate::xf::request::{InterruptEnable, PeripheralInterrupts, Polarity};
+
+/// The flags of word 0x10 but those of the encoder, and what is enabled.
+pub(super) struct InterruptUnit {
+    flags: Interrupts,
+    pub enable: InterruptEnable,
+}
+
+impl InterruptUnit {
+    pub const fn new() -> Self {
+        let enable = InterruptEnable {
+            polarity: Polarity::INT0_HIGH,
+            sources: Interrupts::NONE,
+            gpio: 0,
+            peripherals: PeripheralInterrupts::NONE,
+        };
+        Self { flags: Interrupts::NONE, enable }
+    }
+
+    /// Sets flags, whether they are enabled or not.
+    pub const fn raise(&mut self, flags: Interrupts) {
+        self.flags = self.flags.with(flags);
+    }
+
+    /// Clears flags. `[OURS]` Bits 22 to 25 are cleared at their places too.
+    pub const fn clear(&mut self, flags: Interrupts) {
+        self.flags = self.flags.without(flags);
+    }
+
+    /// Word 0x10 of an answer. `[OURS]` Bit 29 is any flag of the encoder.
+    pub fn word(&self, encoder: PeripheralInterrupts) -> Interrupts {
+        if encoder == PeripheralInterrupts::NONE { self.flags } else { self.flags | Interrupts::ENCODER }
+    }
+
+    /// Whether INT1 is active: a flag that is enabled is set (XF EN, figure 8).
+    pub const fn is_active(&self, gpio: u32, encoder: PeripheralInterrupts) -> bool {
+        let pins_8_to_11 = (gpio >> 8) as u8 & 0x0F;
+        let peripherals = (encoder.0 | pins_8_to_11) & self.enable.peripherals.0;
+        self.flags.0 & self.enable.sources.0 != 0 || gpio as u8 & self.enable.gpio != 0 || peripherals != 0
+    }
+}

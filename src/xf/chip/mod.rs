@@ -1,0 +1,287 @@
+//! A model of the chip: the other end of the wire. A host's packets have the effects and errors that the manuals give them,
+//! on a network of slave models.
+//!
+//! The model is plain data. Time is an argument, in nanoseconds since power-on, and the same calls always give the same
+//! bytes; an exchange and a cycle allocate nothing.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `profile.rs`, `timing.rs` | which chip and firmware it is; how long it takes for what |
+//! | `exchange.rs` | packets: which answer goes out, errors, repeated packets, what each header does |
+//! | `port.rs` | the chip as a stream of bytes |
+//! | `commands.rs`, `commands/` | what each command does at once, by subject |
+//! | `jobs.rs`, `jobs/` | commands that take time: what they do at their end |
+//! | `cycle.rs` | time: EtherCAT cycles |
+//! | `bus.rs` | what the chip knows of its network: states, process data, working counter |
+//! | `fifo.rs`, `helper.rs` | the FIFOs of process data; the CiA 402 helper |
+//! | `interrupts.rs`, `gpio.rs`, `encoder.rs`, `analog.rs`, `flash.rs`, `mdio.rs` | the chip's own units |
+//! | `network.rs`, `network/` | the seam to the slaves; slave models behind it |
+//!
+//! How to read it: [`Chip::exchange`] is the whole of a packet; it calls `run` in `commands.rs` for the command. What takes
+//! time is started there as a `Job` and ends in `jobs.rs`, from [`Chip::run_until`].
+//!
+//! [`WITHOUT_EFFECT`] lists what the model has not.
+//!
+//! ```
+//! use ecmsk::slave::{Drive, DriveConfig};
+//! use ecmsk::xf::chip::{Chip, Profile, Slaves};
+//! use ecmsk::xf::request::FirmwareVersionGet;
+//! use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, Coverage, MAX_PACKET, Received, write_request};
+//!
+//! let network = Slaves::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
+//! let mut chip = Chip::new(Profile::NEW, network);
+//! let (mut command, mut answer) = ([0; MAX_PACKET], [0; MAX_PACKET]);
+//! let size = chip.size();
+//! let answer = &mut answer[..size.packet_len()];
+//! for index in 1..=2 {
+//!     let header = CommandHeader::with_index(index);
+//!     let packet = write_request(&mut command, size, CheckRule::FIXED, header, &FirmwareVersionGet)?;
+//!     // The chip takes its time to start, and to process a packet: here it is given a second for each.
+//!     chip.exchange(u64::from(index) * 1_000_000_000, packet, answer);
+//! }
+//! // The answer to the packet before.
+//! let Received::Answer(packet) = AnswerPacket::parse(answer, size, Coverage::All)? else { panic!("the chip is ready") };
+//! assert_eq!(packet.header.index, 1);
+//! assert_eq!(packet.answer_to(&FirmwareVersionGet)?.version, 0x22);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod analog;
+mod bus;
+mod commands;
+mod cycle;
+mod encoder;
+mod exchange;
+mod fifo;
+mod flash;
+mod gpio;
+mod helper;
+mod interrupts;
+mod jobs;
+mod mdio;
+mod network;
+mod port;
+mod profile;
+mod timing;
+
+pub use commands::{SYNC0_MIN_NS, WITHOUT_EFFECT};
+pub use fifo::{FIFO_ENTRIES, FIFO_ENTRIES_MAX, FIFO_MEMORY};
+pub use flash::FLASH_BYTES;
+pub use network::{EnterError, IMAGE_MAX, Identity, Network, Place, SLAVES_MAX, Slaves};
+pub use port::ChipPort;
+pub use profile::Profile;
+pub use timing::Timing;
+
+use crate::ethercat::Ns;
+use crate::xf::request::{PdoConfig, Polarity};
+use crate::xf::{AnswerHeader, CheckType, CommandCode, DataSize, Errors, MAX_PACKET};
+use analog::AnalogUnit;
+use bus::Bus;
+use encoder::Encoder;
+use exchange::Prepared;
+use fifo::Fifos;
+use flash::Flash;
+use gpio::Gpio;
+use helper::Helper;
+use interrupts::InterruptUnit;
+use jobs::{Running, SdoResult};
+use mdio::Phys;
+
+/// A chip with its network.
+pub struct Chip<N> {
+    profile: Profile,
+    timing: Timing,
+    network: N,
+    /// The time until which everything has run.
+    now: Ns,
+    next_cycle: Ns,
+    last_cycle: Ns,
+
+    size: DataSize,
+    check: CheckType,
+    prepared: Prepared,
+    /// Index and code of the last packet.
+    previous: Option<(u8, CommandCode)>,
+    /// From when on the next packet is taken.
+    ready_at: Ns,
+    /// From when on the network port is initialised.
+    port_ready_at: Ns,
+    /// WARM_RESET was just taken.
+    restarts: bool,
+    errors: Errors,
+    crc_errors: u8,
+
+    bus: Bus,
+    /// The PHY had a link when the network was initialised.
+    phy_link: bool,
+    fifos: Fifos,
+    /// The RxFIFO is put out.
+    fifo_on: bool,
+    helper: Helper,
+    job: Option<Running>,
+    sdo: SdoResult,
+    /// What PDO_CONFIG_REQ has read.
+    pdo_config: Option<PdoConfig>,
+
+    interrupts: InterruptUnit,
+    gpio: Gpio,
+    encoder: Encoder,
+    analog: AnalogUnit,
+    flash: Flash,
+    phys: Phys,
+}
+
+impl<N: Network> Chip<N> {
+    /// A chip that gets its power at time 0, with a network.
+    pub fn new(profile: Profile, network: N) -> Self {
+        Self::with_timing(profile, Timing::default(), network)
+    }
+
+    /// The same with other durations.
+    pub fn with_timing(profile: Profile, timing: Timing, network: N) -> Self {
+        let mut chip = Self {
+            profile,
+            timing,
+            network,
+            now: 0,
+            next_cycle: timing.cycle_ns,
+            last_cycle: 0,
+            size: profile.size,
+            check: CheckType::Fixed,
+            prepared: Prepared { bytes: [0; MAX_PACKET], header: AnswerHeader::default(), len: 0 },
+            previous: None,
+            ready_at: 0,
+            port_ready_at: 0,
+            restarts: false,
+            errors: Errors::NONE,
+            crc_errors: 0,
+            bus: Bus::new(timing.cycle_ns),
+            phy_link: false,
+            fifos: Fifos::new(),
+            fifo_on: false,
+            helper: Helper::new(),
+            job: None,
+            sdo: SdoResult::new(),
+            pdo_config: None,
+            interrupts: InterruptUnit::new(),
+            gpio: Gpio::new(),
+            encoder: Encoder::new(),
+            analog: AnalogUnit::new(),
+            flash: Flash::new(),
+            phys: Phys::new(),
+        };
+        chip.restart();
+        chip
+    }
+
+    /// Power-on and WARM_RESET: all is as at first but what is outside of the chip and its flash memory.
+    fn restart(&mut self) {
+        self.size = self.profile.size;
+        self.check = CheckType::Fixed;
+        self.previous = None;
+        self.ready_at = self.now + self.timing.start_ns;
+        self.port_ready_at = self.ready_at + self.timing.port_ns;
+        self.restarts = false;
+        self.errors = Errors::NONE;
+        self.crc_errors = 0;
+        self.bus = Bus::new(self.timing.cycle_ns);
+        self.next_cycle = self.now + self.timing.cycle_ns;
+        self.phy_link = false;
+        self.fifos.reset();
+        self.fifo_on = false;
+        self.helper = Helper::new();
+        self.job = None;
+        self.sdo = SdoResult::new();
+        self.pdo_config = None;
+        self.interrupts = InterruptUnit::new();
+        self.gpio.reset(self.now);
+        self.encoder = Encoder::new();
+        self.analog.reset();
+        self.flash.reset();
+        self.phys = Phys::new();
+        self.prepare_first();
+    }
+
+    /// The size of the data segment of the next packet.
+    pub const fn size(&self) -> DataSize {
+        self.size
+    }
+
+    /// The time until which the chip has run.
+    pub const fn now(&self) -> Ns {
+        self.now
+    }
+
+    /// The network.
+    pub const fn network(&self) -> &N {
+        &self.network
+    }
+
+    /// The network, to cause trouble in it.
+    pub const fn network_mut(&mut self) -> &mut N {
+        &mut self.network
+    }
+
+    /// The level of INT0 at `now`: active, high after a start, while the chip is ready for a packet (XF EN, "ECM-XF
+    /// Interrupt").
+    pub fn int0(&mut self, now: Ns) -> bool {
+        self.run_until(now);
+        self.is_ready() == self.interrupts.enable.polarity.contains(Polarity::INT0_HIGH)
+    }
+
+    /// The level of INT1 at `now`: active, low after a start, while a flag that is enabled is set.
+    pub fn int1(&mut self, now: Ns) -> bool {
+        self.run_until(now);
+        let is_active = self.interrupts.is_active(self.gpio.flags(), self.encoder.flags);
+        is_active == self.interrupts.enable.polarity.contains(Polarity::INT1_HIGH)
+    }
+
+    /// Drives a GPIO, 0..=19, from outside; `None`: nothing does. A channel that there is not has no effect.
+    pub fn wire_gpio(&mut self, now: Ns, channel: u8, level: Option<bool>) {
+        self.run_until(now);
+        self.gpio.wire(self.now, channel, level);
+    }
+
+    /// The level at a GPIO, 0..=19, as something wired to it sees it.
+    pub fn gpio_level(&self, channel: u8) -> bool {
+        self.gpio.level(channel)
+    }
+
+    /// Turns the shaft of the encoder by so many quarters of a period; negative: backwards.
+    pub fn turn_encoder(&mut self, quarters: i32) {
+        self.encoder.turn(quarters);
+    }
+
+    /// Gives an index pulse to the encoder.
+    pub fn index_encoder(&mut self) {
+        self.encoder.index();
+    }
+
+    /// What the DAC puts out at `now`, 0..=4095 for 0 V to 3.3 V; `None`: it is closed.
+    pub fn dac_output(&mut self, now: Ns) -> Option<u16> {
+        self.run_until(now);
+        self.analog.output()
+    }
+
+    /// Gives the pin DAC_ST a level.
+    pub fn wire_dac_start(&mut self, now: Ns, level: bool) {
+        self.run_until(now);
+        self.analog.set_start_pin(self.now, level);
+    }
+
+    /// Gives the inputs of the ADC their values, 0..=4095 for 0 V to 3.3 V; the negative one counts in differential mode.
+    pub fn wire_adc(&mut self, now: Ns, positive: u16, negative: u16) {
+        self.run_until(now);
+        self.analog.wire_adc(positive, negative);
+    }
+
+    /// The flash memory for files, [`FLASH_BYTES`].
+    pub fn flash(&self) -> &[u8] {
+        self.flash.memory()
+    }
+
+    /// A register of a PHY; `None` if there is no such one, 0..=31 of each.
+    pub fn phy_register_mut(&mut self, phy: u8, register: u8) -> Option<&mut u16> {
+        self.phys.register_mut(phy, register)
+    }
+}

@@ -1,0 +1,152 @@
+//! A network of slave models.
+
+use super::{EnterError, Identity, Network, Place, SLAVES_MAX};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::{AlState, Ns};
+use crate::slave::Slave;
+
+/// A model at its place on the cable.
+struct Station {
+    slave: Box<dyn Slave>,
+    identity: Identity,
+    silent: bool,
+}
+
+/// Slave models in the order of the cable, and what goes wrong along it.
+pub struct Slaves {
+    stations: Vec<Station>,
+    reach: usize,
+}
+
+impl Slaves {
+    /// A network of these slaves. A scan never finds those beyond the 128th.
+    pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
+        let station = |slave| Station { slave, identity: Identity::default(), silent: false };
+        Self { stations: slaves.into_iter().map(station).collect(), reach: SLAVES_MAX }
+    }
+
+    /// Cuts the cable after that many slaves; 0: before the first one, so that there is no link.
+    pub const fn cut_after(&mut self, slaves: u8) {
+        self.reach = slaves as usize;
+    }
+
+    /// Repairs the cable after [`Self::cut_after`].
+    pub const fn heal(&mut self) {
+        self.reach = SLAVES_MAX;
+    }
+
+    /// Makes a slave not answer, or answer again. Frames still pass it, and time passes in it.
+    pub fn silence(&mut self, slave: u8, silent: bool) {
+        if let Some(station) = self.stations.get_mut(usize::from(slave)) {
+            station.silent = silent;
+        }
+    }
+
+    /// The model of a slave, to look at; `None`: there is no such slave.
+    pub fn slave(&self, slave: u8) -> Option<&dyn Slave> {
+        self.stations.get(usize::from(slave)).map(|station| &*station.slave)
+    }
+
+    /// The model of a slave, to cause a fault in it; `None`: there is no such slave.
+    pub fn slave_mut(&mut self, slave: u8) -> Option<&mut (dyn Slave + 'static)> {
+        self.stations.get_mut(usize::from(slave)).map(|station| &mut *station.slave)
+    }
+
+    fn answering(&self, slave: u8) -> Option<&Station> {
+        self.stations[..self.reachable()].get(usize::from(slave)).filter(|station| !station.silent)
+    }
+
+    fn answering_mut(&mut self, slave: u8) -> Option<&mut Station> {
+        let reachable = self.reachable();
+        self.stations[..reachable].get_mut(usize::from(slave)).filter(|station| !station.silent)
+    }
+
+    fn reachable(&self) -> usize {
+        self.stations.len().min(self.reach)
+    }
+}
+
+/// Identity, read by SDO: it stands for the EEPROM, which the models do not have.
+fn identity(slave: &mut dyn Slave) -> Identity {
+    // Every slave can go to PreOP and back to Init; one that does not has no identity.
+    let _ = slave.enter(AlState::PreOp);
+    let mut number = |sub| slave.upload(ObjectAddress::new(0x1018, sub)).map_or(0, |value| value.bits);
+    let (vendor, product, revision) = (number(1), number(2), number(3));
+    let mut name = [0; 64];
+    let len = slave.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut name).unwrap_or(0);
+    let name = String::from_utf8_lossy(&name[..len.min(64)]).into_owned();
+    let _ = slave.enter(AlState::Init);
+    Identity { vendor, product, revision, name }
+}
+
+impl Network for Slaves {
+    fn has_link(&self) -> bool {
+        self.reachable() > 0
+    }
+
+    fn scan(&mut self) -> u8 {
+        let reachable = self.reachable();
+        for station in &mut self.stations[..reachable] {
+            if !station.silent {
+                let _ = station.slave.enter(AlState::Init);
+                station.identity = identity(&mut *station.slave);
+            }
+        }
+        reachable as u8
+    }
+
+    fn identity(&self, slave: u8) -> Option<&Identity> {
+        self.stations.get(usize::from(slave)).map(|station| &station.identity)
+    }
+
+    fn has_dc(&self, slave: u8) -> bool {
+        self.stations.get(usize::from(slave)).is_some_and(|station| station.slave.has_dc())
+    }
+
+    fn state(&self, slave: u8) -> Option<AlState> {
+        self.answering(slave).map(|station| station.slave.state())
+    }
+
+    fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError> {
+        let station = self.answering_mut(slave).ok_or(EnterError::NoAnswer)?;
+        station.slave.enter(state).map_err(EnterError::Refused)
+    }
+
+    fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16) {
+        if let Some(station) = self.answering_mut(slave) {
+            station.slave.set_sync_managers(outputs, inputs);
+        }
+    }
+
+    fn read(
+        &mut self,
+        slave: u8,
+        object: ObjectAddress,
+        scope: SdoScope,
+        value: &mut [u8],
+    ) -> Result<usize, AbortCode> {
+        self.answering_mut(slave).ok_or(AbortCode::TIMEOUT)?.slave.read(object, scope, value)
+    }
+
+    fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.answering_mut(slave).ok_or(AbortCode::TIMEOUT)?.slave.write(object, scope, value)
+    }
+
+    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
+        let reachable = self.reachable();
+        let mut working_counter = 0;
+        for (station, place) in self.stations[..reachable].iter_mut().zip(places) {
+            if station.silent || place.commanded < AlState::SafeOp || station.slave.state() < AlState::SafeOp {
+                continue;
+            }
+            let sent = (place.commanded == AlState::Op).then(|| &outputs[place.outputs()]);
+            working_counter += place.counts(place.commanded.min(station.slave.state()), lrw);
+            station.slave.exchange(sent, &mut inputs[place.inputs()]);
+        }
+        working_counter
+    }
+
+    fn pass(&mut self, dt_ns: Ns) {
+        self.stations.iter_mut().for_each(|station| station.slave.step(dt_ns));
+    }
+}

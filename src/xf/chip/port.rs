@@ -1,0 +1,72 @@
+//! The chip as a stream of bytes both ways, as SPI has it: for each byte to the chip there is one from it.
+
+use super::Chip;
+use super::network::Network;
+use crate::ethercat::Ns;
+use crate::xf::MAX_PACKET;
+
+/// A chip behind its bytes.
+///
+/// The chip counts bytes: after each n + 32 of them a packet ends and the next one begins, wherever the host believes that
+/// it does. A host that is out of step sends packets that are none, each of which is a framing error, and finds the step
+/// again where end word and start word follow each other in what it receives.
+pub struct ChipPort<N> {
+    chip: Chip<N>,
+    /// Bytes of the present packet that have passed.
+    at: usize,
+    /// Whether the chip was ready when it began.
+    is_ready: bool,
+    /// Its length.
+    len: usize,
+    outgoing: [u8; MAX_PACKET],
+    incoming: [u8; MAX_PACKET],
+}
+
+impl<N: Network> ChipPort<N> {
+    /// A port to this chip, at the beginning of a packet.
+    pub const fn new(chip: Chip<N>) -> Self {
+        Self { chip, at: 0, is_ready: false, len: 0, outgoing: [0; MAX_PACKET], incoming: [0; MAX_PACKET] }
+    }
+
+    /// The chip.
+    pub const fn chip(&self) -> &Chip<N> {
+        &self.chip
+    }
+
+    /// The chip, to let time pass and to use its pins.
+    pub const fn chip_mut(&mut self) -> &mut Chip<N> {
+        &mut self.chip
+    }
+
+    /// Clocks bytes both ways at `now`: all of `to_chip`, of any number, and as many into `from_chip`. Where the two differ
+    /// in length the shorter one counts. How many bytes passed.
+    pub fn transfer(&mut self, now: Ns, to_chip: &[u8], from_chip: &mut [u8]) -> usize {
+        self.chip.run_until(now);
+        let mut passed = 0;
+        for (to, from) in to_chip.iter().zip(from_chip) {
+            if self.at == 0 {
+                self.begin();
+            }
+            *from = self.outgoing[self.at];
+            self.incoming[self.at] = *to;
+            self.at += 1;
+            passed += 1;
+            if self.at == self.len {
+                self.end();
+            }
+        }
+        passed
+    }
+
+    fn begin(&mut self) {
+        self.is_ready = self.chip.is_ready();
+        (self.outgoing, self.len) = self.chip.outgoing(self.is_ready);
+    }
+
+    fn end(&mut self) {
+        self.at = 0;
+        if self.is_ready {
+            self.chip.take(&self.incoming[..self.len]);
+        }
+    }
+}

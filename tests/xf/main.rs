@@ -10,8 +10,11 @@
 //! - `values.rs`: values that the manuals do not allow
 //! - `roundtrip.rs`: encoding and decoding of anything
 //! - `resync.rs`: packets in a stream of bytes
+//! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
 
 mod answers;
+#[cfg(feature = "sim")]
+mod chip;
 mod codes;
 mod golden;
 mod header;

@@ -90,8 +90,8 @@ impl Bus {
         self.places().iter().map(|place| place.counts(place.commanded, self.lrw)).sum()
     }
 
-    /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which it
-    /// was brought, with AL status 0x1B where it left OP by its watchdog, or has refused a change.
+    /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which
+    /// it was brought, with AL status 0x1B where it left OP by its watchdog, or has refused a change.
     pub fn update(&mut self, network: &impl Network, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {

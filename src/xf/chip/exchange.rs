@@ -1,4 +1,5 @@
-//! One packet each way: which answer goes out, what a command packet does beside its command, and what the next answer says.
+//! One packet each way: which answer goes out, what a command packet does beside its command, and what the next answer
+//! says.
 
 use super::Chip;
 use super::commands::Outcome;
@@ -59,8 +60,8 @@ impl Reply {
 
 impl<N: Network> Chip<N> {
     /// One exchange, whose last byte passes at `now`: the chip takes a command packet and gives the answer to the one
-    /// before. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error. `answer` gets as much
-    /// of the packet as it has room for, and 0 behind it.
+    /// before. `command` has n + 32 bytes, see [`Self::size`]; any other length is a framing error. `answer` gets as
+    /// much of the packet as it has room for, and 0 behind it.
     ///
     /// While the chip is not ready ([`Self::is_ready`]) it answers with the check word
     /// [`NOT_READY`](crate::xf::NOT_READY); the command is lost, and the answer that was to go out stays for the next
@@ -95,7 +96,8 @@ impl<N: Network> Chip<N> {
 
     /// Processes a command packet and prepares the answer to it.
     pub(super) fn take(&mut self, command: &[u8]) {
-        // Before the command: in the answer, which goes out in the next exchange, counts lag two exchanges behind (OBS).
+        // Before the command: in the answer, which goes out in the next exchange, counts lag two exchanges behind
+        // (OBS).
         let counts = self.fifos.counts();
         let mut data = [0; DataSize::MAX.bytes()];
         let size = self.size;
@@ -183,8 +185,8 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Which pins the header drives, and their values: from firmware 0x1E on also 12 to 15, where bit 12 is GPIO 13 and bit
-    /// 13 GPIO 12 (XF ZH 246).
+    /// Which pins the header drives, and their values: from firmware 0x1E on also 12 to 15, where bit 12 is GPIO 13 and
+    /// bit 13 GPIO 12 (XF ZH 246).
     const fn header_outputs(&self, bits: u16) -> (u16, u16) {
         if !self.profile.has_wide_header_outputs() {
             return (HEADER_OUTPUTS, bits);

@@ -124,7 +124,8 @@ impl Fifos {
         pdo.len() == self.rx.entry_bytes && self.rx.push(pdo)
     }
 
-    /// The RxPDO of a cycle, copied to the beginning of `image`: false if there is none. The interrupt that this raises.
+    /// The RxPDO of a cycle, copied to the beginning of `image`: false if there is none. The interrupt that this
+    /// raises.
     pub fn pop_rx(&mut self, image: &mut [u8]) -> (bool, Interrupts) {
         let Some(pdo) = self.rx.pop() else { return (false, Interrupts::NONE) };
         image[..pdo.len()].copy_from_slice(pdo);

@@ -129,8 +129,9 @@ impl Axis {
 
 /// Bits 0 to 3 of the controlword that lead from a state towards a target (CiA 402-2, table of commands).
 ///
-/// `[OURS]` States that no command leads to (Not ready, Fault reaction, Fault) are led to as Switch on disabled is. From
-/// Quick stop active the way to Operation enabled is by Disable voltage, since not every drive knows the direct one.
+/// `[OURS]` States that no command leads to (Not ready, Fault reaction, Fault) are led to as Switch on disabled is.
+/// From Quick stop active the way to Operation enabled is by Disable voltage, since not every drive knows the direct
+/// one.
 const fn command(state: Option<DriveState>, target: DriveState) -> Controlword {
     use DriveState::{OperationEnabled, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
     /// Quick stop: bit 1 alone.

@@ -1,5 +1,5 @@
-//! A model of the chip: the other end of the wire. A host's packets have the effects and errors that the manuals give them,
-//! on a network of slave models.
+//! A model of the chip: the other end of the wire. A host's packets have the effects and errors that the manuals give
+//! them, on a network of slave models.
 //!
 //! The model is plain data. Time is an argument, in nanoseconds since power-on, and the same calls always give the same
 //! bytes; an exchange and a cycle allocate nothing.
@@ -17,8 +17,8 @@
 //! | `interrupts.rs`, `gpio.rs`, `encoder.rs`, `analog.rs`, `flash.rs`, `mdio.rs` | the chip's own units |
 //! | `network.rs`, `network/` | the seam to the slaves; slave models behind it |
 //!
-//! How to read it: [`Chip::exchange`] is the whole of a packet; it calls `run` in `commands.rs` for the command. What takes
-//! time is started there as a `Job` and ends in `jobs.rs`, from [`Chip::run_until`].
+//! How to read it: [`Chip::exchange`] is the whole of a packet; it calls `run` in `commands.rs` for the command. What
+//! takes time is started there as a `Job` and ends in `jobs.rs`, from [`Chip::run_until`].
 //!
 //! [`WITHOUT_EFFECT`] lists what the model has not.
 //!
@@ -269,7 +269,8 @@ impl<N: Network> Chip<N> {
         self.analog.set_start_pin(self.now, level);
     }
 
-    /// Gives the inputs of the ADC their values, 0..=4095 for 0 V to 3.3 V; the negative one counts in differential mode.
+    /// Gives the inputs of the ADC their values, 0..=4095 for 0 V to 3.3 V; the negative one counts in differential
+    /// mode.
     pub fn wire_adc(&mut self, now: Ns, positive: u16, negative: u16) {
         self.run_until(now);
         self.analog.wire_adc(positive, negative);

@@ -110,8 +110,8 @@ pub trait Network: Send {
     /// As [`Self::read`].
     fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// The process data of a cycle: `places` says what belongs to whom, the first one to slave 0. The inputs of slaves that
-    /// do not answer keep their values. The working counter.
+    /// The process data of a cycle: `places` says what belongs to whom, the first one to slave 0. The inputs of slaves
+    /// that do not answer keep their values. The working counter.
     fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
 
     /// `dt_ns` pass.

@@ -7,9 +7,9 @@ use crate::xf::MAX_PACKET;
 
 /// A chip behind its bytes.
 ///
-/// The chip counts bytes: after each n + 32 of them a packet ends and the next one begins, wherever the host believes that
-/// it does. A host that is out of step sends packets that are none, each of which is a framing error, and finds the step
-/// again where end word and start word follow each other in what it receives.
+/// The chip counts bytes: after each n + 32 of them a packet ends and the next one begins, wherever the host believes
+/// that it does. A host that is out of step sends packets that are none, each of which is a framing error, and finds
+/// the step again where end word and start word follow each other in what it receives.
 pub struct ChipPort<N> {
     chip: Chip<N>,
     /// Bytes of the present packet that have passed.
@@ -38,8 +38,8 @@ impl<N: Network> ChipPort<N> {
         &mut self.chip
     }
 
-    /// Clocks bytes both ways at `now`: all of `to_chip`, of any number, and as many into `from_chip`. Where the two differ
-    /// in length the shorter one counts. How many bytes passed.
+    /// Clocks bytes both ways at `now`: all of `to_chip`, of any number, and as many into `from_chip`. Where the two
+    /// differ in length the shorter one counts. How many bytes passed.
     pub fn transfer(&mut self, now: Ns, to_chip: &[u8], from_chip: &mut [u8]) -> usize {
         self.chip.run_until(now);
         let mut passed = 0;

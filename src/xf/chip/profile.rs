@@ -48,8 +48,8 @@ impl Profile {
     /// An ECM-XFU: as [`Self::NEW`] with n always 992.
     pub const XFU: Self = Self { size: DataSize::XFU, size_is_fixed: true, ..Self::NEW };
 
-    /// Whether the firmware knows LRW, the reference clock and items 10 to 13 of SLV_INFO_GET: 0x22 and later (XF EN 375).
-    /// `[OURS]` For the items nobody names a version.
+    /// Whether the firmware knows LRW, the reference clock and items 10 to 13 of SLV_INFO_GET: 0x22 and later (XF EN
+    /// 375). `[OURS]` For the items nobody names a version.
     pub const fn is_newer(&self) -> bool {
         self.version >= 0x22
     }

@@ -11,9 +11,9 @@ use crate::xf::response::Returned;
 impl<N: Network> Chip<N> {
     /// RxPDOs into the FIFO, TxPDOs out of it.
     ///
-    /// `[OURS]` Without process data, or with another length than that of `par` RxPDOs, nothing is done: the answer says
-    /// failed, and the command error is set. Of RxPDOs for which there is no room the rest is lost: a FIFO error, and the
-    /// answer says failed and not written.
+    /// `[OURS]` Without process data, or with another length than that of `par` RxPDOs, nothing is done: the answer
+    /// says failed, and the command error is set. Of RxPDOs for which there is no room the rest is lost: a FIFO error,
+    /// and the answer says failed and not written.
     pub(super) fn pdo_data_fifo(&mut self, request: &PdoDataFifo<'_>, data: &mut [u8]) -> Returned {
         let (writes, reads) = (has(request.operation, PdoOperation::WRITE), has(request.operation, PdoOperation::READ));
         let (count, rx_bytes) = (usize::from(request.count), usize::from(self.bus.rx_bytes));

@@ -150,8 +150,8 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// `[OURS]` Without RECONFIG_OP since the initialisation, process data are laid out before SafeOP as the slaves have
-    /// them.
+    /// `[OURS]` Without RECONFIG_OP since the initialisation, process data are laid out before SafeOP as the slaves
+    /// have them.
     fn layout(&mut self) -> Result<(), ()> {
         self.bus.map(&mut self.network).map_err(|abort| self.sdo.abort = abort)?;
         self.build_fifos();

@@ -3,9 +3,9 @@
 //! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
 //! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
 //! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. But for `chip` this
-//! module has no I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte offsets
-//! of the protocol; everything else in the crate uses its types. Each request and each answer is encoded and decoded,
-//! so that hosts and models of the chip speak with the same types.
+//! module has no I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte
+//! offsets of the protocol; everything else in the crate uses its types. Each request and each answer is encoded and
+//! decoded, so that hosts and models of the chip speak with the same types.
 //!
 //! How to read it:
 //!

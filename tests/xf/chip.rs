@@ -19,7 +19,7 @@ mod units;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::Ns;
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
-use ecmsk::xf::chip::{Chip, Profile, Slaves as Cable, Timing};
+use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
 use ecmsk::xf::request::{
     Call, CrcTypeSet, DcTiming, EcatInit, Encode, InfoUpdate, Reconfig, ReferenceClock, SdoAbortCodeGet, SdoOperation,
     SdoRequest, Slaves, StateSet,
@@ -36,7 +36,7 @@ const PACE: Ns = 250_000;
 
 /// A host with its chip.
 struct Host {
-    chip: Chip<Cable>,
+    chip: Chip<SlaveModels>,
     now: Ns,
     /// The index of the last packet.
     index: u8,
@@ -78,7 +78,7 @@ impl Got {
 impl Host {
     /// A host whose chip has started, a second ago.
     fn new(profile: Profile, slaves: Vec<Box<dyn Slave>>) -> Self {
-        let mut chip = Chip::with_timing(profile, Timing::default(), Cable::new(slaves));
+        let mut chip = Chip::with_timing(profile, Timing::default(), SlaveModels::new(slaves));
         chip.run_until(1000 * MS);
         Self { chip, now: 1000 * MS, index: 0, rule: CheckRule::FIXED, pace: PACE }
     }

@@ -23,8 +23,11 @@ use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
 
 /// Commands that the model answers with the command error, since slave models have no registers, EEPROMs, files or raw
-/// mailboxes. Beside them FOE_FUNC_REQ moves no files, operations 1 and 2: the flash memory that it reads and writes the
-/// model has.
+/// mailboxes. Beside them FOE_FUNC_REQ moves no files, operations 1 and 2: the flash memory that it reads and writes
+/// the model has.
+///
+/// ECAT_INIT_OP remembers SYNC1 and the shift and does nothing with them, nor with the special slaves and the reference
+/// clock: the network has one clock.
 pub const WITHOUT_EFFECT: [CommandCode; 9] = [
     CommandCode::EepromRequest,
     CommandCode::EepromGet,

@@ -108,7 +108,6 @@ impl<N: Network> Chip<N> {
         let timing = &self.timing;
         let count = Ns::from(self.bus.count);
         match job {
-            // The number of slaves is not known before; the time of the scan is the same for all.
             Job::Init(_) => self.port_ready_at.saturating_sub(self.now) + timing.init_ns,
             Job::Map => timing.reconfig_ns + timing.slave_ns * count,
             Job::InitDc | Job::DcSync(_) => timing.dc_ns,

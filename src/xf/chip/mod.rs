@@ -24,11 +24,11 @@
 //!
 //! ```
 //! use ecmsk::slave::{Drive, DriveConfig};
-//! use ecmsk::xf::chip::{Chip, Profile, Slaves};
+//! use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
 //! use ecmsk::xf::request::FirmwareVersionGet;
 //! use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, Coverage, MAX_PACKET, Received, write_request};
 //!
-//! let network = Slaves::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
+//! let network = SlaveModels::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
 //! let mut chip = Chip::new(Profile::NEW, network);
 //! let (mut command, mut answer) = ([0; MAX_PACKET], [0; MAX_PACKET]);
 //! let size = chip.size();
@@ -40,7 +40,8 @@
 //!     chip.exchange(u64::from(index) * 1_000_000_000, packet, answer);
 //! }
 //! // The answer to the packet before.
-//! let Received::Answer(packet) = AnswerPacket::parse(answer, size, Coverage::All)? else { panic!("the chip is ready") };
+//! let received = AnswerPacket::parse(answer, size, Coverage::All)?;
+//! let Received::Answer(packet) = received else { panic!("the chip is ready") };
 //! assert_eq!(packet.header.index, 1);
 //! assert_eq!(packet.answer_to(&FirmwareVersionGet)?.version, 0x22);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -67,7 +68,7 @@ mod timing;
 pub use commands::{SYNC0_MIN_NS, WITHOUT_EFFECT};
 pub use fifo::{FIFO_ENTRIES, FIFO_ENTRIES_MAX, FIFO_MEMORY};
 pub use flash::FLASH_BYTES;
-pub use network::{EnterError, IMAGE_MAX, Identity, Network, Place, SLAVES_MAX, Slaves};
+pub use network::{EnterError, IMAGE_MAX, Identity, Network, Place, SLAVES_MAX, SlaveModels};
 pub use port::ChipPort;
 pub use profile::Profile;
 pub use timing::Timing;
@@ -115,7 +116,7 @@ pub struct Chip<N> {
     /// The PHY had a link when the network was initialised.
     phy_link: bool,
     fifos: Fifos,
-    /// The RxFIFO is put out.
+    /// The RxFIFO is put out, as it is after a start (XF EN 674).
     fifo_on: bool,
     helper: Helper,
     job: Option<Running>,
@@ -158,7 +159,7 @@ impl<N: Network> Chip<N> {
             bus: Bus::new(timing.cycle_ns),
             phy_link: false,
             fifos: Fifos::new(),
-            fifo_on: false,
+            fifo_on: true,
             helper: Helper::new(),
             job: None,
             sdo: SdoResult::new(),
@@ -188,7 +189,7 @@ impl<N: Network> Chip<N> {
         self.next_cycle = self.now + self.timing.cycle_ns;
         self.phy_link = false;
         self.fifos.reset();
-        self.fifo_on = false;
+        self.fifo_on = true;
         self.helper = Helper::new();
         self.job = None;
         self.sdo = SdoResult::new();

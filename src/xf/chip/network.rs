@@ -3,7 +3,7 @@
 
 pub mod slaves;
 
-pub use slaves::Slaves;
+pub use slaves::SlaveModels;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns};

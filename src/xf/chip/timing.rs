@@ -12,9 +12,9 @@ pub struct Timing {
     pub port_ns: Ns,
     /// From the end of a packet until the next one is taken.
     pub packet_ns: Ns,
-    /// ECAT_INIT_OP, without what each slave adds.
+    /// ECAT_INIT_OP, of a network of any size.
     pub init_ns: Ns,
-    /// What each slave adds to ECAT_INIT_OP, RECONFIG_OP and CONFIG_MAP.
+    /// What each slave adds to RECONFIG_OP and CONFIG_MAP.
     pub slave_ns: Ns,
     /// ECAT_RECONFIG_OP and CONFIG_MAP, without what each slave adds.
     pub reconfig_ns: Ns,

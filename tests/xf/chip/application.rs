@@ -2,7 +2,7 @@
 
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
-use ecmsk::xf::chip::{Chip, Profile, Slaves as Cable};
+use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
 use ecmsk::xf::request::{
     Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, FirmwareVersionGet, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, InfoUpdate, MappedObject, PdoAssignment, PdoConfigSet, PdoData, PdoDataFifo,
@@ -164,7 +164,7 @@ proptest! {
         packets in prop::collection::vec((any::<u8>(), any::<u8>(), any::<[u8; 4]>(), any::<u16>(), any::<u8>(),
             prop::collection::vec(any::<u8>(), 0..64)), 1..100)
     ) {
-        let mut chip = Chip::new(Profile::NEW, Cable::new(vec![drive(), drive()]));
+        let mut chip = Chip::new(Profile::NEW, SlaveModels::new(vec![drive(), drive()]));
         let mut now = 1000 * MS;
         let mut answer = [0; MAX_PACKET];
         for (index, (code, par, info, len, control, data)) in (0..=255).cycle().zip(&packets) {

@@ -322,7 +322,7 @@ fn a_header_updates_states() {
 /// n.
 #[test]
 fn stream() {
-    let mut host = Host::with_drives();
+    let host = Host::with_drives();
     let start = host.now;
     let mut port = ChipPort::new(host.chip);
     let mut now = start;
@@ -375,5 +375,4 @@ fn stream() {
     });
     let Ok(Received::Answer(packet)) = AnswerPacket::parse(&answer, size, Coverage::All) else { panic!("an answer") };
     assert_eq!(packet.answer_to(&SpiPackSizeGet), Ok(size));
-    host.index = 0;
 }

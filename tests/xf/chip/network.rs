@@ -34,6 +34,7 @@ fn initialisation() {
     let mut host = Host::with_drives();
     let got = host.call(&InfoUpdate);
     assert_eq!((got.header.state, got.has(Status::PORT_READY)), (NetworkState::NONE, true));
+    assert!(got.has(Status::FIFO_ON), "until byte 1 of ECAT_INIT_OP says otherwise");
     assert!(got.header.errors.contains(Errors::LINK_PIN) && !got.header.errors.contains(Errors::PHY_LINK));
     assert_eq!(host.call(&SlaveCountGet).header.ret, 0);
     host.run(&INIT);

@@ -1,6 +1,8 @@
 //! SDO transfers, mappings, flash memory.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::ethercat::{AlState, AlStatus, Ns};
+use ecmsk::slave::Slave;
 use ecmsk::xf::chip::{FLASH_BYTES, Profile};
 use ecmsk::xf::request::{
     Fifo, FifoPackSizeGet, FlashAddress, FlashBytes, FoeFile, FoeGet, FoeRequest, InfoUpdate, MappedObject,
@@ -59,6 +61,86 @@ fn abort_codes() {
     assert_eq!(host.abort_code(), AbortCode(0));
     assert!(host.call(&sdo(3, 0x1000, 0, read(4))).errors().contains(Errors::COMMAND), "there is no slave 3");
 }
+
+/// A slave that aborts every transfer.
+struct Aborting {
+    state: AlState,
+    code: AbortCode,
+}
+
+impl Slave for Aborting {
+    fn name(&self) -> &str {
+        "aborting"
+    }
+
+    fn state(&self) -> AlState {
+        self.state
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        self.state = target;
+        Ok(())
+    }
+
+    fn read(&mut self, _: ObjectAddress, _: SdoScope, _: &mut [u8]) -> Result<usize, AbortCode> {
+        Err(self.code)
+    }
+
+    fn write(&mut self, _: ObjectAddress, _: SdoScope, _: &[u8]) -> Result<(), AbortCode> {
+        Err(self.code)
+    }
+
+    fn exchange(&mut self, _: Option<&[u8]>, _: &mut [u8]) {}
+
+    fn step(&mut self, _: Ns) {}
+}
+
+/// XF-11.37 Every abort code of the manual comes as the slave gives it, of a read and of a write.
+#[test]
+fn every_abort_code() {
+    for code in ABORT_CODES.map(AbortCode) {
+        let slave: Box<dyn Slave> = Box::new(Aborting { state: AlState::Init, code });
+        let mut host = Host::new(Profile::NEW, vec![slave]);
+        host.bring_to(EtherCatState::PreOp);
+        for operation in [read(4), SdoOperation::Write(&[1])] {
+            assert!(host.end(&sdo(0, 0x2000, 1, operation)).errors().contains(Errors::NON_IMMEDIATE));
+            assert_eq!(host.abort_code(), code);
+        }
+    }
+}
+
+/// The list at SDO_ABORTCODE_GET (XF EN 1358), without 0 for no error.
+const ABORT_CODES: [u32; 29] = [
+    0x0503_0000,
+    0x0504_0000,
+    0x0504_0001,
+    0x0504_0005,
+    0x0601_0000,
+    0x0601_0001,
+    0x0601_0002,
+    0x0601_0003,
+    0x0601_0004,
+    0x0602_0000,
+    0x0604_0041,
+    0x0604_0042,
+    0x0604_0043,
+    0x0604_0047,
+    0x0606_0000,
+    0x0607_0010,
+    0x0607_0012,
+    0x0607_0013,
+    0x0609_0011,
+    0x0609_0030,
+    0x0609_0031,
+    0x0609_0032,
+    0x0609_0033,
+    0x0609_0036,
+    0x0800_0000,
+    0x0800_0020,
+    0x0800_0021,
+    0x0800_0022,
+    0x0800_0023,
+];
 
 /// XF-11.38 A slave that does not answer is waited for until the time limit; the abort code is that of a timeout.
 #[test]

@@ -14,7 +14,7 @@ impl<N: Network> Chip<N> {
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
         self.fifos.build(0, 0);
         self.phy_link = self.network.has_link();
-        self.fifo_on = false;
+        self.fifo_on = init.fifo_on;
         if !self.phy_link {
             return Progress::Failed;
         }
@@ -23,7 +23,6 @@ impl<N: Network> Chip<N> {
             return Progress::Failed;
         }
         self.bus.initialised = true;
-        self.fifo_on = init.fifo_on;
         if self.profile.is_newer() {
             self.bus.lrw = init.lrw;
         }
@@ -150,8 +149,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// `[OURS]` Without RECONFIG_OP since the initialisation, process data are laid out before SafeOP as the slaves
-    /// have them.
+    /// `[OURS]` Process data that are not laid out are before SafeOP, as the slaves have them.
     fn layout(&mut self) -> Result<(), ()> {
         self.bus.map(&mut self.network).map_err(|abort| self.sdo.abort = abort)?;
         self.build_fifos();

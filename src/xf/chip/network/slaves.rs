@@ -13,12 +13,12 @@ struct Station {
 }
 
 /// Slave models in the order of the cable, and what goes wrong along it.
-pub struct Slaves {
+pub struct SlaveModels {
     stations: Vec<Station>,
     reach: usize,
 }
 
-impl Slaves {
+impl SlaveModels {
     /// A network of these slaves. A scan never finds those beyond the 128th.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
         let station = |slave| Station { slave, identity: Identity::default(), silent: false };
@@ -79,7 +79,7 @@ fn identity(slave: &mut dyn Slave) -> Identity {
     Identity { vendor, product, revision, name }
 }
 
-impl Network for Slaves {
+impl Network for SlaveModels {
     fn has_link(&self) -> bool {
         self.reachable() > 0
     }

@@ -202,7 +202,7 @@ impl<N: Network> Chip<N> {
             rx_fifo,
             state: self.bus.state_of_all(),
             errors: self.errors | self.levels(),
-            status: self.status(reply.is_nop),
+            status: self.status(reply.is_nop).with_check_type(self.check),
             index: reply.index,
             code: reply.code,
             ret: 0,

@@ -2,7 +2,7 @@
 
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
-use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
 use ecmsk::xf::request::{
     Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, FirmwareVersionGet, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, InfoUpdate, MappedObject, PdoAssignment, PdoConfigSet, PdoData, PdoDataFifo,
@@ -183,5 +183,23 @@ proptest! {
         }
         chip.run_until(now + 1000 * MS);
         prop_assert!(chip.is_ready());
+    }
+
+    /// XF-11.61 Neither do any bytes in a stream, of any length: for each there is one, and the time goes on.
+    #[test]
+    fn any_bytes(chunks in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..2000), 1..20)) {
+        let mut port = ChipPort::new(Chip::new(Profile::OLD, SlaveModels::new(vec![drive()])));
+        let (mut now, mut all) = (1000 * MS, Vec::new());
+        for chunk in &chunks {
+            now += MS;
+            let mut from = vec![0; chunk.len()];
+            prop_assert_eq!(port.transfer(now, chunk, &mut from), chunk.len());
+            all.extend(from);
+        }
+        // What comes from the chip are packets one after the other, whatever goes to it.
+        for packet in all.chunks_exact(144) {
+            prop_assert_eq!((&packet[..4], &packet[140..]), (&[0xA4, 0xA3, 0xA2, 0xA1][..], &[0x59, 0x58, 0x57, 0x56][..]));
+        }
+        prop_assert!(usize::from(port.chip_mut().size().get()) == 112);
     }
 }

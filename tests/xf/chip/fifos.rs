@@ -161,6 +161,13 @@ fn entries_and_memory() {
     // 100 * 144 fits.
     host.end(&FifoInit);
     assert_eq!(done(&host.call(&write(&[0; 54], 1))), PdoOperation::WRITE);
+    // A layout of process data that does not fit is a FIFO error and no failure.
+    let mut host = Host::new(Profile::NEW, (0..9).map(|_| super::drive()).collect());
+    host.bring_to(EtherCatState::PreOp);
+    host.run(&FifoSetRxCount { entries: 128 });
+    host.run(&FifoSetTxCount { entries: 128 });
+    let got = host.end(&Reconfig);
+    assert_eq!((got.errors(), got.has(Status::PDO_CONFIGURED)), (Errors::FIFO, true));
 }
 
 /// XF-11.22 FIFO_CLR_OP empties both FIFOs or one.

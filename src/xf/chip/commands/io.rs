@@ -18,39 +18,51 @@ fn upper(pins: UpperPins) -> u32 {
 
 impl<N: Network> Chip<N> {
     /// `None`: it is no command of these units.
-    ///
-    /// `[OURS]` What a unit that is not open cannot do is refused.
     pub(super) fn run_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
+        if self.set_io(request) { Some(DONE) } else { self.use_io(request, data) }
+    }
+
+    /// What cannot be refused. False: it is no such command.
+    fn set_io(&mut self, request: &Request<'_>) -> bool {
+        let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
+        match *request {
+            Request::GpioSetMode(set) => gpio.set_mode(now, set.pins.into(), set.mode, set.pull),
+            Request::GpioSetModeExt(set) => gpio.set_mode(now, upper(set.pins), set.mode, set.pull),
+            Request::GpioEnableDebounce(set) => gpio.set_debounced(now, set.pins.into(), set.on),
+            Request::GpioEnableDebounceExt(set) => gpio.set_debounced(now, upper(set.pins), set.on),
+            Request::GpioSetDebounceClock(set) => gpio.set_debounce_clock(set.clock),
+            Request::GpioIntEnable(set) => gpio.set_trigger(set.channel.get(), set.trigger),
+            Request::GpioIntClear(clear) => gpio.clear(clear.pins.into()),
+            Request::GpioIntClearExt(clear) => gpio.clear(clear.pins.get()),
+            Request::GpioSetValue(set) => gpio.set_outputs(now, LOWER_PINS, set.values.into()),
+            Request::GpioExtSetValue(set) => gpio.set_outputs(now, ALL_PINS, set.values.get()),
+            Request::EncOpen(open) => encoder.open(open.mode),
+            Request::DacOpen(open) => analog.open_dac(now, open.trigger),
+            Request::DacClose(_) => analog.close_dac(),
+            Request::DacSetDelayTime(set) => analog.set_delay(set.delay.get()),
+            Request::AdcOpen(open) => analog.open_adc(open.mode),
+            Request::AdcClose(_) => analog.close_adc(),
+            _ => return false,
+        }
+        true
+    }
+
+    /// What has a result, and `[OURS]` what a unit that is not open cannot do and refuses.
+    fn use_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         Some(match *request {
-            Request::GpioSetMode(set) => done(gpio.set_mode(now, set.pins.into(), set.mode, set.pull)),
-            Request::GpioSetModeExt(set) => done(gpio.set_mode(now, upper(set.pins), set.mode, set.pull)),
-            Request::GpioEnableDebounce(set) => done(gpio.set_debounced(now, set.pins.into(), set.on)),
-            Request::GpioEnableDebounceExt(set) => done(gpio.set_debounced(now, upper(set.pins), set.on)),
-            Request::GpioSetDebounceClock(set) => done(gpio.set_debounce_clock(set.clock)),
-            Request::GpioIntEnable(set) => done(gpio.set_trigger(set.channel.get(), set.trigger)),
-            Request::GpioIntClear(clear) => done(gpio.clear(clear.pins.into())),
-            Request::GpioIntClearExt(clear) => done(gpio.clear(clear.pins.get())),
-            Request::GpioSetValue(set) => done(gpio.set_outputs(now, LOWER_PINS, set.values.into())),
-            Request::GpioExtSetValue(set) => done(gpio.set_outputs(now, ALL_PINS, set.values.get())),
             Request::GpioGetValue(_) => encoded(gpio.values() as u16, data),
             Request::GpioExtGetValue(_) => encoded(gpio.values(), data),
             Request::GpioGetIntFlag(_) => encoded(gpio.flags() as u16, data),
             Request::GpioExtGetIntFlag(_) => encoded(gpio.flags(), data),
 
-            Request::EncOpen(open) => done(encoder.open(open.mode)),
             Request::EncStart(_) => done_if(encoder.run(true)),
             Request::EncStop(_) => done_if(encoder.run(false)),
             Request::EncGetCount(_) => answered(encoder.count(), data),
 
-            Request::DacOpen(open) => done(analog.open_dac(now, open.trigger)),
-            Request::DacClose(_) => done(analog.close_dac()),
-            Request::DacSetDelayTime(set) => done(analog.set_delay(set.delay.get())),
             Request::DacSetData(set) => done_if(analog.set_data(now, set.value)),
             Request::DacStartConv(_) => done_if(analog.start_dac(now)),
 
-            Request::AdcOpen(open) => done(analog.open_adc(open.mode)),
-            Request::AdcClose(_) => done(analog.close_adc()),
             Request::AdcConfigSampleModule(_) => done_if(analog.adc_is_open()),
             Request::AdcStartConv(_) => done_if(analog.start_adc(now, self.timing.adc_ns)),
             Request::AdcGetDataValidFlag(_) => encoded(u32::from(analog.adc_is_valid()), data),
@@ -58,10 +70,6 @@ impl<N: Network> Chip<N> {
             _ => return None,
         })
     }
-}
-
-const fn done((): ()) -> Outcome {
-    DONE
 }
 
 fn encoded<'a>(answer: impl Answer<'a>, data: &mut [u8]) -> Outcome {

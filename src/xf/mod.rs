@@ -1,11 +1,12 @@
-//! The wire format of the ECM-XF: packets, check words, typed requests and answers, finding packets in a stream.
+//! The wire format of the ECM-XF: packets, check words, typed requests and answers, finding packets in a stream; the
+//! driver of a host, and a model of the chip.
 //!
 //! The ECM-XF is a chip that is an EtherCAT master behind SPI; the ECM-XFU is the same behind USB. A host sends it one
 //! command packet and receives, in the same exchange, one answer packet, which belongs to an earlier command. Both have
 //! the same shape: a header of 24 bytes, a data segment of n bytes, a check word and an end word. But for `chip` this
-//! module has no I/O, no allocation and no state but that of [`resync`], and is `no_std`. It holds the only byte
-//! offsets of the protocol; everything else in the crate uses its types. Each request and each answer is encoded and
-//! decoded, so that hosts and models of the chip speak with the same types.
+//! module has no I/O, no allocation and no state but that of [`resync`] and [`host`], and is `no_std`. It holds the
+//! only byte offsets of the protocol; everything else in the crate uses its types. Each request and each answer is
+//! encoded and decoded, so that hosts and models of the chip speak with the same types.
 //!
 //! How to read it:
 //!
@@ -21,6 +22,7 @@
 //! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | what the chip answers to them |
 //! | [`malformed`] | what is wrong with a field |
+//! | [`host`] | the driver of a host: what to exchange next, and what came back |
 //! | `chip` | with the feature `sim`: a model of the chip, the other end of the wire |
 //!
 //! Three notations stand throughout:
@@ -53,6 +55,7 @@ pub mod check;
 pub mod chip;
 pub mod code;
 pub mod header;
+pub mod host;
 pub mod malformed;
 pub mod packet;
 pub mod request;

@@ -1,4 +1,5 @@
-//! The wire format of the ECM-XF: golden packets, every function byte by byte, finding packets in a stream.
+//! The wire format of the ECM-XF: golden packets, every function byte by byte, finding packets in a stream; the
+//! model of the chip and the driver of a host.
 //!
 //! Files:
 //!
@@ -10,6 +11,7 @@
 //! - `values.rs`: values that the manuals do not allow
 //! - `roundtrip.rs`: encoding and decoding of anything
 //! - `resync.rs`: packets in a stream of bytes
+//! - `host.rs`, `host/`: the driver of a host, against a chip that is scripted there
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
 
 mod answers;
@@ -18,6 +20,7 @@ mod chip;
 mod codes;
 mod golden;
 mod header;
+mod host;
 mod packets;
 mod requests;
 mod resync;

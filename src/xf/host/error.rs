@@ -1,0 +1,258 @@
+//! What goes wrong between a host and its chip.
+
+use core::fmt;
+
+use super::start::StartStep;
+use crate::coe::AbortCode;
+use crate::ethercat::Ns;
+use crate::xf::{CommandCode, DataSize, Malformed, PacketError};
+
+/// Why a command has no result, or why the driver has stopped. `Display` says what happened and what to do next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostError {
+    /// The driver has stopped: no packets are in what the chip sends.
+    Silent {
+        /// How long they were searched.
+        waited_ns: Ns,
+        /// How many bytes came in that time.
+        bytes: u64,
+    },
+    /// The driver has stopped: the start took too long.
+    StartTooLong {
+        /// The step that did not end.
+        step: StartStep,
+        /// How long the start took.
+        waited_ns: Ns,
+        /// What was wrong with the last answer, if it was damaged.
+        last: Option<PacketError>,
+    },
+    /// The driver has stopped: the chip says that its packets have another n than they have.
+    OtherSize {
+        /// n of the packets.
+        expected: DataSize,
+        /// What SPI_PACK_SIZE_GET answers.
+        found: DataSize,
+    },
+    /// The driver has stopped: INT0 did not come.
+    Int0Missing {
+        /// How long it was waited for, each time.
+        waited_ns: Ns,
+        /// How many times one after the other.
+        times: u32,
+    },
+    /// No answer came. Whether the command ran is unknown.
+    NoAnswer {
+        /// The command.
+        code: CommandCode,
+        /// Its index.
+        index: u8,
+        /// How often the packet was sent.
+        copies: u32,
+        /// How long.
+        waited_ns: Ns,
+        /// What was wrong with the last answer, if it was damaged.
+        last: Option<PacketError>,
+    },
+    /// The command ran, but the one answer with its result was damaged.
+    AnswerLost {
+        /// The command.
+        code: CommandCode,
+    },
+    /// The chip refused the command: error bit 7.
+    Refused {
+        /// The command.
+        code: CommandCode,
+    },
+    /// A non-immediate command ended with error bit 3.
+    Failed {
+        /// The command.
+        code: CommandCode,
+        /// Why, for an SDO; `None` if the chip did not tell.
+        abort: Option<AbortCode>,
+        /// How long it ran.
+        waited_ns: Ns,
+    },
+    /// A non-immediate command has not ended.
+    StillBusy {
+        /// The command.
+        code: CommandCode,
+        /// How long it has been running.
+        waited_ns: Ns,
+    },
+    /// The command waited in its queue for too long and was not sent.
+    NotSent {
+        /// The command.
+        code: CommandCode,
+        /// How long it waited.
+        waited_ns: Ns,
+    },
+    /// The chip was reset: what it was to do is lost, and it is started anew.
+    ChipReset,
+    /// The queue is full.
+    QueueFull {
+        /// The command.
+        code: CommandCode,
+        /// How many commands the queue holds.
+        slots: usize,
+    },
+    /// The command has more data than a place of the queue, or a packet.
+    TooLong {
+        /// The command.
+        code: CommandCode,
+        /// Bytes of its data.
+        found: usize,
+        /// Bytes at most.
+        most: usize,
+    },
+    /// The command is not for the queue: process data go by `Host::process`, n and the check word are the driver's own.
+    OfDriver {
+        /// The command.
+        code: CommandCode,
+    },
+    /// The second of two commands does not read the result of the first one.
+    NoRead {
+        /// The second command.
+        code: CommandCode,
+    },
+    /// There is no command with this ticket: its result was taken already.
+    UnknownTicket,
+    /// The ticket is that of another command.
+    OtherCommand {
+        /// The command of the ticket.
+        expected: CommandCode,
+        /// The command it was taken with.
+        found: CommandCode,
+    },
+    /// Process data are waiting already.
+    ProcessBusy {
+        /// Those that are waiting.
+        sequence: u32,
+    },
+    /// The RxFIFO has no room for so many PDOs.
+    FifoFull {
+        /// PDOs that were to be written.
+        needed: u8,
+        /// The room there is for sure.
+        free: u8,
+    },
+    /// A field of the command or of its answer has a value that the manuals do not allow.
+    Malformed(Malformed),
+}
+
+impl From<Malformed> for HostError {
+    fn from(malformed: Malformed) -> Self {
+        Self::Malformed(malformed)
+    }
+}
+
+/// Nanoseconds in milliseconds with three places.
+struct Millis(Ns);
+
+impl fmt::Display for Millis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{:03} ms", self.0 / 1_000_000, self.0 / 1_000 % 1_000)
+    }
+}
+
+/// What was wrong with the last answer.
+struct Last(Option<PacketError>);
+
+impl fmt::Display for Last {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(error) => write!(f, " (the last answer: {error})"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for HostError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Silent { waited_ns, bytes } => write!(
+                f,
+                "no packet in {bytes} bytes and {}: check power, reset and wires of the chip, SPI mode 0 and its \
+                 clock, then restart the driver",
+                Millis(waited_ns)
+            ),
+            Self::StartTooLong { step, waited_ns, last } => write!(
+                f,
+                "the chip was not started in {}: {step} did not end{}; check the wires and the clock, reset the chip \
+                 and restart the driver",
+                Millis(waited_ns),
+                Last(last)
+            ),
+            Self::OtherSize { expected, found } => write!(
+                f,
+                "packets have {} bytes of data, but the chip says {}; reset the chip and restart the driver",
+                expected.bytes(),
+                found.bytes()
+            ),
+            Self::Int0Missing { waited_ns, times } => write!(
+                f,
+                "INT0 did not come {times} times in {} each: check its wire and polarity (ECAT_INT_SET_ENABLE bit 1), \
+                 or pace by idle time",
+                Millis(waited_ns)
+            ),
+            Self::NoAnswer { code, index, copies, waited_ns, last } => write!(
+                f,
+                "no answer to {code}, index {index}, in {} and {copies} packets{}; whether it ran is unknown: read \
+                 back what it changes before it is sent again",
+                Millis(waited_ns),
+                Last(last)
+            ),
+            Self::AnswerLost { code } => {
+                write!(f, "{code} ran, but its answer was damaged and is lost: read back what it changes")
+            }
+            Self::Refused { code } => write!(
+                f,
+                "the chip refused {code} (error bit 7): check its parameters, the state of the network and the firmware"
+            ),
+            Self::Failed { code, abort: Some(abort), waited_ns } => {
+                write!(f, "{code} failed after {} (error bit 3) with abort code {abort}", Millis(waited_ns))
+            }
+            Self::Failed { code, abort: None, waited_ns } => write!(
+                f,
+                "{code} failed after {} (error bit 3): check cable, power and state of the slaves",
+                Millis(waited_ns)
+            ),
+            Self::StillBusy { code, waited_ns } => write!(
+                f,
+                "{code} has not ended after {}: give it more time, or end it with ASYNCCMD_RESET 4",
+                Millis(waited_ns)
+            ),
+            Self::NotSent { code, waited_ns } => write!(
+                f,
+                "{code} waited {} for its turn and was not sent: see what keeps the chip busy, and send it again",
+                Millis(waited_ns)
+            ),
+            Self::ChipReset => {
+                f.write_str("the chip was reset: initialise the network anew once the driver runs again")
+            }
+            Self::QueueFull { code, slots } => {
+                write!(f, "the queue of {slots} commands is full: take results before {code} is submitted")
+            }
+            Self::TooLong { code, found, most } => {
+                write!(f, "{code} has {found} bytes of data, {most} at most: send less, or set a larger n")
+            }
+            Self::OfDriver { code } => write!(
+                f,
+                "{code} is not for the queue: process data go by `Host::process`, n and check word are set at the start"
+            ),
+            Self::NoRead { code } => write!(f, "{code} reads no result: submit it by itself"),
+            Self::UnknownTicket => f.write_str("the ticket is of no command: its result was taken already"),
+            Self::OtherCommand { expected, found } => {
+                write!(f, "the ticket is of {expected}, not of {found}: take it with the command it was given for")
+            }
+            Self::ProcessBusy { sequence } => {
+                write!(f, "process data {sequence} are not sent yet: go on with exchanges before the next ones")
+            }
+            Self::FifoFull { needed, free } => {
+                write!(f, "the RxFIFO has room for {free} PDOs, not for {needed}: write after the next cycle")
+            }
+            Self::Malformed(malformed) => malformed.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for HostError {}

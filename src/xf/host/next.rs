@@ -1,0 +1,306 @@
+//! What is sent next.
+
+use super::flight::{Flight, Part, Purpose};
+use super::pace::Pace;
+use super::process::{Outgoing, Overtaken, ProcessOutcome, ProcessReport};
+use super::search::Search;
+use super::slots::SlotState;
+use super::{Host, HostError, HostState, Next, Outstanding, StartStep};
+use crate::ethercat::Ns;
+use crate::xf::request::InfoUpdate;
+use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, WriteError, write_request};
+
+/// After so many attempts to clear an error it is taken for one that stays, and ignored until it goes away.
+const CLEAR_TRIES: u32 = 3;
+
+/// What is to be sent.
+enum Choice {
+    Filler,
+    /// What stands in the packet buffer.
+    Packet,
+    Nothing {
+        until: Ns,
+    },
+}
+
+impl Host {
+    /// What to do now. It may be called at any time; what it gives holds until something is submitted or comes in. An
+    /// exchange whose end was not reported counts as one that failed.
+    ///
+    /// # Errors
+    /// The driver has stopped, for this reason.
+    pub fn next(&mut self, now: Ns) -> Result<Next<'_>, HostError> {
+        if self.outstanding.is_some() {
+            self.received(now, &[]);
+        }
+        self.expire(now);
+        self.running_or_error()?;
+        match self.pacer.pace(now, &self.config) {
+            Pace::Go => {}
+            Pace::Until(until) => return Ok(Next::WaitUntil(until)),
+            Pace::Int0(until) => return Ok(Next::WaitForReady { until }),
+            Pace::Missed => {
+                self.counters.int0_missed += 1;
+                if self.pacer.misses >= self.config.int0_misses {
+                    let waited_ns = self.config.deadlines.int0_ns;
+                    self.stop(HostError::Int0Missing { waited_ns, times: self.pacer.misses });
+                }
+                self.running_or_error()?;
+            }
+        }
+        match self.choose(now) {
+            Choice::Filler => {
+                self.begin(Outstanding::Filler);
+                Ok(Next::Exchange(self.search.filler()))
+            }
+            Choice::Packet => {
+                self.begin(Outstanding::Packet);
+                Ok(Next::Exchange(&self.packet[..self.size.packet_len()]))
+            }
+            Choice::Nothing { until } => Ok(Next::WaitUntil(until)),
+        }
+    }
+
+    fn running_or_error(&self) -> Result<(), HostError> {
+        match self.state {
+            HostState::Stopped(error) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    fn begin(&mut self, what: Outstanding) {
+        self.outstanding = Some(what);
+        self.ready_seen = false;
+        self.in_step = false;
+        self.pacer.began();
+        if let Some(flight) = &self.flight
+            && what == Outstanding::Packet
+        {
+            self.sent = [self.sent[1], (flight.index, flight.code, flight.copies)];
+        }
+    }
+
+    /// The driver stops: all that waits ends with this error.
+    pub(super) fn stop(&mut self, error: HostError) {
+        self.slots.fail_all(error);
+        self.forget_all();
+        self.state = HostState::Stopped(error);
+    }
+
+    /// Packets are searched; `state` is how that shows.
+    pub(super) fn begin_search(&mut self, now: Ns, state: HostState) {
+        self.search = Search::new(now);
+        self.counters.searches += 1;
+        self.bad_in_row = 0;
+        self.state = state;
+    }
+
+    /// Ends what has waited for too long.
+    fn expire(&mut self, now: Ns) {
+        if let HostState::Starting(step) = self.state {
+            let waited_ns = now.saturating_sub(self.started);
+            if waited_ns >= self.config.deadlines.start_ns {
+                self.stop(HostError::StartTooLong { step, waited_ns, last: self.last_error });
+                return;
+            }
+        }
+        self.slots.expire(now, self.config.deadlines.queue_ns);
+        let searching = matches!(self.state, HostState::Searching | HostState::Starting(StartStep::Search));
+        let Some(flight) = self.flight.filter(|flight| now >= flight.deadline && !searching) else { return };
+        self.flight = None;
+        self.settled = now;
+        match flight.purpose {
+            Purpose::Start(_) => self.begin_search(now, HostState::Starting(StartStep::Search)),
+            Purpose::Info => {}
+            Purpose::Slot(slot, _) => {
+                let Flight { code, index, copies, since, .. } = flight;
+                let waited_ns = now.saturating_sub(since);
+                let error = HostError::NoAnswer { code, index, copies, waited_ns, last: self.last_error };
+                self.slots.all[slot].state = SlotState::Done(Err(error));
+                // It may be running.
+                self.busy |= !code.is_immediate(self.slots.all[slot].arguments.parameter);
+            }
+            Purpose::Process { sequence, written, .. } => {
+                self.counters.rx_unknown += u64::from(written);
+                self.report(sequence, ProcessOutcome::Unknown);
+                self.settle_overtaken(None);
+            }
+        }
+    }
+
+    pub(super) fn report(&mut self, sequence: u32, outcome: ProcessOutcome) {
+        let lost = self.process.report(ProcessReport { sequence, outcome });
+        self.counters.reports_overwritten += u64::from(lost);
+    }
+
+    fn choose(&mut self, now: Ns) -> Choice {
+        match self.state {
+            HostState::Searching | HostState::Starting(StartStep::Search) | HostState::Stopped(_) => Choice::Filler,
+            _ if self.flight.is_some() => self.go_on(now),
+            HostState::Starting(step) => self.start(now, step),
+            HostState::Running => self.run(now),
+        }
+    }
+
+    /// Sends the packet again, or process data behind process data.
+    fn go_on(&mut self, now: Ns) -> Choice {
+        if let Some(overtaken) = self.may_be_overtaken() {
+            self.process.overtaken = Some(overtaken);
+            self.flight = None;
+            return self.send_process(now);
+        }
+        let exchange = self.exchange + 1;
+        if let Some(flight) = &mut self.flight {
+            self.exchange = exchange;
+            flight.copies += 1;
+            // The second copy fetches the answer to the first one.
+            self.counters.repeated += u64::from(flight.copies > 2);
+            if let Purpose::Process { sequence, queued, .. } = flight.purpose {
+                self.room.wrote(sequence, queued, exchange);
+            }
+        }
+        Choice::Packet
+    }
+
+    /// The process data on their way, if the next ones may go out before their answer is there: the chip was ready for
+    /// them, has counted all that it rejected before them, and no command waits for its turn.
+    fn may_be_overtaken(&self) -> Option<Overtaken> {
+        let flight = self.flight.as_ref()?;
+        let Purpose::Process { sequence, written, reads, .. } = flight.purpose else { return None };
+        let clean = flight.copies == 1 && self.in_step && self.process.overtaken.is_none();
+        let alone = self.process.waiting().is_some() && self.waiting_command().is_none();
+        let (index, code, rejections) = (flight.index, flight.code, self.rejections);
+        (self.config.pipelined_writes && clean && alone).then_some(Overtaken {
+            sequence,
+            index,
+            code,
+            written,
+            reads,
+            rejections,
+            unclear: false,
+        })
+    }
+
+    fn start(&mut self, now: Ns, step: StartStep) -> Choice {
+        let due = self.settled.saturating_add(self.config.busy_poll_ns);
+        if step == StartStep::NotBusy && self.header.is_some() && self.busy && now < due {
+            return Choice::Nothing { until: due };
+        }
+        let wanted = self.config.wanted_size.unwrap_or(self.size);
+        self.send_short(now, Purpose::Start(step), step.control(), &step.request(wanted))
+    }
+
+    fn run(&mut self, now: Ns) -> Choice {
+        let command = self.waiting_command();
+        let process = self.process.waiting().is_some();
+        if process && !(self.process_last && command.is_some()) {
+            return self.send_process(now);
+        }
+        if let Some((slot, part)) = command {
+            if self.to_clear() != Errors::NONE && self.clear_tries < CLEAR_TRIES {
+                self.clear_tries += 1;
+                return self.send_info(now);
+            }
+            self.stuck = self.stuck | self.to_clear();
+            return self.send_slot(now, slot, part);
+        }
+        let running = self.slots.running().is_some();
+        let blocked = self.busy && self.slots.first_waiting(false).is_some();
+        let poll_ns = if running || blocked { self.config.busy_poll_ns } else { self.config.poll_ns };
+        let due = self.settled.saturating_add(poll_ns);
+        if now >= due {
+            return self.send_info(now);
+        }
+        let deadline = self.slots.next_deadline(self.config.deadlines.queue_ns).unwrap_or(due);
+        Choice::Nothing { until: due.min(deadline.max(now + 1)) }
+    }
+
+    /// The command that may be sent now.
+    fn waiting_command(&self) -> Option<(usize, Part)> {
+        let request = |slot| (slot, Part::Request);
+        let other = || self.slots.first_waiting(false).filter(|_| self.slots.running().is_none() && !self.busy);
+        self.slots
+            .waiting_read()
+            .or_else(|| self.slots.first_waiting(true).map(request))
+            .or_else(|| other().map(request))
+    }
+
+    /// The errors that a command is not to find: they would be taken for its own.
+    pub(super) fn to_clear(&self) -> Errors {
+        let seen = self.header.map_or(Errors::NONE, |header| header.errors);
+        let own = Errors(seen.0 & Errors::ALL.0).without(self.stuck);
+        // That of the command that runs is not seen yet, or is its end.
+        if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
+    }
+
+    /// The header of a new packet. The index counts 1 to 255 and begins again, so that no packet has that of the one
+    /// before.
+    fn new_header(&mut self, control: Control) -> CommandHeader {
+        self.index = if self.index == u8::MAX { 1 } else { self.index + 1 };
+        let (interrupt_clear, gpio_interrupt_clear) = core::mem::take(&mut self.interrupts_to_clear);
+        let (reserve, gpio_outputs) = match self.gpio_outputs {
+            Some(outputs) => (Reserve::GPIO_OUTPUTS_VALID, outputs),
+            None => (Reserve::NONE, 0),
+        };
+        let header = CommandHeader::with_index(self.index);
+        CommandHeader { control, interrupt_clear, gpio_interrupt_clear, reserve, gpio_outputs, ..header }
+    }
+
+    /// What stands in the packet buffer is on its way.
+    fn launch(&mut self, now: Ns, purpose: Purpose, code: CommandCode) -> Choice {
+        self.exchange += 1;
+        let flight = Flight::new(purpose, self.index, code, self.exchange);
+        self.flight = Some(flight.within(now, self.config.deadlines.answer_ns));
+        Choice::Packet
+    }
+
+    /// Sends a request that fits into every packet.
+    fn send_short(&mut self, now: Ns, purpose: Purpose, control: Control, request: &Request<'_>) -> Choice {
+        let header = self.new_header(control);
+        match write_request(&mut self.packet, self.size, self.rule, header, request) {
+            Ok(_) => self.launch(now, purpose, request.code()),
+            Err(_) => Choice::Nothing { until: now + 1 },
+        }
+    }
+
+    fn send_info(&mut self, now: Ns) -> Choice {
+        // The control byte clears the error of the same bit.
+        let control = Control(self.to_clear().0);
+        self.send_short(now, Purpose::Info, control, &InfoUpdate.into())
+    }
+
+    fn send_slot(&mut self, now: Ns, slot: usize, part: Part) -> Choice {
+        self.process_last = false;
+        let header = self.new_header(Control::NONE);
+        let request = self.slots.all[slot].request(part);
+        let code = request.code();
+        let error = match write_request(&mut self.packet, self.size, self.rule, header, &request) {
+            Ok(_) => {
+                self.slots.all[slot].state = SlotState::Sent(part);
+                return self.launch(now, Purpose::Slot(slot, part), code);
+            }
+            Err(WriteError::Malformed(malformed)) => malformed.into(),
+            // The buffer holds the longest packet.
+            Err(WriteError::Buffer { needed, found }) => HostError::TooLong { code, found: needed, most: found },
+        };
+        self.slots.all[slot].state = SlotState::Done(Err(error));
+        Choice::Nothing { until: now + 1 }
+    }
+
+    fn send_process(&mut self, now: Ns) -> Choice {
+        self.process_last = true;
+        let header = self.new_header(Control(self.to_clear().0));
+        let Some((outgoing, request)) = self.process.outgoing() else { return Choice::Nothing { until: now + 1 } };
+        let Outgoing { sequence, code, written, queued, reads } = outgoing;
+        let sent = write_request(&mut self.packet, self.size, self.rule, header, &request).is_ok();
+        self.process.sent();
+        if !sent {
+            // n has become smaller since they were submitted.
+            self.report(sequence, ProcessOutcome::Refused);
+            return Choice::Nothing { until: now + 1 };
+        }
+        let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads }, code);
+        self.room.wrote(sequence, queued, self.exchange);
+        choice
+    }
+}

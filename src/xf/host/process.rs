@@ -1,0 +1,218 @@
+//! Process data that wait for their exchange, and what became of those that have gone out.
+
+use super::error::HostError;
+use crate::xf::request::{Arguments, PdoOperation, Request, UnknownCommand};
+use crate::xf::{AnswerPacket, CommandCode, DataSize};
+
+/// Reports that are kept until they are taken.
+const REPORTS: usize = 4;
+
+/// Process data for one exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProcessData<'d> {
+    /// RxPDOs into the FIFO, and as many TxPDOs out of it: PDO_DATA_FIFO_OP.
+    Exchange {
+        /// How many PDOs.
+        count: u8,
+        /// The RxPDOs one after the other.
+        outputs: &'d [u8],
+    },
+    /// RxPDOs into the FIFO alone.
+    Write {
+        /// How many PDOs.
+        count: u8,
+        /// The RxPDOs one after the other.
+        outputs: &'d [u8],
+    },
+    /// TxPDOs out of the FIFO alone.
+    Read {
+        /// How many PDOs at most.
+        count: u8,
+    },
+    /// One RxPDO and one TxPDO past the FIFO: PDO_DATA_OP.
+    DirectExchange {
+        /// The RxPDO.
+        outputs: &'d [u8],
+    },
+    /// One TxPDO past the FIFO, as to learn positions.
+    DirectRead,
+}
+
+impl<'d> ProcessData<'d> {
+    fn parts(self) -> (CommandCode, u8, PdoOperation, &'d [u8]) {
+        use PdoOperation as Op;
+        match self {
+            Self::Exchange { count, outputs } => (CommandCode::PdoDataFifo, count, Op::WRITE | Op::READ, outputs),
+            Self::Write { count, outputs } => (CommandCode::PdoDataFifo, count, Op::WRITE, outputs),
+            Self::Read { count } => (CommandCode::PdoDataFifo, count, Op::READ, &[]),
+            Self::DirectExchange { outputs } => (CommandCode::PdoData, 0, Op::WRITE | Op::READ | Op::VALID, outputs),
+            Self::DirectRead => (CommandCode::PdoData, 0, Op::READ | Op::VALID, &[]),
+        }
+    }
+
+    /// RxPDOs that go into the FIFO.
+    pub(super) fn queued(self) -> u8 {
+        match self {
+            Self::Exchange { count, .. } | Self::Write { count, .. } => count,
+            _ => 0,
+        }
+    }
+}
+
+/// What became of process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProcessOutcome {
+    /// The chip has answered. If they were to be read, [`Host::inputs`](super::Host::inputs) has the TxPDOs.
+    Done {
+        /// TxPDOs were read; `false` if none were asked for, or the TxFIFO was empty.
+        read: bool,
+    },
+    /// The RxFIFO was full: the RxPDOs are lost.
+    Full,
+    /// The chip refused the command: wrong length, or process data are not exchanged yet.
+    Refused,
+    /// The RxPDOs were written; the answer and the TxPDOs in it are lost.
+    AnswerLost,
+    /// The RxPDOs were not written. Later ones have gone out since then, so that these are not sent again.
+    NotWritten,
+    /// No answer came in time, or the chip was reset: whether the RxPDOs were written is unknown.
+    Unknown,
+}
+
+/// The end of an exchange of process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessReport {
+    /// Which ones: what [`Host::process`](super::Host::process) gave for them.
+    pub sequence: u32,
+    /// What became of them.
+    pub outcome: ProcessOutcome,
+}
+
+/// Process data that were written and overtaken by the next ones before their answer was there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Overtaken {
+    pub(super) sequence: u32,
+    pub(super) index: u8,
+    pub(super) code: CommandCode,
+    pub(super) written: u8,
+    pub(super) reads: bool,
+    /// How many packets the chip had rejected when they were overtaken, as far as was seen.
+    pub(super) rejections: u64,
+    /// The chip's count of errors does not tell how many packets it rejected since then.
+    pub(super) unclear: bool,
+}
+
+/// What was submitted and not sent yet.
+#[derive(Clone, Debug)]
+struct Waiting {
+    sequence: u32,
+    code: CommandCode,
+    arguments: Arguments,
+    /// PDOs into the FIFO; for [`CommandCode::PdoData`] with outputs 1.
+    written: u8,
+    queued: u8,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Process {
+    sequence: u32,
+    waiting: Option<Waiting>,
+    outputs: [u8; DataSize::MAX.bytes()],
+    inputs: [u8; DataSize::MAX.bytes()],
+    inputs_len: usize,
+    reports: [Option<ProcessReport>; REPORTS],
+    pub(super) overtaken: Option<Overtaken>,
+}
+
+/// What is needed of process data that go out.
+pub(super) struct Outgoing {
+    pub(super) sequence: u32,
+    pub(super) code: CommandCode,
+    /// RxPDOs, in the FIFO or past it.
+    pub(super) written: u8,
+    /// RxPDOs into the FIFO.
+    pub(super) queued: u8,
+    pub(super) reads: bool,
+}
+
+impl Process {
+    pub(super) const fn new() -> Self {
+        Self {
+            sequence: 0,
+            waiting: None,
+            outputs: [0; DataSize::MAX.bytes()],
+            inputs: [0; DataSize::MAX.bytes()],
+            inputs_len: 0,
+            reports: [None; REPORTS],
+            overtaken: None,
+        }
+    }
+
+    /// The sequence of the data that wait, if any do.
+    pub(super) fn waiting(&self) -> Option<u32> {
+        self.waiting.as_ref().map(|waiting| waiting.sequence)
+    }
+
+    pub(super) fn submit(&mut self, data: ProcessData<'_>, most: usize) -> Result<u32, HostError> {
+        let (code, parameter, operation, outputs) = data.parts();
+        if let Some(sequence) = self.waiting() {
+            return Err(HostError::ProcessBusy { sequence });
+        }
+        if outputs.len() > most {
+            return Err(HostError::TooLong { code, found: outputs.len(), most });
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        self.outputs[..outputs.len()].copy_from_slice(outputs);
+        // A segment has 1408 bytes at most.
+        let arguments =
+            Arguments { parameter, info: [operation.0, 0, 0, 0], len: outputs.len() as u16, ..Arguments::NONE };
+        let written = match data {
+            ProcessData::DirectExchange { .. } => 1,
+            _ => data.queued(),
+        };
+        self.waiting = Some(Waiting { sequence: self.sequence, code, arguments, written, queued: data.queued() });
+        Ok(self.sequence)
+    }
+
+    /// What goes out next, and its request.
+    pub(super) fn outgoing(&self) -> Option<(Outgoing, Request<'_>)> {
+        let Waiting { sequence, code, arguments, written, queued } = self.waiting.as_ref()?;
+        let reads = PdoOperation(arguments.info[0]).contains(PdoOperation::READ);
+        let outgoing = Outgoing { sequence: *sequence, code: *code, written: *written, queued: *queued, reads };
+        let data = &self.outputs[..arguments.len.into()];
+        Some((outgoing, Request::Unknown(UnknownCommand { code: *code, arguments: *arguments, data })))
+    }
+
+    /// They are on their way.
+    pub(super) fn sent(&mut self) {
+        self.waiting = None;
+    }
+
+    /// Keeps the TxPDOs of an answer.
+    pub(super) fn keep(&mut self, answer: &AnswerPacket<'_>) {
+        self.inputs_len = answer.data.len().min(answer.header.len.into());
+        self.inputs[..self.inputs_len].copy_from_slice(&answer.data[..self.inputs_len]);
+    }
+
+    pub(super) fn inputs(&self) -> &[u8] {
+        &self.inputs[..self.inputs_len]
+    }
+
+    /// Adds a report; whether the oldest one had to go for it.
+    pub(super) fn report(&mut self, report: ProcessReport) -> bool {
+        let lost = self.reports[REPORTS - 1].is_some();
+        if lost {
+            self.reports.rotate_left(1);
+            self.reports[REPORTS - 1] = Some(report);
+        } else if let Some(place) = self.reports.iter_mut().find(|place| place.is_none()) {
+            *place = Some(report);
+        }
+        lost
+    }
+
+    pub(super) fn take_report(&mut self) -> Option<ProcessReport> {
+        let report = self.reports[0].take();
+        self.reports.rotate_left(1);
+        report
+    }
+}

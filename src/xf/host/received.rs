@@ -1,0 +1,240 @@
+//! What came back: damaged, not ready, or an answer, and what its header says.
+
+use super::flight::{Purpose, Verdict};
+use super::process::ProcessOutcome;
+use super::slots::{SlotState, Slots};
+use super::{Host, HostError, HostState, Outstanding, StartStep};
+use crate::ethercat::Ns;
+use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, Coverage, Errors, PacketError, Received, Status};
+
+impl Host {
+    /// Takes what came back in the exchange that [`Self::next`] asked for: as many bytes as went out, or none if the
+    /// exchange failed. `now` is when it ended.
+    pub fn received(&mut self, now: Ns, bytes: &[u8]) {
+        let ready = core::mem::take(&mut self.ready_seen);
+        match self.outstanding.take() {
+            None => self.counters.stray += 1,
+            Some(Outstanding::Filler) => {
+                self.pacer.ended(now, &self.config, ready, false);
+                self.searched(now, bytes);
+            }
+            Some(Outstanding::Packet) if self.is_resize() => self.resized(now),
+            Some(Outstanding::Packet) => {
+                self.counters.exchanges += 1;
+                let parsed = self.parse(bytes);
+                match parsed {
+                    Ok(Received::NotReady) => self.pacer.slower(&self.config),
+                    Ok(Received::Answer(_)) => self.pacer.faster(&self.config),
+                    Err(_) => {}
+                }
+                self.pacer.ended(now, &self.config, ready, true);
+                match parsed {
+                    Ok(Received::Answer(answer)) => self.answered(now, &answer),
+                    Ok(Received::NotReady) => self.counters.not_ready += 1,
+                    Err(error) => self.damaged(now, error),
+                }
+            }
+        }
+    }
+
+    /// Bytes of the search.
+    fn searched(&mut self, now: Ns, bytes: &[u8]) {
+        let Some(size) = self.search.take(bytes) else {
+            let waited_ns = now.saturating_sub(self.search.since);
+            if waited_ns >= self.config.deadlines.search_ns {
+                self.stop(HostError::Silent { waited_ns, bytes: self.search.bytes() });
+            }
+            return;
+        };
+        match self.state {
+            HostState::Searching if size == self.size => self.state = HostState::Running,
+            HostState::Searching => {
+                self.size = size;
+                self.chip_was_reset(now);
+            }
+            _ => {
+                self.size = size;
+                self.flight = None;
+                self.state = HostState::Starting(StartStep::PackSize);
+            }
+        }
+        if let Some(flight) = &mut self.flight {
+            flight.deadline = flight.deadline.saturating_add(now.saturating_sub(self.search.since));
+        }
+    }
+
+    fn is_resize(&self) -> bool {
+        matches!(self.flight, Some(flight) if flight.purpose == Purpose::Start(StartStep::Resize))
+    }
+
+    /// SPI_RECONFIG_OP went out: the answer is skipped, as the vendor's driver does, and the new n is tried.
+    fn resized(&mut self, now: Ns) {
+        self.counters.exchanges += 1;
+        self.flight = None;
+        self.size = self.config.wanted_size.unwrap_or(self.size);
+        self.pacer.hold(now.saturating_add(self.config.deadlines.resize_ns));
+        self.state = HostState::Starting(StartStep::PackSize);
+    }
+
+    /// The answer. What a CRC-32 covers is tried both ways until the first one was right.
+    fn parse<'p>(&mut self, bytes: &'p [u8]) -> Result<Received<'p>, PacketError> {
+        let first = AnswerPacket::parse(bytes, self.size, self.rule.coverage);
+        if self.coverage_known {
+            return first;
+        }
+        let other = match self.rule.coverage {
+            Coverage::All => Coverage::Valid,
+            Coverage::Valid => Coverage::All,
+        };
+        let (parsed, coverage) = match first {
+            Err(PacketError::CheckWord { kind: CheckType::Crc32, .. }) => {
+                (AnswerPacket::parse(bytes, self.size, other).or(first), other)
+            }
+            first => (first, self.rule.coverage),
+        };
+        if let Ok(Received::Answer(answer)) = &parsed
+            && answer.header.status.check_type() == Ok(CheckType::Crc32)
+        {
+            self.rule.coverage = coverage;
+            self.coverage_known = true;
+        }
+        parsed
+    }
+
+    fn damaged(&mut self, now: Ns, error: PacketError) {
+        self.counters.damaged += 1;
+        self.last_error = Some(error);
+        self.bad_in_row += 1;
+        if self.bad_in_row >= self.config.resync_after {
+            let running = self.state == HostState::Running;
+            let state = if running { HostState::Searching } else { HostState::Starting(StartStep::Search) };
+            self.begin_search(now, state);
+        }
+    }
+
+    fn answered(&mut self, now: Ns, answer: &AnswerPacket<'_>) {
+        let header = answer.header;
+        self.counters.answers += 1;
+        self.counters.nops += u64::from(header.status.contains(Status::NOP));
+        self.bad_in_row = 0;
+        if self.crc_on && header.status.check_type() == Ok(CheckType::Fixed) {
+            self.chip_was_reset(now);
+            self.header = Some(header);
+            return;
+        }
+        // An answer that comes twice says nothing about the packet before.
+        let tells = |header: &AnswerHeader| (header.index, header.code, header.status.contains(Status::NOP));
+        let new = self.header.is_none_or(|before| tells(&before) != tells(&header));
+        let (index, code, copies) = self.sent[0];
+        self.in_step = new && copies <= 2 && (header.index, header.code) == (index, code);
+        let rejected = self.count_rejections(&header);
+        self.header = Some(header);
+        self.stuck = Errors(self.stuck.0 & header.errors.0);
+        if self.to_clear() == Errors::NONE {
+            self.clear_tries = 0;
+        }
+        self.room.answer(self.exchange, header.rx_fifo);
+        self.give_to_flight(now, answer, rejected);
+        self.follow_check_type(&header);
+    }
+
+    /// Counts packets that the chip rejected since the answer before; whether there were any.
+    ///
+    /// `[OURS]` Its count of CRC errors rose, or its error bits for packets have appeared. A count that fell, and bits
+    /// without a count, belong to an answer that comes late, to a count that was cleared or does not rise above 255:
+    /// how many packets it were is unclear then.
+    fn count_rejections(&mut self, header: &AnswerHeader) -> bool {
+        let Some(before) = self.header else { return false };
+        let rose = header.crc_errors.wrapping_sub(before.crc_errors);
+        let bits = Errors(header.errors.0 & (Errors::SPI | Errors::CRC).0);
+        let appeared = bits.without(before.errors) != Errors::NONE;
+        let unclear = rose > u8::MAX / 2 || rose == 0 && (appeared || header.crc_errors == u8::MAX);
+        if unclear {
+            if let Some(overtaken) = &mut self.process.overtaken {
+                overtaken.unclear = true;
+            }
+            return rose > 0 || appeared;
+        }
+        self.rejections += u64::from(rose);
+        self.counters.rejected += u64::from(rose);
+        rose > 0
+    }
+
+    fn give_to_flight(&mut self, now: Ns, answer: &AnswerPacket<'_>, rejected: bool) {
+        let header = &answer.header;
+        let nop = header.status.contains(Status::NOP);
+        if !nop && self.settle_overtaken(Some(answer)) {
+            return;
+        }
+        let Some(flight) = &mut self.flight else {
+            self.counters.stray += 1;
+            return;
+        };
+        let verdict = flight.judge(header, rejected);
+        let flight = *flight;
+        match verdict {
+            Verdict::Open => {
+                // A NOP answers a copy whose first answer is there already, or one that was rejected.
+                self.counters.stray += u64::from(!nop);
+            }
+            Verdict::Result | Verdict::Lost => {
+                self.flight = None;
+                self.settled = now;
+                self.busy = header.status.contains(Status::BUSY);
+                self.settle(now, &flight, verdict, answer);
+                self.look_for_end(now, &flight, header);
+            }
+        }
+    }
+
+    /// Commands have the check type that the chip's answers have; until it is CRC-32 for good, a packet with another
+    /// one is made anew.
+    fn follow_check_type(&mut self, header: &AnswerHeader) {
+        let Ok(kind) = header.status.check_type() else { return };
+        if matches!(self.state, HostState::Starting(_)) && kind != self.rule.kind {
+            self.rule = CheckRule { kind, ..self.rule };
+            self.flight = None;
+        }
+    }
+
+    /// What the chip was to do is lost; it is started anew.
+    pub(super) fn chip_was_reset(&mut self, now: Ns) {
+        self.counters.chip_resets += 1;
+        self.forget_all();
+        self.started = now;
+        self.state = HostState::Starting(StartStep::PackSize);
+    }
+
+    /// Ends all that waits or is under way, and knows nothing of the chip any more but n.
+    pub(super) fn forget_all(&mut self) {
+        if let Some(flight) = self.flight.take()
+            && let Purpose::Process { sequence, written, .. } = flight.purpose
+        {
+            self.counters.rx_unknown += u64::from(written);
+            self.report(sequence, ProcessOutcome::Unknown);
+        }
+        self.settle_overtaken(None);
+        if let Some(sequence) = self.process.waiting() {
+            self.process.sent();
+            self.report(sequence, ProcessOutcome::NotWritten);
+        }
+        self.slots.fail_all(HostError::ChipReset);
+        self.room = super::RxRoom::new(self.config.rx_entries);
+        self.header = None;
+        self.other_size = None;
+        self.busy = true;
+        self.crc_on = false;
+        self.rule.kind = CheckType::Fixed;
+        self.stuck = Errors::NONE;
+        self.clear_tries = 0;
+    }
+}
+
+/// The slot whose command runs, if one does.
+pub(super) fn running_since(slots: &Slots) -> Option<(usize, Ns)> {
+    let slot = slots.running()?;
+    match slots.all[slot].state {
+        SlotState::Running(since) => Some((slot, since)),
+        _ => None,
+    }
+}

@@ -1,0 +1,237 @@
+//! What the end of a packet means for whom it was sent for.
+
+use super::flight::{Flight, Part, Purpose, Verdict};
+use super::process::{Overtaken, ProcessOutcome};
+use super::received::running_since;
+use super::slots::{SlotState, has_result, only_reads};
+use super::{Host, HostError, HostState, StartStep};
+use crate::coe::AbortCode;
+use crate::ethercat::Ns;
+use crate::xf::request::{CrcTypeSet, FirmwareVersionGet, PdoOperation, SpiPackSizeGet};
+use crate::xf::response::Returned;
+use crate::xf::{AnswerHeader, AnswerPacket, CheckType, CommandCode, DataSize, Errors, Status};
+
+impl Host {
+    /// The packet of `flight` has its answer, or its answer is lost and `answer` shows that it ran.
+    pub(super) fn settle(&mut self, now: Ns, flight: &Flight, verdict: Verdict, answer: &AnswerPacket<'_>) {
+        let lost = verdict == Verdict::Lost;
+        match flight.purpose {
+            Purpose::Start(step) if !lost => self.started(now, step, answer),
+            // The step is done again.
+            Purpose::Start(_) => {}
+            Purpose::Info => {}
+            Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, answer),
+            Purpose::Process { sequence, written, reads, .. } => {
+                self.settle_process(sequence, flight.code, written, reads, lost, answer);
+                self.settle_overtaken_by(flight);
+            }
+        }
+    }
+
+    /// A step of the start has its answer.
+    fn started(&mut self, now: Ns, step: StartStep, answer: &AnswerPacket<'_>) {
+        let next = match step {
+            StartStep::PackSize => match answer.answer_to(&SpiPackSizeGet) {
+                Ok(size) if size != self.size => {
+                    if self.other_size.replace(size) != Some(size) {
+                        return;
+                    }
+                    self.stop(HostError::OtherSize { expected: self.size, found: size });
+                    return;
+                }
+                Ok(size) if self.config.wanted_size.is_some_and(|wanted| wanted != size) => Some(StartStep::Resize),
+                Ok(_) => step.next(),
+                Err(_) => return,
+            },
+            StartStep::CheckType => {
+                if answer.answer_to(&CrcTypeSet { kind: CheckType::Crc32 }).is_err()
+                    || answer.header.status.check_type() != Ok(CheckType::Crc32)
+                {
+                    return;
+                }
+                self.rule.kind = CheckType::Crc32;
+                self.crc_on = true;
+                step.next()
+            }
+            StartStep::Version => {
+                self.version = answer.answer_to(&FirmwareVersionGet).ok();
+                if self.version.is_none() {
+                    return;
+                }
+                step.next()
+            }
+            StartStep::NotBusy if self.busy => return,
+            _ => step.next(),
+        };
+        self.settled = now;
+        self.state = next.map_or(HostState::Running, HostState::Starting);
+    }
+
+    fn settle_slot(&mut self, now: Ns, slot: usize, part: Part, lost: bool, answer: &AnswerPacket<'_>) {
+        let refused = answer.header.errors.without(self.stuck).contains(Errors::COMMAND);
+        let this = &mut self.slots.all[slot];
+        let (code, arguments) = (this.code, this.arguments);
+        let immediate = code.is_immediate(arguments.parameter);
+        this.state = match part {
+            Part::AbortCode if lost => SlotState::Waiting(Part::AbortCode),
+            Part::AbortCode => {
+                let word = answer.data.first_chunk::<4>().filter(|_| answer.header.len >= 4 && !refused);
+                let abort = word.map(|word| AbortCode(u32::from_le_bytes(*word)));
+                SlotState::Done(Err(HostError::Failed { code, abort, waited_ns: this.failed_after }))
+            }
+            Part::Read | Part::Request if refused => {
+                let code = if part == Part::Read { this.answering() } else { code };
+                SlotState::Done(Err(HostError::Refused { code }))
+            }
+            Part::Request if !immediate => {
+                self.accepted = self.exchange;
+                self.busy = true;
+                SlotState::Running(now)
+            }
+            Part::Read if lost => SlotState::Waiting(Part::Read),
+            Part::Request if lost && only_reads(code, &arguments) => SlotState::Waiting(Part::Request),
+            Part::Request if lost => {
+                (this.returned, this.held) = (Returned::NONE, 0);
+                let has_result = has_result(code, &arguments);
+                SlotState::Done(if has_result { Err(HostError::AnswerLost { code }) } else { Ok(()) })
+            }
+            Part::Read | Part::Request => {
+                this.keep(answer);
+                SlotState::Done(Ok(()))
+            }
+        };
+        match this.state {
+            SlotState::Waiting(_) => self.counters.asked_again += 1,
+            _ => self.counters.answers_lost += u64::from(lost),
+        }
+        if this.state == SlotState::Done(Ok(())) && part == Part::Request {
+            self.learn(code, arguments.parameter, answer.header.ret, lost);
+        }
+    }
+
+    /// What a command that was done tells about the FIFOs.
+    fn learn(&mut self, code: CommandCode, parameter: u8, ret: u8, lost: bool) {
+        match code {
+            CommandCode::FifoSetRxCount => self.room.entries = parameter,
+            CommandCode::FifoGetRxCount if !lost => self.room.entries = ret,
+            CommandCode::FifoClear if parameter != 1 => self.room.cleared(),
+            _ => {}
+        }
+    }
+
+    /// Whether the non-immediate command has ended: the answer to a packet that was sent after it had been accepted has
+    /// the busy flag clear.
+    pub(super) fn look_for_end(&mut self, now: Ns, flight: &Flight, header: &AnswerHeader) {
+        let Some((slot, since)) = running_since(&self.slots) else { return };
+        if flight.first <= self.accepted || header.status.contains(Status::BUSY) {
+            return;
+        }
+        let failed = header.errors.without(self.stuck).contains(Errors::NON_IMMEDIATE);
+        let this = &mut self.slots.all[slot];
+        (this.returned, this.held) = (Returned::NONE, 0);
+        this.failed_after = now.saturating_sub(since);
+        this.submitted = now;
+        let code = this.code;
+        this.state = match this.read {
+            _ if failed && code == CommandCode::SdoRequest => SlotState::Waiting(Part::AbortCode),
+            _ if failed => SlotState::Done(Err(HostError::Failed { code, abort: None, waited_ns: this.failed_after })),
+            Some(_) => SlotState::Waiting(Part::Read),
+            None => SlotState::Done(Ok(())),
+        };
+    }
+
+    fn settle_process(
+        &mut self,
+        sequence: u32,
+        code: CommandCode,
+        written: u8,
+        reads: bool,
+        lost: bool,
+        answer: &AnswerPacket<'_>,
+    ) {
+        let errors = answer.header.errors.without(self.stuck);
+        let pdos = u64::from(written);
+        let done = PdoOperation(answer.header.ret);
+        let fifo = code == CommandCode::PdoDataFifo;
+        let nothing = lost || !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ);
+        let outcome = if nothing && errors.contains(Errors::COMMAND) {
+            ProcessOutcome::Refused
+        } else if lost && fifo && written > 0 && errors.contains(Errors::FIFO) {
+            ProcessOutcome::Full
+        } else if lost {
+            ProcessOutcome::AnswerLost
+        } else if done.contains(PdoOperation::FAILED) || fifo && written > 0 && !done.contains(PdoOperation::WRITE) {
+            ProcessOutcome::Full
+        } else {
+            // What the return byte of 6 means no manual says: its data tell.
+            let read = reads && if fifo { done.contains(PdoOperation::READ) } else { answer.header.len > 0 };
+            ProcessOutcome::Done { read }
+        };
+        match outcome {
+            ProcessOutcome::Done { read } => {
+                self.counters.rx_written += pdos;
+                if read {
+                    self.process.keep(answer);
+                }
+            }
+            ProcessOutcome::AnswerLost => {
+                self.counters.rx_written += pdos;
+                self.counters.answers_lost += 1;
+                self.counters.tx_lost += u64::from(reads);
+            }
+            _ => {
+                self.counters.rx_full += if outcome == ProcessOutcome::Full { pdos } else { 0 };
+                self.room.not_written(sequence);
+            }
+        }
+        self.report(sequence, outcome);
+    }
+
+    /// Process data that were overtaken by the next ones: `answer` may be theirs. With `None` nothing will tell any
+    /// more. Whether the answer was theirs.
+    pub(super) fn settle_overtaken(&mut self, answer: Option<&AnswerPacket<'_>>) -> bool {
+        let Some(overtaken) = self.process.overtaken else { return false };
+        let Overtaken { sequence, index, code, written, reads, .. } = overtaken;
+        match answer {
+            Some(answer) if answer.header.index == index && answer.header.code == code => {
+                self.process.overtaken = None;
+                self.settle_process(sequence, code, written, reads, false, answer);
+                true
+            }
+            Some(_) => false,
+            None => {
+                self.process.overtaken = None;
+                self.counters.rx_unknown += u64::from(written);
+                self.report(sequence, ProcessOutcome::Unknown);
+                false
+            }
+        }
+    }
+
+    /// The process data behind them have their answer, and they have not: the chip's count of errors says whether they
+    /// were written. Of the packets since then `flight` ran once, and the newest copy is not counted yet; whatever else
+    /// was sent may have been rejected.
+    fn settle_overtaken_by(&mut self, flight: &Flight) {
+        let Some(overtaken) = self.process.overtaken.take() else { return };
+        let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;
+        let rejected = self.rejections - rejections;
+        let others = u64::from(flight.copies.saturating_sub(2));
+        let pdos = u64::from(written);
+        let outcome = if rejected == 0 && !unclear {
+            self.counters.rx_written += pdos;
+            self.counters.answers_lost += 1;
+            self.counters.tx_lost += u64::from(reads);
+            ProcessOutcome::AnswerLost
+        } else if rejected > others && !unclear {
+            self.counters.rx_dropped += pdos;
+            self.room.not_written(sequence);
+            ProcessOutcome::NotWritten
+        } else {
+            self.counters.rx_unknown += pdos;
+            ProcessOutcome::Unknown
+        };
+        self.report(sequence, outcome);
+    }
+}
+
+const _: () = assert!(DataSize::MIN.bytes() >= 20, "the longest answer of the start fits into the least packet");

@@ -1,0 +1,81 @@
+//! The steps from a chip of which nothing is known to one that takes commands: the usual start of an application (OBS).
+
+use core::fmt;
+
+use crate::xf::request::{
+    CrcTypeSet, FifoClear, FifoEnable, Fifos, FirmwareVersionGet, InfoUpdate, Request, SpiPackSizeGet, SpiReconfig,
+};
+use crate::xf::{CheckType, Control, DataSize};
+
+/// A step of the start. Each may be done twice without harm, so that one whose answer is lost is done again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StartStep {
+    /// Packets are found in the stream of bytes, and with them n.
+    Search,
+    /// SPI_PACK_SIZE_GET: the chip is asked for n.
+    PackSize,
+    /// SPI_RECONFIG_OP: the chip is set to the n that is wanted.
+    Resize,
+    /// CRC_TYPE_SET 3: CRC-32.
+    CheckType,
+    /// FW_VERSION_GET.
+    Version,
+    /// INFO_UPDATE until the chip is not busy; errors of before are cleared.
+    NotBusy,
+    /// FIFO_ENABLE 0: the RxFIFO is not put out.
+    FifoOff,
+    /// FIFO_CLR_OP: both FIFOs are emptied.
+    FifoClear,
+}
+
+impl StartStep {
+    /// What is sent in this step; `wanted` is the n that [`Self::Resize`] sets.
+    pub(super) fn request(self, wanted: DataSize) -> Request<'static> {
+        match self {
+            Self::PackSize => SpiPackSizeGet.into(),
+            Self::Resize => SpiReconfig { size: wanted }.into(),
+            Self::CheckType => CrcTypeSet { kind: CheckType::Crc32 }.into(),
+            Self::Version => FirmwareVersionGet.into(),
+            // While packets are searched none is sent.
+            Self::Search | Self::NotBusy => InfoUpdate.into(),
+            Self::FifoOff => FifoEnable { on: false }.into(),
+            Self::FifoClear => FifoClear { fifos: Fifos::Both }.into(),
+        }
+    }
+
+    /// The errors that the packet of this step clears.
+    pub(super) const fn control(self) -> Control {
+        match self {
+            Self::NotBusy => Control::CLEAR_ALL,
+            _ => Control::NONE,
+        }
+    }
+
+    /// The step behind this one; `None` after the last one. [`Self::Resize`] stands beside the order.
+    pub(super) const fn next(self) -> Option<Self> {
+        match self {
+            Self::Search | Self::Resize => Some(Self::PackSize),
+            Self::PackSize => Some(Self::CheckType),
+            Self::CheckType => Some(Self::Version),
+            Self::Version => Some(Self::NotBusy),
+            Self::NotBusy => Some(Self::FifoOff),
+            Self::FifoOff => Some(Self::FifoClear),
+            Self::FifoClear => None,
+        }
+    }
+}
+
+impl fmt::Display for StartStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Search => "the search for packets",
+            Self::PackSize => "SPI_PACK_SIZE_GET",
+            Self::Resize => "SPI_RECONFIG_OP",
+            Self::CheckType => "CRC_TYPE_SET",
+            Self::Version => "FW_VERSION_GET",
+            Self::NotBusy => "INFO_UPDATE until the chip is not busy",
+            Self::FifoOff => "FIFO_ENABLE",
+            Self::FifoClear => "FIFO_CLR_OP",
+        })
+    }
+}

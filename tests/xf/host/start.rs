@@ -1,0 +1,243 @@
+//! From a chip of which nothing is known to one that runs, and what has a deadline.
+
+use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, StartStep};
+use ecmsk::xf::{CheckType, CommandCode, Coverage, DataSize};
+
+use super::Rig;
+use super::chip::{Chip, Fault};
+
+fn codes(rig: &Rig) -> Vec<u8> {
+    rig.chip.taken.iter().map(|(_, code)| code.code()).collect()
+}
+
+/// XF-12.1 From every offset of the stream a chip of unknown n is found and started, with the steps in their order.
+#[test]
+fn n_and_the_offset_are_found() {
+    for offset in 0..144 {
+        let mut rig = Rig::new(HostConfig::default(), Chip::new(DataSize::MANUAL));
+        rig.chip.clock(&vec![0; offset]);
+        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        assert_eq!(rig.host.size(), DataSize::MANUAL);
+        assert_eq!((codes(&rig), rig.chip.kind), (vec![20, 25, 56, 0, 18, 51], CheckType::Crc32), "offset {offset}");
+        assert_eq!(rig.host.version().map(|version| version.version), Some(0x22));
+        assert_eq!(rig.host.counters().searches, 1);
+    }
+}
+
+/// XF-12.1 Chips of every n, with a CRC-32 of either coverage in force from before, and one that is busy.
+#[test]
+fn chips_of_all_kinds_are_started() {
+    for n in [32, 33, 112, 992, 1024, 1408] {
+        for coverage in [Coverage::All, Coverage::Valid] {
+            for kind in [CheckType::Fixed, CheckType::Crc32] {
+                let mut chip = Chip::new(DataSize::new(n).expect("in range"));
+                (chip.coverage, chip.kind) = (coverage, kind);
+                chip.clock(&[0; 2000]);
+                let mut rig = Rig::new(HostConfig::default(), chip);
+                rig.until("running", |rig| rig.host.state() == HostState::Running);
+                assert_eq!(rig.host.size().bytes(), n);
+                let ticket = rig.submit(&ecmsk::xf::request::SpiPackSizeGet);
+                rig.done(ticket);
+            }
+        }
+    }
+}
+
+/// XF-12.1 A size that is given is believed if it holds, and searched if not.
+#[test]
+fn a_wrong_size_is_corrected() {
+    let config = HostConfig { size: Some(DataSize::NEWER), ..HostConfig::default() };
+    let mut rig = Rig::new(config, Chip::new(DataSize::NEWER));
+    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    assert_eq!(rig.host.counters().searches, 0);
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    assert_eq!((rig.host.size(), rig.host.counters().searches), (DataSize::MANUAL, 1));
+}
+
+/// XF-12.2 The n that is wanted is set, with 100 ms of silence behind the command.
+#[test]
+fn the_size_is_set() {
+    let config = HostConfig { wanted_size: DataSize::new(300), ..HostConfig::default() };
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    rig.until("resized", |rig| rig.chip.size.bytes() == 300);
+    let before = rig.now;
+    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    assert!(rig.now - before >= 100_000_000);
+    assert_eq!(codes(&rig)[..3], [20, 23, 20]);
+    assert_eq!(rig.host.size().bytes(), 300);
+}
+
+/// XF-12.1 The start ends well whatever single exchange of it goes wrong.
+#[test]
+fn each_exchange_of_the_start_may_fail() {
+    let all = [
+        Fault::ToChip(11 * 8),
+        Fault::ToChip(600),
+        Fault::ToHost(600),
+        Fault::ToHost(12 * 8),
+        Fault::ToHost(24 * 8 + 5),
+        Fault::NotReady,
+        Fault::Lost,
+        Fault::Doubled,
+        Fault::Replaced,
+        Fault::Stranger,
+        Fault::Reset,
+    ];
+    for fault in all {
+        for at in 0..16 {
+            let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
+            let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+            rig.faults = vec![Fault::None; at];
+            rig.faults.push(fault);
+            rig.exchanges(at + 1);
+            rig.until("running", |rig| rig.host.state() == HostState::Running);
+            assert_eq!(rig.chip.kind, CheckType::Crc32, "{fault:?} at {at}");
+        }
+    }
+}
+
+/// XF-12.3 A line without a chip ends the search with what was seen; after a restart it goes on.
+#[test]
+fn a_silent_chip_has_a_deadline() {
+    for level in [0, 0xFF] {
+        let mut host = Host::new(0, HostConfig::default());
+        let mut now = 0;
+        let error = loop {
+            match host.next(now) {
+                Ok(Next::Exchange(bytes)) => {
+                    let back = vec![level; bytes.len()];
+                    now += 20_000;
+                    host.received(now, &back);
+                }
+                Ok(Next::WaitUntil(time) | Next::WaitForReady { until: time }) => now = time,
+                Err(error) => break error,
+            }
+        };
+        assert!(
+            matches!(error, HostError::Silent { waited_ns: 3_000_000_000..3_001_000_000, bytes: 1.. }),
+            "{error:?}"
+        );
+        assert!(error.to_string().contains("check power"), "{error}");
+        assert_eq!(host.next(now), Err(error));
+        assert_eq!(host.state(), HostState::Stopped(error));
+        host.restart(now);
+        assert_eq!(host.state(), HostState::Starting(StartStep::Search));
+    }
+}
+
+/// XF-12.3 A chip that stays busy at the start has a deadline, and one that is never ready.
+#[test]
+fn a_start_that_does_not_end() {
+    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    rig.chip.keep_busy();
+    let error = rig.stops();
+    assert!(matches!(error, HostError::StartTooLong { step: StartStep::NotBusy, .. }), "{error}");
+
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    rig.faults = vec![Fault::NotReady; 100_000];
+    let error = rig.stops();
+    assert!(matches!(error, HostError::StartTooLong { .. } | HostError::Silent { .. }), "{error}");
+}
+
+/// XF-12.4 Between exchanges there is the idle time; an answer "not ready" doubles it, others bring it back.
+#[test]
+fn idle_time() {
+    let mut rig = Rig::running(HostConfig::default());
+    let none = Fault::None;
+    rig.faults = vec![none, Fault::NotReady, Fault::NotReady, none, none, none, none];
+    let mut ended = Vec::new();
+    for _ in 0..7 {
+        if rig.host.process(ProcessData::Read { count: 1 }).is_err() {
+            rig.host.take_report();
+        }
+        rig.exchanges(1);
+        ended.push(rig.now);
+    }
+    let gaps: Vec<u64> = ended.windows(2).map(|pair| (pair[1] - pair[0]) / 1000 - 40).collect();
+    assert_eq!(gaps, [150, 300, 600, 300, 150, 150]);
+}
+
+/// XF-12.4 With INT0 the next exchange begins at its edge; without the edge after the deadline, and three times in a
+/// row end it.
+#[test]
+fn int0() {
+    let config = HostConfig { pacing: Pacing::Int0, ..HostConfig::default() };
+    let mut rig = Rig::new(HostConfig { size: Some(DataSize::MANUAL), ..config }, Chip::new(DataSize::MANUAL));
+    rig.int0_ns = Some(30_000);
+    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    let exchanges = rig.host.counters().exchanges;
+    assert!(rig.now < exchanges * 71_000 + 2_000_000, "{} exchanges in {} ns", exchanges, rig.now);
+
+    rig.int0_ns = None;
+    let error = rig.stops();
+    assert_eq!(error, HostError::Int0Missing { waited_ns: 10_000_000, times: 3 });
+    assert_eq!(rig.host.counters().int0_missed, 3);
+}
+
+/// XF-12.5 After a reset of the chip all that waits ends with that error, and the chip is started anew, even with
+/// another n.
+#[test]
+fn a_reset_is_seen() {
+    for start in [DataSize::MANUAL, DataSize::NEWER] {
+        let mut rig = Rig::running(HostConfig::default());
+        rig.chip.start = start;
+        let ticket = rig.submit(&ecmsk::xf::request::SlaveCountGet);
+        rig.faults = vec![Fault::Reset];
+        rig.done(ticket);
+        let result = rig.host.take(ticket, &ecmsk::xf::request::SlaveCountGet);
+        assert_eq!(result, Some(Err(HostError::ChipReset)), "{start:?}");
+        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        assert_eq!((rig.host.counters().chip_resets, rig.host.size()), (1, start));
+        assert!(!rig.chip.ran.iter().any(|(code, _)| *code == CommandCode::SlaveCountGet));
+    }
+}
+
+/// XF-12.6 After many damaged answers in a row the beginning of packets is searched, and what was under way goes on.
+#[test]
+fn a_shifted_stream_is_found_again() {
+    let mut rig = Rig::running(HostConfig::default());
+    let ticket = rig.submit(&ecmsk::xf::request::SlaveCountGet);
+    rig.chip.clock(&[0; 55]);
+    rig.until("the search", |rig| rig.host.state() == HostState::Searching);
+    rig.done(ticket);
+    assert_eq!(rig.host.take(ticket, &ecmsk::xf::request::SlaveCountGet), Some(Ok(0)));
+    let ran = rig.chip.ran.iter().filter(|(code, _)| *code == CommandCode::SlaveCountGet).count();
+    assert_eq!((ran, rig.host.counters().chip_resets), (1, 0));
+}
+
+/// XF-12.3 The deadlines are what the configuration says.
+#[test]
+fn deadlines_are_configured() {
+    let deadlines = Deadlines { search_ns: 50_000_000, ..Deadlines::default() };
+    let mut host = Host::new(7, HostConfig { deadlines, ..HostConfig::default() });
+    assert!(host.next(7).is_ok());
+    host.received(50_000_007, &[0; 64]);
+    assert!(matches!(host.next(50_000_007), Err(HostError::Silent { waited_ns: 50_000_000, bytes: 64 })));
+}
+
+/// XF-12.3 A chip that falls silent while commands wait: they end with the error with which the driver stops.
+#[test]
+fn a_chip_falls_silent() {
+    let mut rig = Rig::running(HostConfig::default());
+    let ticket = rig.submit(&ecmsk::xf::request::SlaveCountGet);
+    let sequence = rig.host.process(ProcessData::Read { count: 1 }).expect("taken");
+    rig.faults = vec![Fault::Lost; 100_000];
+    let error = rig.stops();
+    assert!(matches!(error, HostError::Silent { .. }), "{error}");
+    let result = rig.host.take(ticket, &ecmsk::xf::request::SlaveCountGet);
+    assert_eq!(result, Some(Err(error)));
+    assert_eq!(rig.host.take_report().map(|report| report.sequence), Some(sequence));
+}
+
+/// XF-12.1 A chip that says twice that n is another one than its packets have is not started.
+#[test]
+fn a_chip_that_contradicts_itself() {
+    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    rig.chip.claims = Some(DataSize::NEWER);
+    let error = rig.stops();
+    assert_eq!(error, HostError::OtherSize { expected: DataSize::MANUAL, found: DataSize::NEWER });
+    assert!(error.to_string().contains("112"), "{error}");
+}

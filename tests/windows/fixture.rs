@@ -10,6 +10,12 @@ use support::{self, Ended, root};
 /// The DLL's file.
 pub const DLL: &str = "NEXTWUSBLib.dll";
 
+/// What Wine 8 says when its own connection between a program and its server fails. It was seen rarely, when a program
+/// ended on a busy machine, in another test each time.
+const WINE_FAILED: &str = "wine client error:";
+/// How often a program is run at most if Wine itself fails.
+const WINE_RUNS: usize = 4;
+
 /// A width of programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
@@ -164,9 +170,18 @@ impl Folder {
         command
     }
 
-    /// Runs it to its end.
+    /// Runs it to its end. A run in which Wine itself failed ([`WINE_FAILED`]) says nothing about the program and is repeated.
     pub fn run<A: AsRef<OsStr>>(&self, program: &str, link: &str, arguments: impl IntoIterator<Item = A>) -> Ended {
-        support::run(self.command(program, link).args(arguments))
+        let mut command = self.command(program, link);
+        command.args(arguments);
+        for _ in 1..WINE_RUNS {
+            let ended = support::run(&mut command);
+            if !ended.stderr.contains(WINE_FAILED) {
+                return ended;
+            }
+            eprintln!("{program} on {link} is run again: {}", ended.stderr.trim_end());
+        }
+        support::run(&mut command)
     }
 
     /// Runs a program that checks itself and says `ok`.

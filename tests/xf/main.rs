@@ -12,6 +12,7 @@
 //! - `roundtrip.rs`: encoding and decoding of anything
 //! - `resync.rs`: packets in a stream of bytes
 //! - `host.rs`, `host/`: the driver of a host, against a chip that is scripted there
+//! - `pair.rs`: the driver and the model together, with the feature `sim`
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
 
 mod answers;
@@ -22,6 +23,8 @@ mod golden;
 mod header;
 mod host;
 mod packets;
+#[cfg(feature = "sim")]
+mod pair;
 mod requests;
 mod resync;
 mod roundtrip;

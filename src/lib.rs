@@ -128,6 +128,7 @@
 //! | [`sk`] | the wire format: slots, frames, CRC, commands and responses as types, a readable dump; `no_std` |
 //! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types, the driver of a host; `no_std`. In `xf::chip` a model of it |
 //! | [`ethercat`] | [`coe`] and [`cia402`]: objects, SDO abort codes, statusword and controlword; `no_std` |
+//! | [`xf_api`] | [`Xf`], the API for a chip ECM-XF: any of its commands, the start of a network, process data with types |
 //! | [`engine`] | the model of the EC01M: states of the network, command FIFO, SDO slot, homing |
 //! | [`fieldbus`] | the trait by which the model reaches its slaves, and the simulated bus |
 //! | `slave` | simulated slaves: object dictionary, CiA 402 state machine, servo drive, stepper, pulse module, IO |
@@ -135,7 +136,7 @@
 //! | [`compare`], `replay`, [`summary`] | what differs between two runs, what the model answers to a recorded one, what went wrong in one |
 //! | `port` | serves a board to other programs and machines, by TCP or as a virtual USB device |
 //! | `machine` | whether this machine is set up for a board, and what to do if it is not |
-//! | [`io`] | HID on USB and SPI with its lines, below the links `usb:` and `spi:` |
+//! | [`io`] | HID on USB and SPI with its lines, below the links `usb:`, `spi:` and `xf-spi:` |
 //!
 //! # Features
 //!
@@ -144,8 +145,8 @@
 //! | `std` | yes | everything but [`sk`], [`xf`] and [`ethercat`], which need no operating system and no allocator |
 //! | `sim` | yes | simulated slaves and the link `sim:` |
 //! | `tcp` | yes | the link `tcp:` to a board that another program serves |
-//! | `usb` | | the link `usb:`. It needs libusb on Linux, which is loaded when the link is opened, and nothing on Windows |
-//! | `spi` | | the link `spi:`, over spidev and GPIO lines (Linux) |
+//! | `usb` | | the links `usb:` and `xf-usb:`. They need libusb on Linux, which is loaded when the link is opened; on Windows `usb:` needs nothing, and there is no `xf-usb:` |
+//! | `spi` | | the links `spi:` and `xf-spi:`, over spidev and GPIO lines (Linux) |
 //! | `serve` | | `port`: serving a board |
 //!
 //! The command-line tool `ecmsk` is a package of its own, and so is the drop-in `NEXTWUSBLib` for programs in C, C++ and .NET.
@@ -204,6 +205,10 @@ mod span;
 pub mod summary;
 #[cfg(feature = "std")]
 mod threads;
+#[cfg(feature = "std")]
+pub mod xf_api;
 
 #[cfg(feature = "std")]
 pub use ecm::Ecm;
+#[cfg(feature = "std")]
+pub use xf_api::Xf;

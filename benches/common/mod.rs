@@ -28,11 +28,16 @@ pub struct Demand {
 
 /// Measures `ours` against `baseline`, in alternating blocks, and prints the figure: times per call, and the median of the
 /// ratios of the blocks. Wrap what they take and give in [`std::hint::black_box`].
-pub fn pair(name: &'static str, target: f64, mut ours: impl FnMut(), mut baseline: impl FnMut()) {
+pub fn pair(name: &'static str, target: f64, ours: impl FnMut(), baseline: impl FnMut()) {
+    pair_of_calls(Demand { name, target: Some(target), allowance: None, against: None }, ours, baseline);
+}
+
+/// As [`pair`], with all that is demanded.
+pub fn pair_of_calls(demand: Demand, mut ours: impl FnMut(), mut baseline: impl FnMut()) {
     let ours_calls = calls_per_block(&mut ours);
     let baseline_calls = calls_per_block(&mut baseline);
     pair_of_blocks(
-        Demand { name, target: Some(target), allowance: None, against: None },
+        demand,
         BLOCKS,
         || per_call_ns(ours_calls, &mut ours),
         || per_call_ns(baseline_calls, &mut baseline),

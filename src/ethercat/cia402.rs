@@ -86,6 +86,20 @@ pub enum DriveState {
 }
 
 impl DriveState {
+    /// Bits 0 to 3, 5 and 6 of the statusword in this state. Bit 5 is 0 where CiA 402 leaves it open.
+    pub const fn status_bits(self) -> u8 {
+        match self {
+            Self::NotReadyToSwitchOn => 0x00,
+            Self::SwitchOnDisabled => 0x40,
+            Self::ReadyToSwitchOn => 0x21,
+            Self::SwitchedOn => 0x23,
+            Self::OperationEnabled => 0x27,
+            Self::QuickStopActive => 0x07,
+            Self::FaultReactionActive => 0x0F,
+            Self::Fault => 0x08,
+        }
+    }
+
     /// The state's name in CiA 402.
     pub const fn name(self) -> &'static str {
         match self {

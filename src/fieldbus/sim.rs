@@ -29,8 +29,7 @@ use super::{
     AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
     SlaveSet,
 };
-use crate::slave::Slave;
-use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
+use crate::slave::{Slave, step_all};
 use jobs::RunningJob;
 
 /// A slave at its place on the cable.
@@ -267,14 +266,7 @@ impl Fieldbus for SimBus {
         self.update_lost();
         let done = (!self.is_down()).then(|| self.exchange(inputs));
         self.apply_faults();
-        for stations in self.stations.chunks_mut(SIDE_BY_SIDE) {
-            let mut motors = [const { None }; SIDE_BY_SIDE];
-            for (motor, station) in motors.iter_mut().zip(&mut *stations) {
-                *motor = station.slave.begin_step(dt_ns);
-            }
-            follow_side_by_side(&mut motors, dt_ns);
-            stations.iter_mut().for_each(|station| station.slave.end_step(dt_ns));
-        }
+        step_all(&mut self.stations, |station| &mut *station.slave, dt_ns);
         self.publish_shafts();
         done
     }

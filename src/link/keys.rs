@@ -13,7 +13,7 @@ pub use table::KEYS;
 /// The end of every error message about a link.
 pub(super) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
 
-/// How the board is reached: the word before the colon.
+/// How a board or a chip is reached: the word before the colon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// A simulated board in this process.
@@ -24,11 +24,19 @@ pub enum Scheme {
     Spi,
     /// A board that another process or machine serves.
     Tcp,
+    /// A simulated ECM-XF in this process: a chip, which [`chip::open`](super::chip::open) opens, and no board.
+    XfSim,
+    /// A real ECM-XF on SPI, which [`chip::open`](super::chip::open) opens too.
+    XfSpi,
+    /// A real ECM-XFU on USB, which [`chip::open`](super::chip::open) opens too.
+    XfUsb,
 }
 
 impl Scheme {
     /// All schemes, including those that this build cannot open.
-    pub const ALL: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
+    pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb];
+    /// The schemes of links to an ECM-SK, which [`link::open`](super::open) opens.
+    pub const BOARDS: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
 
     /// The word before the colon.
     pub const fn name(self) -> &'static str {
@@ -36,6 +44,19 @@ impl Scheme {
             Self::Sim => "sim",
             Self::Usb => "usb",
             Self::Spi => "spi",
+            Self::Tcp => "tcp",
+            Self::XfSim => "xf-sim",
+            Self::XfSpi => "xf-spi",
+            Self::XfUsb => "xf-usb",
+        }
+    }
+
+    /// The feature of this crate that has such links.
+    pub const fn feature(self) -> &'static str {
+        match self {
+            Self::Sim | Self::XfSim => "sim",
+            Self::Usb | Self::XfUsb => "usb",
+            Self::Spi | Self::XfSpi => "spi",
             Self::Tcp => "tcp",
         }
     }
@@ -45,21 +66,23 @@ impl Scheme {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: each scheme is a feature, and `spi:` exists on Linux only.
+    /// Whether this build can open such a link: it needs [its feature](Self::feature), what is on SPI exists on Linux
+    /// only, and an ECM-XFU on USB not on Windows.
     pub const fn in_build(self) -> bool {
         match self {
-            Self::Sim => cfg!(feature = "sim"),
+            Self::Sim | Self::XfSim => cfg!(feature = "sim"),
             Self::Tcp => cfg!(all(feature = "tcp", any(unix, windows))),
             Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
-            Self::Spi => cfg!(all(feature = "spi", target_os = "linux")),
+            Self::XfUsb => cfg!(all(feature = "usb", unix)),
+            Self::Spi | Self::XfSpi => cfg!(all(feature = "spi", target_os = "linux")),
         }
     }
 
     /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
     pub const fn path(self) -> Option<&'static str> {
         match self {
-            Self::Sim | Self::Usb => None,
-            Self::Spi => Some("/dev/spidevB.C"),
+            Self::Sim | Self::Usb | Self::XfSim | Self::XfUsb => None,
+            Self::Spi | Self::XfSpi => Some("/dev/spidevB.C"),
             Self::Tcp => Some("//HOST:PORT"),
         }
     }
@@ -70,6 +93,9 @@ impl Scheme {
             Self::Usb => "a real ECM-SK on USB",
             Self::Spi => "a real ECM-SK on SPI",
             Self::Tcp => "a board that another process or machine serves (`ecmsk serve tcp`)",
+            Self::XfSim => "a simulated ECM-XF in this process, for `ecmsk xf` and `ecmsk::Xf`",
+            Self::XfSpi => "a real ECM-XF on SPI, for the same",
+            Self::XfUsb => "a real ECM-XFU on USB, for the same",
         }
     }
 }
@@ -95,6 +121,8 @@ pub enum Syntax {
     Name,
     /// A USB string descriptor: 1 to 126 characters.
     Text,
+    /// A vendor or product id of USB: 1 to 4 hexadecimal digits, or those behind `0x`.
+    UsbId,
     /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
     Hertz(u64, u64),
     /// A GPIO line: `CHIP/LINE`.
@@ -130,6 +158,7 @@ impl Syntax {
                 (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
             }
             Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
+            Self::UsbId => usb_id(value).map(|id| format!("{id:04x}")),
             Self::Hertz(min, max) => hertz(value).filter(|number| (min..=max).contains(number)).map(hertz_text),
             Self::Line => value
                 .rsplit_once('/')
@@ -152,6 +181,7 @@ impl Syntax {
             Self::File => "allowed: the path of a file".to_owned(),
             Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
             Self::Text => format!("allowed: 1 to {TEXT_MAX} characters"),
+            Self::UsbId => "allowed: 1 to 4 hexadecimal digits, e.g. 16c0".to_owned(),
             Self::Hertz(min, max) => {
                 format!("allowed: a frequency from {} to {} Hz, e.g. 500k or 24M", hertz_text(min), hertz_text(max))
             }
@@ -171,6 +201,7 @@ impl Syntax {
             Self::File => "FILE".to_owned(),
             Self::Name => "NAME".to_owned(),
             Self::Text => "TEXT".to_owned(),
+            Self::UsbId => "HEX".to_owned(),
             Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
             Self::Line => "CHIP/LINE".to_owned(),
             Self::Slaves => "LIST".to_owned(),
@@ -185,6 +216,12 @@ pub(super) fn hertz(value: &str) -> Option<u64> {
         None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
     };
     decimal(digits)?.checked_mul(unit)
+}
+
+/// Parses a vendor or product id.
+pub(super) fn usb_id(value: &str) -> Option<u16> {
+    let digits = value.strip_prefix("0x").unwrap_or(value);
+    u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }
 
 /// A whole number of decimal digits alone: `parse` would let a plus sign pass.
@@ -237,7 +274,7 @@ pub fn help() -> String {
     use fmt::Write as _;
 
     let mut text = String::from(
-        "A link names a board and the way to it:\n\n    \
+        "A link names a board, or a chip ECM-XF, and the way to it:\n\n    \
          scheme:path?key=value&key=value        for example  sim:?slaves=drive*3&clock=virtual\n\n\
          In a value, write % & ? # and blanks as %25 %26 %3F %23 %20.\n\nSchemes:\n",
     );
@@ -250,8 +287,8 @@ pub fn help() -> String {
     text.push_str("\nKeys:\n");
     for key in KEYS {
         let form = format!("{}={}", key.name, key.syntax.placeholder());
-        let whose = if key.schemes.len() == Scheme::ALL.len() {
-            "any link".to_owned()
+        let whose = if key.schemes == Scheme::BOARDS {
+            "any board".to_owned()
         } else {
             key.schemes.iter().map(|scheme| format!("{scheme}:")).collect::<Vec<_>>().join(" ")
         };

@@ -20,12 +20,14 @@
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
+//! - `chip/`: links to an ECM-XF, which is a chip and no board: its trait, its errors, `xf-sim:`, `xf-spi:`
 //! - `call_counts.rs`: the counters of a program's calls, which every link has
 //! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
 
 #[cfg(feature = "sim")]
 mod boards;
 mod call_counts;
+pub mod chip;
 pub mod config;
 pub mod engine;
 mod episodes;
@@ -436,6 +438,10 @@ pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkErro
 
 fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
+    if !keys::Scheme::BOARDS.contains(&uri.scheme()) {
+        let reason = "it is a chip ECM-XF and no ECM-SK; `ecmsk xf` and `ecmsk::Xf` speak to it".into();
+        return Err(LinkError::NoBoard { name: uri.to_string(), reason });
+    }
     let options = options::CommonOptions::from_uri(&uri)?;
     let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
     if options.fault.any() {

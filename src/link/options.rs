@@ -1,4 +1,4 @@
-//! The keys of a link's URI as Rust types: those of any link, and in `sim.rs` those of `sim:`. The other schemes have theirs in
+//! The keys of a link's URI as Rust types: those of any board, and in `sim.rs` those of `sim:`. The other schemes have theirs in
 //! an `options.rs` of their own. The row of a key, with its default and help, is in `keys/table.rs`.
 
 mod sim;

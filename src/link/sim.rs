@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use super::boards::{self, Key};
 use super::engine::{EngineLink, Keeper, RunOptions};
-use super::manufacturer_objects;
+use super::manufacturer_objects::{self, ManufacturerObjectsError};
 use super::options::{Clock, CommonOptions, SimOptions};
 use super::script::{self, Script};
+use super::slaves::SlaveSpec;
 use super::travel::{PositionRange, TravelSpec};
 use super::uri::LinkUri;
 use super::{FAILED_OPEN, LinkError, Share};
@@ -90,18 +91,30 @@ fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<Manufacturer
         test: options.test,
         ..EngineConfig::default()
     };
-    let slaves = options.slaves.iter().zip(manufacturer_objects).map(|(spec, objects)| {
+    let bus = SimBus::new(models(&options.slaves, manufacturer_objects));
+    let network = bus.handle();
+    let mut board = Board::new(config, Box::new(bus));
+    board.boot(BOOT_LIMIT_NS);
+    (board, network)
+}
+
+/// The slaves as a link describes them, with their manufacturer-specific objects.
+///
+/// # Errors
+/// A file with such objects cannot be used.
+pub(super) fn slaves(specs: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, ManufacturerObjectsError> {
+    Ok(models(specs, manufacturer_objects::of_slaves(specs)?))
+}
+
+fn models(specs: &[SlaveSpec], manufacturer_objects: Vec<Option<ManufacturerObjects>>) -> Vec<Box<dyn Slave>> {
+    let build = |(spec, objects): (&SlaveSpec, Option<ManufacturerObjects>)| {
         let mut slave = spec.model.build(&spec.travel);
         if let Some(objects) = objects {
             slave.add_manufacturer_objects(objects);
         }
         slave
-    });
-    let bus = SimBus::new(slaves.collect());
-    let network = bus.handle();
-    let mut board = Board::new(config, Box::new(bus));
-    board.boot(BOOT_LIMIT_NS);
-    (board, network)
+    };
+    specs.iter().zip(manufacturer_objects).map(build).collect()
 }
 
 /// A drive as a link describes it.

@@ -93,6 +93,9 @@ pub enum UriError {
         /// Why not, and what is allowed.
         why: String,
     },
+    /// A key that the link has to have is not given.
+    #[error("`{scheme}:` needs the key `{key}`: {meaning}; {allowed}; {WHERE_TO_LOOK}")]
+    MissingKey { scheme: Scheme, key: String, meaning: &'static str, allowed: String },
     /// The percent-encoded bytes are not UTF-8.
     #[error("`{part}` is not UTF-8 once %XX are decoded; allowed: UTF-8; {WHERE_TO_LOOK}")]
     NotUtf8 {
@@ -169,6 +172,18 @@ impl LinkUri {
     /// As [`typed`](Self::typed), for a key that has a default.
     pub(super) fn required<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T, UriError> {
         self.typed(key, read)?.ok_or_else(|| self.unknown_key(key, ""))
+    }
+
+    /// As [`typed`](Self::typed), for a key that has no default and has to be given.
+    #[cfg(all(feature = "usb", unix))]
+    pub(super) fn given<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T, UriError> {
+        let Some(row) = Key::find(self.scheme, key) else { return Err(self.unknown_key(key, "")) };
+        self.typed(key, read)?.ok_or_else(|| UriError::MissingKey {
+            scheme: self.scheme,
+            key: key.to_owned(),
+            meaning: row.meaning,
+            allowed: row.syntax.allowed(),
+        })
     }
 
     /// As [`required`](Self::required), for a key whose values are these words.

@@ -1,13 +1,18 @@
 //! Servers that make a board reachable for other processes and machines. A server works with any
-//! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere.
+//! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere; that of a chip with
+//! any [`ChipLink`](crate::link::chip::ChipLink).
 //!
 //! - `tcp`: the server for links `tcp://host:port`
 //! - `usbip`: a virtual board on the USB bus of any machine
 //! - `spi`: a virtual board on SPI
+//! - `xf`: a chip ECM-XF for hosts that are not ours, as a stream of bytes
+//! - `log_limit`: limits repeated lines in the log
 //! - `notes`: the queue of log lines of a server
 
 mod listen;
+mod log_limit;
 pub mod notes;
 pub mod spi;
 pub mod tcp;
 pub mod usbip;
+pub mod xf;

@@ -109,6 +109,19 @@ impl<T: Send + 'static> Teller<T> {
     }
 }
 
+impl Teller<String> {
+    /// Starts the thread for a log of lines. `tell` also gets a line for those that were dropped.
+    ///
+    /// # Errors
+    /// The system provides no thread.
+    pub fn of_lines(notes: &Notes<String>, tell: Arc<dyn Fn(&str) + Send + Sync>) -> io::Result<Self> {
+        Self::start(notes, move |note| match note {
+            Note::Told(line) => tell(&line),
+            Note::Dropped(count) => tell(&format!("{count} lines were dropped, those before were not taken in time")),
+        })
+    }
+}
+
 impl<T> Teller<T> {
     /// Waits until the notes added so far have been passed on, at most [`FLUSH_LIMIT`].
     pub fn flush(&self) {

@@ -49,6 +49,15 @@ pub enum RecordError {
         /// The link types it has.
         found: String,
     },
+    /// It is a recording of a chip.
+    #[error(
+        "{name} is the recording of a chip ECM-XF (link type USER15) and not of a board; `ecmsk dump` shows its packets, and so \
+         does Wireshark"
+    )]
+    OfChip {
+        /// The file.
+        name: String,
+    },
     /// There is USB traffic, and none of a board.
     #[error(
         "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"

@@ -9,6 +9,8 @@
 //! - `held.rs`: frames that wait until the capture shows whether the board has taken them.
 //! - `reader.rs`: the frames one after the other; `error.rs`: why there is none; `ending.rs`: what is known to be missing.
 //!
+//! A recording of a chip ECM-XF holds the bytes of exchanges: `exchanges.rs`.
+//!
 //! The others look at one frame after the other and keep little, so that a recording may be as long as it likes. The frames
 //! need not come from a file:
 //!
@@ -19,6 +21,7 @@
 mod devices;
 mod ending;
 mod error;
+pub mod exchanges;
 mod executed;
 pub(crate) mod formats;
 mod held;

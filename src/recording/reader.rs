@@ -206,7 +206,9 @@ impl<R: Read> Recording<R> {
     /// A file that was read to its end without a frame.
     fn check(&mut self) -> Result<(), RecordError> {
         let name = self.name.clone();
+        let of_chip = format!("{:?}", formats::exchange::LINK_TYPE);
         match self.others.take() {
+            Some(found) if found.contains(&of_chip) => Err(RecordError::OfChip { name }),
             Some(found) if found.is_empty() => Err(RecordError::NoUsb { name, found: "no interface".to_owned() }),
             Some(found) => Err(RecordError::NoUsb { name, found: found.join(", ") }),
             None if self.frames > 0 || self.is_recording => Ok(()),

@@ -216,17 +216,10 @@ impl StateMachine {
     ///
     /// In Operation enabled the low byte is 37h, in Switch on disabled 50h (SK-7 \[OBS]).
     pub const fn status_bits(&self) -> u16 {
-        let state = match self.state {
-            DriveState::NotReadyToSwitchOn => return 0,
-            DriveState::SwitchOnDisabled => 0x40,
-            DriveState::ReadyToSwitchOn => 0x21,
-            DriveState::SwitchedOn => 0x23,
-            DriveState::OperationEnabled => 0x27,
-            DriveState::QuickStopActive => 0x07,
-            DriveState::FaultReactionActive => 0x0F,
-            DriveState::Fault => 0x08,
-        };
-        state | Statusword::VOLTAGE_ENABLED | Statusword::REMOTE
+        match self.state {
+            DriveState::NotReadyToSwitchOn => 0,
+            state => state.status_bits() as u16 | Statusword::VOLTAGE_ENABLED | Statusword::REMOTE,
+        }
     }
 
     /// `dt_ns` pass, in which at most one transition ends. `standstill`: the shaft does not move.

@@ -12,9 +12,23 @@ macro_rules! bits {
             pub const NONE: Self = Self(0);
             $($(#[$bit_doc])* pub const $bit: Self = Self($value);)*
 
+            /// The names above with their values, those of several bits too.
+            pub const NAMES: &'static [(&'static str, u32)] = &[$((stringify!($bit), Self::$bit.0 as u32),)*];
+
+            /// The names of the bits that are set, as far as they have one.
+            pub fn names(self) -> impl Iterator<Item = &'static str> {
+                let is_set = move |(_, bits): &&(&str, u32)| bits.is_power_of_two() && self.0 as u32 & bits != 0;
+                Self::NAMES.iter().filter(is_set).map(|(name, _)| *name)
+            }
+
             /// Whether all bits of `bits` are set.
             pub const fn contains(self, bits: Self) -> bool {
                 self.0 & bits.0 == bits.0
+            }
+
+            /// Whether any bit of `bits` is set.
+            pub const fn intersects(self, bits: Self) -> bool {
+                self.0 & bits.0 != 0
             }
 
             /// These bits and those of `bits`.

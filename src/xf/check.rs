@@ -61,7 +61,7 @@ impl CheckRule {
     pub const CRC32: Self = Self { kind: CheckType::Crc32, coverage: Coverage::All };
 
     /// The check word of a packet whose header and data segment are `covered`, of which `len` bytes of data are valid.
-    pub(super) fn word(self, covered: &[u8], len: u16) -> u32 {
+    pub fn word(self, covered: &[u8], len: u16) -> u32 {
         match self.kind {
             CheckType::Fixed => FIXED_CHECK,
             CheckType::Crc32 => crc32(covered, len, self.coverage),

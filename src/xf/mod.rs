@@ -21,6 +21,7 @@
 //! | [`value`] | numbers of slaves, motors and pins that are always in range |
 //! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | what the chip answers to them |
+//! | [`fields`] | what each function does and which fields it and its answer have, as a table |
 //! | [`malformed`] | what is wrong with a field |
 //! | [`host`] | the driver of a host: what to exchange next, and what came back |
 //! | `chip` | with the feature `sim`: a model of the chip, the other end of the wire |
@@ -54,6 +55,7 @@ pub mod check;
 #[cfg(feature = "sim")]
 pub mod chip;
 pub mod code;
+pub mod fields;
 pub mod header;
 pub mod host;
 pub mod malformed;

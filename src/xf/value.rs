@@ -24,7 +24,11 @@ macro_rules! numbers {
                 self.0
             }
 
-            pub(super) fn decode(n: $int) -> Result<Self, Malformed> {
+            /// The number `n`.
+            ///
+            /// # Errors
+            /// It is above [`Self::MAX`].
+            pub fn decode(n: $int) -> Result<Self, Malformed> {
                 Self::new(n).ok_or(Malformed {
                     field: $field,
                     found: n.into(),
@@ -116,6 +120,9 @@ macro_rules! choices {
         impl $name {
             /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
+
+            /// Their names, with their codes.
+            pub const NAMES: &'static [(&'static str, u32)] = &[$((stringify!($variant), $code),)*];
 
             /// The one with this code; `None` for a code that the manuals do not allow.
             pub const fn from_code(code: $int) -> Option<Self> {

@@ -12,7 +12,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::{DriveResponse, MasterResponse, MasterState, SlotSize};
-use support::examples::{C, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
+use support::examples::{C, C_WITHOUT_LIBRARY, CPP, SCRIPTS, VIRTUAL, VIRTUAL_16};
 use support::{Ended, Program, out_dir, root};
 
 /// Two drives on the real clock.
@@ -295,7 +295,9 @@ mod needs_cxx {
             names
         };
         assert_eq!(in_folder("cpp"), CPP.map(|(name, _)| name));
-        assert_eq!(in_folder("c"), C.map(|(name, _)| name));
+        let mut c = C.map(|(name, _)| name).to_vec();
+        c.push(C_WITHOUT_LIBRARY);
+        assert_eq!(in_folder("c"), c);
     }
 }
 

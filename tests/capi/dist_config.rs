@@ -37,8 +37,8 @@ fn expected() -> String {
     for (_, link, meaning) in SCHEMES.iter().filter(|(scheme, ..)| *scheme != Scheme::Usb) {
         text += &format!("# {meaning}\n{OFF}'{link}'\n");
     }
-    let of_all = |key: &&Key| key.schemes.len() == Scheme::ALL.len();
-    text += "\n# ---- any link\n";
+    let of_all = |key: &&Key| key.schemes.len() == Scheme::BOARDS.len();
+    text += "\n# ---- any board\n";
     text += &KEYS.iter().filter(of_all).map(|key| entry("sim:", key)).collect::<String>();
     for (scheme, link, meaning) in SCHEMES {
         text += &format!("\n# ---- {scheme}: {meaning}\n");

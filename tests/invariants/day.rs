@@ -11,7 +11,7 @@ use ecmsk::sk::{
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
-use crate::asked;
+use support::schedules::asked;
 
 const SIZE: SlotSize = SlotSize::Bytes12;
 /// Cycles of a virtual minute.

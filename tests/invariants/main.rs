@@ -19,25 +19,18 @@ mod program;
 mod tap;
 mod watch;
 
-use std::env;
 use std::fmt::Debug;
 use std::ops::AddAssign;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::time::{Duration, Instant};
 
 use machine::Machine;
 use paced::Paced;
 use program::{Done, Program};
+use support::schedules;
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 300;
 /// Cycles of a schedule in OP, about.
 const CYCLES: u64 = 1500;
-
-/// A number from the environment.
-fn asked(name: &str) -> Option<u64> {
-    env::var(name).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{name} is a number, not `{text}`")))
-}
 
 fn schedule(seed: u64) -> Done {
     let machine = Machine::new(seed);
@@ -47,29 +40,9 @@ fn schedule(seed: u64) -> Done {
     program.done()
 }
 
-/// Runs as many schedules of a test as are asked for, or `usual`, and gives how many that were and what they did. The seed
-/// of one that fails is told.
+/// [`schedules::run_all`] for the tests here.
 fn run_all<D: AddAssign + Debug + Default>(test: &str, usual: u64, schedule: impl Fn(u64) -> D) -> (u64, D) {
-    let first = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
-    let wanted = asked("ECMSK_SOAK_SCHEDULES");
-    let schedules = wanted.unwrap_or(usual);
-    let mut all = D::default();
-    let mut told = Instant::now();
-    for seed in first..first + schedules {
-        match catch_unwind(AssertUnwindSafe(|| schedule(seed))) {
-            Ok(done) => all += done,
-            Err(_) => panic!(
-                "schedule {seed} breaks what must hold (above); again: ECMSK_SOAK_FIRST={seed} ECMSK_SOAK_SCHEDULES=1 \
-                 cargo test --test invariants {test}"
-            ),
-        }
-        if wanted.is_some() && told.elapsed() > Duration::from_secs(5) {
-            told = Instant::now();
-            println!("{} of {schedules} schedules of {test}", seed + 1 - first);
-        }
-    }
-    println!("{schedules} schedules of {test}: {all:?}");
-    (schedules, all)
+    schedules::run_all("invariants", test, usual, schedule)
 }
 
 /// SK-4.44 SK-5.4 SK-5.7 SK-7.16 SK-7.17 SK-7.18: every CSP, CSV and CST accepted is executed once and in order or

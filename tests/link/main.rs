@@ -4,6 +4,7 @@
 //!
 //! - `config.rs`: which link is opened when a program names none
 //! - `uri.rs`, `travel.rs`: the URI, its keys, and the travel of simulated axes
+//! - `chip_usb.rs`: `xf-usb:`
 //! - `rate.rs`: `rate=`
 //! - `fault.rs`: `fault.*`
 //! - `script.rs`, `script_slaves.rs`, `script_text.rs`: `script=`: events of the board, of slaves, and the syntax
@@ -11,6 +12,7 @@
 //!   `record=`: the file, a board that is opened again, the order of frames, full disks, pipes, how a recording ends
 //! - `record_reader.rs`: reading recordings and captures
 
+mod chip_usb;
 mod config;
 mod fault;
 mod rate;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use ecmsk::engine::Firmware;
+use ecmsk::link::chip::ChipOptions;
 use ecmsk::link::fault::{FaultOptions, FaultRates};
 use ecmsk::link::keys::{KEYS, Scheme, help};
 use ecmsk::link::options::{Clock, CommonOptions, SimOptions};
@@ -394,7 +395,9 @@ proptest! {
         let again = LinkUri::parse(&normal).map_err(|error| TestCaseError::fail(format!("{normal}: {error}")))?;
         prop_assert_eq!(&again, &parsed);
         prop_assert_eq!(again.to_string(), normal);
-        prop_assert!(CommonOptions::from_uri(&parsed).is_ok());
+        let is_board = Scheme::BOARDS.contains(&scheme);
+        prop_assert_eq!(CommonOptions::from_uri(&parsed).is_ok(), is_board);
+        prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), !is_board);
         prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim);
     }
 

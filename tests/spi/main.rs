@@ -1,5 +1,5 @@
-//! The link `spi:` without a kernel: its pacer in virtual time against the modelled board, the link over wires that a
-//! test holds, and the board's side of the wires.
+//! The links `spi:` and `xf-spi:` without a kernel: the pacer of `spi:` in virtual time against the modelled board, links over
+//! wires that a test holds, and the board's side of the wires.
 //!
 //! Files:
 //!
@@ -8,11 +8,14 @@
 //!   `prefill=`, without BUSY, answers of slots
 //! - `link.rs`, `open.rs`, `lies.rs`: the link, opening it, and faulty wires
 //! - `board.rs`, `example.rs`: the board's end of the wires
+//! - `chip.rs`, `chip_wires.rs`: `xf-spi:`, and wires held by a test with the model of a chip
 #![cfg(target_os = "linux")]
 
 mod answers;
 mod bench;
 mod board;
+mod chip;
+mod chip_wires;
 mod drift;
 mod example;
 mod frames;

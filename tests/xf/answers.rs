@@ -221,7 +221,7 @@ fn chip() -> Vec<Function> {
         case(FirmwareVersionGet, FirmwareVersion { version: 0x22, identity: Some(identity) }, 0x22, identified),
         case(InterruptSetEnable { enable }, (), 0, &[]),
         case(InterruptGetEnable, enable, 2, &[0, 0, 0, 0x80, 1, 8]),
-        case(AsyncReset { action: AsyncResetAction::GiveUp }, (), 0, &[]),
+        case(AsyncReset::new(AsyncResetActions::GIVE_UP).expect("a known bit"), (), 0, &[]),
         case(WarmReset, (), 0, &[]),
         case(WkcErrorCountGet, 17, 17, &[]),
         case(WkcErrorMaxGet, WkcErrorLimit::from_code(0), 0, &[]),

@@ -6,28 +6,35 @@
 //! - `golden.rs`, `packets.rs`: golden packets; what is no packet, and the check word
 //! - `header.rs`: where every field of the headers is, and what its bits mean
 //! - `codes.rs`: the 67 codes and 91 functions, against a list of its own
+//! - `fields.rs`: the table of fields that goes with them
 //! - `requests.rs`, `answers.rs`: every request and every answer byte by byte, as the manuals print them; which of them
 //!   has which rule is in their folders
 //! - `values.rs`: values that the manuals do not allow
 //! - `roundtrip.rs`: encoding and decoding of anything
 //! - `resync.rs`: packets in a stream of bytes
+//! - `questions.rs`: `docs/HARDWARE.md` asks about every decision of this project
 //! - `host.rs`, `host/`: the driver of a host, against a chip that is scripted there
-//! - `pair.rs`: the driver and the model together, with the feature `sim`
+//! - `pair.rs`, `pair/`: the driver and the model together, every function of them, with the feature `sim`
+//! - `schedules.rs`, `schedules/`: the same two while anything goes wrong, by seeds, with the feature `sim`
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
 
 mod answers;
 #[cfg(feature = "sim")]
 mod chip;
 mod codes;
+mod fields;
 mod golden;
 mod header;
 mod host;
 mod packets;
 #[cfg(feature = "sim")]
 mod pair;
+mod questions;
 mod requests;
 mod resync;
 mod roundtrip;
+#[cfg(feature = "sim")]
+mod schedules;
 mod values;
 
 use ecmsk::xf::request::{MotorNumber, SlaveNumber};

@@ -77,8 +77,12 @@ fn values_in_the_header() {
         (short(31, 6, [0, 0, 0x10, 0]), all_pins),
         (short(32, 2, [0, 0, 0x10, 0]), all_pins),
         (
-            short(75, 3, [0; 4]),
-            "ASYNCCMD_RESET action is 3 (0x3), allowed is 1 clear busy, 2 skip the port's wait, 4 give up the command",
+            short(75, 8, [0; 4]),
+            "ASYNCCMD_RESET action is 8 (0x8), allowed is 1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
+        ),
+        (
+            short(75, 0, [0; 4]),
+            "ASYNCCMD_RESET action is 0 (0x0), allowed is 1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
         ),
         (short(81, 2, [0; 4]), "operation is 2 (0x2), allowed is 0 write, 1 read"),
         (short(82, 2, [0; 4]), "DIRECT_ASSIGN operation is 2 (0x2), allowed is 0 switch, 1 length"),
@@ -128,9 +132,12 @@ fn values_in_the_data() {
         (long(34, 22, numbers(&[1024])), "DAC delay is 1024 (0x400), allowed is 0 to 1023"),
         (long(34, 11, numbers(&[4096])), analog),
         (long(35, 40, numbers(&[1])), "ECM_AdcOpen mode is 1 (0x1), allowed is 0x000 single ended, 0x100 differential"),
-        (long(35, 42, numbers(&[0, 1, 0])), "ECM_AdcConfigSampleModule number is 1 (0x1), allowed is 0"),
-        (long(35, 17, numbers(&[0x1001])), "ECM_AdcGetDataValidFlag number is 4097 (0x1001), allowed is 0x1000"),
-        (long(35, 12, numbers(&[0])), "ECM_AdcStartConv number is 0 (0x0), allowed is 0x1000"),
+        (long(35, 42, numbers(&[0, 1, 0])), "ECM_AdcConfigSampleModule trigger is 1 (0x1), allowed is 0 software"),
+        (
+            long(35, 17, numbers(&[0x0FFF])),
+            "ECM_AdcGetDataValidFlag number is 4095 (0xFFF), allowed is 0x1000, or more bits beside it",
+        ),
+        (long(35, 12, numbers(&[0])), "ECM_AdcStartConv number is 0 (0x0), allowed is 0x1000, or more bits beside it"),
         (long(35, 15, numbers(&[13])), "ECM_AdcGetConvData number is 13 (0xD), allowed is 12"),
         (
             long(137, 0, bytes![3_u16]),

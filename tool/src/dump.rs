@@ -5,18 +5,20 @@
 //! - `dump.rs`: options, errors, and the two sources of frames
 //! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
+//! - `packets.rs`: the packets of a recording of a chip ECM-XF
 //! - `text.rs`, `json.rs`, `slot_json.rs`: the output as text and as JSON
 
 mod direction;
 mod frames;
 mod hex;
 mod json;
+mod packets;
 pub mod slot_json;
 mod text;
 
 use std::collections::BTreeMap;
 use std::io::{self, BufRead, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 
 use clap::ValueHint;
@@ -39,7 +41,8 @@ use text::Numbering;
 /// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
 ///
 /// Of a frame the slots that say something are shown. What a slave is, responses do not say: it is taken from --kinds,
-/// else from the SET_AXIS commands that were shown before, else guessed from the fields (`DRIVE?`).
+/// else from the SET_AXIS commands that were shown before, else guessed from the fields (`DRIVE?`). Of the recording of a chip
+/// ECM-XF the packets are shown; --slots, --commands and what else is about slots do not apply to them.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Hexadecimal input: one frame a line, 504 to 512 bytes; blanks do not count, `#` starts a comment, `>` in front is a
@@ -54,10 +57,11 @@ Examples:
 pub struct Args {
     /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap);
     /// `-` is standard input
-    #[arg(value_name = "FILE", required_unless_present = "hex", conflicts_with = "hex", value_hint = ValueHint::FilePath)]
+    #[arg(value_name = "FILE", required_unless_present = "hex", value_hint = ValueHint::FilePath)]
     file: Option<PathBuf>,
 
-    /// Read frames as hexadecimal digits from standard input, one a line
+    /// Read frames as hexadecimal digits from standard input, one a line; with the recording of a chip: show the bytes of
+    /// packets, too
     #[arg(long)]
     hex: bool,
 
@@ -126,6 +130,14 @@ pub enum DumpError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
     Input(io::Error),
+    /// The bytes of a file that is no recording of a chip.
+    #[error(
+        "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
+    )]
+    HexOfBoard {
+        /// The file.
+        name: String,
+    },
     /// A line is no frame.
     #[error("line {line}: {problem}; put `#` before what is no frame")]
     Line {
@@ -164,9 +176,23 @@ const LINE_BYTES_MAX: u64 = 64 * 1024;
 
 /// Shows the frames.
 pub fn run(args: &Args) -> Result<(), CliError> {
+    let frames = match &args.file {
+        None => None,
+        Some(file) => {
+            let (source, name) = recording::source(file)?;
+            let (source, of_chip) = packets::look(source, &name)?;
+            if of_chip {
+                return packets::dump(args, source, &name);
+            }
+            if args.hex {
+                return Err(DumpError::HexOfBoard { name }.into());
+            }
+            Some(Frames::new(source, &name, args.slot_size, args.device)?)
+        }
+    };
     let mut printer = Printer::new(args);
-    let shown = match &args.file {
-        Some(file) => dump_recording(args, file, &mut printer),
+    let shown = match frames {
+        Some(frames) => dump_recording(args, frames, &mut printer),
         None => dump_hex(args, &mut printer),
     };
     // The frames before an error are shown as well.
@@ -175,8 +201,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     shown
 }
 
-fn dump_recording(args: &Args, file: &Path, printer: &mut Printer) -> Result<(), CliError> {
-    let mut frames = Frames::open(file, args.slot_size, args.device)?;
+fn dump_recording(args: &Args, mut frames: Frames<Box<dyn Read>>, printer: &mut Printer) -> Result<(), CliError> {
     // The kinds of slaves are known for each board; a capture may have several.
     let mut kinds = BTreeMap::new();
     let mut section: Option<Section> = None;

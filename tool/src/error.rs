@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
+use super::xf::XfVerbError;
 
 /// Why the tool failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -61,9 +62,15 @@ pub enum CliError {
     /// See [`ecmsk::port::tcp::ServeError`].
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),
+    /// See [`super::xf::XfVerbError`].
+    #[error(transparent)]
+    Xf(#[from] super::xf::XfVerbError),
     /// See [`ecmsk::port::usbip::ServeError`].
     #[error(transparent)]
     Usbip(#[from] ecmsk::port::usbip::ServeError),
+    /// See [`ecmsk::port::xf::ServeError`].
+    #[error(transparent)]
+    ServeXf(#[from] ecmsk::port::xf::ServeError),
 }
 
 impl CliError {
@@ -71,7 +78,8 @@ impl CliError {
     ///
     /// A reader that closes the pipe early (`ecmsk dump F | head`) is no failure, and nothing is printed then.
     pub fn report(&self) -> ExitCode {
-        if let Self::Output(error) | Self::Board(BoardError::Output(error)) = self
+        if let Self::Output(error) | Self::Board(BoardError::Output(error)) | Self::Xf(XfVerbError::Output(error)) =
+            self
             && error.kind() == io::ErrorKind::BrokenPipe
         {
             return ExitCode::SUCCESS;
@@ -89,10 +97,11 @@ impl CliError {
         match self {
             Self::Exec(error) => error.code(),
             Self::Board(error) => error.code(),
+            Self::Xf(error) => error.code(),
             // The command line asks for something that is refused.
-            Self::NothingToServe | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. }) => {
-                super::WRONG_COMMAND_LINE
-            }
+            Self::NothingToServe
+            | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })
+            | Self::ServeXf(ecmsk::port::xf::ServeError::NeedsTunnel { .. }) => super::WRONG_COMMAND_LINE,
             Self::Compare(_) | Self::Replay(_) => super::compare::TROUBLE,
             _ => 1,
         }

@@ -12,6 +12,7 @@
 //!   run several of them; `board.rs` is what they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
 //!   each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `xf.rs`: `ecmsk xf`, the verbs that talk to a chip ECM-XF, one file each in `xf/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`
 //! - `error.rs`, `output.rs`, `stderr.rs`, `visible.rs`, `signals/`: errors, standard output and error, control
 //!   characters, Ctrl-C
@@ -49,6 +50,7 @@ mod stderr;
 mod step;
 mod summary;
 mod visible;
+mod xf;
 
 use std::process::ExitCode;
 
@@ -103,6 +105,7 @@ enum Verb {
     List(list::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
+    Xf(xf::Args),
     Completions(completions::Args),
     Man(man::Args),
 }
@@ -140,6 +143,7 @@ impl Verb {
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Serve(args) => serve::run(&args),
+            Self::Xf(args) => Ok(xf::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

@@ -65,14 +65,23 @@ impl Frames<Box<dyn Read>> {
     /// # Errors
     /// [`RecordError`] if the file cannot be read or is not a recording.
     pub fn open(file: &Path, size: Option<SlotSize>, device: Option<Address>) -> Result<Self, RecordError> {
-        if file == Path::new(STDIN) {
-            return Self::new(Box::new(std::io::stdin().lock()), "standard input", size, device);
-        }
-        let name = file.display().to_string();
-        match File::open(file) {
-            Ok(source) => Self::new(Box::new(source), &name, size, device),
-            Err(error) => Err(RecordError::Io { name, message: error.to_string() }),
-        }
+        let (source, name) = source(file)?;
+        Self::new(source, &name, size, device)
+    }
+}
+
+/// A file, or standard input for `-`, and its name in messages.
+///
+/// # Errors
+/// [`RecordError::Io`].
+pub fn source(file: &Path) -> Result<(Box<dyn Read>, String), RecordError> {
+    if file == Path::new(STDIN) {
+        return Ok((Box::new(std::io::stdin().lock()), "standard input".to_owned()));
+    }
+    let name = file.display().to_string();
+    match File::open(file) {
+        Ok(source) => Ok((Box::new(source), name)),
+        Err(error) => Err(RecordError::Io { name, message: error.to_string() }),
     }
 }
 

@@ -1,6 +1,7 @@
-//! `ecmsk serve`: makes a board available to other processes and machines.
+//! `ecmsk serve`: makes a board or a chip available to other processes and machines.
 
 mod usbip;
+mod xf;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -19,7 +20,7 @@ use super::error::say;
 use super::link_option::ChosenLink;
 use super::{CliError, output, signals, stderr};
 
-/// Serve a board to other processes and machines
+/// Serve a board, or a chip ECM-XF, to other processes and machines
 #[derive(clap::Args)]
 #[command(disable_help_subcommand = true, arg_required_else_help = true)]
 pub struct Args {
@@ -31,6 +32,7 @@ pub struct Args {
 enum Port {
     Tcp(Tcp),
     Usbip(usbip::Args),
+    Xf(xf::Args),
 }
 
 /// Serve a board on TCP, for links tcp://HOST:PORT
@@ -91,6 +93,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     match &args.port {
         Port::Tcp(args) => serve_tcp(args),
         Port::Usbip(args) => usbip::run(args),
+        Port::Xf(args) => xf::run(args),
     }
 }
 

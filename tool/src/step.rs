@@ -15,7 +15,7 @@ mod info;
 mod io;
 mod line;
 mod motion;
-mod object;
+pub mod object;
 mod profile;
 mod sdo;
 mod servo;

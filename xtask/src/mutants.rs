@@ -55,7 +55,7 @@ const fn programs(programs: &'static [&'static str]) -> Tests {
     Tests { programs, unit_tests: false }
 }
 
-const ROOMS: [Room; 3] = [
+const ROOMS: [Room; 4] = [
     Room { name: "sk", tests: programs(&["sk"]), all_tests: None, least: 0.9 },
     Room {
         name: "engine",
@@ -64,6 +64,7 @@ const ROOMS: [Room; 3] = [
         least: 0.9,
     },
     Room { name: "slave", tests: programs(&["slave"]), all_tests: None, least: 0.8 },
+    Room { name: "xf", tests: programs(&["xf"]), all_tests: None, least: 0.8 },
 ];
 
 /// The page with the survivors that are accepted, each with its reason.

@@ -1,6 +1,7 @@
 //! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
 //! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
-//! network of tests/engine, and all of tests/engine over a bus that takes outputs ahead.
+//! network of tests/engine, all of tests/engine over a bus that takes outputs ahead, and the schedules of faults between the
+//! ECM-XF's driver and its model in tests/xf.
 
 use std::process::Command;
 
@@ -29,11 +30,14 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
     frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
     command::run(&mut frames)?;
-    let mut invariants = test(project, "invariants", &[]);
-    invariants.env("ECMSK_SOAK_SCHEDULES", arguments.schedules.to_string());
-    invariants.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
-    invariants.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
-    command::run(&mut invariants)
+    for (group, filter) in [("invariants", &[][..]), ("xf", &["schedules::"])] {
+        let mut schedules = test(project, group, filter);
+        schedules.env("ECMSK_SOAK_SCHEDULES", arguments.schedules.to_string());
+        schedules.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
+        schedules.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
+        command::run(&mut schedules)?;
+    }
+    Ok(())
 }
 
 /// A test program of the library, or the part of it that `filter` names.

@@ -16,7 +16,7 @@
 //! | `events.rs` | which thread handles the backend's events |
 //! | `input_pause.rs` | when a program only writes, reports may stay in the system's queue |
 //! | `backend.rs` | the trait by which a pipe reaches the system, and `error.rs`, its errors |
-//! | `libusb/` | the backend over libusb: `api` (functions), `bus` (objects), `transfer`, `backend`, `find` |
+//! | `libusb/` | the backend over libusb: `api` (functions), `bus` (objects), `transfer`, `backend`, `find`; in `packets` a device with packets instead of reports |
 //! | `windows/` | the backend over Windows' HID driver, with the same parts |
 //! | `calls.rs`, `*/fake.rs` | for tests: calls with a limit, and a simulated libusb and Windows |
 
@@ -41,7 +41,7 @@ pub use found_device::FoundDevice;
 #[cfg(unix)]
 use libusb::Device;
 #[cfg(unix)]
-pub use libusb::{Bus, BusError, LibusbMissing, find};
+pub use libusb::{Bus, BusError, LibusbMissing, PacketDevice, PacketError, PacketPlace, PacketWires, find};
 pub use pipe::{Pipe, PipeError, PipeOptions, PipeStats};
 pub use sysfs::{DeviceWarning, Holder, Sysfs};
 #[cfg(windows)]

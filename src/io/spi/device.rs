@@ -1,17 +1,11 @@
 //! [`Wires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
 
-use std::os::fd::AsFd;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use rustix::fs::{FlockOperation, flock};
-use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
-
-use super::lines::{BusyLine, ResetLine};
-use super::{GpioLine, WireError, Wires, list_devices};
-
-/// Bits per SPI word.
-const WORD_BITS: u8 = 8;
+use super::bus::Bus;
+use super::lines::{Level, ReadyLine, ResetLine};
+use super::{GpioLine, WireError, Wires};
 
 /// The device files of the wires, and the settings of SPI.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,9 +24,8 @@ pub struct SpiSettings {
 
 /// Wires that this process has opened.
 pub struct Device {
-    name: String,
-    spi: Spidev,
-    busy: Option<BusyLine>,
+    bus: Bus,
+    busy: Option<ReadyLine>,
     reset: Option<ResetLine>,
 }
 
@@ -42,31 +35,16 @@ impl Device {
     /// # Errors
     /// [`WireError`].
     pub fn open(settings: &SpiSettings) -> Result<Self, WireError> {
-        let name = settings.device.display().to_string();
-        let failed = |error: std::io::Error| WireError::of(&name, &error, || list_devices("spidev"));
-        let mut spi = Spidev::open(&settings.device).map_err(failed)?;
-        // spidev itself allows several programs to open it.
-        flock(spi.inner().as_fd(), FlockOperation::NonBlockingLockExclusive).map_err(|errno| failed(errno.into()))?;
-        let options = SpidevOptions::new()
-            .bits_per_word(WORD_BITS)
-            .max_speed_hz(settings.speed_hz)
-            .lsb_first(false)
-            .mode(mode(settings.mode))
-            .build();
-        spi.configure(&options).map_err(failed)?;
-        let busy = settings.busy.as_ref().map(BusyLine::open).transpose()?;
+        let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
+        let busy = settings.busy.as_ref().map(|place| ReadyLine::open(place, Level::Low)).transpose()?;
         let reset = settings.reset.as_ref().map(ResetLine::open).transpose()?;
-        Ok(Self { name, spi, busy, reset })
+        Ok(Self { bus, busy, reset })
     }
 }
 
 impl Wires for Device {
     fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
-        let mut transfer = SpidevTransfer::read_write(tx, rx);
-        self.spi.transfer(&mut transfer).map_err(|error| {
-            let what = format!("exchange {} bytes on {}", tx.len(), self.name);
-            WireError::Refused { what, message: error.to_string() }
-        })
+        self.bus.exchange(tx, rx)
     }
 
     fn has_busy_line(&self) -> bool {
@@ -74,27 +52,18 @@ impl Wires for Device {
     }
 
     fn is_busy(&mut self) -> Result<bool, WireError> {
-        self.busy.as_ref().map_or(Ok(false), BusyLine::is_high)
+        self.busy.as_ref().map_or(Ok(false), |busy| busy.is_ready().map(|is_ready| !is_ready))
     }
 
     fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
-        self.busy.as_mut().map_or(Ok(true), |busy| busy.wait_low(limit))
+        self.busy.as_mut().map_or(Ok(true), |busy| busy.wait_ready(limit))
     }
 
     fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
-        self.busy.as_mut().map_or(Ok(false), BusyLine::has_fallen)
+        self.busy.as_mut().map_or(Ok(false), ReadyLine::has_become_ready)
     }
 
     fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
         self.reset.as_ref().map_or(Ok(false), |reset| reset.pull_low(low).map(|()| true))
-    }
-}
-
-const fn mode(number: u8) -> SpiModeFlags {
-    match number {
-        1 => SpiModeFlags::SPI_MODE_1,
-        2 => SpiModeFlags::SPI_MODE_2,
-        3 => SpiModeFlags::SPI_MODE_3,
-        _ => SpiModeFlags::SPI_MODE_0,
     }
 }

@@ -1,4 +1,5 @@
-//! The BUSY and the reset line of a device on SPI, as lines of a GPIO chip.
+//! The lines of a device on SPI beside its bus, as lines of a GPIO chip: the one that says when it is ready, its interrupt,
+//! its reset.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -6,6 +7,8 @@ use std::time::{Duration, Instant};
 use gpiocdev::line::{EdgeDetection, Value};
 use gpiocdev::request::Builder;
 use gpiocdev::{Chip, Request};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 
 use super::{WireError, list_devices};
 
@@ -38,22 +41,114 @@ impl std::fmt::Display for GpioLine {
     }
 }
 
-/// The line that is high while the device is busy.
-pub(super) struct BusyLine {
-    name: String,
-    request: Request,
+/// The level of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Low.
+    Low,
+    /// High.
+    High,
+}
+
+/// The line that says when the device is ready for an exchange, by its level and by the edge to it.
+pub(super) struct ReadyLine {
+    input: InputLine,
+    ready: Level,
     /// The buffer for edge events. gpiocdev's call for a single event is not used, because it loses further events that it
     /// has read with it.
     edges: Vec<u64>,
-    /// A falling edge was read that [`Self::has_fallen`] has not reported yet.
-    fallen: bool,
+    /// An edge to ready was read that was not reported yet.
+    has_edge: bool,
 }
 
-impl BusyLine {
-    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
-        let request = request(place, |line| line.as_input().with_edge_detection(EdgeDetection::FallingEdge))?;
+impl ReadyLine {
+    /// The line of a device that is ready while the line has that level.
+    pub fn open(place: &GpioLine, ready: Level) -> Result<Self, WireError> {
+        let edge = match ready {
+            Level::Low => EdgeDetection::FallingEdge,
+            Level::High => EdgeDetection::RisingEdge,
+        };
+        let request = request(place, |line| line.as_input().with_edge_detection(edge))?;
         let edges = vec![0; EDGES_PER_READ * request.edge_event_u64_size()];
-        Ok(Self { name: place.to_string(), request, edges, fallen: false })
+        Ok(Self { input: InputLine { name: place.to_string(), request }, ready, edges, has_edge: false })
+    }
+
+    pub fn is_ready(&self) -> Result<bool, WireError> {
+        Ok(self.input.is_high()? == (self.ready == Level::High))
+    }
+
+    /// Waits until the device is ready, for at most `limit`; whether it is.
+    ///
+    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so too,
+    /// which is why the level is read again after each wait.
+    pub fn wait_ready(&mut self, limit: Duration) -> Result<bool, WireError> {
+        let began = Instant::now();
+        loop {
+            if self.is_ready()? {
+                return Ok(true);
+            }
+            let left = limit.saturating_sub(began.elapsed());
+            if left.is_zero() {
+                return Ok(false);
+            }
+            if self.edge_comes(left)? {
+                self.take_edges()?;
+            }
+        }
+    }
+
+    /// Waits for an edge to ready since [`Self::has_become_ready`] was called, or since the last edge that this function
+    /// has waited for, for at most `limit`; whether there was one. The level is not looked at.
+    pub fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
+        let began = Instant::now();
+        loop {
+            if self.has_become_ready()? {
+                return Ok(true);
+            }
+            let left = limit.saturating_sub(began.elapsed());
+            if left.is_zero() {
+                return Ok(false);
+            }
+            self.edge_comes(left)?;
+        }
+    }
+
+    /// Whether there was an edge to ready since the last call.
+    pub fn has_become_ready(&mut self) -> Result<bool, WireError> {
+        while self.input.request.has_edge_event().map_err(|error| self.input.failed(&error))? {
+            self.take_edges()?;
+        }
+        Ok(std::mem::take(&mut self.has_edge))
+    }
+
+    /// Waits until the kernel has an edge, for at most `limit`; whether it has. A signal handler of the program may end
+    /// the wait.
+    fn edge_comes(&self, limit: Duration) -> Result<bool, WireError> {
+        let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: i64::MAX, tv_nsec: 0 });
+        match poll(&mut [PollFd::new(&self.input.request, PollFlags::IN)], Some(&limit)) {
+            Ok(count) => Ok(count > 0),
+            Err(Errno::INTR) => Ok(false),
+            Err(errno) => Err(self.input.failed(&errno)),
+        }
+    }
+
+    fn take_edges(&mut self) -> Result<(), WireError> {
+        let taken = self.input.request.read_edge_events_into_slice(&mut self.edges);
+        taken.map_err(|error| self.input.failed(&error))?;
+        self.has_edge = true;
+        Ok(())
+    }
+}
+
+/// A line that the device drives.
+pub(super) struct InputLine {
+    name: String,
+    request: Request,
+}
+
+impl InputLine {
+    pub fn open(place: &GpioLine) -> Result<Self, WireError> {
+        Ok(Self { name: place.to_string(), request: request(place, Builder::as_input)? })
     }
 
     pub fn is_high(&self) -> Result<bool, WireError> {
@@ -61,41 +156,7 @@ impl BusyLine {
         Ok(value == Value::Active)
     }
 
-    /// Waits until the line is low, for at most `limit`; whether it is.
-    ///
-    /// An edge between reading the level and the wait ends the wait, since the kernel queues it. An older edge does so too,
-    /// which is why the level is read again after each wait.
-    pub fn wait_low(&mut self, limit: Duration) -> Result<bool, WireError> {
-        let began = Instant::now();
-        loop {
-            if !self.is_high()? {
-                return Ok(true);
-            }
-            let left = limit.saturating_sub(began.elapsed());
-            if left.is_zero() {
-                return Ok(false);
-            }
-            if self.request.wait_edge_event(left).map_err(|error| self.failed(&error))? {
-                self.take_edges()?;
-            }
-        }
-    }
-
-    pub fn has_fallen(&mut self) -> Result<bool, WireError> {
-        while self.request.has_edge_event().map_err(|error| self.failed(&error))? {
-            self.take_edges()?;
-        }
-        Ok(std::mem::take(&mut self.fallen))
-    }
-
-    fn take_edges(&mut self) -> Result<(), WireError> {
-        let taken = self.request.read_edge_events_into_slice(&mut self.edges);
-        taken.map_err(|error| self.failed(&error))?;
-        self.fallen = true;
-        Ok(())
-    }
-
-    fn failed(&self, error: &gpiocdev::Error) -> WireError {
+    fn failed(&self, error: &impl ToString) -> WireError {
         WireError::Refused { what: self.name.clone(), message: error.to_string() }
     }
 }
@@ -152,7 +213,7 @@ fn find(place: &GpioLine) -> Result<u32, WireError> {
 
 fn refused(place: &GpioLine, error: &gpiocdev::Error) -> WireError {
     let (what, message) = (place.to_string(), error.to_string());
-    let busy = std::io::Error::from(rustix::io::Errno::BUSY).to_string();
+    let busy = std::io::Error::from(Errno::BUSY).to_string();
     if message.contains(&busy) {
         return WireError::InUse { what, by: " by another program or a driver".to_owned() };
     }

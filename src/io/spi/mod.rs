@@ -1,16 +1,20 @@
-//! A device on SPI: full-duplex exchanges under one chip select, a BUSY line that says when the next may begin, and a reset
-//! line.
+//! A device on SPI: full-duplex exchanges under one chip select, a line that says when the next may begin, a reset or an
+//! interrupt line.
 //!
-//! The link `spi:` uses the trait [`Wires`]. [`Device`] implements it over the kernel's spidev and GPIO lines; tests implement
-//! it themselves.
+//! The link `spi:` uses the trait [`Wires`], with a line whose level says that the device is busy; `xf-spi:` uses
+//! [`EdgeWires`], with one whose edge says that it has become ready. [`Device`] and [`EdgeDevice`] implement them over the
+//! kernel's spidev and GPIO lines; tests implement them themselves.
 
+mod bus;
 mod device;
+mod edge_device;
 mod lines;
 
 use std::time::Duration;
 
 pub use device::{Device, SpiSettings};
-pub use lines::GpioLine;
+pub use edge_device::{EdgeDevice, EdgeSettings};
+pub use lines::{GpioLine, Level};
 use rustix::io::Errno;
 
 /// The wires to one device, which only the owner of this value uses.
@@ -47,6 +51,44 @@ pub trait Wires: Send {
     /// # Errors
     /// [`WireError`].
     fn reset(&mut self, low: Duration) -> Result<bool, WireError>;
+}
+
+/// The wires to one device that tells by an edge when it has become ready, which only the owner of this value uses, and
+/// their clock.
+pub trait EdgeWires: Send {
+    /// The time in nanoseconds. Where zero lies is up to the wires.
+    fn now_ns(&self) -> u64;
+
+    /// Waits for that time.
+    fn sleep(&mut self, time: Duration);
+
+    /// Sends `tx` and receives as many bytes into `rx`, under one chip select.
+    ///
+    /// # Errors
+    /// [`WireError`]; how many bytes were exchanged is not known then.
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError>;
+
+    /// Whether the line is wired that says when the device is ready.
+    fn has_ready_line(&self) -> bool;
+
+    /// Forgets all edges that have come.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    fn forget_edges(&mut self) -> Result<(), WireError>;
+
+    /// Waits for an edge to ready that has come since [`Self::forget_edges`], for at most `limit`; whether there was
+    /// one, which is forgotten then. `false` at once if the line is not wired.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError>;
+
+    /// Whether the interrupt line is high; `None`: it is not wired.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError>;
 }
 
 /// Why SPI or a GPIO line cannot be used.

@@ -1,6 +1,7 @@
 //! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
+use crate::xf::DataSize;
 
 /// The largest values of keys in milliseconds: an hour, a day. \[OURS]
 const HOUR_MS: u64 = 3_600_000;
@@ -14,6 +15,19 @@ const SIM: &[Scheme] = &[Scheme::Sim];
 const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
 const USB: &[Scheme] = &[Scheme::Usb];
+const XF_SIM: &[Scheme] = &[Scheme::XfSim];
+const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
+const XF_USB: &[Scheme] = &[Scheme::XfUsb];
+/// Links to a chip ECM-XF.
+const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
+/// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
+const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];
+/// The number of an endpoint of USB.
+const ENDPOINT: Syntax = Syntax::Number(1, 15);
+/// What simulates slaves.
+const WITH_SLAVES: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
+/// The bytes of data in a packet of an ECM-XF.
+const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 
@@ -25,7 +39,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
-        schemes: SIM,
+        schemes: WITH_SLAVES,
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
@@ -60,7 +74,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "clock",
-        schemes: SIM,
+        schemes: WITH_SLAVES,
         syntax: Syntax::Choice(&["real", "virtual"]),
         default: Some("real"),
         example: "virtual",
@@ -209,8 +223,125 @@ pub const KEYS: &[Key] = &[
         meaning: "how long a reader whose connection is lost tries to connect again, in ms; a writer never does",
     },
     Key {
+        name: "chip_fw",
+        schemes: XF_SIM,
+        syntax: Syntax::Choice(&["new", "old", "xfu"]),
+        default: Some("new"),
+        example: "old",
+        meaning: "the chip: new, firmware 0x22 with packets of 1024 bytes of data; old, firmware 0x0E with 112 and \
+                  without LRW; xfu, an ECM-XFU with 992",
+    },
+    Key {
+        name: "n",
+        schemes: XF_SIM,
+        syntax: DATA_SIZE,
+        default: None,
+        example: "112",
+        meaning: "bytes of data in a packet when the chip has got its power; not given: what chip_fw has",
+    },
+    Key {
+        name: "use_n",
+        schemes: XF_ON_SPI,
+        syntax: DATA_SIZE,
+        default: None,
+        example: "256",
+        meaning: "bytes of data in a packet that the chip is set to at the start; not given: it keeps what it has",
+    },
+    Key {
+        name: "idle_us",
+        schemes: XF,
+        syntax: Syntax::Number(0, 1_000_000),
+        default: Some("150"),
+        example: "100",
+        meaning: "how long nothing is sent after a packet, in us, while INT0 does not say when the chip is ready",
+    },
+    Key {
+        name: "int0",
+        schemes: XF_SIM,
+        syntax: Syntax::Choice(&["no", "yes"]),
+        default: Some("no"),
+        example: "yes",
+        meaning: "yes: INT0 is wired, which says when the chip is ready for the next packet",
+    },
+    Key {
+        name: "int0",
+        schemes: XF_SPI,
+        syntax: Syntax::Line,
+        default: None,
+        example: "gpiochip0/24",
+        meaning: "the line that INT0 is connected to, by number or name: it says when the chip is ready for the next \
+                  packet; not given: idle_us= is left behind each packet",
+    },
+    Key {
+        name: "int0_active",
+        schemes: XF_SPI,
+        syntax: Syntax::Choice(&["high", "low"]),
+        default: Some("high"),
+        example: "low",
+        meaning: "the level of int0= while the chip is ready: high, as it starts; low, if something inverts it on the \
+                  way, or the program sets that (INT_SET_ENABLE)",
+    },
+    Key {
+        name: "int1",
+        schemes: XF_SPI,
+        syntax: Syntax::Line,
+        default: None,
+        example: "gpiochip0/25",
+        meaning: "the line that INT1 (pin 7) is connected to, by number or name; not given: the program cannot read it",
+    },
+    Key {
+        name: "speed",
+        schemes: XF_ON_SPI,
+        syntax: Syntax::Hertz(100_000, 96_000_000),
+        default: Some("24M"),
+        example: "12M",
+        meaning: "frequency of the clock of SPI, in Hz",
+    },
+    Key {
+        name: "vid",
+        schemes: XF_USB,
+        syntax: Syntax::UsbId,
+        default: None,
+        example: "1234",
+        meaning: "idVendor of the ECM-XFU as `lsusb` shows it, which no manual tells; it has to be given",
+    },
+    Key {
+        name: "pid",
+        schemes: XF_USB,
+        syntax: Syntax::UsbId,
+        default: None,
+        example: "abcd",
+        meaning: "idProduct of the ECM-XFU as `lsusb` shows it, which no manual tells; it has to be given",
+    },
+    Key {
+        name: "ep_out",
+        schemes: XF_USB,
+        syntax: ENDPOINT,
+        default: None,
+        example: "2",
+        meaning: "the number of its endpoint that takes packets, as `lsusb -v` shows it, which no manual tells; it has to \
+                  be given",
+    },
+    Key {
+        name: "ep_in",
+        schemes: XF_USB,
+        syntax: ENDPOINT,
+        default: None,
+        example: "1",
+        meaning: "the number of its endpoint that gives packets, as `lsusb -v` shows it, which no manual tells; it has to \
+                  be given",
+    },
+    Key {
+        name: "record",
+        schemes: XF,
+        syntax: Syntax::File,
+        default: None,
+        example: "/tmp/chip.pcapng",
+        meaning: "write every exchange to that file, for Wireshark and `ecmsk dump`; not given: no recording",
+    },
+    Key {
         name: "queue",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(1, 65_536),
         default: Some("32"),
         example: "1",
@@ -218,7 +349,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::File,
         default: None,
         example: "/tmp/board.pcapng",
@@ -226,7 +357,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "read_timeout_ms",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(0, DAY_MS),
         default: None,
         example: "100",
@@ -234,7 +365,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "write_timeout_ms",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(0, DAY_MS),
         default: Some("5000"),
         example: "100",
@@ -318,7 +449,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.seed",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(0, u64::MAX),
         default: Some("1"),
         example: "7",
@@ -353,7 +484,7 @@ pub const KEYS: &[Key] = &[
     ),
     Key {
         name: "fault.delay_ms",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("10"),
         example: "200",
@@ -361,7 +492,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_after",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(1, u64::MAX),
         default: None,
         example: "1000",
@@ -370,7 +501,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_ms",
-        schemes: &Scheme::ALL,
+        schemes: &Scheme::BOARDS,
         syntax: Syntax::Number(1, DAY_MS),
         default: None,
         example: "2000",
@@ -381,11 +512,11 @@ pub const KEYS: &[Key] = &[
 /// A key for the fraction of frames, in both directions, that a fault affects.
 const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
+    Key { name, schemes: &Scheme::BOARDS, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
 /// As [`fault_rate`], for one direction; it replaces the value for both directions.
 const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }
+    Key { name, schemes: &Scheme::BOARDS, syntax, default: None, example: "0.01", meaning }
 }

@@ -42,7 +42,7 @@ fn recorded() -> MutexGuard<'static, BTreeMap<PathBuf, Option<Progress>>> {
 }
 
 /// Opens the file of a recording, and locks it against other recordings.
-pub(super) fn open(path: &Path) -> io::Result<RecordingFile> {
+pub(in crate::link) fn open(path: &Path) -> io::Result<RecordingFile> {
     let mut file = open_locked(path)?;
     // A pipe or a device has no length.
     if !file.metadata()?.is_file() {
@@ -181,7 +181,7 @@ fn check_replaceable(path: &Path) -> io::Result<()> {
 const SECTION_HEADER_BYTES_MAX: u64 = 1 << 20;
 
 /// The file of a recording. A write is made completely or not at all: what a full disk has taken of it is removed again.
-pub(super) struct RecordingFile {
+pub(in crate::link) struct RecordingFile {
     file: File,
     /// The length after the last write that succeeded; `None` for a pipe or device, which has no length.
     length: Option<u64>,
@@ -193,7 +193,7 @@ pub(super) struct RecordingFile {
 
 impl RecordingFile {
     /// Whether it is a file on a disk, which accepts writes sooner or later, and not a pipe, whose reader may never read.
-    pub(super) const fn is_on_disk(&self) -> bool {
+    pub(in crate::link) const fn is_on_disk(&self) -> bool {
         self.length.is_some()
     }
 
@@ -202,7 +202,7 @@ impl RecordingFile {
     ///
     /// If the link's clock has continued, perhaps more slowly than real time (`rate=`, `catch_up_ms=`), it tells how much
     /// time has passed since. If it has started again, the real time since then counts.
-    pub(super) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
+    pub(in crate::link) fn continued(&self, meta: &RecordMeta, link_time: Stamp) -> RecordMeta {
         let mut meta = meta.clone();
         let Some(path) = &self.path else { return meta };
         let mut recorded = recorded();
@@ -272,7 +272,7 @@ impl Drop for RecordingFile {
 }
 
 /// Where a recording is written to.
-pub(super) enum Sink {
+pub(in crate::link) enum Sink {
     /// A file, pipe or device.
     File(RecordingFile),
     /// Any other writer.

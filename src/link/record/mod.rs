@@ -9,32 +9,32 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
+//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets
 //! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
 //! - `sync.rs`: when the operating system writes the file to the disk
 //! - `tell.rs`: messages to the user of the program
 
-mod file;
+pub(super) mod file;
+pub(super) mod queue;
 mod sync;
 mod tell;
-mod writer;
+pub(super) mod writer;
 
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use file::make_room;
 
 use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::recording::{Clock, RecordMeta};
-use crate::sk::Frame;
-use crate::threads;
+use crate::sk::{Frame, SlotSize};
 use file::Sink;
-use writer::{Capture, Entry};
+use queue::Recorder;
+use writer::FrameEntry;
 
 /// How many frames may wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The memory is
 /// allocated when the link is opened. \[OURS]
@@ -49,7 +49,7 @@ pub const QUEUE_IN_VIRTUAL_TIME: usize = 64;
 pub const SYNC_EVERY: Duration = Duration::from_secs(1);
 
 /// How long the reader of a pipe may read nothing before the recorder no longer waits for it. \[OURS]
-const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
+pub(super) const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 
 /// A link that records all frames of another link.
 ///
@@ -64,20 +64,7 @@ const PIPE_STALL_MAX: Duration = Duration::from_secs(2);
 /// be in it yet. The system is asked every [`SYNC_EVERY`] to write it to the disk.
 pub struct RecordLink {
     inner: Arc<dyn Link>,
-    /// What is added to the link's time stamps to get those of the file.
-    base_ns: u64,
-    /// Whether a call waits for room in the queue: on a virtual clock.
-    may_wait: bool,
-    /// How long a call or the end of the recording waits for the reader of a pipe; `None` for a file.
-    stall_max: Option<Duration>,
-    /// Whether the reader of the pipe has read nothing for so long that calls do not wait for it any more.
-    given_up: AtomicBool,
-    /// Frames that are missing from the recording.
-    dropped: Arc<AtomicU64>,
-    /// The queue to the recorder's thread, `None` after [`Link::close`]. A call takes a clone of it before it begins; the
-    /// recording ends when the last clone is dropped.
-    entries: RwLock<Option<SyncSender<Entry>>>,
-    writer: Mutex<Option<JoinHandle<()>>>,
+    recorder: Recorder<FrameEntry>,
 }
 
 impl RecordLink {
@@ -120,86 +107,33 @@ impl RecordLink {
         queue: usize,
         stall_max: Option<Duration>,
     ) -> Result<Self, LinkError> {
-        let failed = |error: io::Error| cannot_record(name, &error);
-        let dropped = Arc::new(AtomicU64::new(0));
-        let capture = Capture::begin(name.to_owned(), sink, meta, Arc::clone(&dropped)).map_err(failed)?;
-        let (sender, receiver) = sync_channel(queue.max(1));
-        let writer = threads::spawn("ecmsk-record", move || writer::run(&receiver, capture)).map_err(failed)?;
-        Ok(Self {
-            inner,
-            base_ns: meta.base_ns,
-            may_wait: meta.clock == Clock::Virtual,
-            stall_max,
-            given_up: AtomicBool::new(false),
-            dropped,
-            entries: RwLock::new(Some(sender)),
-            writer: Mutex::new(Some(writer)),
-        })
+        let recorder =
+            Recorder::begin(name, sink, meta, queue, stall_max).map_err(|error| cannot_record(name, &error))?;
+        Ok(Self { inner, recorder })
     }
 
-    fn entries(&self) -> Option<SyncSender<Entry>> {
-        self.entries.read().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn record(&self, entries: Option<SyncSender<Entry>>, dir: Dir, at: Stamp, frame: &Frame) {
-        let entry = Entry { at_ns: self.base_ns.saturating_add(at.0), dir, frame: frame.clone() };
-        let taken = match entries {
-            Some(entries) if self.may_wait => self.hand_over(&entries, entry),
-            Some(entries) => entries.try_send(entry).is_ok(),
-            None => false,
-        };
-        if !taken {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    /// Waits for room in the queue, but not forever for the reader of a pipe, who may never read. Returns whether the frame
-    /// was taken.
-    fn hand_over(&self, entries: &SyncSender<Entry>, mut entry: Entry) -> bool {
-        let Some(stall_max) = self.stall_max else { return entries.send(entry).is_ok() };
-        let began = Instant::now();
-        loop {
-            match entries.try_send(entry) {
-                Ok(()) => return true,
-                Err(TrySendError::Disconnected(_)) => return false,
-                Err(TrySendError::Full(back)) => entry = back,
-            }
-            if self.given_up.load(Ordering::Relaxed) || began.elapsed() > stall_max {
-                self.given_up.store(true, Ordering::Relaxed);
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// Waits for the calls that are in progress, then ends the recording.
-    fn finish(&self) {
-        drop(self.entries.write().unwrap_or_else(PoisonError::into_inner).take());
-        // A second thread that closes the link waits here until the file is complete.
-        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(thread) = writer.take() else { return };
-        let Some(stall_max) = self.stall_max else {
-            // If the thread has panicked, nobody can be told here.
-            let _ = thread.join();
-            return;
-        };
-        if !threads::end_within(thread, stall_max) {
-            log::warn!("the recording lacks its end: the reader of its pipe has taken nothing for {stall_max:?}");
-        }
+    fn record(&self, entries: Option<SyncSender<FrameEntry>>, dir: Dir, at: Stamp, frame: &Frame) {
+        let entry = FrameEntry { at_ns: self.recorder.file_ns(at.0), dir, frame: frame.clone() };
+        self.recorder.record(entries, entry);
     }
 }
 
 impl RecordMeta {
     /// The data for a link that is being opened and whose clock shows `link_time`.
     pub fn now(info: &LinkInfo, link_time: Stamp) -> Self {
-        let (clock, base_ns) = if info.virtual_time {
+        Self::begun(info.name.clone(), info.slot, info.virtual_time, link_time)
+    }
+
+    /// The data for a link of that name.
+    pub(super) fn begun(link: String, slot: Option<SlotSize>, virtual_time: bool, link_time: Stamp) -> Self {
+        let (clock, base_ns) = if virtual_time {
             (Clock::Virtual, 0)
         } else {
             // A machine whose clock was never set may be before 1970.
             let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
             (Clock::Real, u64::try_from(unix).unwrap_or_default().saturating_sub(link_time.0))
         };
-        Self { slot: info.slot, clock, base_ns, link: info.name.clone() }
+        Self { slot, clock, base_ns, link }
     }
 }
 
@@ -209,14 +143,14 @@ impl Layer for RecordLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let entries = self.entries();
+        let entries = self.recorder.entries();
         let at = self.inner.write(frame, wait)?;
         self.record(entries, Dir::Write, at, frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let entries = self.entries();
+        let entries = self.recorder.entries();
         let meta = self.inner.read(out, wait)?;
         self.record(entries, Dir::Read, meta.at, out);
         Ok(meta)
@@ -225,17 +159,17 @@ impl Layer for RecordLink {
     fn close(&self) {
         // This ends the calls in progress, for which the recording waits.
         self.inner.close();
-        self.finish();
+        self.recorder.finish();
     }
 
     fn vanish(&self) {
         self.inner.vanish();
-        self.finish();
+        self.recorder.finish();
     }
 
     fn stats(&self) -> LinkStats {
         let mut stats = self.inner.stats();
-        stats.record_dropped += self.dropped.load(Ordering::Relaxed);
+        stats.record_dropped += self.recorder.dropped();
         stats
     }
 }
@@ -246,13 +180,15 @@ impl Drop for RecordLink {
         if Arc::strong_count(&self.inner) == 1 {
             self.inner.vanish();
         }
-        self.finish();
+        self.recorder.finish();
     }
 }
 
 fn cannot_record(name: &str, error: &io::Error) -> LinkError {
-    LinkError::Io {
-        what: format!("cannot record to {name}"),
-        message: format!("{error}; name another file with record= or leave it out"),
-    }
+    LinkError::Io { what: format!("cannot record to {name}"), message: next_step(error) }
+}
+
+/// Why nothing can be recorded to a file, and what to do.
+pub(super) fn next_step(error: &io::Error) -> String {
+    format!("{error}; name another file with record= or leave it out")
 }

@@ -1,4 +1,4 @@
-//! The recorder's thread: writes frames to the file as pcapng blocks.
+//! The recorder's thread: writes frames of a board, or packets of a chip, to the file as pcapng blocks.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -26,11 +26,11 @@ use crate::sk::{FRAME_LEN, Frame};
 const BATCH_BYTES: usize = 64 * 1024;
 
 const PACKET_LEN: usize = usbmon::HEADER_LEN + FRAME_LEN;
-/// The bytes of the block of a frame: type, length, interface, time in two halves, two lengths of the packet, and the
+/// The bytes of a block around its packet: type, length, interface, time in two halves, two lengths of the packet, and the
 /// length again.
-const BLOCK_LEN: usize = PACKET_LEN + 32;
+const AROUND_PACKET: usize = 32;
 /// The largest number of frames in one write.
-const BATCH_FRAMES: usize = BATCH_BYTES / BLOCK_LEN;
+const BATCH_FRAMES: usize = BATCH_BYTES / (PACKET_LEN + AROUND_PACKET);
 /// How many frames at the end of the file may be moved behind one that comes late. On the real clock the thread that reads
 /// may be late by all reports of its queue, with a command for each. \[OURS]
 const SORTED_FRAMES: usize = 128;
@@ -42,19 +42,60 @@ const NANOSECONDS: u8 = 9;
 /// Why frames are missing if no write has failed.
 const TOO_SLOW: &str = "the disk was too slow";
 
+/// What one block of a recording holds, on its way to the file.
+pub(in crate::link) trait Entry: Send + 'static {
+    /// What the packets of the file are.
+    const LINK_TYPE: DataLink;
+    /// What was recorded.
+    const HARDWARE: &'static str;
+    /// Whether entries may come late, and are put in the order of their times: all their blocks have one length then.
+    const MAY_COME_LATE: bool;
+    /// The largest number of bytes of a packet.
+    const PACKET_MAX: usize;
+
+    /// The time stamp in the file, in nanoseconds.
+    fn at_ns(&self) -> u64;
+
+    /// The direction.
+    fn dir(&self) -> Dir;
+
+    /// Puts the packet into `packet`, of [`Self::PACKET_MAX`] bytes, and gives its length. `id` counts the packets of a
+    /// section from 0.
+    fn packet(&self, id: u64, packet: &mut [u8]) -> usize;
+
+    /// The sort key of the time order. Of a report and a command with the same time the report comes first, since the command
+    /// had not reached the board when the report was made.
+    fn key(&self) -> (u64, bool) {
+        (self.at_ns(), matches!(self.dir(), Dir::Write))
+    }
+}
+
 /// A frame on its way to the file.
-pub(super) struct Entry {
+pub(super) struct FrameEntry {
     /// The time stamp in the file, in nanoseconds.
     pub at_ns: u64,
     pub dir: Dir,
     pub frame: Frame,
 }
 
-impl Entry {
-    /// The sort key of the time order. Of a report and a command with the same time the report comes first, since the command
-    /// had not reached the board when the report was made.
-    const fn key(&self) -> (u64, bool) {
-        (self.at_ns, matches!(self.dir, Dir::Write))
+impl Entry for FrameEntry {
+    const LINK_TYPE: DataLink = DataLink::USB_LINUX_MMAPPED;
+    const HARDWARE: &'static str = "ECM-SK";
+    const MAY_COME_LATE: bool = true;
+    const PACKET_MAX: usize = PACKET_LEN;
+
+    fn at_ns(&self) -> u64 {
+        self.at_ns
+    }
+
+    fn dir(&self) -> Dir {
+        self.dir
+    }
+
+    fn packet(&self, id: u64, packet: &mut [u8]) -> usize {
+        packet[..usbmon::HEADER_LEN].copy_from_slice(&usbmon::header(self.dir, id, self.at_ns));
+        packet[usbmon::HEADER_LEN..].copy_from_slice(self.frame.bytes());
+        PACKET_LEN
     }
 }
 
@@ -62,7 +103,7 @@ impl Entry {
 ///
 /// Frames that have arrived are written at once, in one write: a program may crash at any moment, and its last frames
 /// show why.
-pub(super) fn run(entries: &Receiver<Entry>, mut capture: Capture) {
+pub(super) fn run<E: Entry>(entries: &Receiver<E>, mut capture: Capture<E>) {
     while let Ok(entry) = entries.recv() {
         capture.push(entry);
         while let Ok(entry) = entries.try_recv() {
@@ -79,7 +120,7 @@ pub(super) fn run(entries: &Receiver<Entry>, mut capture: Capture) {
 /// In a file on the real clock frames are in the order of their times, although a thread of the program may hand one over
 /// late: such a frame is inserted at its place, and the frames behind it are written again. A pipe gets the frames in the
 /// order in which they arrive, and so does a file on a virtual clock, where this is the order of the calls.
-pub(super) struct Capture {
+pub(super) struct Capture<E> {
     /// The name of the file in messages.
     name: String,
     sink: Sink,
@@ -88,10 +129,14 @@ pub(super) struct Capture {
     /// Blocks that are being written.
     blocks: PcapNgWriter<Vec<u8>>,
     /// Frames that have not been written yet.
-    waiting: Vec<Entry>,
+    waiting: Vec<E>,
     /// The newest frames in the file, if frames are sorted.
-    recent: VecDeque<Entry>,
+    recent: VecDeque<E>,
     frames_written: u64,
+    /// The length of the last block in the file.
+    last_block: u64,
+    /// Room for a packet.
+    packet: Box<[u8]>,
     /// The latest time of a frame.
     last_ns: u64,
     /// Frames that are missing from the file; the threads of the program count here as well.
@@ -102,22 +147,22 @@ pub(super) struct Capture {
     failed: Option<String>,
 }
 
-impl Capture {
+impl<E: Entry> Capture<E> {
     /// Writes the headers of the section. Fails if the disk has no room for them and for the end of the section.
     pub fn begin(name: String, sink: Sink, meta: &RecordMeta, dropped: Arc<AtomicU64>) -> io::Result<Self> {
         let section = SectionHeaderBlock {
             endianness: Endianness::Little,
             options: vec![
                 SectionHeaderOption::Comment(Cow::Owned(meta.to_string())),
-                SectionHeaderOption::Hardware(Cow::Borrowed("ECM-SK")),
+                SectionHeaderOption::Hardware(Cow::Borrowed(E::HARDWARE)),
                 SectionHeaderOption::UserApplication(Cow::Borrowed(concat!("ecmsk ", env!("CARGO_PKG_VERSION")))),
             ],
             ..SectionHeaderBlock::default()
         };
-        let room = BATCH_BYTES + (SORTED_FRAMES + 2) * BLOCK_LEN;
+        let room = BATCH_BYTES + (SORTED_FRAMES + 2) * (E::PACKET_MAX + AROUND_PACKET);
         let mut blocks = PcapNgWriter::with_section_header(Vec::with_capacity(room), section).map_err(io_error)?;
         let interface = InterfaceDescriptionBlock {
-            linktype: DataLink::USB_LINUX_MMAPPED,
+            linktype: E::LINK_TYPE,
             snaplen: 0,
             options: vec![
                 InterfaceDescriptionOption::IfName(Cow::Borrowed("ecmsk")),
@@ -128,12 +173,14 @@ impl Capture {
         blocks.write_pcapng_block(interface).map_err(io_error)?;
         let mut capture = Self {
             name,
-            sorts: meta.clock == Clock::Real && sink.can_rewrite(),
+            sorts: E::MAY_COME_LATE && meta.clock == Clock::Real && sink.can_rewrite(),
             sink,
             blocks,
             waiting: Vec::with_capacity(BATCH_FRAMES),
             recent: VecDeque::with_capacity(SORTED_FRAMES + BATCH_FRAMES),
             frames_written: 0,
+            last_block: 0,
+            packet: vec![0; E::PACKET_MAX].into(),
             last_ns: 0,
             dropped,
             told: false,
@@ -152,12 +199,12 @@ impl Capture {
         Ok(capture)
     }
 
-    fn push(&mut self, entry: Entry) {
+    fn push(&mut self, entry: E) {
         if self.failed.is_some() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        self.last_ns = self.last_ns.max(entry.at_ns);
+        self.last_ns = self.last_ns.max(entry.at_ns());
         self.waiting.push(entry);
         if self.waiting.len() >= BATCH_FRAMES {
             self.flush();
@@ -174,27 +221,40 @@ impl Capture {
     fn write_out(&mut self) -> io::Result<()> {
         let mut again = 0;
         if self.sorts {
-            self.waiting.sort_by_key(Entry::key);
-            if let Some(first) = self.waiting.first().map(Entry::key) {
+            self.waiting.sort_by_key(E::key);
+            if let Some(first) = self.waiting.first().map(E::key) {
                 again = self.recent.iter().rev().take_while(|entry| entry.key() > first).count();
             }
         }
         let from = self.recent.len() - again;
         let (mut old, mut new) = (self.recent.range(from..).peekable(), self.waiting.iter().peekable());
         let mut id = self.frames_written - again as u64;
+        let mut last_block = self.last_block;
         while let Some(entry) = match (old.peek(), new.peek()) {
             (Some(before), Some(after)) if before.key() <= after.key() => old.next(),
             (Some(_), None) => old.next(),
             (_, _) => new.next(),
         } {
-            self.blocks.write_pcapng_block(packet(entry, id, &mut [0; PACKET_LEN])).map_err(io_error)?;
+            let len = entry.packet(id, &mut self.packet);
+            let block = EnhancedPacketBlock {
+                interface_id: 0,
+                timestamp: Duration::from_nanos(entry.at_ns()),
+                original_len: len as u32,
+                data: Cow::Borrowed(&self.packet[..len]),
+                options: Vec::new(),
+            };
+            let before = self.blocks.get_ref().len();
+            self.blocks.write_pcapng_block(block).map_err(io_error)?;
+            last_block = (self.blocks.get_ref().len() - before) as u64;
             id += 1;
         }
-        self.put(again * BLOCK_LEN)?;
+        // Those that are written again have one length.
+        self.put(again * (E::PACKET_MAX + AROUND_PACKET))?;
+        self.last_block = last_block;
         self.frames_written += self.waiting.len() as u64;
         if self.sorts {
             self.recent.extend(self.waiting.drain(..));
-            self.recent.make_contiguous()[from..].sort_by_key(Entry::key);
+            self.recent.make_contiguous()[from..].sort_by_key(E::key);
             self.recent.drain(..self.recent.len().saturating_sub(SORTED_FRAMES));
         } else {
             self.waiting.clear();
@@ -233,7 +293,7 @@ impl Capture {
         self.flush();
         if let Err(error) = self.write_end() {
             // A full disk may have no room for the end of the section, so the last frame is removed for it.
-            let has_room = self.frames_written > 0 && self.sink.truncate_by(BLOCK_LEN as u64).is_ok();
+            let has_room = self.frames_written > 0 && self.sink.truncate_by(self.last_block).is_ok();
             if has_room {
                 self.frames_written -= 1;
                 self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -270,19 +330,6 @@ impl Capture {
         };
         self.blocks.write_pcapng_block(statistics).map_err(io_error)?;
         self.put(0)
-    }
-}
-
-/// The block of a frame.
-fn packet<'a>(entry: &Entry, id: u64, packet: &'a mut [u8; PACKET_LEN]) -> EnhancedPacketBlock<'a> {
-    packet[..usbmon::HEADER_LEN].copy_from_slice(&usbmon::header(entry.dir, id, entry.at_ns));
-    packet[usbmon::HEADER_LEN..].copy_from_slice(entry.frame.bytes());
-    EnhancedPacketBlock {
-        interface_id: 0,
-        timestamp: Duration::from_nanos(entry.at_ns),
-        original_len: PACKET_LEN as u32,
-        data: Cow::Borrowed(&packet[..]),
-        options: Vec::new(),
     }
 }
 

@@ -116,24 +116,27 @@ pub(super) const BUSY_IS_LOW: &str = "BUSY does not go high in an exchange: busy
 
 /// The error of a link whose wires cannot be used.
 pub(super) fn refused(name: &str, error: WireError) -> LinkError {
-    let no_board = |reason: String| LinkError::NoBoard { name: name.to_owned(), reason };
+    let next = next_step(&error);
     match error {
-        WireError::Missing { .. } => no_board(format!(
-            "{error}; switch SPI on in the system (a device tree overlay, e.g. dtparam=spi=on), or correct the link"
-        )),
-        WireError::Another { .. } => no_board(format!("{error}; correct the link")),
-        WireError::Denied { .. } => {
-            no_board(format!("{error}; add the user to the groups of the devices (spi, gpio), or be root"))
-        }
         WireError::InUse { what, by } => LinkError::InUse {
             name: name.to_owned(),
             by: format!("{by} ({what})"),
             instead: "share the board by `ecmsk serve tcp`",
         },
-        WireError::Refused { what, message } => LinkError::Io {
-            what,
-            message: format!("{message}; look at speed= and mode=, and at bufsiz of the module spidev (512 at least)"),
-        },
+        WireError::Refused { what, message } => LinkError::Io { what, message: format!("{message}; {next}") },
+        _ => LinkError::NoBoard { name: name.to_owned(), reason: format!("{error}; {next}") },
+    }
+}
+
+/// What to do about wires that cannot be used.
+pub(in crate::link) const fn next_step(error: &WireError) -> &'static str {
+    match error {
+        WireError::Missing { .. } => {
+            "switch SPI on in the system (a device tree overlay, e.g. dtparam=spi=on), or correct the link"
+        }
+        WireError::Another { .. } | WireError::InUse { .. } => "correct the link",
+        WireError::Denied { .. } => "add the user to the groups of the devices (spi, gpio), or be root",
+        WireError::Refused { .. } => "look at speed= and mode=, and at bufsiz of the module spidev (512 at least)",
     }
 }
 

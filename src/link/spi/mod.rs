@@ -47,8 +47,10 @@ pub use self::answer_check::{AnswerCheck, InvalidAnswer};
 pub use self::options::SpiOptions;
 pub use self::pacer::{ExchangeContent, Pacer, PacerCounts, PacerOptions, Plan, WaitingFrames};
 
+pub(in crate::link) use self::begin::next_step;
 use self::begin::{begin, refused};
 use self::options::PERIOD_WITHOUT_BUSY;
+pub(in crate::link) use self::options::device;
 use self::queues::FrameQueues;
 use self::runner::{Runner, Shared};
 use super::call_counts::CallCounts;

@@ -57,16 +57,9 @@ impl SpiOptions {
     /// [`UriError::BadValue`] for a cycle time that does not exist or is too short for these wires.
     pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
         uri.expect_scheme(Scheme::Spi)?;
-        if !uri.path().starts_with('/') || uri.path().contains('\0') {
-            return Err(UriError::BadPath {
-                scheme: Scheme::Spi,
-                path: uri.path().to_owned(),
-                allowed: "spi:/dev/spidevB.C, e.g. spi:/dev/spidev0.0",
-            });
-        }
         let hertz = |value: &str| keys::hertz(value)?.try_into().ok();
         let places = SpiSettings {
-            device: PathBuf::from(uri.path()),
+            device: device(uri, "spi:/dev/spidevB.C, e.g. spi:/dev/spidev0.0")?,
             speed_hz: uri.required("speed", hertz)?,
             mode: uri.required("mode", |value| value.parse().ok())?,
             busy: uri.typed("busy", GpioLine::parse)?,
@@ -118,6 +111,14 @@ impl SpiOptions {
         let bits = self.slot.frame_len() as u64 * 8;
         Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))
     }
+}
+
+/// The spidev file of a link; `allowed` is what an error says that a link has to be.
+pub(in crate::link) fn device(uri: &LinkUri, allowed: &'static str) -> Result<PathBuf, UriError> {
+    if uri.path().starts_with('/') && !uri.path().contains('\0') {
+        return Ok(PathBuf::from(uri.path()));
+    }
+    Err(UriError::BadPath { scheme: uri.scheme(), path: uri.path().to_owned(), allowed })
 }
 
 fn bad_cycle(uri: &LinkUri, why: String) -> UriError {

@@ -10,6 +10,9 @@ const MODULE: &str = "/sys/module/spidev";
 /// The length of the longest frame in bytes, which one exchange has to transfer (SK-10).
 pub const FRAME_LEN: i64 = 512;
 
+/// The length of the longest packet of an ECM-XF in bytes, which one exchange has to transfer (XF EN 174).
+pub const PACKET_LEN: i64 = 1440;
+
 /// A spidev device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiDevice {

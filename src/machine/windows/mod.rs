@@ -96,12 +96,18 @@ impl Machine {
     /// links is only mentioned.
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted.is_some_and(|link| link.scheme() == Scheme::Usb));
-        if wanted.is_some_and(|link| link.scheme() == Scheme::Spi) {
-            all.push(Finding::wrong(
+        match wanted.map(LinkUri::scheme) {
+            Some(Scheme::Spi) => all.push(Finding::wrong(
                 "spi",
                 "Windows has no spi: links",
                 "serve the board by `ecmsk serve tcp` on the machine it is wired to, and use tcp://HOST:PORT here",
-            ));
+            )),
+            Some(Scheme::XfSpi) => all.push(Finding::wrong(
+                "spi",
+                "Windows has no xf-spi: links",
+                "run the program on a machine with Linux that the chip is wired to",
+            )),
+            _ => {}
         }
         all.push(timer(timer_resolution()));
         all

@@ -13,13 +13,13 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::client::Client;
 use super::hub::{Board, Hub, Joining};
-use super::log_limit::LogLimit;
 use super::pending::{Look, PendingConnection};
 use super::pending_pool::PendingPool;
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Refusal, Role};
 use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, ServerTls, Waker};
+use crate::port::log_limit::LogLimit;
 use crate::span::Span;
 use crate::threads;
 

@@ -33,7 +33,6 @@
 //! - `supervise.rs`: the thread that reads reports and opens the board again after a loss
 //! - `vanish.rs`, `server_link.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
 //!   uses
-//! - `log_limit.rs`: limits repeated lines in the log
 //! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
 //!   tests
 
@@ -44,7 +43,6 @@ mod client;
 mod hub;
 #[doc(hidden)]
 pub mod in_memory;
-mod log_limit;
 #[cfg(all(test, feature = "sim"))]
 mod man_in_the_middle;
 mod pending;
@@ -61,7 +59,7 @@ use std::time::Duration;
 
 use crate::link::tcp::Secret;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
-use crate::port::notes::{Note, Teller};
+use crate::port::notes::Teller;
 use crate::threads;
 
 use accept::Acceptor;
@@ -173,11 +171,7 @@ impl Server {
         let info = link.info();
         let system = |what| move |error: std::io::Error| ServeError::System { what, message: error.to_string() };
         let hub = Arc::new(Hub::new(options));
-        let tell = Arc::clone(&hub.options.tell);
-        let teller = Teller::start(&hub.notes, move |note| match note {
-            Note::Told(line) => tell(&line),
-            Note::Dropped(count) => tell(&format!("{count} lines were dropped, those before were not taken in time")),
-        });
+        let teller = Teller::of_lines(&hub.notes, Arc::clone(&hub.options.tell));
         let teller = teller.map_err(system("start the thread of the log"))?;
         let supervisor = threads::spawn("ecmsk-serve", {
             let (hub, board) = (Arc::clone(&hub), hub.attach(link));

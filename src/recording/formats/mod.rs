@@ -4,9 +4,12 @@
 //! packet there is a header in front of the bytes of a USB transfer, and which one depends on who captured: [`usbmon`] of
 //! Linux, which our own recordings have too, or [`usbpcap`] on Windows. Either header becomes an [`Event`].
 //!
+//! Recordings of a chip hold no USB transfers: [`exchange`].
+//!
 //! A further header is a file beside these two, and a line in [`is_usb`] and in [`event`].
 
 pub(super) mod container;
+pub(crate) mod exchange;
 pub mod transfer;
 pub(crate) mod usbmon;
 mod usbpcap;

@@ -152,10 +152,14 @@ impl AnalogUnit {
         if self.adc_done_at.take_if(|end| *end <= now).is_some() {
             let [positive, negative] = self.inputs.map(i32::from);
             self.adc_value = Some(match self.adc {
-                // [OURS] Half the difference, around the middle of the range.
-                Some(AdcMode::Differential) => (MIDDLE + (positive - negative) / 2).clamp(0, 4095) as u16,
+                Some(AdcMode::Differential) => differential(positive, negative),
                 _ => positive as u16,
             });
         }
     }
+}
+
+/// What two inputs read in differential mode. `[OURS]` Half the difference, around the middle of the range.
+fn differential(positive: i32, negative: i32) -> u16 {
+    (MIDDLE + (positive - negative) / 2).clamp(0, 4095) as u16
 }

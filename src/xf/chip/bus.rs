@@ -6,6 +6,10 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::{DcTiming, PdoAssignment, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
+/// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW says so, and with firmware that does not know
+/// the switch. `[OURS]`
+const LRW_AT_START: bool = true;
+
 /// What the chip has in its memory about a slave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Known {
@@ -57,7 +61,7 @@ impl Bus {
             tx_bytes: 0,
             outputs: [0; IMAGE_MAX],
             inputs: [0; IMAGE_MAX],
-            lrw: true,
+            lrw: LRW_AT_START,
             working_counter: 0,
             wkc_errors: 0,
             wkc_errors_in_a_row: 0,

@@ -114,13 +114,13 @@ impl<N: Network> Chip<N> {
 
             Request::SpiPackSizeGet(_) => Ok(self.size.encode(data)?),
             Request::SpiReconfig(request) => self.set_size(request.size),
-            Request::CrcErrorCountClear(_) => Ok(std::mem::take(&mut self.crc_errors).encode(data)?),
+            Request::CrcErrorCountClear(_) => self.clear_crc_errors(data),
             Request::CrcTypeSet(request) => {
                 self.check = request.kind;
                 DONE
             }
             Request::FirmwareVersionGet(_) => self.version(data),
-            Request::AsyncReset(request) => self.reset_job(request.action),
+            Request::AsyncReset(request) => self.reset_job(request.actions()),
             Request::WarmReset(_) => {
                 self.restarts = true;
                 DONE

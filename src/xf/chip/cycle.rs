@@ -5,6 +5,11 @@ use super::network::{IMAGE_MAX, Network};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::Interrupts;
 
+/// From the first slave in this state on RxPDOs are taken out of the FIFO. `[OURS]`
+const RX_FIFO_FROM: AlState = AlState::Op;
+/// From the first slave in this state on inputs come. `[OURS]`
+const INPUTS_FROM: AlState = AlState::SafeOp;
+
 impl<N: Network> Chip<N> {
     /// Lets time pass until `now`: EtherCAT cycles at SYNC0 of ECAT_INIT_OP, and the ends of commands. A time that has
     /// passed already has no effect.
@@ -33,16 +38,14 @@ impl<N: Network> Chip<N> {
 
     /// The time since the last cycle passes in the slaves, then a frame takes outputs to them and brings what they have
     /// measured.
-    ///
-    /// `[OURS]` RxPDOs are taken out of the FIFO from the first slave in OP on; inputs come from SafeOP on.
     fn cycle(&mut self) {
         self.network.pass(self.now - self.last_cycle);
         self.last_cycle = self.now;
-        if !self.bus.mapped || !self.bus.any_commanded(AlState::SafeOp) {
+        if !self.bus.mapped || !self.bus.any_commanded(INPUTS_FROM) {
             return;
         }
-        if self.fifo_on && self.bus.any_commanded(AlState::Op) {
-            let (_, interrupt) = self.fifos.pop_rx(&mut self.bus.outputs);
+        if self.fifo_on && self.bus.any_commanded(RX_FIFO_FROM) {
+            let interrupt = self.fifos.pop_rx(&mut self.bus.outputs);
             self.interrupts.raise(interrupt);
         }
         let mut frame = [0; IMAGE_MAX];

@@ -64,15 +64,14 @@ impl<N: Network> Chip<N> {
     /// much of the packet as it has room for, and 0 behind it.
     ///
     /// While the chip is not ready ([`Self::is_ready`]) it answers with the check word
-    /// [`NOT_READY`](crate::xf::NOT_READY); the command is lost, and the answer that was to go out stays for the next
-    /// exchange.
+    /// [`NOT_READY`](crate::xf::NOT_READY) (OBS). `[OURS]` The command is lost, and the answer that was to go out stays for
+    /// the next exchange.
     pub fn exchange(&mut self, now: Ns, command: &[u8], answer: &mut [u8]) {
         self.run_until(now);
         let is_ready = self.is_ready();
-        let (bytes, len) = self.outgoing(is_ready);
-        let copied = len.min(answer.len());
-        answer[..copied].copy_from_slice(&bytes[..copied]);
-        answer[copied..].fill(0);
+        let (packet, behind) = answer.split_at_mut(self.outgoing_len(is_ready).min(answer.len()));
+        self.put_outgoing(is_ready, packet);
+        behind.fill(0);
         if is_ready {
             self.take(command);
         }
@@ -83,15 +82,20 @@ impl<N: Network> Chip<N> {
         self.now >= self.ready_at
     }
 
-    /// The packet that goes out, and its length.
-    pub(super) fn outgoing(&self, is_ready: bool) -> ([u8; MAX_PACKET], usize) {
+    /// The length of the packet that goes out.
+    pub(super) const fn outgoing_len(&self, is_ready: bool) -> usize {
+        if is_ready { self.prepared.len } else { self.size.packet_len() }
+    }
+
+    /// The beginning of the packet that goes out, as many bytes as there is room for.
+    pub(super) fn put_outgoing(&self, is_ready: bool, room: &mut [u8]) {
         if is_ready {
-            return (self.prepared.bytes, self.prepared.len);
+            return room.copy_from_slice(&self.prepared.bytes[..room.len()]);
         }
         let mut bytes = [0; MAX_PACKET];
         // A buffer for the longest packet has room for any.
         let _ = write_not_ready(&mut bytes, self.size, self.prepared.header);
-        (bytes, self.size.packet_len())
+        room.copy_from_slice(&bytes[..room.len()]);
     }
 
     /// Processes a command packet and prepares the answer to it.
@@ -115,7 +119,7 @@ impl<N: Network> Chip<N> {
         self.ready_at = self.now + self.timing.packet_ns;
     }
 
-    /// CRC_TYPE_SET is taken with the fixed word too.
+    /// `[OURS]` CRC_TYPE_SET is taken with the fixed word too, and the new type holds from its answer on.
     fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
         let rule = self.check_rule();
         CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
@@ -133,7 +137,8 @@ impl<N: Network> Chip<N> {
         CheckRule { kind: self.check, coverage: self.profile.coverage }
     }
 
-    /// A packet that is none is counted and not run.
+    /// A packet that is none is counted and not run. `[OURS]` A wrong check word is error bit 6 and interrupt 23, wrong
+    /// start and end words are error bit 4, and the answer has the NOP flag.
     fn count_damage(&mut self, error: PacketError) {
         self.crc_errors = self.crc_errors.saturating_add(1);
         self.errors = self.errors

@@ -1,12 +1,10 @@
 //! The FIFOs of process data: entries, memory, limits that raise interrupts.
 
 use crate::xf::Interrupts;
-use crate::xf::request::FifoThresholdSet;
+use crate::xf::request::{FIFO_ENTRIES, FifoThresholdSet};
 
 /// The memory of both FIFOs together, bytes (XF EN 1236).
 pub const FIFO_MEMORY: usize = 0x4000;
-/// The entries of each FIFO after a start (XF EN 1236).
-pub const FIFO_ENTRIES: u8 = 64;
 /// The most entries that can be set (OBS).
 pub const FIFO_ENTRIES_MAX: u8 = 128;
 
@@ -124,13 +122,12 @@ impl Fifos {
         pdo.len() == self.rx.entry_bytes && self.rx.push(pdo)
     }
 
-    /// The RxPDO of a cycle, copied to the beginning of `image`: false if there is none. The interrupt that this
-    /// raises.
-    pub fn pop_rx(&mut self, image: &mut [u8]) -> (bool, Interrupts) {
-        let Some(pdo) = self.rx.pop() else { return (false, Interrupts::NONE) };
+    /// Copies the RxPDO of a cycle, if there is one, to the beginning of `image`. The interrupt that this raises.
+    pub fn pop_rx(&mut self, image: &mut [u8]) -> Interrupts {
+        let Some(pdo) = self.rx.pop() else { return Interrupts::NONE };
         image[..pdo.len()].copy_from_slice(pdo);
         let falls = self.thresholds.rx_low.is_some_and(|limit| usize::from(limit) == self.rx.len);
-        (true, if falls { Interrupts::RX_FIFO_LOW } else { Interrupts::NONE })
+        if falls { Interrupts::RX_FIFO_LOW } else { Interrupts::NONE }
     }
 
     /// The TxPDO of a cycle. When the FIFO is full the oldest is lost (XF EN 1236). The interrupt that this raises.

@@ -162,7 +162,7 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Builds the FIFOs for the present process data. False: they are too long, which is a FIFO error.
+    /// Builds the FIFOs for the present process data. False: they are too long. `[OURS]` That is a FIFO error.
     pub(super) fn build_fifos(&mut self) -> bool {
         let fits = self.fifos.build(self.bus.rx_bytes, self.bus.tx_bytes);
         if !fits {

@@ -66,7 +66,7 @@ mod profile;
 mod timing;
 
 pub use commands::{SYNC0_MIN_NS, WITHOUT_EFFECT};
-pub use fifo::{FIFO_ENTRIES, FIFO_ENTRIES_MAX, FIFO_MEMORY};
+pub use fifo::{FIFO_ENTRIES_MAX, FIFO_MEMORY};
 pub use flash::FLASH_BYTES;
 pub use network::{EnterError, IMAGE_MAX, Identity, Network, Place, SLAVES_MAX, SlaveModels};
 pub use port::ChipPort;
@@ -211,6 +211,11 @@ impl<N: Network> Chip<N> {
     /// The time until which the chip has run.
     pub const fn now(&self) -> Ns {
         self.now
+    }
+
+    /// From when on the chip takes the next packet, which is when INT0 becomes active.
+    pub const fn ready_at(&self) -> Ns {
+        self.ready_at
     }
 
     /// The network.

@@ -127,6 +127,16 @@ pub(super) fn read_number(network: &mut impl Network, slave: u8, index: u16, sub
     }
 }
 
+/// An entry of a mapping object.
+pub(super) fn read_entry(
+    network: &mut impl Network,
+    slave: u8,
+    index: u16,
+    sub: u8,
+) -> Result<MappedObject, AbortCode> {
+    Ok(MappedObject::from_bytes(read_number(network, slave, index, sub)?.to_le_bytes()))
+}
+
 /// Calls `each` with every PDO that is assigned, and how many objects it has.
 ///
 /// # Errors
@@ -158,22 +168,10 @@ pub(super) fn mapped_bytes(network: &mut impl Network, slave: u8, assignment: Pd
     let mut bits = 0_usize;
     each_pdo(network, slave, assignment, |network, index, objects| {
         for sub in 1..=objects {
-            bits += usize::from(mapped_object(read_number(network, slave, index, sub)?).bits);
+            bits += usize::from(read_entry(network, slave, index, sub)?.bits);
         }
         Ok(())
     })?;
     let bytes = bits.div_ceil(8);
     if bytes > IMAGE_MAX { Err(AbortCode::PDO_LENGTH) } else { Ok(bytes as u16) }
-}
-
-/// An entry of a mapping object.
-pub(super) const fn mapped_object(entry: u32) -> MappedObject {
-    let [bits, sub, low, high] = entry.to_le_bytes();
-    MappedObject { index: u16::from_le_bytes([low, high]), sub, bits }
-}
-
-/// The entry of a mapping object for it.
-pub(super) const fn mapping_entry(object: MappedObject) -> u32 {
-    let [low, high] = object.index.to_le_bytes();
-    u32::from_le_bytes([object.bits, object.sub, low, high])
 }

@@ -42,15 +42,17 @@ impl<N: Network> ChipPort<N> {
     /// differ in length the shorter one counts. How many bytes passed.
     pub fn transfer(&mut self, now: Ns, to_chip: &[u8], from_chip: &mut [u8]) -> usize {
         self.chip.run_until(now);
+        let passing = to_chip.len().min(from_chip.len());
         let mut passed = 0;
-        for (to, from) in to_chip.iter().zip(from_chip) {
+        while passed < passing {
             if self.at == 0 {
                 self.begin();
             }
-            *from = self.outgoing[self.at];
-            self.incoming[self.at] = *to;
-            self.at += 1;
-            passed += 1;
+            let n = (self.len - self.at).min(passing - passed);
+            from_chip[passed..][..n].copy_from_slice(&self.outgoing[self.at..][..n]);
+            self.incoming[self.at..][..n].copy_from_slice(&to_chip[passed..][..n]);
+            self.at += n;
+            passed += n;
             if self.at == self.len {
                 self.end();
             }
@@ -60,7 +62,8 @@ impl<N: Network> ChipPort<N> {
 
     fn begin(&mut self) {
         self.is_ready = self.chip.is_ready();
-        (self.outgoing, self.len) = self.chip.outgoing(self.is_ready);
+        self.len = self.chip.outgoing_len(self.is_ready);
+        self.chip.put_outgoing(self.is_ready, &mut self.outgoing[..self.len]);
     }
 
     fn end(&mut self) {

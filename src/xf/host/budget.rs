@@ -3,7 +3,7 @@
 use core::fmt;
 
 use crate::ethercat::Ns;
-use crate::xf::{DataSize, MAX_PACKET};
+use crate::xf::DataSize;
 
 /// The least n that is chosen if the cycle has the time for it. `[OURS]` 112, what an ECM-XF starts with:
 /// PDO_CONFIG_SET needs 112 bytes.
@@ -45,7 +45,7 @@ pub enum BudgetError {
     TooManyBytes {
         /// Bytes of process data.
         process_bytes: usize,
-        /// n at most: 1408.
+        /// n: the one that there is, or 1408, the largest.
         most: usize,
     },
     /// There is no clock, or no exchange.
@@ -85,30 +85,36 @@ impl Budget {
         self.transfer_ns(size).saturating_add(self.idle_ns).saturating_mul(self.exchanges as u64)
     }
 
+    /// Whether the exchanges of a cycle with this n fit into it.
+    ///
+    /// # Errors
+    /// They do not, or the process data do not fit into the packet; the error has the sum.
+    pub const fn check(&self, size: DataSize) -> Result<(), BudgetError> {
+        let Self { process_bytes, clock_hz, idle_ns, cycle_ns, exchanges } = *self;
+        if clock_hz == 0 || exchanges == 0 {
+            return Err(BudgetError::NoExchange);
+        }
+        if process_bytes > size.bytes() {
+            return Err(BudgetError::TooManyBytes { process_bytes, most: size.bytes() });
+        }
+        let (transfer_ns, needed_ns) = (self.transfer_ns(size), self.needed_ns(size));
+        if needed_ns <= cycle_ns {
+            return Ok(());
+        }
+        Err(BudgetError::CycleTooShort { size, clock_hz, transfer_ns, idle_ns, exchanges, needed_ns, cycle_ns })
+    }
+
     /// The n to use: [`COMFORTABLE_SIZE`], or as much more as the process data need. If only less fits into the cycle,
     /// the least that holds the process data.
     ///
     /// # Errors
     /// No packet holds the process data, or the exchanges do not fit into the cycle; the error has the sum.
     pub fn choose_size(&self) -> Result<DataSize, BudgetError> {
-        let Self { process_bytes, clock_hz, idle_ns, cycle_ns, exchanges } = *self;
-        if clock_hz == 0 || exchanges == 0 {
-            return Err(BudgetError::NoExchange);
-        }
-        let least = DataSize::new(process_bytes.max(DataSize::MIN.bytes()));
-        let Some(least) = least.filter(|size| size.packet_len() <= MAX_PACKET) else {
-            return Err(BudgetError::TooManyBytes { process_bytes, most: DataSize::MAX.bytes() });
-        };
-        let fits = |size: &DataSize| self.needed_ns(*size) <= cycle_ns;
-        [least.max(COMFORTABLE_SIZE), least].into_iter().find(fits).ok_or(BudgetError::CycleTooShort {
-            size: least,
-            clock_hz,
-            transfer_ns: self.transfer_ns(least),
-            idle_ns,
-            exchanges,
-            needed_ns: self.needed_ns(least),
-            cycle_ns,
-        })
+        let least = DataSize::new(self.process_bytes.max(DataSize::MIN.bytes())).unwrap_or(DataSize::MAX);
+        [least.max(COMFORTABLE_SIZE), least]
+            .into_iter()
+            .find(|size| self.check(*size).is_ok())
+            .map_or_else(|| self.check(least).map(|()| least), Ok)
     }
 }
 

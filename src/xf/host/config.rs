@@ -1,6 +1,7 @@
 //! What a user may want to change about the driver, with its defaults.
 
 use crate::ethercat::Ns;
+use crate::xf::request::FIFO_ENTRIES;
 use crate::xf::{Coverage, DataSize};
 
 const US: Ns = 1_000;
@@ -45,9 +46,12 @@ pub struct HostConfig {
     /// takes one; a write that the chip did not accept then is dropped, since a later one has gone out already, and
     /// reported.
     pub pipelined_writes: bool,
-    /// Entries of the RxFIFO as the chip starts: 64 (XF EN 1262). FIFO_SET_RX_CNT and FIFO_GET_RX_CNT change what the
-    /// driver takes for it.
+    /// Entries of the RxFIFO as the chip starts: [`FIFO_ENTRIES`] by default (XF EN 1262). FIFO_SET_RX_CNT and
+    /// FIFO_GET_RX_CNT change what the driver takes for it.
     pub rx_entries: u8,
+    /// The FIFO stays as it is: the start neither switches it off nor empties it. For a host that looks at a chip on which
+    /// a machine runs. `false` by default: the usual start of an application does both (OBS).
+    pub keep_fifo: bool,
     /// After so many damaged answers in a row the beginning of packets is searched anew; 8 by default.
     pub resync_after: u32,
     /// After so many waits for INT0 in vain, one after the other, the driver gives up; 3 by default.
@@ -101,7 +105,8 @@ impl HostConfig {
         poll_ns: 10 * MS,
         busy_poll_ns: MS,
         pipelined_writes: false,
-        rx_entries: 64,
+        rx_entries: FIFO_ENTRIES,
+        keep_fifo: false,
         resync_after: 8,
         int0_misses: 3,
         deadlines: Deadlines::DEFAULT,

@@ -41,6 +41,8 @@ pub(super) enum Purpose {
         /// Those of them that go into the FIFO.
         queued: u8,
         reads: bool,
+        /// Its header clears the errors by which it is seen that RxPDOs were not taken, in each of its copies.
+        clears: bool,
     },
 }
 

@@ -1,31 +1,45 @@
 //! The driver of a host for the chip: which bytes to exchange next, and what the bytes that came back mean.
 //!
 //! It is pure: the time is an argument, bytes go in and out, nothing waits, nothing is allocated, no thread is started.
-//! Who owns the wires asks [`Host::next`] what to do, does it, and gives [`Host::received`] what came back:
+//! Who owns the wires asks [`Host::next`] what to do, does it, and gives [`Host::received`] what came back. [`Host::step`]
+//! is that for wires that implement [`Wires`]:
 //!
 //! ```
-//! use ecmsk::xf::host::{Host, HostConfig, HostError, Next};
+//! use ecmsk::xf::MAX_PACKET;
+//! use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, StepError, Wires};
 //!
-//! /// One turn of a loop: `exchange` clocks bytes out and in, `sleep_until` waits.
-//! fn turn(
-//!     host: &mut Host,
-//!     now: impl Fn() -> u64,
-//!     exchange: impl FnOnce(&[u8], &mut [u8]),
-//!     sleep_until: impl FnOnce(u64),
-//! ) -> Result<(), HostError> {
-//!     let mut answer = [0; ecmsk::xf::MAX_PACKET];
-//!     match host.next(now())? {
-//!         Next::Exchange(packet) => {
-//!             let len = packet.len();
-//!             exchange(packet, &mut answer[..len]);
-//!             host.received(now(), &answer[..len]);
-//!         }
-//!         Next::WaitUntil(time) | Next::WaitForReady { until: time } => sleep_until(time),
+//! /// Wires to a chip that has no power.
+//! struct Dead(u64);
+//!
+//! impl Wires for Dead {
+//!     type Error = std::convert::Infallible;
+//!
+//!     fn now(&self) -> u64 {
+//!         self.0
 //!     }
-//!     Ok(())
+//!     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Self::Error> {
+//!         self.0 += 333 * to_chip.len() as u64; // a byte takes 333 ns at 24 MHz
+//!         from_chip.fill(0);
+//!         Ok(())
+//!     }
+//!     fn wait_until(&mut self, time: u64) -> Result<(), Self::Error> {
+//!         self.0 = self.0.max(time);
+//!         Ok(())
+//!     }
+//!     fn wait_ready(&mut self, _: u64) -> Result<bool, Self::Error> {
+//!         Ok(false)
+//!     }
 //! }
-//! # let mut host = Host::new(0, HostConfig::default());
-//! # turn(&mut host, || 0, |_, _| (), |_| ()).unwrap();
+//!
+//! let (mut wires, mut back) = (Dead(0), [0; MAX_PACKET]);
+//! let mut host = Host::new(wires.now(), HostConfig::default());
+//! let error = loop {
+//!     if let Err(error) = host.step(&mut wires, &mut back, u64::MAX) {
+//!         break error;
+//!     }
+//! };
+//! assert!(matches!(error, StepError::Host(HostError::Silent { .. })));
+//! assert!(matches!(host.state(), HostState::Stopped(_)));
 //! ```
 //!
 //! Meanwhile commands are submitted at any time ([`Host::submit`], [`Host::submit_pair`]) and their results taken
@@ -44,6 +58,7 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | [`Host`]: what a program calls |
+//! | `wires.rs` | [`Wires`], and a step of the driver over them |
 //! | `next.rs` | what is sent next |
 //! | `received.rs` | what an answer means |
 //! | `settle.rs` | what the end of a packet means for whom it was sent for |
@@ -69,6 +84,7 @@ mod search;
 mod settle;
 mod slots;
 mod start;
+mod wires;
 
 pub use budget::{Budget, BudgetError, COMFORTABLE_SIZE};
 pub use config::{Deadlines, HostConfig, Pacing};
@@ -77,6 +93,7 @@ pub use error::HostError;
 pub use process::{ProcessData, ProcessOutcome, ProcessReport};
 pub use slots::{IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, SLOT_BYTES, Ticket};
 pub use start::StartStep;
+pub use wires::{StepError, Wires};
 
 use super::response::FirmwareVersion;
 use super::{
@@ -144,10 +161,14 @@ pub struct Host {
     packet: [u8; MAX_PACKET],
     index: u8,
     exchange: u64,
+    /// The exchange of the newest answer.
+    answered: u64,
     outstanding: Option<Outstanding>,
     /// INT0 came after the exchange that is outstanding.
     ready_seen: bool,
     header: Option<AnswerHeader>,
+    /// The header of the first answer.
+    found: Option<AnswerHeader>,
     /// Packets that the chip rejected, as far as was seen.
     rejections: u64,
     bad_in_row: u32,
@@ -164,13 +185,12 @@ pub struct Host {
     /// Errors that do not go away when they are cleared, and how often that was tried.
     stuck: Errors,
     clear_tries: u32,
+    /// Those for which these tries were.
+    cleared: Errors,
     /// The last packet that was no INFO_UPDATE was process data.
     process_last: bool,
     /// When the last packet was done.
     settled: Ns,
-    /// Another n that the chip has named. The fixed check word does not show a damaged answer, so that it is asked
-    /// twice.
-    other_size: Option<DataSize>,
     /// What the header of each packet puts out.
     gpio_outputs: Option<u16>,
     /// What the header of the next packet clears: of the chip, of GPIO.
@@ -198,9 +218,11 @@ impl Host {
             packet: [0; MAX_PACKET],
             index: 0,
             exchange: 0,
+            answered: 0,
             outstanding: None,
             ready_seen: false,
             header: None,
+            found: None,
             rejections: 0,
             bad_in_row: 0,
             last_error: None,
@@ -210,21 +232,27 @@ impl Host {
             accepted: 0,
             stuck: Errors::NONE,
             clear_tries: 0,
+            cleared: Errors::NONE,
             process_last: false,
             settled: now,
-            other_size: None,
             gpio_outputs: None,
             interrupts_to_clear: (Interrupts::NONE, 0),
             version: None,
             counters: Counters::default(),
             config,
         };
-        host.restart(now);
+        host.begin_start(now);
         host
     }
 
     /// Starts the chip anew. Commands that are not done end with [`HostError::ChipReset`]; counters go on.
     pub fn restart(&mut self, now: Ns) {
+        self.begin_start(now);
+        // An exchange may have ended just now.
+        self.pacer.hold(now.saturating_add(self.config.idle_ns));
+    }
+
+    fn begin_start(&mut self, now: Ns) {
         self.forget_all();
         self.outstanding = None;
         self.pacer = Pacer::new(&self.config);
@@ -233,10 +261,27 @@ impl Host {
         match self.config.size {
             Some(size) => {
                 self.size = size;
-                self.state = HostState::Starting(StartStep::PackSize);
+                self.state = HostState::Starting(StartStep::CheckType);
             }
             None => self.begin_search(now, HostState::Starting(StartStep::Search)),
         }
+    }
+
+    /// How often the header is asked for while there is nothing else to do: [`HostConfig::poll_ns`].
+    pub const fn set_poll_ns(&mut self, poll_ns: Ns) {
+        self.config.poll_ns = poll_ns;
+    }
+
+    /// Starts anew with another n, to which the chip is set (SPI_RECONFIG_OP). As with every start, the RxFIFO is off and
+    /// empty afterwards; an ECM-XFU refuses.
+    pub fn resize(&mut self, now: Ns, size: DataSize) {
+        (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
+        self.restart(now);
+    }
+
+    /// The configuration, as it is now.
+    pub const fn config(&self) -> &HostConfig {
+        &self.config
     }
 
     /// How far the driver is.
@@ -252,6 +297,12 @@ impl Host {
     /// The header of the newest answer: errors, levels, interrupt flags, GPIO. `None` before the first one.
     pub const fn header(&self) -> Option<&AnswerHeader> {
         self.header.as_ref()
+    }
+
+    /// The header of the first answer since the driver was made, before the start has cleared errors. Where packets were
+    /// searched, the chip has counted that as a packet or two with wrong words. `None` before the first answer.
+    pub const fn found(&self) -> Option<&AnswerHeader> {
+        self.found.as_ref()
     }
 
     /// What the chip said about itself at the start.
@@ -352,6 +403,20 @@ impl Host {
             Ok(call.answer(slot.returned, &slot.bytes[..slot.held])?)
         };
         Some(result.and_then(|()| decode()))
+    }
+
+    /// Drops a command whose result nobody will take: its place in the queue is free once it is done. One that was not
+    /// sent yet is not sent any more.
+    pub fn abandon(&mut self, ticket: Ticket) {
+        let slot = &mut self.slots.all[ticket.slot];
+        if slot.sequence == ticket.sequence {
+            slot.abandon();
+        }
+    }
+
+    /// The entries of the RxFIFO, as far as the driver knows.
+    pub const fn rx_entries(&self) -> u8 {
+        self.room.entries
     }
 
     /// Takes process data for the next exchange and gives the number by which [`Self::take_report`] tells what became

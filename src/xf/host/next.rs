@@ -2,7 +2,7 @@
 
 use super::flight::{Flight, Part, Purpose};
 use super::pace::Pace;
-use super::process::{Outgoing, Overtaken, ProcessOutcome, ProcessReport};
+use super::process::{NOT_TAKEN, Outgoing, Overtaken, ProcessOutcome, ProcessReport};
 use super::search::Search;
 use super::slots::SlotState;
 use super::{Host, HostError, HostState, Next, Outstanding, StartStep};
@@ -41,7 +41,11 @@ impl Host {
             Pace::Int0(until) => return Ok(Next::WaitForReady { until }),
             Pace::Missed => {
                 self.counters.int0_missed += 1;
-                if self.pacer.misses >= self.config.int0_misses {
+                if self.pacer.misses >= self.config.int0_misses && self.bad_in_row > 0 {
+                    // A chip that was reset to another n waits for the rest of a packet.
+                    self.pacer.misses = 0;
+                    self.search_anew(now);
+                } else if self.pacer.misses >= self.config.int0_misses {
                     let waited_ns = self.config.deadlines.int0_ns;
                     self.stop(HostError::Int0Missing { waited_ns, times: self.pacer.misses });
                 }
@@ -88,8 +92,19 @@ impl Host {
     }
 
     /// Packets are searched; `state` is how that shows.
+    /// Searches packets where they are no more.
+    pub(super) fn search_anew(&mut self, now: Ns) {
+        let running = self.state == HostState::Running;
+        let state = if running { HostState::Searching } else { HostState::Starting(StartStep::Search) };
+        self.begin_search(now, state);
+    }
+
     pub(super) fn begin_search(&mut self, now: Ns, state: HostState) {
         self.search = Search::new(now);
+        if let Some(overtaken) = &mut self.process.overtaken {
+            // What is sent meanwhile is rejected too.
+            overtaken.unclear = true;
+        }
         self.counters.searches += 1;
         self.bad_in_row = 0;
         self.state = state;
@@ -109,6 +124,11 @@ impl Host {
         let Some(flight) = self.flight.filter(|flight| now >= flight.deadline && !searching) else { return };
         self.flight = None;
         self.settled = now;
+        if self.state == HostState::Running && self.answered < flight.first {
+            // "Not ready" is also what packets end with of which some fit into one of ours, as after a reset to n 112
+            // where n was 1408.
+            self.begin_search(now, HostState::Searching);
+        }
         match flight.purpose {
             Purpose::Start(_) => self.begin_search(now, HostState::Starting(StartStep::Search)),
             Purpose::Info => {}
@@ -121,8 +141,7 @@ impl Host {
                 self.busy |= !code.is_immediate(self.slots.all[slot].arguments.parameter);
             }
             Purpose::Process { sequence, written, .. } => {
-                self.counters.rx_unknown += u64::from(written);
-                self.report(sequence, ProcessOutcome::Unknown);
+                self.settle_unknown(sequence, written);
                 self.settle_overtaken(None);
             }
         }
@@ -197,11 +216,15 @@ impl Host {
             return self.send_process(now);
         }
         if let Some((slot, part)) = command {
-            if self.to_clear() != Errors::NONE && self.clear_tries < CLEAR_TRIES {
+            let to_clear = self.to_clear();
+            if !self.cleared.contains(to_clear) {
+                (self.cleared, self.clear_tries) = (self.cleared | to_clear, 0);
+            }
+            if to_clear != Errors::NONE && self.clear_tries < CLEAR_TRIES {
                 self.clear_tries += 1;
                 return self.send_info(now);
             }
-            self.stuck = self.stuck | self.to_clear();
+            self.stuck = self.stuck | to_clear;
             return self.send_slot(now, slot, part);
         }
         let running = self.slots.running().is_some();
@@ -227,8 +250,13 @@ impl Host {
 
     /// The errors that a command is not to find: they would be taken for its own.
     pub(super) fn to_clear(&self) -> Errors {
+        self.seen().without(self.stuck)
+    }
+
+    /// The errors that a header clears, those that did not go away among them.
+    fn seen(&self) -> Errors {
         let seen = self.header.map_or(Errors::NONE, |header| header.errors);
-        let own = Errors(seen.0 & Errors::ALL.0).without(self.stuck);
+        let own = Errors(seen.0 & Errors::ALL.0);
         // That of the command that runs is not seen yet, or is its end.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
     }
@@ -265,7 +293,7 @@ impl Host {
 
     fn send_info(&mut self, now: Ns) -> Choice {
         // The control byte clears the error of the same bit.
-        let control = Control(self.to_clear().0);
+        let control = Control(self.seen().0);
         self.send_short(now, Purpose::Info, control, &InfoUpdate.into())
     }
 
@@ -289,7 +317,12 @@ impl Host {
 
     fn send_process(&mut self, now: Ns) -> Choice {
         self.process_last = true;
-        let header = self.new_header(Control(self.to_clear().0));
+        let cleared = self.seen();
+        let header = self.new_header(Control(cleared.0));
+        let clears = cleared.intersects(NOT_TAKEN);
+        if let Some(overtaken) = &mut self.process.overtaken {
+            overtaken.unclear |= clears;
+        }
         let Some((outgoing, request)) = self.process.outgoing() else { return Choice::Nothing { until: now + 1 } };
         let Outgoing { sequence, code, written, queued, reads } = outgoing;
         let sent = write_request(&mut self.packet, self.size, self.rule, header, &request).is_ok();
@@ -299,7 +332,7 @@ impl Host {
             self.report(sequence, ProcessOutcome::Refused);
             return Choice::Nothing { until: now + 1 };
         }
-        let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads }, code);
+        let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads, clears }, code);
         self.room.wrote(sequence, queued, self.exchange);
         choice
     }

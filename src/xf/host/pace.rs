@@ -24,7 +24,7 @@ pub(super) struct Pacer {
     not_before: Ns,
     /// INT0 is waited for, since then.
     waiting_since: Option<Ns>,
-    /// Waits in vain, one after the other.
+    /// Waits in vain, one after the other, for a chip that otherwise answers.
     pub(super) misses: u32,
 }
 
@@ -61,8 +61,14 @@ impl Pacer {
         self.not_before = self.not_before.max(until);
     }
 
+    /// INT0 did not come since the chip does not take packets: it starts, or has packets of another n.
+    pub(super) const fn excuse_int0(&mut self) {
+        self.misses = 0;
+    }
+
     /// The chip was not ready: more idle time from now on.
     pub(super) fn slower(&mut self, config: &HostConfig) {
+        self.excuse_int0();
         // An idle time of 0 would stay 0.
         self.idle_ns = self.idle_ns.max(1_000).saturating_mul(2).min(config.idle_max_ns.max(config.idle_ns));
     }

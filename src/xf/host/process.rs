@@ -2,10 +2,13 @@
 
 use super::error::HostError;
 use crate::xf::request::{Arguments, PdoOperation, Request, UnknownCommand};
-use crate::xf::{AnswerPacket, CommandCode, DataSize};
+use crate::xf::{AnswerPacket, CommandCode, DataSize, Errors};
 
 /// Reports that are kept until they are taken.
 const REPORTS: usize = 4;
+
+/// The errors that a write leaves which the chip did not take.
+pub(super) const NOT_TAKEN: Errors = Errors::FIFO.with(Errors::COMMAND);
 
 /// Process data for one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +101,8 @@ pub(super) struct Overtaken {
     pub(super) reads: bool,
     /// How many packets the chip had rejected when they were overtaken, as far as was seen.
     pub(super) rejections: u64,
-    /// The chip's count of errors does not tell how many packets it rejected since then.
+    /// The chip's count of errors does not tell how many packets it rejected since then, or its error bits whether it
+    /// took the RxPDOs.
     pub(super) unclear: bool,
 }
 

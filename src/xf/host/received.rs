@@ -18,7 +18,7 @@ impl Host {
                 self.pacer.ended(now, &self.config, ready, false);
                 self.searched(now, bytes);
             }
-            Some(Outstanding::Packet) if self.is_resize() => self.resized(now),
+            Some(Outstanding::Packet) if self.is_resize() => self.resized(now, bytes, ready),
             Some(Outstanding::Packet) => {
                 self.counters.exchanges += 1;
                 let parsed = self.parse(bytes);
@@ -55,7 +55,7 @@ impl Host {
             _ => {
                 self.size = size;
                 self.flight = None;
-                self.state = HostState::Starting(StartStep::PackSize);
+                self.state = HostState::Starting(StartStep::CheckType);
             }
         }
         if let Some(flight) = &mut self.flight {
@@ -67,13 +67,22 @@ impl Host {
         matches!(self.flight, Some(flight) if flight.purpose == Purpose::Start(StartStep::Resize))
     }
 
-    /// SPI_RECONFIG_OP went out: the answer is skipped, as the vendor's driver does, and the new n is tried.
-    fn resized(&mut self, now: Ns) {
+    /// SPI_RECONFIG_OP went out: the answer is skipped, as the vendor's driver does, and the new n is tried. A chip that
+    /// was not ready has not taken it: it is sent again.
+    fn resized(&mut self, now: Ns, bytes: &[u8], ready: bool) {
         self.counters.exchanges += 1;
         self.flight = None;
+        if self.parse(bytes) == Ok(Received::NotReady) {
+            self.counters.not_ready += 1;
+            self.pacer.slower(&self.config);
+            self.pacer.ended(now, &self.config, ready, true);
+            return;
+        }
         self.size = self.config.wanted_size.unwrap_or(self.size);
         self.pacer.hold(now.saturating_add(self.config.deadlines.resize_ns));
-        self.state = HostState::Starting(StartStep::PackSize);
+        // A fixed word is no sign of a reset now.
+        self.crc_on = false;
+        self.state = HostState::Starting(StartStep::CheckType);
     }
 
     /// The answer. What a CRC-32 covers is tried both ways until the first one was right.
@@ -103,18 +112,19 @@ impl Host {
 
     fn damaged(&mut self, now: Ns, error: PacketError) {
         self.counters.damaged += 1;
+        self.pacer.excuse_int0();
         self.last_error = Some(error);
         self.bad_in_row += 1;
         if self.bad_in_row >= self.config.resync_after {
-            let running = self.state == HostState::Running;
-            let state = if running { HostState::Searching } else { HostState::Starting(StartStep::Search) };
-            self.begin_search(now, state);
+            self.search_anew(now);
         }
     }
 
     fn answered(&mut self, now: Ns, answer: &AnswerPacket<'_>) {
         let header = answer.header;
         self.counters.answers += 1;
+        self.found.get_or_insert(header);
+        self.answered = self.exchange;
         self.counters.nops += u64::from(header.status.contains(Status::NOP));
         self.bad_in_row = 0;
         if self.crc_on && header.status.check_type() == Ok(CheckType::Fixed) {
@@ -131,7 +141,7 @@ impl Host {
         self.header = Some(header);
         self.stuck = Errors(self.stuck.0 & header.errors.0);
         if self.to_clear() == Errors::NONE {
-            self.clear_tries = 0;
+            (self.cleared, self.clear_tries) = (Errors::NONE, 0);
         }
         self.room.answer(self.exchange, header.rx_fifo);
         self.give_to_flight(now, answer, rejected);
@@ -142,18 +152,19 @@ impl Host {
     ///
     /// `[OURS]` Its count of CRC errors rose, or its error bits for packets have appeared. A count that fell, and bits
     /// without a count, belong to an answer that comes late, to a count that was cleared or does not rise above 255:
-    /// how many packets it were is unclear then.
+    /// how many packets it were is unclear then. At 255, error bits that stay may be those of one packet more.
     fn count_rejections(&mut self, header: &AnswerHeader) -> bool {
         let Some(before) = self.header else { return false };
         let rose = header.crc_errors.wrapping_sub(before.crc_errors);
         let bits = Errors(header.errors.0 & (Errors::SPI | Errors::CRC).0);
         let appeared = bits.without(before.errors) != Errors::NONE;
-        let unclear = rose > u8::MAX / 2 || rose == 0 && (appeared || header.crc_errors == u8::MAX);
+        let at_its_end = header.crc_errors == u8::MAX;
+        let unclear = rose > u8::MAX / 2 || rose == 0 && (appeared || at_its_end);
         if unclear {
             if let Some(overtaken) = &mut self.process.overtaken {
                 overtaken.unclear = true;
             }
-            return rose > 0 || appeared;
+            return rose > 0 || appeared || at_its_end && bits != Errors::NONE;
         }
         self.rejections += u64::from(rose);
         self.counters.rejected += u64::from(rose);
@@ -202,7 +213,7 @@ impl Host {
         self.counters.chip_resets += 1;
         self.forget_all();
         self.started = now;
-        self.state = HostState::Starting(StartStep::PackSize);
+        self.state = HostState::Starting(StartStep::CheckType);
     }
 
     /// Ends all that waits or is under way, and knows nothing of the chip any more but n.
@@ -210,8 +221,7 @@ impl Host {
         if let Some(flight) = self.flight.take()
             && let Purpose::Process { sequence, written, .. } = flight.purpose
         {
-            self.counters.rx_unknown += u64::from(written);
-            self.report(sequence, ProcessOutcome::Unknown);
+            self.settle_unknown(sequence, written);
         }
         self.settle_overtaken(None);
         if let Some(sequence) = self.process.waiting() {
@@ -221,12 +231,11 @@ impl Host {
         self.slots.fail_all(HostError::ChipReset);
         self.room = super::RxRoom::new(self.config.rx_entries);
         self.header = None;
-        self.other_size = None;
         self.busy = true;
         self.crc_on = false;
         self.rule.kind = CheckType::Fixed;
         self.stuck = Errors::NONE;
-        self.clear_tries = 0;
+        (self.cleared, self.clear_tries) = (Errors::NONE, 0);
     }
 }
 

@@ -1,7 +1,7 @@
 //! What the end of a packet means for whom it was sent for.
 
 use super::flight::{Flight, Part, Purpose, Verdict};
-use super::process::{Overtaken, ProcessOutcome};
+use super::process::{NOT_TAKEN, Overtaken, ProcessOutcome};
 use super::received::running_since;
 use super::slots::{SlotState, has_result, only_reads};
 use super::{Host, HostError, HostState, StartStep};
@@ -21,9 +21,13 @@ impl Host {
             Purpose::Start(_) => {}
             Purpose::Info => {}
             Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, answer),
-            Purpose::Process { sequence, written, reads, .. } => {
-                self.settle_process(sequence, flight.code, written, reads, lost, answer);
-                self.settle_overtaken_by(flight);
+            Purpose::Process { sequence, written, reads, clears, .. } => {
+                self.settle_overtaken_by(flight, &answer.header);
+                if lost && written > 0 && self.is_doubtful(clears, &answer.header) {
+                    self.settle_unknown(sequence, written);
+                } else {
+                    self.settle_process(sequence, flight.code, written, reads, lost, answer);
+                }
             }
         }
     }
@@ -33,9 +37,6 @@ impl Host {
         let next = match step {
             StartStep::PackSize => match answer.answer_to(&SpiPackSizeGet) {
                 Ok(size) if size != self.size => {
-                    if self.other_size.replace(size) != Some(size) {
-                        return;
-                    }
                     self.stop(HostError::OtherSize { expected: self.size, found: size });
                     return;
                 }
@@ -61,6 +62,7 @@ impl Host {
                 step.next()
             }
             StartStep::NotBusy if self.busy => return,
+            StartStep::NotBusy if self.config.keep_fifo => None,
             _ => step.next(),
         };
         self.settled = now;
@@ -187,6 +189,19 @@ impl Host {
         self.report(sequence, outcome);
     }
 
+    /// Whether the error bits do not tell if the chip took the RxPDOs of a packet whose answer is lost: its copies clear
+    /// them, or they may be those of another packet.
+    fn is_doubtful(&self, clears: bool, header: &AnswerHeader) -> bool {
+        let others = self.config.pipelined_writes || self.stuck.intersects(NOT_TAKEN);
+        clears || others && header.errors.intersects(NOT_TAKEN)
+    }
+
+    /// Nobody knows whether RxPDOs were written.
+    pub(super) fn settle_unknown(&mut self, sequence: u32, written: u8) {
+        self.counters.rx_unknown += u64::from(written);
+        self.report(sequence, ProcessOutcome::Unknown);
+    }
+
     /// Process data that were overtaken by the next ones: `answer` may be theirs. With `None` nothing will tell any
     /// more. Whether the answer was theirs.
     pub(super) fn settle_overtaken(&mut self, answer: Option<&AnswerPacket<'_>>) -> bool {
@@ -201,22 +216,22 @@ impl Host {
             Some(_) => false,
             None => {
                 self.process.overtaken = None;
-                self.counters.rx_unknown += u64::from(written);
-                self.report(sequence, ProcessOutcome::Unknown);
+                self.settle_unknown(sequence, written);
                 false
             }
         }
     }
 
     /// The process data behind them have their answer, and they have not: the chip's count of errors says whether they
-    /// were written. Of the packets since then `flight` ran once, and the newest copy is not counted yet; whatever else
-    /// was sent may have been rejected.
-    fn settle_overtaken_by(&mut self, flight: &Flight) {
+    /// were written, if no error bit says that somebody's were not. Of the packets since then `flight` ran once, and the
+    /// newest copy is not counted yet; whatever else was sent may have been rejected.
+    fn settle_overtaken_by(&mut self, flight: &Flight, header: &AnswerHeader) {
         let Some(overtaken) = self.process.overtaken.take() else { return };
         let Overtaken { sequence, written, reads, rejections, unclear, .. } = overtaken;
         let rejected = self.rejections - rejections;
         let others = u64::from(flight.copies.saturating_sub(2));
         let pdos = u64::from(written);
+        let unclear = unclear || header.errors.intersects(NOT_TAKEN);
         let outcome = if rejected == 0 && !unclear {
             self.counters.rx_written += pdos;
             self.counters.answers_lost += 1;

@@ -45,6 +45,8 @@ pub(super) enum SlotState {
 #[derive(Clone, Debug)]
 pub(super) struct Slot {
     pub(super) state: SlotState,
+    /// Nobody will take the result.
+    abandoned: bool,
     pub(super) sequence: u64,
     pub(super) code: CommandCode,
     pub(super) arguments: Arguments,
@@ -65,6 +67,7 @@ pub(super) struct Slot {
 impl Slot {
     pub(super) const FREE: Self = Self {
         state: SlotState::Free,
+        abandoned: false,
         sequence: 0,
         code: CommandCode::InfoUpdate,
         arguments: Arguments::NONE,
@@ -76,6 +79,18 @@ impl Slot {
         bytes: [0; SLOT_BYTES],
         held: 0,
     };
+
+    /// Drops the command if it was not sent yet, and else its result.
+    pub(super) fn abandon(&mut self) {
+        match self.state {
+            SlotState::Waiting(Part::Request) => self.state = SlotState::Free,
+            _ => self.abandoned = true,
+        }
+    }
+
+    fn is_free(&self) -> bool {
+        matches!(self.state, SlotState::Free) || self.abandoned && matches!(self.state, SlotState::Done(_))
+    }
 
     /// The command whose answer is the result.
     pub(super) fn answering(&self) -> CommandCode {
@@ -105,11 +120,13 @@ impl Slot {
 pub(super) struct Slots {
     pub(super) all: [Slot; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS],
     sequence: u64,
+    /// False: all are free or done, so that a cycle of process data alone need not look at each of them.
+    maybe_pending: bool,
 }
 
 impl Slots {
     pub(super) const fn new() -> Self {
-        Self { all: [Slot::FREE; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS], sequence: 0 }
+        Self { all: [Slot::FREE; IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS], sequence: 0, maybe_pending: false }
     }
 
     /// Puts a command, and what reads its result, into its queue.
@@ -132,9 +149,10 @@ impl Slots {
         let lane =
             if code.is_immediate(arguments.parameter) { 0..IMMEDIATE_SLOTS } else { IMMEDIATE_SLOTS..self.all.len() };
         let slots = lane.len();
-        let free = lane.into_iter().find(|slot| self.all[*slot].state == SlotState::Free);
+        let free = lane.into_iter().find(|slot| self.all[*slot].is_free());
         let slot = free.ok_or(HostError::QueueFull { code, slots })?;
         self.sequence += 1;
+        self.maybe_pending = true;
         self.all[slot] = Slot {
             state: SlotState::Waiting(Part::Request),
             sequence: self.sequence,
@@ -151,13 +169,19 @@ impl Slots {
 
     /// The immediate command, or the other one, that waits the longest.
     pub(super) fn first_waiting(&self, immediate: bool) -> Option<usize> {
+        if !self.maybe_pending {
+            return None;
+        }
         let lane = if immediate { 0..IMMEDIATE_SLOTS } else { IMMEDIATE_SLOTS..self.all.len() };
-        lane.filter(|slot| self.all[*slot].state == SlotState::Waiting(Part::Request))
+        lane.filter(|slot| matches!(self.all[*slot].state, SlotState::Waiting(Part::Request)))
             .min_by_key(|slot| self.all[*slot].sequence)
     }
 
     /// A read that belongs to a command which has ended.
     pub(super) fn waiting_read(&self) -> Option<(usize, Part)> {
+        if !self.maybe_pending {
+            return None;
+        }
         self.all.iter().enumerate().find_map(|(slot, this)| match this.state {
             SlotState::Waiting(part @ (Part::Read | Part::AbortCode)) => Some((slot, part)),
             _ => None,
@@ -167,6 +191,9 @@ impl Slots {
     /// The non-immediate command that runs or whose result is still to be read, so that no other may begin.
     pub(super) fn running(&self) -> Option<usize> {
         use Part::{AbortCode, Read, Request};
+        if !self.maybe_pending {
+            return None;
+        }
         self.all[IMMEDIATE_SLOTS..]
             .iter()
             .position(|slot| {
@@ -191,6 +218,10 @@ impl Slots {
 
     /// Ends what waits in a queue for too long, and what runs for too long.
     pub(super) fn expire(&mut self, now: Ns, queue_ns: Ns) {
+        if !self.maybe_pending {
+            return;
+        }
+        self.maybe_pending = false;
         for slot in &mut self.all {
             let code = slot.code;
             let waited_ns = now.saturating_sub(slot.submitted);
@@ -208,6 +239,7 @@ impl Slots {
                 }
                 _ => {}
             }
+            self.maybe_pending |= !matches!(slot.state, SlotState::Free | SlotState::Done(_));
         }
     }
 

@@ -12,12 +12,12 @@ use crate::xf::{CheckType, Control, DataSize};
 pub enum StartStep {
     /// Packets are found in the stream of bytes, and with them n.
     Search,
+    /// CRC_TYPE_SET 3: CRC-32; again behind [`Self::Resize`], since nobody says whether the type outlives that.
+    CheckType,
     /// SPI_PACK_SIZE_GET: the chip is asked for n.
     PackSize,
     /// SPI_RECONFIG_OP: the chip is set to the n that is wanted.
     Resize,
-    /// CRC_TYPE_SET 3: CRC-32.
-    CheckType,
     /// FW_VERSION_GET.
     Version,
     /// INFO_UPDATE until the chip is not busy; errors of before are cleared.
@@ -52,11 +52,14 @@ impl StartStep {
     }
 
     /// The step behind this one; `None` after the last one. [`Self::Resize`] stands beside the order.
+    ///
+    /// `[OURS]` Applications ask for n first (OBS). Here the check word is set first, so that one packet alone has the
+    /// fixed word, with which a bit that flips goes unnoticed.
     pub(super) const fn next(self) -> Option<Self> {
         match self {
-            Self::Search | Self::Resize => Some(Self::PackSize),
-            Self::PackSize => Some(Self::CheckType),
-            Self::CheckType => Some(Self::Version),
+            Self::Search | Self::Resize => Some(Self::CheckType),
+            Self::CheckType => Some(Self::PackSize),
+            Self::PackSize => Some(Self::Version),
             Self::Version => Some(Self::NotBusy),
             Self::NotBusy => Some(Self::FifoOff),
             Self::FifoOff => Some(Self::FifoClear),

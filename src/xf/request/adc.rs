@@ -41,11 +41,11 @@ impl Call<'_> for AdcOpen {
     }
 }
 
-/// Requests whose data are fixed numbers, u32 each.
+/// Requests whose data are fixed numbers, u32 each, and which bits of them are looked at.
 macro_rules! fixed {
     ($(
         $(#[$doc:meta])*
-        $name:ident($function:literal) = $numbers:expr, $field:literal, $allowed:literal, $answer:ty;
+        $name:ident($function:literal) = $numbers:expr, looked at $mask:expr, $field:literal, $allowed:literal, $answer:ty;
     )*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -65,8 +65,9 @@ macro_rules! fixed {
                 let mut found = $numbers.map(U32Le::new);
                 let bytes = segment::get_at(data, 0, size_of_val(&found))?;
                 bytemuck::bytes_of_mut(&mut found).copy_from_slice(bytes);
-                match found.iter().zip($numbers).find(|(found, fixed)| found.get() != *fixed) {
-                    Some((found, _)) => Err(Malformed::only($field, found.get(), $allowed)),
+                let differs = |((found, fixed), mask): &((&U32Le, u32), u32)| found.get() & mask != fixed & mask;
+                match found.iter().zip($numbers).zip($mask).find(differs) {
+                    Some(((found, _), _)) => Err(Malformed::only($field, found.get(), $allowed)),
                     None => Ok(Self),
                 }
             }
@@ -74,19 +75,32 @@ macro_rules! fixed {
     )*};
 }
 
+/// The sample module that the manuals' fixed number means, as a bit.
+///
+/// `[OURS]` The number looks like a mask of modules. A program that names others beside this one is understood; one that
+/// does not name it means what no manual describes.
+const SAMPLE_MODULE: u32 = 0x1000;
+/// A number that is reserved. `[OURS]` It is ignored.
+const RESERVED: u32 = 0;
+/// A number that has to be the one of the manuals.
+const WHOLE: u32 = u32::MAX;
+
 fixed! {
     /// ECM_AdcConfigSampleModule, code 35, `par` 42: conversions are started by software, the one trigger there is
-    /// (XF EN 1091). 12 bytes: @0, @4, @8 u32 0.
-    AdcConfigSampleModule(42) = [0; 3], "ECM_AdcConfigSampleModule number", "0", ();
+    /// (XF EN 1091). 12 bytes: @0 reserved, @4 u32 0, the trigger, @8 reserved.
+    AdcConfigSampleModule(42) = [0; 3], looked at [RESERVED, WHOLE, RESERVED],
+        "ECM_AdcConfigSampleModule trigger", "0 software", ();
 
     /// ECM_AdcGetDataValidFlag, code 35, `par` 17: whether a conversion is done, @0 u32 not 0 (XF EN 1102). 4 bytes:
     /// @0 u32 0x1000.
-    AdcGetDataValidFlag(17) = [0x1000], "ECM_AdcGetDataValidFlag number", "0x1000", u32;
+    AdcGetDataValidFlag(17) = [SAMPLE_MODULE], looked at [SAMPLE_MODULE],
+        "ECM_AdcGetDataValidFlag number", "0x1000, or more bits beside it", u32;
 
     /// ECM_AdcStartConv, code 35, `par` 12: starts a conversion (XF EN 1117). 4 bytes: @0 u32 0x1000.
-    AdcStartConv(12) = [0x1000], "ECM_AdcStartConv number", "0x1000", ();
+    AdcStartConv(12) = [SAMPLE_MODULE], looked at [SAMPLE_MODULE],
+        "ECM_AdcStartConv number", "0x1000, or more bits beside it", ();
 
     /// ECM_AdcGetConvData, code 35, `par` 15: the value, @0 u32, 0..=4095 for 0 V to 3.3 V (XF EN 1128). 4 bytes:
     /// @0 u32 12.
-    AdcGetConvData(15) = [12], "ECM_AdcGetConvData number", "12", Analog;
+    AdcGetConvData(15) = [12], looked at [WHOLE], "ECM_AdcGetConvData number", "12", Analog;
 }

@@ -1,8 +1,8 @@
 //! The chip itself: packets, check words, version, resets, error counts, PHY.
 
 use super::{Arguments, Call, WriteOrRead, plain, short};
+use crate::xf::bits::bits;
 use crate::xf::response::{FirmwareVersion, MdioAnswer};
-use crate::xf::value::choices;
 use crate::xf::{CheckType, CommandCode, DataSize, Malformed};
 
 plain! {
@@ -45,11 +45,14 @@ short! {
 
     /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy; it is always taken. `par` what (XF EN 1446).
     AsyncReset {
-        /// What is ended.
-        pub action: AsyncResetAction,
+        actions: AsyncResetActions,
     }, AsyncReset -> (),
-        |request| Arguments::NONE.parameter(request.action.code()),
-        |a| Self { action: AsyncResetAction::decode(a.parameter)? };
+        |request| Arguments::NONE.parameter(request.actions.0),
+        |a| Self::new(AsyncResetActions(a.parameter)).ok_or(Malformed::only(
+            "ASYNCCMD_RESET action",
+            a.parameter.into(),
+            "1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
+        ))?;
 
     /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond
     /// them process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
@@ -112,15 +115,31 @@ impl WkcErrorLimit {
     }
 }
 
-choices! {
+bits! {
     /// What [`AsyncReset`] ends.
-    pub AsyncResetAction(u8), "ASYNCCMD_RESET action", "1 clear busy, 2 skip the port's wait, 4 give up the command" {
-        /// 1: clears the busy flag.
-        ClearBusy = 1,
-        /// 2: skips the wait for the network port at the start.
-        SkipPortWait = 2,
-        /// 4: gives up the command that runs.
-        GiveUp = 4,
+    AsyncResetActions(u8) {
+        /// Bit 0: clears the busy flag.
+        CLEAR_BUSY = 1 << 0;
+        /// Bit 1: skips the wait for the network port at the start.
+        SKIP_PORT_WAIT = 1 << 1;
+        /// Bit 2: gives up the command that runs.
+        GIVE_UP = 1 << 2;
+        /// Bits 0 to 2.
+        ALL = 0x07;
+    }
+}
+
+impl AsyncReset {
+    /// The request that does all of these; `None` if they are none, or have a bit that the manuals do not have.
+    ///
+    /// `[OURS]` The manuals list the values 1, 2 and 4, which look like bits: their sums are taken for several of them.
+    pub const fn new(actions: AsyncResetActions) -> Option<Self> {
+        if actions.0 != 0 && AsyncResetActions::ALL.contains(actions) { Some(Self { actions }) } else { None }
+    }
+
+    /// What is ended.
+    pub const fn actions(self) -> AsyncResetActions {
+        self.actions
     }
 }
 

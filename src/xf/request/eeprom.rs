@@ -15,7 +15,7 @@ plain! {
 
 choices! {
     /// @0 of [`EepromRequest`].
-    EepromOperationCode(u16), "EEPROM_REQ operation", "0 read, 1 write" {
+    pub(in crate::xf) EepromOperationCode(u16), "EEPROM_REQ operation", "0 read, 1 write" {
         /// 0: read, the reverse of SDO_REQ (XF ZH 1096).
         Read = 0,
         /// 1: write.

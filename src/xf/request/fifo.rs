@@ -4,6 +4,9 @@
 use super::{Arguments, Switch, plain, short};
 use crate::xf::value::choices;
 
+/// The entries of each FIFO after a start (XF EN 1236).
+pub const FIFO_ENTRIES: u8 = 64;
+
 plain! {
     /// FIFO_GET_TX_CNT, code 53: the entries of the TxFIFO as set, in `ret` (XF EN 1249).
     FifoGetTxCount, FifoGetTxCount -> u8;

@@ -14,7 +14,7 @@ plain! {
 
 choices! {
     /// @2 of [`FoeRequest`].
-    FoeOperation(u8), "FOE_FUNC_REQ operation", "1 upload, 2 download, 3 read flash, 4 write flash" {
+    pub(in crate::xf) FoeOperation(u8), "FOE_FUNC_REQ operation", "1 upload, 2 download, 3 read flash, 4 write flash" {
         /// 1: a file from a slave into the flash memory.
         Upload = 1,
         /// 2: a file from the flash memory to a slave.

@@ -55,7 +55,7 @@ short! {
         /// The state.
         pub state: DriveState,
     }, HelperStateSet -> (),
-        |request| Arguments::NONE.parameter(request.motor.get()).info([state_code(request.state), 0, 0, 0]),
+        |request| Arguments::NONE.parameter(request.motor.get()).info([request.state.status_bits(), 0, 0, 0]),
         |a| Self { motor: MotorNumber::decode(a.parameter)?, state: requested_state(a.info[0])? };
 
     /// 402_STATE_GET, code 28: the state of an axis, in `ret`. `par` motor (XF EN 778).
@@ -116,25 +116,11 @@ fn keyed(key: u8, value: u8) -> Result<u8, Malformed> {
     if key == CONTROL_KEY { Ok(value) } else { Err(Malformed::only("402_CTL_SET i1", key.into(), "0x5A")) }
 }
 
-/// The state's code: the bits of the statusword that stand for it (XF EN 767).
-pub(in crate::xf) const fn state_code(state: DriveState) -> u8 {
-    match state {
-        DriveState::NotReadyToSwitchOn => 0x00,
-        DriveState::SwitchOnDisabled => 0x40,
-        DriveState::ReadyToSwitchOn => 0x21,
-        DriveState::SwitchedOn => 0x23,
-        DriveState::OperationEnabled => 0x27,
-        DriveState::QuickStopActive => 0x07,
-        DriveState::FaultReactionActive => 0x0F,
-        DriveState::Fault => 0x08,
-    }
-}
-
 /// The state that a code asks for, which has to be one of the table's.
 fn requested_state(code: u8) -> Result<DriveState, Malformed> {
     let allowed = "0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F or 0x08";
     match Statusword(code.into()).state() {
-        Some(state) if state_code(state) == code => Ok(state),
+        Some(state) if state.status_bits() == code => Ok(state),
         _ => Err(Malformed::only("402_STATE_SET state", code.into(), allowed)),
     }
 }

@@ -39,7 +39,7 @@ impl EmergencyCount {
 
 choices! {
     /// `par` of [`ReceiveMailbox`].
-    ReceiveMailboxOperation(u8), "RECV_MAILBOX operation", "0 request, 1 read" {
+    pub(in crate::xf) ReceiveMailboxOperation(u8), "RECV_MAILBOX operation", "0 request, 1 read" {
         /// 0: the chip fetches the mailbox.
         Request = 0,
         /// 1: a part of what it fetched is given.
@@ -47,7 +47,7 @@ choices! {
     }
 
     /// `par` of [`MailboxStatus`].
-    MailboxStatusOperation(u8), "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling" {
+    pub(in crate::xf) MailboxStatusOperation(u8), "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling" {
         /// 0: which mailboxes are full.
         ReadFlags = 0,
         /// 1: which mailboxes are polled, is set.

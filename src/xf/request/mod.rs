@@ -122,6 +122,15 @@ pub trait Call<'d>: Sized {
     }
 }
 
+/// What is done with a request as its own type: see [`Request::visit`].
+pub trait Visit {
+    /// The result.
+    type Output;
+
+    /// Takes the request.
+    fn call<'d, C: Call<'d>>(self, call: &C) -> Self::Output;
+}
+
 /// What a command packet is built from: a [`Call`] or a [`Request`].
 pub trait Encode {
     /// Writes the data into a segment that is all 0, and returns code and fields of the header.
@@ -180,6 +189,14 @@ macro_rules! requests {
                 match self {
                     $(Self::$variant(_) => <$type as Call<'d>>::CODE,)*
                     Self::Unknown(unknown) => unknown.code,
+                }
+            }
+
+            /// Calls a visitor with the request as its own type; `None` if it is unknown.
+            pub fn visit<V: Visit>(&self, visitor: V) -> Option<V::Output> {
+                match self {
+                    $(Self::$variant(request) => Some(visitor.call(request)),)*
+                    Self::Unknown(_) => None,
                 }
             }
 

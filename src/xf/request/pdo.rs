@@ -114,12 +114,14 @@ impl MappedObject {
         ObjectAddress::new(self.index, self.sub)
     }
 
-    const fn to_bytes(self) -> [u8; 4] {
+    /// An entry of a PDO's mapping object as bytes: bits, sub-index, index.
+    pub(in crate::xf) const fn to_bytes(self) -> [u8; 4] {
         let [low, high] = self.index.to_le_bytes();
         [self.bits, self.sub, low, high]
     }
 
-    const fn from_bytes([bits, sub, low, high]: [u8; 4]) -> Self {
+    /// The object of such an entry.
+    pub(crate) const fn from_bytes([bits, sub, low, high]: [u8; 4]) -> Self {
         Self { index: u16::from_le_bytes([low, high]), sub, bits }
     }
 }

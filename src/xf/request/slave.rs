@@ -109,7 +109,7 @@ choices! {
     }
 
     /// `par` of [`DirectAssign`].
-    DirectAssignOperation(u8), "DIRECT_ASSIGN operation", "0 switch, 1 length" {
+    pub(in crate::xf) DirectAssignOperation(u8), "DIRECT_ASSIGN operation", "0 switch, 1 length" {
         /// 0: the assignment is switched.
         Switch = 0,
         /// 1: a length is assigned.

@@ -3,7 +3,7 @@
 use super::{Answer, Returned};
 use crate::cia402::{DriveState, Statusword};
 use crate::xf::Malformed;
-use crate::xf::request::{InterruptEnable, state_code};
+use crate::xf::request::InterruptEnable;
 
 /// The answer to [`HelperStateGet`](crate::xf::request::HelperStateGet): `ret` bits of the statusword (XF EN 778).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -21,7 +21,7 @@ impl DriveStateByte {
 
 impl From<DriveState> for DriveStateByte {
     fn from(state: DriveState) -> Self {
-        Self(state_code(state))
+        Self(state.status_bits())
     }
 }
 

@@ -7,8 +7,10 @@
 //!   and the model behind it
 //! - `answers.rs`: a host other than the link
 //! - `link.rs`, `lies.rs`: the link, and faulty wires
+//! - `chip.rs`: the link `xf-spi:`, with the model of an ECM-XF
 
 mod answers;
+mod chip;
 mod kernel;
 mod lies;
 mod link;

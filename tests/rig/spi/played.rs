@@ -28,6 +28,11 @@ pub trait Board: Send {
     fn is_busy(&mut self) -> bool {
         false
     }
+
+    /// The level of its line while it is busy, or is not.
+    fn level(&mut self, busy: bool) -> bool {
+        busy
+    }
 }
 
 impl<T: FnMut(&[u8], &mut [u8]) + Send> Board for T {
@@ -67,8 +72,9 @@ impl Played {
         let mut wires = Wires::open();
         let stop = Arc::new(AtomicBool::new(false));
         let seen = Arc::new(Mutex::new(Seen::default()));
-        wires.set_busy(busy == Busy::Stuck(true));
-        let player = Player { wires, board, busy, busy_now: false, low_since: None, seen: seen.clone() };
+        let shown = busy == Busy::Stuck(true);
+        wires.set_busy(shown);
+        let player = Player { wires, board, busy, shown, busy_now: false, low_since: None, seen: seen.clone() };
         let thread = thread::spawn({
             let stop = stop.clone();
             move || player.run(&stop)
@@ -105,6 +111,8 @@ struct Player<B> {
     wires: Wires,
     board: B,
     busy: Busy,
+    /// The level that the line has.
+    shown: bool,
     busy_now: bool,
     low_since: Option<u64>,
     seen: Arc<Mutex<Seen>>,
@@ -149,10 +157,12 @@ impl<B: Board> Player<B> {
         }
     }
 
-    fn show_busy(&mut self, high: bool) {
-        if self.busy == Busy::True && self.busy_now != high {
-            self.wires.set_busy(high);
-            self.busy_now = high;
+    fn show_busy(&mut self, busy: bool) {
+        self.busy_now = busy && self.busy == Busy::True;
+        let level = self.board.level(busy);
+        if self.busy == Busy::True && self.shown != level {
+            self.wires.set_busy(level);
+            self.shown = level;
         }
     }
 }

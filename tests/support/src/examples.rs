@@ -21,6 +21,8 @@ pub const CPP: [(&str, &str); 12] = [
 ];
 /// Every program of `examples/c/`.
 pub const C: [(&str, &str); 2] = [("csv_cst", VIRTUAL), ("io", "sim:?slaves=io&clock=virtual")];
+/// The program of `examples/c/` that uses no library, and no board either.
+pub const C_WITHOUT_LIBRARY: &str = "xf_client";
 
 /// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
 pub const SCRIPTS: [(&str, &str); 3] =

@@ -1,7 +1,8 @@
 //! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `ahead_bus`, `swift`, `images`
-//! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`
+//! - an axis behind an ECM-XF: `chip_axis`
+//! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
 //!
@@ -11,6 +12,7 @@
 pub mod ahead_bus;
 pub mod bus_wrapper;
 pub mod captures;
+pub mod chip_axis;
 pub mod dice;
 #[cfg(unix)]
 pub mod dotnet;
@@ -23,6 +25,7 @@ pub mod images;
 pub mod pe;
 pub mod recorded;
 pub mod recording;
+pub mod schedules;
 pub mod script_client;
 #[cfg(target_os = "linux")]
 pub mod served;

@@ -2,13 +2,17 @@
 
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
+use ecmsk::ethercat::Ns;
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
 use ecmsk::xf::request::{
     Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, FirmwareVersionGet, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, InfoUpdate, MappedObject, PdoAssignment, PdoConfigSet, PdoData, PdoDataFifo,
     PdoMap, PdoOperation, Reconfig, SdoOperation, SlaveCountGet, SpiReconfig,
 };
-use ecmsk::xf::{CheckRule, CommandHeader, DataSize, Errors, EtherCatState, MAX_PACKET, write_request};
+use ecmsk::xf::{
+    AnswerPacket, CheckRule, CommandHeader, Coverage, DataSize, Errors, EtherCatState, MAX_PACKET, Received,
+    write_request,
+};
 use proptest::prelude::*;
 
 use super::{Host, INIT, MS, drive, sdo, to_all};
@@ -134,14 +138,14 @@ fn runs_are_the_same() {
     assert_eq!(run(), run());
 }
 
-/// XF-11.60 In OP an exchange and the cycles before it allocate nothing.
-#[test]
-fn nothing_is_allocated() {
+/// Moves two drives in OP by 200 exchanges of `exchange`, none of which may allocate.
+fn exchange_without_allocation(exchange: impl Fn(&mut ChipPort<SlaveModels>, Ns, &[u8], &mut [u8])) {
     let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
     start(&mut host);
-    let size = host.chip.size();
+    let (size, mut now) = (host.chip.size(), host.now);
+    let mut port = ChipPort::new(host.chip);
     let (mut command, mut answer) = ([0; MAX_PACKET], [0; MAX_PACKET]);
-    let mut now = host.now;
+    let answer = &mut answer[..size.packet_len()];
     let counted = measure(|| {
         for n in 1..=200_u8 {
             let request =
@@ -149,10 +153,29 @@ fn nothing_is_allocated() {
             let header = CommandHeader::with_index(n);
             let packet = write_request(&mut command, size, CheckRule::CRC32, header, &request).expect("it fits");
             now += MS;
-            host.chip.exchange(now, packet, &mut answer[..size.packet_len()]);
+            exchange(&mut port, now, packet, answer);
         }
     });
     assert_eq!(counted.count_total, 0);
+    let Ok(Received::Answer(packet)) = AnswerPacket::parse(answer, size, Coverage::All) else { panic!("an answer") };
+    assert_eq!((packet.header.index, packet.header.len), (199, 12), "TxPDOs come");
+}
+
+/// XF-11.60 In OP an exchange and the cycles before it allocate nothing.
+#[test]
+fn nothing_is_allocated() {
+    exchange_without_allocation(|port, now, packet, answer| port.chip_mut().exchange(now, packet, answer));
+}
+
+/// XF-11.60 Neither does a packet that passes the chip's port in two pieces.
+#[test]
+fn the_port_allocates_nothing() {
+    exchange_without_allocation(|port, now, packet, answer| {
+        let middle = packet.len() / 2;
+        let (first, rest) = answer.split_at_mut(middle);
+        assert_eq!(port.transfer(now, &packet[..middle], first), middle);
+        assert_eq!(port.transfer(now, &packet[middle..], rest), packet.len() - middle);
+    });
 }
 
 proptest! {

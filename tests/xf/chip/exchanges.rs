@@ -2,7 +2,7 @@
 
 use ecmsk::xf::chip::{ChipPort, Profile, WITHOUT_EFFECT};
 use ecmsk::xf::request::{
-    AsyncReset, AsyncResetAction, CrcErrorCountClear, CrcTypeSet, EnableLrw, FifoGetRxCount, FifoSetRxCount,
+    AsyncReset, AsyncResetActions, CrcErrorCountClear, CrcTypeSet, EnableLrw, FifoGetRxCount, FifoSetRxCount,
     FirmwareVersionGet, GpioExtGetValue, InfoUpdate, InitDc, SlaveCountGet, SpiPackSizeGet, SpiReconfig, StateUpdate,
     WarmReset,
 };
@@ -165,7 +165,7 @@ fn wrong_commands() {
             .chain(145..=255)
             .map(|code| (code, 0));
     let parameters =
-        [(12, 0x80), (13, 3), (18, 2), (19, 2), (25, 1), (28, 0), (31, 7), (32, 4), (51, 3), (75, 3), (83, 9)];
+        [(12, 0x80), (13, 3), (18, 2), (19, 2), (25, 1), (28, 0), (31, 7), (32, 4), (51, 3), (75, 8), (83, 9)];
     for (code, parameter) in unknown.chain(parameters) {
         let header = CommandHeader::with_index(host.index.wrapping_add(1));
         host.index = header.index;
@@ -227,33 +227,39 @@ fn failures() {
 }
 
 /// XF-11.11 ASYNCCMD_RESET ends what runs: 1 clears busy, 4 gives the command up, which has failed then; 2 skips the
-/// wait for the network port.
+/// wait for the network port; a sum does all of it.
 #[test]
 fn what_runs_is_ended() {
-    for (action, errors) in
-        [(AsyncResetAction::ClearBusy, Errors::NONE), (AsyncResetAction::GiveUp, Errors::NON_IMMEDIATE)]
-    {
+    let reset = |bits| AsyncReset::new(AsyncResetActions(bits)).expect("known bits");
+    for (bits, errors) in [
+        (1, Errors::NONE),
+        (3, Errors::NONE),
+        (4, Errors::NON_IMMEDIATE),
+        (5, Errors::NON_IMMEDIATE),
+        (7, Errors::NON_IMMEDIATE),
+    ] {
         let mut host = Host::with_drives();
         assert!(host.call(&INIT).has(Status::BUSY));
-        let got = host.call(&AsyncReset { action });
+        let got = host.call(&reset(bits));
         assert_eq!((got.has(Status::BUSY), got.errors()), (false, errors));
         host.pass(1000 * MS);
         assert_eq!(host.call(&SlaveCountGet).header.ret, 0, "it has no effect any more");
     }
     // The port is ready some time after the start.
-    let started = |skip: bool| {
+    let started = |skip: Option<u8>| {
         let mut host = Host::with_drives();
         host.send(&WarmReset);
         host.pass(600 * MS);
         assert!(!host.call(&InfoUpdate).has(Status::PORT_READY));
         host.call(&INIT);
-        if skip {
-            assert!(host.call(&AsyncReset { action: AsyncResetAction::SkipPortWait }).has(Status::PORT_READY));
+        if let Some(bits) = skip {
+            assert!(host.call(&reset(bits)).has(Status::PORT_READY));
         }
         host.wait();
         host.now
     };
-    assert!(started(true) < started(false));
+    assert!(started(Some(2)) < started(None));
+    assert!(started(Some(7)) < started(Some(2)), "and the command is given up");
 }
 
 /// XF-11.12 WARM_RESET: all is as after power-on, and the next command is taken after the start alone.

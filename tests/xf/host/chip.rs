@@ -72,6 +72,8 @@ pub struct Chip {
     pub rx: VecDeque<u32>,
     pub tx: VecDeque<u32>,
     pub fifo_on: bool,
+    /// SPI_RECONFIG_OP sets the fixed check word too.
+    pub resize_resets_kind: bool,
     /// A command that the chip refuses.
     pub refused: Option<CommandCode>,
     /// What SPI_PACK_SIZE_GET answers if it is not n.
@@ -104,6 +106,7 @@ impl Chip {
             rx: VecDeque::new(),
             tx: VecDeque::new(),
             fifo_on: false,
+            resize_resets_kind: false,
             refused: None,
             claims: None,
             crc_errors: 0,
@@ -235,7 +238,7 @@ impl Chip {
         let fixed = || CommandPacket::parse(bytes, self.size, CheckRule::FIXED).ok();
         let either = parsed.ok().or_else(|| fixed().filter(|packet| packet.header.code == CommandCode::CrcTypeSet));
         let Some(packet) = either else {
-            self.crc_errors = self.crc_errors.wrapping_add(1);
+            self.crc_errors = self.crc_errors.saturating_add(1);
             self.errors = self.errors | Errors::CRC;
             let (index, code) = (bytes[0x0B], CommandCode::from_code(bytes[0x0C]));
             self.answer(index, code, Status::NOP, Bytes(0, &[]), counted);
@@ -261,6 +264,9 @@ impl Chip {
         self.answer(index, code, nop, Bytes(ret, &data), counted);
         if let Request::SpiReconfig(request) = request {
             self.size = request.size;
+            if self.resize_resets_kind {
+                self.kind = CheckType::Fixed;
+            }
             self.answers.clear();
             self.answer(index, code, Status::NONE, Bytes(0, &[]), counted);
         }

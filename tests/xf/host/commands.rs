@@ -213,6 +213,20 @@ fn a_command_without_an_answer() {
     assert_eq!(rig.chip.ran, [(CommandCode::DacFunction, 2)]);
 }
 
+/// XF-12.7 A chip whose count of CRC errors is at its end shows no more of them: a command of which no copy has arrived
+/// is not taken for one whose answer was lost.
+#[test]
+fn the_count_of_errors_is_at_its_end() {
+    let mut rig = Rig::running(HostConfig::default());
+    rig.chip.crc_errors = u8::MAX;
+    rig.until("the count is seen", |rig| rig.host.header().is_some_and(|header| header.crc_errors == u8::MAX));
+    rig.faults = vec![Fault::ToChip(600); 20];
+    let ticket = rig.submit(&dac(1));
+    rig.done(ticket);
+    assert_eq!(rig.host.take(ticket, &dac(1)), Some(Ok(())));
+    assert_eq!(ran(&rig, CommandCode::DacFunction), 1);
+}
+
 /// XF-12.10 The chip refuses a command: that command has the error, and not the next one.
 #[test]
 fn a_refused_command() {

@@ -210,3 +210,18 @@ fn commands_and_process_data_take_turns() {
         assert!(rig.host.counters().rx_written - before.rx_written >= 10, "{:?}", rig.host.counters());
     }
 }
+
+/// XF-12.11 With pipelined writes one that met a full FIFO, and whose answer is lost, is not taken for written; its report
+/// comes before that of the next one.
+#[test]
+fn an_overtaken_write_that_met_a_full_fifo() {
+    let mut rig = Rig::running(PIPELINED);
+    rig.chip.rx_entries = 0;
+    rig.faults = vec![Fault::None, Fault::ToHost(300)];
+    let first = write(&mut rig, 5);
+    rig.exchanges(1);
+    let second = write(&mut rig, 6);
+    let reports = [report(&mut rig), report(&mut rig)];
+    assert_eq!(reports.map(|report| report.sequence), [first, second]);
+    assert_eq!(reports.map(|report| report.outcome), [ProcessOutcome::Unknown, ProcessOutcome::Full]);
+}

@@ -18,7 +18,7 @@ fn n_and_the_offset_are_found() {
         rig.chip.clock(&vec![0; offset]);
         rig.until("running", |rig| rig.host.state() == HostState::Running);
         assert_eq!(rig.host.size(), DataSize::MANUAL);
-        assert_eq!((codes(&rig), rig.chip.kind), (vec![20, 25, 56, 0, 18, 51], CheckType::Crc32), "offset {offset}");
+        assert_eq!((codes(&rig), rig.chip.kind), (vec![25, 20, 56, 0, 18, 51], CheckType::Crc32), "offset {offset}");
         assert_eq!(rig.host.version().map(|version| version.version), Some(0x22));
         assert_eq!(rig.host.counters().searches, 1);
     }
@@ -55,17 +55,52 @@ fn a_wrong_size_is_corrected() {
     assert_eq!((rig.host.size(), rig.host.counters().searches), (DataSize::MANUAL, 1));
 }
 
-/// XF-12.2 The n that is wanted is set, with 100 ms of silence behind the command.
+/// XF-12.2 The n that is wanted is set, with 100 ms of silence behind the command; whether the chip keeps CRC-32 then or
+/// not is no reset.
 #[test]
 fn the_size_is_set() {
-    let config = HostConfig { wanted_size: DataSize::new(300), ..HostConfig::default() };
+    for resize_resets_kind in [false, true] {
+        let config = HostConfig { wanted_size: DataSize::new(300), ..HostConfig::default() };
+        let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+        rig.chip.resize_resets_kind = resize_resets_kind;
+        rig.until("resized", |rig| rig.chip.size.bytes() == 300);
+        let before = rig.now;
+        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        assert!(rig.now - before >= 100_000_000);
+        assert_eq!(codes(&rig)[..5], [25, 20, 23, 25, 20]);
+        assert_eq!((rig.host.size().bytes(), rig.chip.kind), (300, CheckType::Crc32));
+        assert_eq!(rig.host.counters().chip_resets, 0);
+    }
+}
+
+/// XF-12.1 One packet alone has the fixed check word: CRC_TYPE_SET.
+#[test]
+fn one_packet_has_the_fixed_check_word() {
+    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
     let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
-    rig.until("resized", |rig| rig.chip.size.bytes() == 300);
-    let before = rig.now;
     rig.until("running", |rig| rig.host.state() == HostState::Running);
-    assert!(rig.now - before >= 100_000_000);
-    assert_eq!(codes(&rig)[..3], [20, 23, 20]);
-    assert_eq!(rig.host.size().bytes(), 300);
+    let fixed = |packet: &&Vec<u8>| packet[packet.len() - 8..][..4] == [0x78, 0x56, 0x34, 0x12];
+    let codes: Vec<u8> = rig.sent.iter().filter(fixed).map(|packet| packet[0x0C]).collect();
+    // And what fetches its answer.
+    assert_eq!(codes, [25, 25]);
+}
+
+/// XF-12.2 XF-12.4 A chip that is not ready for SPI_RECONFIG_OP has lost it: it is sent again, after more idle time.
+#[test]
+fn a_chip_that_is_not_ready_for_its_size() {
+    let config = HostConfig {
+        size: Some(DataSize::MANUAL),
+        wanted_size: DataSize::new(300),
+        idle_ns: 20_000,
+        ..HostConfig::default()
+    };
+    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    // CRC_TYPE_SET, SPI_PACK_SIZE_GET and their answers, then SPI_RECONFIG_OP.
+    rig.faults = [vec![Fault::None; 4], vec![Fault::NotReady; 2]].concat();
+    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    assert_eq!(codes(&rig)[..4], [25, 20, 23, 25]);
+    assert_eq!((rig.host.size().bytes(), rig.host.counters().searches), (300, 0));
+    assert_eq!(rig.host.counters().not_ready, 2);
 }
 
 /// XF-12.1 The start ends well whatever single exchange of it goes wrong.
@@ -231,7 +266,7 @@ fn a_chip_falls_silent() {
     assert_eq!(rig.host.take_report().map(|report| report.sequence), Some(sequence));
 }
 
-/// XF-12.1 A chip that says twice that n is another one than its packets have is not started.
+/// XF-12.1 A chip that says that n is another one than its packets have is not started.
 #[test]
 fn a_chip_that_contradicts_itself() {
     let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };

@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::DriveState;
 use ecmsk::xf::request::{
-    AsyncReset, AsyncResetAction, CrcErrorCountClear, CrcTypeSet, FirmwareVersionGet, HelperConfigSet, HelperControl,
+    AsyncReset, AsyncResetActions, CrcErrorCountClear, CrcTypeSet, FirmwareVersionGet, HelperConfigSet, HelperControl,
     HelperControlGet, HelperControlSet, HelperStateGet, HelperStateSet, HelperStatuswordGet, InterruptEnable,
     InterruptGetEnable, InterruptSetEnable, Mdio, PeripheralInterrupts, Polarity, SpiPackSizeGet, SpiReconfig,
     WarmReset, WkcErrorCountGet, WkcErrorLimit, WkcErrorMaxGet, WkcErrorMaxSet,
@@ -46,10 +46,12 @@ fn interrupts() -> Vec<Function> {
 
 /// XF EN 1446, 1517.
 fn resets() -> Vec<Function> {
+    let reset = |actions| AsyncReset::new(actions).expect("known bits");
     vec![
-        case(AsyncReset { action: AsyncResetAction::ClearBusy }, short(75, 1, [0; 4])),
-        case(AsyncReset { action: AsyncResetAction::SkipPortWait }, short(75, 2, [0; 4])),
-        case(AsyncReset { action: AsyncResetAction::GiveUp }, short(75, 4, [0; 4])),
+        case(reset(AsyncResetActions::CLEAR_BUSY), short(75, 1, [0; 4])),
+        case(reset(AsyncResetActions::SKIP_PORT_WAIT), short(75, 2, [0; 4])),
+        case(reset(AsyncResetActions::GIVE_UP), short(75, 4, [0; 4])),
+        case(reset(AsyncResetActions::ALL), short(75, 7, [0; 4])),
         case(WarmReset, short(127, 0, [0; 4])),
     ]
 }

@@ -1,5 +1,6 @@
 //! GPIO, encoder, DAC and ADC.
 
+use ecmsk::xf::Request;
 use ecmsk::xf::request::{
     AdcClose, AdcConfigSampleModule, AdcGetConvData, AdcGetDataValidFlag, AdcMode, AdcOpen, AdcStartConv, AllPins,
     Analog, DacClose, DacDelay, DacOpen, DacSetData, DacSetDelayTime, DacStartConv, DacTrigger, DebounceClock,
@@ -10,7 +11,7 @@ use ecmsk::xf::request::{
 };
 
 use super::{Function, case, long, short};
-use crate::bytes;
+use crate::{Printed, bytes};
 
 pub fn cases() -> Vec<Function> {
     [gpio_modes(), gpio_interrupts(), gpio_values(), encoder(), dac(), adc()].concat()
@@ -151,4 +152,17 @@ fn dac_functions() {
 #[test]
 fn adc_functions() {
     adc();
+}
+
+/// XF-10.6 Numbers of the ADC that are reserved say nothing, and neither do bits beside the fixed 0x1000.
+#[test]
+fn adc_numbers_that_are_ignored() {
+    for (par, data, request) in [
+        (42, bytes![7_u32, 0_u32, 9_u32], Request::from(AdcConfigSampleModule)),
+        (17, bytes![0x1001_u32], AdcGetDataValidFlag.into()),
+        (12, bytes![u32::MAX], AdcStartConv.into()),
+    ] {
+        let printed = Printed { code: 35, par, len: data.len() as u16, data, ..Printed::default() };
+        printed.read(|read| assert_eq!(read, Ok(request)));
+    }
 }

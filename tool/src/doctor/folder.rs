@@ -104,6 +104,12 @@ fn configuration(folder: &Path, inside: &str) -> Finding {
             "serve the board by `ecmsk serve tcp` on the machine it is wired to, and name it by tcp://HOST:PORT",
         )
         .of(&name),
+        Ok(link) if !Scheme::BOARDS.contains(&link.scheme()) => Finding::wrong(
+            CHECK,
+            format!("{}: a chip ECM-XF, and {LIBRARY} opens boards", configured.link),
+            "name a board, such as usb: or sim:",
+        )
+        .of(&name),
         Ok(_) => Finding::fine(CHECK, configured.link).of(&name),
         Err(error) => wrong(format!("link = \"{}\": {error}", configured.link)),
     }

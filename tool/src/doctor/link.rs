@@ -70,7 +70,7 @@ pub fn not_in_build(scheme: Scheme) -> String {
 }
 
 fn with_feature(scheme: Scheme) -> String {
-    format!("build it with `cargo build --release --features {scheme}`")
+    format!("build it with `cargo build --release --features {}`", scheme.feature())
 }
 
 /// Splits the text of an error into the error and the next step, with which it ends.

@@ -11,6 +11,7 @@ use serde_json::Value;
 
 const USB: &str = "usb:";
 const SPI: &str = "spi:/dev/spidev0.0";
+const XF_SPI: &str = "xf-spi:/dev/spidev0.0";
 const SIM: &str = "sim:";
 
 /// The report, without what is of this build and of the machine that the test runs on.
@@ -177,6 +178,16 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
             "modprobe -r spidev",
         ),
         (SPI, |t| t.remove("/sys/module/spidev"), "spi-bufsiz", "wrong", "not loaded", "modprobe spidev"),
+        (XF_SPI, |t| t.deny("/dev/spidev0.0"), "spi-permission", "wrong", "may not open", "-aG spi,gpio"),
+        ("xf-spi:/dev/spidev1.0", |_| {}, "spi", "wrong", "no /dev/spidev1.0, but /dev/spidev0.0", "correct the link"),
+        (
+            XF_SPI,
+            |t| t.file(BUFSIZ, "1439\n"),
+            "spi-bufsiz",
+            "wrong",
+            "up to 1439 bytes; a packet has up to 1440",
+            "modprobe -r spidev",
+        ),
         (
             SPI,
             |t| t.deny("/dev/gpiochip0"),
@@ -216,7 +227,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     }
 }
 
-/// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105 What looks wrong and is not.
+/// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105, XF-16.9 What looks wrong and is not.
 #[test]
 fn what_only_looks_wrong_is_not_reported() {
     type Change = fn(&FakeMachine);
@@ -234,6 +245,8 @@ fn what_only_looks_wrong_is_not_reported() {
         (USB, |t| t.deny("/dev/gpiochip0"), "gpio", "this user may not use it"),
         (SPI, |t| t.file("/sys/module/spidev/parameters/bufsiz", "512"), "spi-bufsiz", "up to 512 bytes"),
         (SPI, |t| t.remove("/sys/bus/gpio"), "gpio", "no GPIO chip: BUSY cannot be watched"),
+        (XF_SPI, |t| t.file("/sys/module/spidev/parameters/bufsiz", "1440"), "spi-bufsiz", "up to 1440 bytes"),
+        (XF_SPI, |t| t.remove("/sys/bus/gpio"), "gpio", "no GPIO chip: INT0 cannot be watched"),
         (SIM, |t| t.remove("/sys/devices/system/cpu"), "governor", "the machine shows none"),
         (SIM, |t| t.remove("/proc/self/limits"), "realtime-priority", "not known"),
     ];

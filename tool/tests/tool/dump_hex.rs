@@ -216,7 +216,6 @@ fn empty_input_shows_nothing_and_is_no_failure() {
 #[test]
 fn contradicting_options_are_refused_by_name() {
     run(["dump"]).expect_misuse(&["<FILE>"]);
-    run(["dump", "--hex", "file.pcapng"]).expect_misuse(&["--hex", "[FILE]"]);
     run(["dump", "f", "--command"]).expect_misuse(&["--command", "[FILE]"]);
     run(["dump", "--hex", "--command", "--response"]).expect_misuse(&["--command", "--response"]);
     run(["dump", "--hex", "--slots", "1", "--all"]).expect_misuse(&["--slots", "--all"]);

@@ -12,8 +12,9 @@
 //! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
-//! - `serve_usbip.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
+//! - `xf.rs`: `ecmsk xf`
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
 mod bad_input;
@@ -25,6 +26,7 @@ mod details;
 mod doctor;
 mod doctor_folder;
 mod dump_hex;
+mod dump_packets;
 mod dump_recording;
 mod exec;
 mod exec_library;
@@ -50,6 +52,7 @@ mod recording_end;
 mod recordings_page;
 mod scripts;
 mod serve_usbip;
+mod serve_xf;
 mod state_failed;
 mod stop;
 mod tcp_network;
@@ -58,3 +61,4 @@ mod tcp_stalled_log;
 mod terminal;
 mod verbs;
 mod words;
+mod xf;

@@ -27,9 +27,12 @@ pub fn build_into(project: &Project, release: &Release, prefix: &Path) -> Result
             cargo.env_remove(name);
         }
         cargo.env("CARGO_TARGET_DIR", &target).env("RUSTC_WRAPPER", &wrapper);
-        // Debug information would be removed anyway. Symbols are removed by the linker already: the build id is made of what
-        // it writes, and names of symbols that link-time optimisation makes up depend on the folder.
+        // Debug information would be removed anyway. Symbols are removed by the linker already: the build id is made of
+        // what it writes.
         cargo.env("CARGO_PROFILE_RELEASE_DEBUG", "false").env("CARGO_PROFILE_RELEASE_STRIP", "symbols");
+        // Of a crate in several units, link-time optimisation makes up names of symbols that depend on the folder, and
+        // an archive keeps them.
+        cargo.env("CARGO_PROFILE_RELEASE_CODEGEN_UNITS", "1");
         cargo.env(super::release::VARIABLE, release.epoch.to_string());
         command::run(cargo.args(["build", "--locked", "--profile", PROFILE, "--package", package]))?;
     }

@@ -134,6 +134,6 @@ mod tests {
             schemes.push(scheme);
         }
         schemes.dedup();
-        assert_eq!(schemes, ["sim", "usb", "spi", "tcp"]);
+        assert_eq!(schemes, ["sim", "usb", "spi", "tcp", "xf-sim", "xf-spi", "xf-usb"]);
     }
 }

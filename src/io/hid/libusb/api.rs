@@ -125,6 +125,8 @@ pub(super) struct RawTransfer {
     pub packets: c_int,
 }
 
+/// `LIBUSB_TRANSFER_TYPE_BULK`
+pub(super) const BULK: u8 = 2;
 /// `LIBUSB_TRANSFER_TYPE_INTERRUPT`
 pub(super) const INTERRUPT: u8 = 3;
 /// `LIBUSB_SPEED_HIGH`
@@ -140,6 +142,8 @@ pub(in crate::io::hid) mod status {
     pub const NO_DEVICE: c_int = 5;
 }
 
+/// `LIBUSB_ERROR_TIMEOUT`
+pub(super) const TIMEOUT: c_int = -7;
 /// `LIBUSB_ERROR_INTERRUPTED`: a signal has ended the wait.
 pub(super) const INTERRUPTED: c_int = -10;
 
@@ -207,6 +211,8 @@ functions! {
     cancel = libusb_cancel_transfer(*mut RawTransfer) -> c_int;
     handle_events = libusb_handle_events_timeout_completed(*mut RawContext, *mut libc::timeval, *mut c_int) -> c_int;
     interrupt = libusb_interrupt_event_handler(*mut RawContext);
+    bulk_transfer = libusb_bulk_transfer(*mut RawHandle, c_uchar, *mut c_uchar, c_int, *mut c_int, c_uint) -> c_int;
+    interrupt_transfer = libusb_interrupt_transfer(*mut RawHandle, c_uchar, *mut c_uchar, c_int, *mut c_int, c_uint) -> c_int;
 }
 
 /// Loads the system's libusb, which then stays loaded as long as the process lives.

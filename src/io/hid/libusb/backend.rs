@@ -92,13 +92,17 @@ impl Backend for LibusbBackend {
 }
 
 /// A claimed interface, released when this is dropped.
-struct Claim {
+pub(super) struct Claim {
     handle: Arc<Handle>,
     interface: u8,
 }
 
 impl Claim {
-    fn new(handle: &Arc<Handle>, interface: u8) -> Result<Self, UsbError> {
+    pub const fn handle(&self) -> &Arc<Handle> {
+        &self.handle
+    }
+
+    pub fn new(handle: &Arc<Handle>, interface: u8) -> Result<Self, UsbError> {
         handle.claim(interface)?;
         Ok(Self { handle: handle.clone(), interface })
     }

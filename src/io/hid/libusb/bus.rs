@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use super::UsbError;
 use super::api::{
-    self, Api, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, LibusbMissing, RawContext,
+    self, Api, BULK, ConfigurationDescriptor, DeviceDescriptor, HIGH_SPEED, INTERRUPTED, LibusbMissing, RawContext,
     RawDevice, RawHandle,
 };
 use crate::threads;
@@ -224,6 +224,33 @@ impl Handle {
     pub fn release(&self, interface: u8) -> Result<(), UsbError> {
         // SAFETY: the handle is open until `drop`.
         UsbError::check(unsafe { (self.bus.api.release)(self.raw(), interface.into()) }).map(drop)
+    }
+
+    /// Sends bytes to an endpoint of that kind, bulk or interrupt, and waits for at most `limit`; libusb's code, and how
+    /// many bytes went out.
+    pub fn send(&self, endpoint: u8, kind: u8, bytes: &[u8], limit: Duration) -> (c_int, usize) {
+        // SAFETY: libusb only reads what is to be sent.
+        unsafe { self.transfer(endpoint, kind, bytes.as_ptr().cast_mut(), bytes.len(), limit) }
+    }
+
+    /// As [`Self::send`], from an endpoint.
+    pub fn receive(&self, endpoint: u8, kind: u8, bytes: &mut [u8], limit: Duration) -> (c_int, usize) {
+        // SAFETY: the buffer is this function's alone.
+        unsafe { self.transfer(endpoint, kind, bytes.as_mut_ptr(), bytes.len(), limit) }
+    }
+
+    /// # Safety
+    /// `bytes` points to `len` bytes, which libusb writes to if the endpoint is one to the host.
+    unsafe fn transfer(&self, endpoint: u8, kind: u8, bytes: *mut u8, len: usize, limit: Duration) -> (c_int, usize) {
+        let api = self.bus.api;
+        let transfer = if kind == BULK { api.bulk_transfer } else { api.interrupt_transfer };
+        let mut moved = 0;
+        // For libusb 0 means no limit.
+        let limit_ms = limit.as_millis().clamp(1, u32::MAX.into()) as u32;
+        // SAFETY: the handle is open until `drop`; the rest by the caller's promise. libusb returns when it has ended the
+        // transfer.
+        let code = unsafe { transfer(self.raw(), endpoint, bytes, len as c_int, &raw mut moved, limit_ms) };
+        (code, usize::try_from(moved).unwrap_or(0).min(len))
     }
 
     /// Clears the halt of an endpoint that has no transfer submitted.

@@ -70,7 +70,13 @@ struct Inside {
     /// What the next submission of a transfer does besides; see [`FakeUsb::at_next_submit`].
     hook: Option<Box<dyn FnOnce() + Send>>,
     cancels: usize,
+    /// What the device answers to a packet; see [`FakeUsb::on_packet`].
+    answer_packet: Option<PacketAnswer>,
+    /// What it has answered and the host has not fetched.
+    packets: VecDeque<Vec<u8>>,
 }
+
+type PacketAnswer = Box<dyn FnMut(&[u8]) -> Vec<u8> + Send>;
 
 /// The simulated bus with one device.
 pub struct FakeUsb {
@@ -105,6 +111,8 @@ impl FakeUsb {
                 leaked: [0; 5],
                 hook: None,
                 cancels: 0,
+                answer_packet: None,
+                packets: VecDeque::new(),
             }),
             changed: Condvar::new(),
         }))
@@ -169,6 +177,16 @@ impl FakeUsb {
     /// Calls of the function `name` return `code`.
     pub fn answer(&self, name: &'static str, code: c_int) {
         self.with(|inside| inside.answers.push((name, code)));
+    }
+
+    /// Calls return their own values again.
+    pub fn answers_as_it_is(&self) {
+        self.with(|inside| inside.answers.clear());
+    }
+
+    /// What the device answers to packets by transfers that the host waits for; nothing if it is empty.
+    pub fn on_packet(&self, answer: impl FnMut(&[u8]) -> Vec<u8> + Send + 'static) {
+        self.with(|inside| inside.answer_packet = Some(Box::new(answer)));
     }
 
     /// Runs `work` during the next submission of a transfer.

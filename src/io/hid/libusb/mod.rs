@@ -1,8 +1,8 @@
 //! The backend over libusb, for every system but Windows.
 //!
 //! From the library upwards: `api.rs` its functions, looked up by name; `bus.rs` its objects as Rust types; `transfer.rs` its
-//! asynchronous transfers; `find.rs` which devices can be a board; `backend.rs` an open board. `fake.rs` stands in for the
-//! library in tests.
+//! asynchronous transfers; `find.rs` which devices can be a board; `backend.rs` an open board; `packets.rs` an open device that
+//! is no board. `fake.rs` stands in for the library in tests.
 
 mod api;
 mod backend;
@@ -10,6 +10,7 @@ mod bus;
 #[cfg(test)]
 pub(super) mod fake;
 mod find;
+mod packets;
 mod transfer;
 
 pub use api::LibusbMissing;
@@ -18,6 +19,7 @@ pub(super) use api::status;
 pub(super) use bus::Device;
 pub use bus::{Bus, BusError};
 pub use find::find;
+pub use packets::{PacketDevice, PacketError, PacketPlace, PacketWires};
 
 pub(super) use super::backend::{Backend, Outcome, TransferListener};
 pub(super) use super::error::UsbError;

@@ -1,18 +1,22 @@
-//! Judges what a board on SPI needs: a spidev device, exchanges that are long enough, GPIO lines.
+//! Judges what a board or a chip ECM-XF on SPI needs: a spidev device, exchanges that are long enough, GPIO lines.
 
 use super::{Finding, Machine};
 use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::machine::Access;
 use crate::machine::gpio::GpioChip;
-use crate::machine::spi::{Bufsiz, FRAME_LEN, SpiDevice};
+use crate::machine::spi::{Bufsiz, FRAME_LEN, PACKET_LEN, SpiDevice};
 
 /// The file that users are advised to write spidev's parameter to.
 const PARAMETERS: &str = "/etc/modprobe.d/ecmsk.conf";
 
 impl Machine {
     pub(super) fn spi_findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
-        let link = wanted.filter(|link| link.scheme() == Scheme::Spi);
+        let link = wanted.filter(|link| matches!(link.scheme(), Scheme::Spi | Scheme::XfSpi));
+        let other_end = match link.map(LinkUri::scheme) {
+            Some(Scheme::XfSpi) => OtherEnd::Chip,
+            _ => OtherEnd::Board,
+        };
         let wanted = link.is_some();
         let devices = self.spi_devices();
         let mut all = Vec::new();
@@ -30,20 +34,24 @@ impl Machine {
         let matters = |device: &SpiDevice| file.as_ref() == Some(&device.file);
         all.extend(devices.iter().map(|device| spi_permission(device, matters(device))));
         if wanted || !devices.is_empty() {
-            all.push(self.bufsiz_finding(wanted));
-            all.extend(gpio(&self.gpio_chips(), wanted));
+            all.push(bufsiz(self.bufsiz(), other_end, wanted));
+            all.extend(gpio(&self.gpio_chips(), other_end, wanted));
         }
         all
     }
 
     /// Why the SPI device cannot be opened, and what to do; `None` if it can.
     pub fn spi_obstacle(&self, device: &SpiDevice) -> Option<Finding> {
-        [spi_permission(device, true), self.bufsiz_finding(true)].into_iter().find(|finding| finding.blocks)
+        let bufsiz = bufsiz(self.bufsiz(), OtherEnd::Board, true);
+        [spi_permission(device, true), bufsiz].into_iter().find(|finding| finding.blocks)
     }
+}
 
-    fn bufsiz_finding(&self, wanted: bool) -> Finding {
-        bufsiz(self.bufsiz(), wanted)
-    }
+/// What is on SPI.
+#[derive(Clone, Copy)]
+enum OtherEnd {
+    Board,
+    Chip,
 }
 
 fn spi_permission(device: &SpiDevice, matters: bool) -> Finding {
@@ -72,12 +80,16 @@ fn enable(is_another: bool) -> &'static str {
     }
 }
 
-fn bufsiz(bufsiz: Option<Bufsiz>, wanted: bool) -> Finding {
+fn bufsiz(bufsiz: Option<Bufsiz>, other_end: OtherEnd, wanted: bool) -> Finding {
     const CHECK: &str = "spi-bufsiz";
     let Some(Bufsiz { bytes, is_built_in }) = bufsiz else {
         return Finding::wrong_if(wanted, CHECK, "the module spidev is not loaded", "sudo modprobe spidev");
     };
-    if bytes >= FRAME_LEN {
+    let (least, what) = match other_end {
+        OtherEnd::Board => (FRAME_LEN, "a frame has"),
+        OtherEnd::Chip => (PACKET_LEN, "a packet has up to"),
+    };
+    if bytes >= least {
         return Finding::fine(CHECK, format!("exchanges of up to {bytes} bytes")).figure("bufsiz_bytes", bytes);
     }
     let next = if is_built_in {
@@ -87,13 +99,16 @@ fn bufsiz(bufsiz: Option<Bufsiz>, wanted: bool) -> Finding {
             "echo 'options spidev bufsiz=4096' | sudo tee {PARAMETERS} && sudo modprobe -r spidev && sudo modprobe spidev"
         )
     };
-    let found = format!("exchanges of up to {bytes} bytes; a frame has {FRAME_LEN}");
+    let found = format!("exchanges of up to {bytes} bytes; {what} {least}");
     Finding::wrong(CHECK, found, next).blocking().figure("bufsiz_bytes", bytes)
 }
 
-fn gpio(chips: &[GpioChip], wanted: bool) -> Vec<Finding> {
+fn gpio(chips: &[GpioChip], other_end: OtherEnd, wanted: bool) -> Vec<Finding> {
     if chips.is_empty() {
-        let found = "no GPIO chip: BUSY cannot be watched, cycles of less than 1 ms are not possible";
+        let found = match other_end {
+            OtherEnd::Board => "no GPIO chip: BUSY cannot be watched, cycles of less than 1 ms are not possible",
+            OtherEnd::Chip => "no GPIO chip: INT0 cannot be watched, idle_us= is left behind each packet",
+        };
         return vec![Finding::fine("gpio", found)];
     }
     let finding = |chip: &GpioChip| {

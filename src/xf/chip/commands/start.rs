@@ -20,7 +20,8 @@ impl<N: Network> Chip<N> {
         done_if(self.start_job(job))
     }
 
-    /// The update of states that a header asks for. False: a command runs.
+    /// The update of states that a header asks for. `[OURS]` By control bit 1, as the manuals have it, where the
+    /// vendor's header has bit 0; it takes time beside the packet's own command. False: a command runs.
     pub(in crate::xf::chip) fn start_update(&mut self) -> bool {
         self.start_job(Job::StateUpdate)
     }

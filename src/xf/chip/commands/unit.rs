@@ -4,7 +4,7 @@ use super::{DONE, Outcome, answered, done_if};
 use crate::cia402::Statusword;
 use crate::xf::chip::Chip;
 use crate::xf::chip::network::Network;
-use crate::xf::request::{AsyncResetAction, MotorNumber};
+use crate::xf::request::{AsyncResetActions, MotorNumber};
 use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
@@ -26,16 +26,21 @@ impl<N: Network> Chip<N> {
         Ok(FirmwareVersion { version, identity }.encode(data)?)
     }
 
+    /// `[OURS]` The return byte is the count that was cleared.
+    pub(super) fn clear_crc_errors(&mut self, data: &mut [u8]) -> Outcome {
+        Ok(std::mem::take(&mut self.crc_errors).encode(data)?)
+    }
+
     /// `[OURS]` A command that is given up has no more effects, whether by 1 or by 4; 4 says that it has failed.
-    pub(super) fn reset_job(&mut self, action: AsyncResetAction) -> Outcome {
-        match action {
-            AsyncResetAction::ClearBusy => self.job = None,
-            AsyncResetAction::GiveUp => {
-                if self.job.take().is_some() {
-                    self.errors = self.errors | Errors::NON_IMMEDIATE;
-                }
-            }
-            AsyncResetAction::SkipPortWait => self.skip_port_wait(),
+    pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> Outcome {
+        if actions.contains(AsyncResetActions::GIVE_UP) && self.job.is_some() {
+            self.errors = self.errors | Errors::NON_IMMEDIATE;
+        }
+        if actions.contains(AsyncResetActions::GIVE_UP) || actions.contains(AsyncResetActions::CLEAR_BUSY) {
+            self.job = None;
+        }
+        if actions.contains(AsyncResetActions::SKIP_PORT_WAIT) {
+            self.skip_port_wait();
         }
         DONE
     }

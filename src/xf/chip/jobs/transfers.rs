@@ -3,11 +3,13 @@
 use super::{Progress, SdoJob};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::{Network, each_pdo, mapped_object, mapping_entry, read_number};
+use crate::xf::chip::network::{Network, each_pdo, read_entry};
 use crate::xf::request::{MappedObject, PdoConfig, PdoConfigRequest, PdoMap};
 
 impl<N: Network> Chip<N> {
     /// A slave that does not answer is waited for until the time limit; then the abort code is that of a timeout.
+    ///
+    /// `[OURS]` The abort code is kept until the next transfer, and is 0 after one that succeeds.
     pub(super) fn end_sdo(&mut self, job: &SdoJob) -> Progress {
         let result = if job.deadline <= self.now { Err(AbortCode::TIMEOUT) } else { self.transfer(job) };
         match result {
@@ -46,6 +48,7 @@ impl<N: Network> Chip<N> {
         self.end_pdo_transfer(read)
     }
 
+    /// `[OURS]` A mapping that fails leaves the abort code of its SDO.
     fn end_pdo_transfer(&mut self, result: Result<(), AbortCode>) -> Progress {
         self.sdo.abort = result.err().unwrap_or(AbortCode(0));
         if result.is_ok() { Progress::Done } else { Progress::Failed }
@@ -60,7 +63,7 @@ impl<N: Network> Chip<N> {
         for map in config.maps().iter().filter(|map| !map.objects().is_empty()) {
             self.write_number(slave, map.index(), 0, &[0])?;
             for (sub, object) in (1..).zip(map.objects()) {
-                self.write_number(slave, map.index(), sub, &mapping_entry(*object).to_le_bytes())?;
+                self.write_number(slave, map.index(), sub, &object.to_bytes())?;
             }
             self.write_number(slave, map.index(), 0, &[map.objects().len() as u8])?;
         }
@@ -81,7 +84,7 @@ impl<N: Network> Chip<N> {
             let mut entries = [MappedObject::default(); PdoMap::OBJECTS];
             let entries = entries.get_mut(..objects.into()).ok_or(AbortCode::PDO_LENGTH)?;
             for (sub, entry) in (1..).zip(entries.iter_mut()) {
-                *entry = mapped_object(read_number(network, request.slave.get(), index, sub)?);
+                *entry = read_entry(network, request.slave.get(), index, sub)?;
             }
             let place = maps.get_mut(count).ok_or(AbortCode::PDO_LENGTH)?;
             *place = PdoMap::new(index, entries).ok_or(AbortCode::PDO_LENGTH)?;

@@ -3,7 +3,7 @@
 use super::{EnterError, Identity, Network, Place, SLAVES_MAX};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
-use crate::slave::Slave;
+use crate::slave::{Slave, step_all};
 
 /// A model at its place on the cable.
 struct Station {
@@ -147,6 +147,6 @@ impl Network for SlaveModels {
     }
 
     fn pass(&mut self, dt_ns: Ns) {
-        self.stations.iter_mut().for_each(|station| station.slave.step(dt_ns));
+        step_all(&mut self.stations, |station| &mut *station.slave, dt_ns);
     }
 }

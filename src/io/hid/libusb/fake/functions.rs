@@ -1,13 +1,13 @@
 //! The functions of the simulated libusb.
 
-use std::ffi::{c_int, c_uchar, c_void};
+use std::ffi::{c_int, c_uchar, c_uint, c_void};
 use std::ptr;
 use std::time::Duration;
 
 use super::super::REPORT_LEN;
 use super::super::api::{
     Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, INTERRUPTED,
-    InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, status,
+    InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, TIMEOUT, status,
 };
 use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of, to_host};
 
@@ -51,6 +51,8 @@ pub(super) const FAKE: Api = Api {
     cancel,
     handle_events,
     interrupt,
+    bulk_transfer: packet,
+    interrupt_transfer: packet,
 };
 
 unsafe extern "C" fn init(context: *mut *mut RawContext) -> c_int {
@@ -313,4 +315,35 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
 
 unsafe extern "C" fn interrupt(context: *mut RawContext) {
     world(context).with(|inside| inside.interrupted = true);
+}
+
+unsafe extern "C" fn packet(
+    handle: *mut RawHandle,
+    endpoint: c_uchar,
+    buffer: *mut c_uchar,
+    length: c_int,
+    moved: *mut c_int,
+    limit_ms: c_uint,
+) -> c_int {
+    assert!(limit_ms > 0, "a transfer without a limit");
+    let is_to_host = endpoint & 0x80 != 0;
+    let done = world(handle).enter(if is_to_host { "receive" } else { "send" }).and_then(|mut inside| {
+        let count = if is_to_host {
+            let bytes = inside.packets.pop_front().filter(|bytes| !bytes.is_empty()).ok_or(TIMEOUT)?;
+            let count = bytes.len().min(length as usize);
+            // SAFETY: the caller's buffer has `length` bytes.
+            unsafe { ptr::copy_nonoverlapping(bytes.as_ptr(), buffer, count) };
+            count
+        } else {
+            // SAFETY: the caller's buffer has `length` bytes.
+            let bytes = unsafe { std::slice::from_raw_parts(buffer, length as usize) };
+            let answer = inside.answer_packet.as_mut().map(|answer| answer(bytes));
+            inside.packets.extend(answer);
+            bytes.len()
+        };
+        // SAFETY: the caller's place for it.
+        unsafe { *moved = count as c_int };
+        Ok(())
+    });
+    code(done)
 }

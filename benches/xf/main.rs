@@ -1,0 +1,57 @@
+//! `xf_crc32_1440`: the check word of the longest packet against the loop of the crate that computes it.
+//!
+//! `xf_host_1440`, `xf_host_144`: an exchange of the driver with process data, over a pipe in this process, in the longest
+//! packet and in that of the manuals. The baseline is a bare loop over the same pipe with the same packets: it copies them
+//! both ways and computes both check words.
+//!
+//! `xf_chip_40`: an exchange with the process data of 40 drives, a cycle after the one before, through the model of the
+//! chip; the baseline is the same cycle of the same drives on the simulated bus.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod drives;
+mod pipe;
+
+use std::hint::black_box;
+
+use ecmsk::xf::{CheckRule, DataSize, HEADER_LEN, MAX_PACKET};
+
+fn main() {
+    check_word();
+    host("xf_host_1440", DataSize::MAX, Some(1.5));
+    host("xf_host_144", DataSize::MANUAL, None);
+    chip();
+}
+
+fn check_word() {
+    let packet: [u8; MAX_PACKET] = std::array::from_fn(|i| (i * 37 + 11) as u8);
+    let covered = &packet[..HEADER_LEN + DataSize::MAX.bytes()];
+    let ours = |covered| CheckRule::CRC32.word(covered, DataSize::MAX.get());
+    assert_eq!(ours(covered), crc32fast::hash(covered), "the two do not compute the same");
+    common::pair(
+        "xf_crc32_1440",
+        1.1,
+        || {
+            black_box(ours(black_box(covered)));
+        },
+        || {
+            black_box(crc32fast::hash(black_box(covered)));
+        },
+    );
+}
+
+fn host(name: &'static str, size: DataSize, target: Option<f64>) {
+    let mut driver = pipe::Driver::running(size);
+    let mut plain = pipe::PlainLoop::new(size);
+    let demand = common::Demand { name, target, allowance: None, against: None };
+    common::pair_of_calls(demand, || driver.exchange(), || plain.exchange());
+    driver.assert_well();
+}
+
+fn chip() {
+    let mut chip = drives::ChipWithDrives::in_op();
+    let mut bus = drives::BusWithDrives::in_op();
+    common::pair("xf_chip_40", 2.0, || chip.cycle(), || bus.cycle());
+    chip.assert_well();
+    bus.assert_well();
+}

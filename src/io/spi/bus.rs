@@ -1,0 +1,56 @@
+//! One spidev device, which this process has locked.
+
+use std::os::fd::AsFd;
+use std::path::Path;
+
+use rustix::fs::{FlockOperation, flock};
+use spidev::{SpiModeFlags, Spidev, SpidevOptions, SpidevTransfer};
+
+use super::{WireError, list_devices};
+
+/// Bits per SPI word.
+const WORD_BITS: u8 = 8;
+
+/// A spidev device that is open.
+pub(super) struct Bus {
+    name: String,
+    spi: Spidev,
+}
+
+impl Bus {
+    /// Opens the device with a clock in Hz and an SPI mode, 0..=3, and locks it against other programs that use this
+    /// library.
+    pub fn open(device: &Path, speed_hz: u32, mode_number: u8) -> Result<Self, WireError> {
+        let name = device.display().to_string();
+        let failed = |error: std::io::Error| WireError::of(&name, &error, || list_devices("spidev"));
+        let mut spi = Spidev::open(device).map_err(failed)?;
+        // spidev itself allows several programs to open it.
+        flock(spi.inner().as_fd(), FlockOperation::NonBlockingLockExclusive).map_err(|errno| failed(errno.into()))?;
+        let options = SpidevOptions::new()
+            .bits_per_word(WORD_BITS)
+            .max_speed_hz(speed_hz)
+            .lsb_first(false)
+            .mode(mode(mode_number))
+            .build();
+        spi.configure(&options).map_err(failed)?;
+        Ok(Self { name, spi })
+    }
+
+    /// One transfer under one chip select.
+    pub fn exchange(&self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+        let mut transfer = SpidevTransfer::read_write(tx, rx);
+        self.spi.transfer(&mut transfer).map_err(|error| {
+            let what = format!("exchange {} bytes on {}", tx.len(), self.name);
+            WireError::Refused { what, message: error.to_string() }
+        })
+    }
+}
+
+const fn mode(number: u8) -> SpiModeFlags {
+    match number {
+        1 => SpiModeFlags::SPI_MODE_1,
+        2 => SpiModeFlags::SPI_MODE_2,
+        3 => SpiModeFlags::SPI_MODE_3,
+        _ => SpiModeFlags::SPI_MODE_0,
+    }
+}

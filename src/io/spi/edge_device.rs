@@ -1,0 +1,77 @@
+//! [`EdgeWires`] over the kernel's drivers: a spidev device, and lines of GPIO chips.
+
+use std::path::PathBuf;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::bus::Bus;
+use super::lines::{InputLine, Level, ReadyLine};
+use super::{EdgeWires, GpioLine, WireError};
+
+/// The device files of the wires, and the settings of SPI.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EdgeSettings {
+    /// The spidev file, such as `/dev/spidev0.0`.
+    pub device: PathBuf,
+    /// The SPI clock in Hz.
+    pub speed_hz: u32,
+    /// The SPI mode, 0..=3.
+    pub mode: u8,
+    /// The line that says when the device is ready for an exchange, if it is wired.
+    pub ready: Option<GpioLine>,
+    /// The level of that line while it is.
+    pub ready_level: Level,
+    /// The line for interrupts, if it is wired.
+    pub interrupt: Option<GpioLine>,
+}
+
+/// Wires that this process has opened. Their clock is monotonic, and 0 when they are opened.
+pub struct EdgeDevice {
+    bus: Bus,
+    ready: Option<ReadyLine>,
+    interrupt: Option<InputLine>,
+    opened: Instant,
+}
+
+impl EdgeDevice {
+    /// Opens the wires and locks them against other programs that use this library.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    pub fn open(settings: &EdgeSettings) -> Result<Self, WireError> {
+        let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
+        let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;
+        let interrupt = settings.interrupt.as_ref().map(InputLine::open).transpose()?;
+        Ok(Self { bus, ready, interrupt, opened: Instant::now() })
+    }
+}
+
+impl EdgeWires for EdgeDevice {
+    fn now_ns(&self) -> u64 {
+        u64::try_from(self.opened.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn sleep(&mut self, time: Duration) {
+        thread::sleep(time);
+    }
+
+    fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+        self.bus.exchange(tx, rx)
+    }
+
+    fn has_ready_line(&self) -> bool {
+        self.ready.is_some()
+    }
+
+    fn forget_edges(&mut self) -> Result<(), WireError> {
+        self.ready.as_mut().map_or(Ok(()), |ready| ready.has_become_ready().map(drop))
+    }
+
+    fn wait_edge(&mut self, limit: Duration) -> Result<bool, WireError> {
+        self.ready.as_mut().map_or(Ok(false), |ready| ready.wait_edge(limit))
+    }
+
+    fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError> {
+        self.interrupt.as_ref().map(InputLine::is_high).transpose()
+    }
+}

@@ -1,0 +1,201 @@
+//! How a host reaches one ECM-XF, which is a chip and no board: the trait [`ChipLink`] and every link to a chip there is.
+//!
+//! A chip has no frames. Its host clocks bytes both ways ([`Wires`]), and [`Host`](crate::xf::host::Host) makes packets
+//! of them. The URI is that of any link, with schemes of its own, for example `xf-sim:?slaves=drive*3,io`.
+//!
+//! - `mod.rs`: [`ChipLink`], [`ChipError`], [`open`]
+//! - `options.rs`: the keys of the URI as Rust types
+//! - `record.rs`: a link around a link that records (`record=`)
+//! - `sim.rs`: `xf-sim:`, the model of the chip in this process
+//! - `spi.rs`: `xf-spi:`, a real chip on SPI
+//! - `usb.rs`: `xf-usb:`, a real ECM-XFU on USB
+
+mod options;
+mod record;
+#[cfg(feature = "sim")]
+mod sim;
+#[cfg(all(feature = "spi", target_os = "linux"))]
+mod spi;
+#[cfg(all(feature = "usb", unix))]
+mod usb;
+
+pub use options::ChipOptions;
+#[cfg(feature = "sim")]
+pub use options::SimChipOptions;
+pub use record::RecordedChip;
+#[cfg(feature = "sim")]
+pub use sim::SimChip;
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub use spi::SpiChip;
+#[cfg(all(feature = "usb", unix))]
+pub use usb::UsbChip;
+
+use super::keys::Scheme;
+use super::uri::{LinkUri, UriError};
+use crate::ethercat::Ns;
+use crate::xf::DataSize;
+use crate::xf::MAX_PACKET;
+use crate::xf::host::{Deadlines, HostConfig, Pacing, Wires};
+
+/// What a link to a chip is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipInfo {
+    /// The URI in its normal form.
+    pub name: String,
+    /// The only n there can be, if the link has one.
+    pub size: Option<DataSize>,
+    /// The clock of SPI in Hz; `None`: the link has none.
+    pub clock_hz: Option<u32>,
+    /// Whether INT0 is wired.
+    pub has_int0: bool,
+    /// Whether time is virtual: it then advances only inside calls.
+    pub virtual_time: bool,
+}
+
+/// The link to one chip, which only its owner uses.
+pub trait ChipLink: Wires<Error = ChipError> + Send {
+    /// What it is.
+    fn info(&self) -> ChipInfo;
+
+    /// The level of INT1; `None`: it is not wired. The chip chooses which level is active
+    /// (XF EN 1316; low after a start).
+    ///
+    /// # Errors
+    /// [`ChipError::Wires`].
+    fn int1(&mut self) -> Result<Option<bool>, ChipError>;
+}
+
+/// A link behind a pointer is a link.
+macro_rules! through {
+    ($($pointer:ty),*) => {$(
+        impl<L: Wires + ?Sized> Wires for $pointer {
+            type Error = L::Error;
+
+            fn now(&self) -> Ns {
+                (**self).now()
+            }
+
+            fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Self::Error> {
+                (**self).exchange(to_chip, from_chip)
+            }
+
+            fn wait_until(&mut self, time: Ns) -> Result<(), Self::Error> {
+                (**self).wait_until(time)
+            }
+
+            fn wait_ready(&mut self, until: Ns) -> Result<bool, Self::Error> {
+                (**self).wait_ready(until)
+            }
+        }
+
+        impl<L: ChipLink + ?Sized> ChipLink for $pointer {
+            fn info(&self) -> ChipInfo {
+                (**self).info()
+            }
+
+            fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+                (**self).int1()
+            }
+        }
+    )*};
+}
+
+through! { Box<L>, &mut L }
+
+/// Why a chip cannot be reached.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+#[non_exhaustive]
+pub enum ChipError {
+    /// The URI or one of its keys is invalid.
+    #[error(transparent)]
+    Uri(#[from] UriError),
+    /// The link is one to a board.
+    #[error("`{name}` is a board and no ECM-XF; name a chip, such as xf-sim:?slaves=drive*2; see `ecmsk link help`")]
+    NotAChip { name: String },
+    /// This build cannot open links of that scheme.
+    #[error("link `{scheme}:` is not in this build; {hint}")]
+    Unsupported {
+        scheme: Scheme,
+        /// What to do instead.
+        hint: &'static str,
+    },
+    /// The file with a simulated slave's manufacturer-specific objects is invalid.
+    #[cfg(feature = "sim")]
+    #[error(transparent)]
+    ManufacturerObjects(#[from] super::manufacturer_objects::ManufacturerObjectsError),
+    /// The wires cannot be used.
+    #[error("{name}: {message}")]
+    Wires {
+        name: String,
+        /// What happened and what to do.
+        message: String,
+    },
+}
+
+/// Opens the link that a URI names, and how the driver is to use it.
+///
+/// # Errors
+/// [`ChipError`].
+pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
+    let uri = LinkUri::parse(uri)?;
+    let link = connect(&uri)?;
+    let (info, options) = (link.info(), ChipOptions::from_uri(&uri)?);
+    let pacing = if info.has_int0 { Pacing::Int0 } else { Pacing::Idle };
+    let config = HostConfig {
+        size: info.size,
+        wanted_size: options.use_n.filter(|_| info.size.is_none()),
+        idle_ns: options.idle_ns,
+        pacing,
+        deadlines: deadlines(info.clock_hz),
+        ..HostConfig::DEFAULT
+    };
+    let link: Box<dyn ChipLink> = match &options.record {
+        Some(path) => Box::new(RecordedChip::new(link, path)?),
+        None => link,
+    };
+    Ok((link, config))
+}
+
+/// How many exchanges an answer may take. \[OURS]
+const EXCHANGES_TO_ANSWER: Ns = 10;
+
+/// The default deadlines; on a slow clock an answer has the time for some exchanges of the largest n.
+fn deadlines(clock_hz: Option<u32>) -> Deadlines {
+    let longest = clock_hz.map_or(0, |hertz| MAX_PACKET as u64 * 8_000_000_000 / u64::from(hertz.max(1)));
+    let answer_ns = Deadlines::DEFAULT.answer_ns.max(EXCHANGES_TO_ANSWER * longest);
+    Deadlines { answer_ns, ..Deadlines::DEFAULT }
+}
+
+fn connect(uri: &LinkUri) -> Result<Box<dyn ChipLink>, ChipError> {
+    match uri.scheme() {
+        #[cfg(feature = "sim")]
+        Scheme::XfSim => Ok(Box::new(SimChip::from_uri(uri)?)),
+        #[cfg(all(feature = "spi", target_os = "linux"))]
+        Scheme::XfSpi => Ok(Box::new(SpiChip::from_uri(uri)?)),
+        #[cfg(all(feature = "usb", unix))]
+        Scheme::XfUsb => Ok(Box::new(UsbChip::from_uri(uri)?)),
+        Scheme::Sim | Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(ChipError::NotAChip { name: uri.to_string() }),
+        #[allow(unreachable_patterns, reason = "a build may have every link")]
+        scheme => Err(ChipError::Unsupported { scheme, hint: instead_of(scheme) }),
+    }
+}
+
+/// What to do where a link cannot be opened.
+const fn instead_of(scheme: Scheme) -> &'static str {
+    match scheme {
+        Scheme::XfSpi if !cfg!(target_os = "linux") => {
+            "it is a link of Linux: run the program on a machine with Linux that the chip is wired to"
+        }
+        Scheme::XfSpi => {
+            "build it with the feature `spi`, on Linux; to run without a chip use xf-sim:?slaves=drive*2 (feature `sim`)"
+        }
+        Scheme::XfUsb if cfg!(windows) => {
+            "Windows has no such links: run the program on a machine with Linux that the chip is plugged into"
+        }
+        Scheme::XfUsb => {
+            "build it with the feature `usb`; to run without a chip use xf-sim:?slaves=drive*2&chip_fw=xfu (feature `sim`)"
+        }
+        _ => "build it with the feature `sim`",
+    }
+}

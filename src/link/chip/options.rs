@@ -1,0 +1,133 @@
+//! The keys of links to a chip as Rust types.
+
+use std::path::PathBuf;
+
+use crate::ethercat::Ns;
+#[cfg(all(feature = "usb", unix))]
+use crate::io::hid::PacketPlace;
+#[cfg(all(feature = "spi", target_os = "linux"))]
+use crate::io::spi::{EdgeSettings, GpioLine, Level};
+#[cfg(any(feature = "sim", all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
+use crate::link::keys::{self, Scheme};
+#[cfg(feature = "sim")]
+use crate::link::options::Clock;
+#[cfg(feature = "sim")]
+use crate::link::slaves::{self, SlaveSpec};
+#[cfg(all(feature = "spi", target_os = "linux"))]
+use crate::link::spi::device;
+use crate::link::uri::{LinkUri, UriError};
+use crate::xf::DataSize;
+#[cfg(feature = "sim")]
+use crate::xf::chip::Profile;
+
+/// Options of every link to a chip: how the driver uses it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipOptions {
+    /// The idle time behind an exchange (`idle_us=`), in nanoseconds.
+    pub idle_ns: Ns,
+    /// The n that the chip is set to at the start (`use_n=`); `None`: it keeps what it has.
+    pub use_n: Option<DataSize>,
+    /// The file to which exchanges are recorded (`record=`); `None`: there is no recording.
+    pub record: Option<PathBuf>,
+}
+
+impl ChipOptions {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        Ok(Self {
+            idle_ns: uri.required("idle_us", |value| Some(value.parse::<Ns>().ok()? * 1000))?,
+            use_n: uri.typed("use_n", data_size)?,
+            record: uri.value("record").map(PathBuf::from),
+        })
+    }
+}
+
+/// Parses n.
+fn data_size(value: &str) -> Option<DataSize> {
+    DataSize::new(value.parse().ok()?)
+}
+
+/// Options of `xf-sim:`.
+#[cfg(feature = "sim")]
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SimChipOptions {
+    /// The slaves in network order: 0..=40.
+    pub slaves: Vec<SlaveSpec>,
+    /// Real or virtual time.
+    pub clock: Clock,
+    /// The chip and its firmware.
+    pub profile: Profile,
+    /// The clock of SPI in Hz, 1 and more.
+    pub speed_hz: u32,
+    /// Whether INT0 is wired.
+    pub int0: bool,
+}
+
+#[cfg(feature = "sim")]
+impl SimChipOptions {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        uri.expect_scheme(Scheme::XfSim)?;
+        let profiles = [("old", Profile::OLD), ("new", Profile::NEW), ("xfu", Profile::XFU)];
+        let profile = uri.choice("chip_fw", profiles)?;
+        Ok(Self {
+            slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
+            clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
+            profile: Profile { size: uri.typed("n", data_size)?.unwrap_or(profile.size), ..profile },
+            speed_hz: speed_hz(uri)?,
+            int0: uri.choice("int0", [("no", false), ("yes", true)])?,
+        })
+    }
+}
+
+/// The frequency of the clock of SPI.
+#[cfg(any(feature = "sim", all(feature = "spi", target_os = "linux")))]
+fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
+    uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
+}
+
+/// The mode of the chip's SPI (XF EN 148).
+#[cfg(all(feature = "spi", target_os = "linux"))]
+const SPI_MODE: u8 = 0;
+
+/// The devices that are the wires of an `xf-spi:` link.
+///
+/// # Errors
+/// [`UriError::OtherScheme`] if it is not an `xf-spi:` link; [`UriError::BadPath`] without a device;
+/// [`UriError::BadValue`] for a level of INT0 without its line.
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub(super) fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
+    uri.expect_scheme(Scheme::XfSpi)?;
+    let ready = uri.typed("int0", GpioLine::parse)?;
+    let ready_level = uri.choice("int0_active", [("high", Level::High), ("low", Level::Low)])?;
+    if ready.is_none() && ready_level == Level::Low {
+        let why = "it is the level of a line that the link does not name; allowed: with int0=CHIP/LINE".to_owned();
+        return Err(UriError::BadValue { key: "int0_active".to_owned(), value: "low".to_owned(), why });
+    }
+    Ok(EdgeSettings {
+        device: device(uri, "xf-spi:/dev/spidevB.C, e.g. xf-spi:/dev/spidev0.0")?,
+        speed_hz: speed_hz(uri)?,
+        mode: SPI_MODE,
+        ready,
+        ready_level,
+        interrupt: uri.typed("int1", GpioLine::parse)?,
+    })
+}
+
+/// The device of an `xf-usb:` link, and its endpoints. \[OURS] No source has the ids of an ECM-XFU or its endpoints.
+///
+/// # Errors
+/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`].
+#[cfg(all(feature = "usb", unix))]
+pub(super) fn usb_place(uri: &LinkUri) -> Result<PacketPlace, UriError> {
+    uri.expect_scheme(Scheme::XfUsb)?;
+    let id = |key| uri.given(key, keys::usb_id);
+    let endpoint = |key| uri.given(key, |value| value.parse().ok());
+    Ok(PacketPlace { vendor: id("vid")?, product: id("pid")?, output: endpoint("ep_out")?, input: endpoint("ep_in")? })
+}

@@ -1,0 +1,131 @@
+//! `xf-sim:`: the model of an ECM-XF with simulated slaves in this process.
+
+use std::time::{Duration, Instant};
+
+use super::{ChipError, ChipInfo, ChipLink, SimChipOptions};
+use crate::ethercat::Ns;
+use crate::link::options::Clock;
+use crate::link::sim;
+use crate::link::uri::LinkUri;
+use crate::xf::chip::{Chip, ChipPort, SlaveModels};
+use crate::xf::host::Wires;
+
+/// A model of the chip, which gets its power when it is opened, and the wires to it.
+pub struct SimChip {
+    info: ChipInfo,
+    port: ChipPort<SlaveModels>,
+    clock: ChipClock,
+    /// How long a byte takes, in picoseconds.
+    byte_ps: u64,
+    /// The chip was or came to be at work in the last exchange: INT0 becomes active once more.
+    edge_to_come: bool,
+}
+
+/// How long a byte of an ECM-XFU takes: its packets of 1024 bytes take a microframe of USB. \[OURS]
+const USB_BYTE_PS: u64 = 125_000_000 / 1024;
+
+/// The time since the chip got its power.
+enum ChipClock {
+    Virtual(Ns),
+    Real(Instant),
+}
+
+impl ChipClock {
+    fn now(&self) -> Ns {
+        match self {
+            Self::Virtual(now) => *now,
+            Self::Real(start) => Ns::try_from(start.elapsed().as_nanos()).unwrap_or(Ns::MAX),
+        }
+    }
+
+    fn wait_until(&mut self, time: Ns) {
+        let left = time.saturating_sub(self.now());
+        match self {
+            Self::Virtual(now) => *now += left,
+            Self::Real(_) => std::thread::sleep(Duration::from_nanos(left)),
+        }
+    }
+}
+
+impl SimChip {
+    /// The chip that an `xf-sim:` link describes.
+    ///
+    /// # Errors
+    /// [`ChipError::Uri`], [`ChipError::ManufacturerObjects`].
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
+        let options = SimChipOptions::from_uri(uri)?;
+        let network = SlaveModels::new(sim::slaves(&options.slaves)?);
+        let clock = match options.clock {
+            Clock::Virtual => ChipClock::Virtual(0),
+            Clock::Real => ChipClock::Real(Instant::now()),
+        };
+        let size = options.profile.size_is_fixed.then_some(options.profile.size);
+        let clock_hz = size.is_none().then_some(options.speed_hz);
+        let byte_ps = clock_hz.map_or(USB_BYTE_PS, |hertz| 8_000_000_000_000 / u64::from(hertz));
+        let info = ChipInfo {
+            name: uri.to_string(),
+            size,
+            clock_hz,
+            has_int0: options.int0,
+            virtual_time: options.clock == Clock::Virtual,
+        };
+        let port = ChipPort::new(Chip::new(options.profile, network));
+        Ok(Self { info, port, clock, byte_ps, edge_to_come: false })
+    }
+
+    /// The chip, to look at.
+    pub const fn chip(&self) -> &Chip<SlaveModels> {
+        self.port.chip()
+    }
+
+    /// The chip, to use its pins and to cause trouble in its network.
+    pub const fn chip_mut(&mut self) -> &mut Chip<SlaveModels> {
+        self.port.chip_mut()
+    }
+}
+
+impl Wires for SimChip {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.clock.now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        // The chip chooses its answer at the first byte, and takes the packet at the last one.
+        let Some(last) = to_chip.len().min(from_chip.len()).checked_sub(1) else { return Ok(()) };
+        let begin = self.clock.now();
+        self.port.transfer(begin, &to_chip[..last], &mut from_chip[..last]);
+        self.clock.wait_until(begin.saturating_add(to_chip.len() as u64 * self.byte_ps / 1000));
+        let end = self.clock.now();
+        self.port.transfer(end, &to_chip[last..=last], &mut from_chip[last..=last]);
+        self.edge_to_come = self.port.chip().ready_at() > begin;
+        Ok(())
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        self.clock.wait_until(time);
+        Ok(())
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
+        let ready_at = self.port.chip().ready_at();
+        let comes = self.info.has_int0 && self.edge_to_come && ready_at <= until;
+        self.clock.wait_until(if comes { ready_at } else { until });
+        if comes {
+            self.edge_to_come = false;
+        }
+        Ok(comes)
+    }
+}
+
+impl ChipLink for SimChip {
+    fn info(&self) -> ChipInfo {
+        self.info.clone()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        let now = self.clock.now();
+        Ok(Some(self.port.chip_mut().int1(now)))
+    }
+}

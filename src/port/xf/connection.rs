@@ -1,0 +1,198 @@
+//! A host's connection: whole messages come out of it, answers go into it, and it never waits.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags};
+
+use super::address::Stream;
+use super::wire::{self, BadRequest, EXCHANGE_MAX, HEAD_LEN, Kind, Status};
+
+/// Room for one message.
+const MESSAGE_MAX: usize = HEAD_LEN + EXCHANGE_MAX;
+
+/// Why a host has left.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Left {
+    /// It has said that it ends.
+    Closed,
+    /// Its connection has ended, or cannot be used.
+    Gone(String),
+    /// What it sends is no message.
+    Broken(BadRequest),
+}
+
+impl From<io::Error> for Left {
+    fn from(error: io::Error) -> Self {
+        Self::Gone(error.to_string())
+    }
+}
+
+/// The connection of the host that has the chip.
+pub(super) struct Connection {
+    stream: Stream,
+    /// Who it is.
+    pub name: String,
+    incoming: Box<[u8; MESSAGE_MAX]>,
+    /// Bytes that have come and are not used up.
+    held: usize,
+    /// Where the message behind the present one begins: its bytes are used up with the next call.
+    used: usize,
+    outgoing: Box<[u8; MESSAGE_MAX]>,
+    /// What of it is not sent yet.
+    unsent: std::ops::Range<usize>,
+    /// Since when the host owes the rest of a message, or does not read an answer.
+    owes_since: Option<Instant>,
+    limit: Duration,
+}
+
+impl Connection {
+    /// Greets a host.
+    pub fn new(stream: Stream, name: String, limit: Duration) -> Self {
+        let mut connection = Self {
+            stream,
+            name,
+            incoming: Box::new([0; MESSAGE_MAX]),
+            held: 0,
+            used: 0,
+            outgoing: Box::new([0; MESSAGE_MAX]),
+            unsent: 0..0,
+            owes_since: None,
+            limit,
+        };
+        let greeting = wire::greeting();
+        connection.outgoing[..greeting.len()].copy_from_slice(&greeting);
+        connection.unsent = 0..greeting.len();
+        connection
+    }
+
+    /// What to wait for: that it sends, or that it reads.
+    pub fn poll_fd(&self) -> PollFd<'_> {
+        self.stream.poll_fd(if self.unsent.is_empty() { PollFlags::IN } else { PollFlags::OUT })
+    }
+
+    /// When a host that goes on to owe something is given up.
+    pub fn deadline(&self) -> Option<Instant> {
+        self.owes_since.map(|since| since + self.limit)
+    }
+
+    /// Whether there is a whole message, which [`Self::answer`] is for. There is none before the answer to the last one
+    /// is sent.
+    pub fn next(&mut self, now: Instant) -> Result<bool, Left> {
+        self.incoming.copy_within(self.used..self.held, 0);
+        self.held -= std::mem::take(&mut self.used);
+        if !self.send()? {
+            return self.waits(now, "it does not read the answers");
+        }
+        loop {
+            if let Some(head) = self.incoming[..self.held].first_chunk::<HEAD_LEN>() {
+                let end = HEAD_LEN + wire::body_len(*head).map_err(Left::Broken)?;
+                if self.held >= end {
+                    self.owes_since = None;
+                    self.used = end;
+                    return Ok(true);
+                }
+            }
+            match self.stream.read(&mut self.incoming[self.held..]) {
+                Ok(0) if self.held > 0 => {
+                    return Err(Left::Gone("its connection has ended within a message".to_owned()));
+                }
+                Ok(0) => return Err(Left::Gone("it has ended without a close".to_owned())),
+                Ok(count) => self.held += count,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock && self.held == 0 => {
+                    self.owes_since = None;
+                    return Ok(false);
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    return self.waits(now, "the rest of a message has not come");
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// The host owes something: it is given up when it has for too long.
+    fn waits(&mut self, now: Instant, what: &str) -> Result<bool, Left> {
+        let since = *self.owes_since.get_or_insert(now);
+        let waited = now.saturating_duration_since(since);
+        if waited < self.limit {
+            return Ok(false);
+        }
+        Err(Left::Gone(format!("{what} for {}", crate::span::Span(waited))))
+    }
+
+    /// Answers the message that [`Self::next`] has found. `fill` is given its kind and body, room for the answer and the
+    /// connection, and says how many bytes the answer has, or why there is none.
+    pub fn answer(
+        &mut self,
+        fill: impl FnOnce(u8, &[u8], &mut [u8], &Stream) -> Result<usize, (Status, String)>,
+    ) -> Result<(), Left> {
+        let kind = self.incoming[0];
+        let body = &self.incoming[HEAD_LEN..self.used];
+        let (status, len) = match fill(kind, body, &mut self.outgoing[HEAD_LEN..], &self.stream) {
+            Ok(len) => (Status::Ok, len),
+            Err((status, text)) => (status, put(&mut self.outgoing[HEAD_LEN..], &text)),
+        };
+        self.outgoing[..HEAD_LEN].copy_from_slice(&wire::head(kind, status, len));
+        self.unsent = 0..HEAD_LEN + len;
+        self.send()?;
+        Ok(())
+    }
+
+    /// Sends a refusal in the place of the greeting, and ends the connection.
+    pub fn refuse(&mut self, status: Status, text: &str) {
+        self.unsent = 0..0;
+        self.say_and_end(Kind::Greeting, status, text);
+    }
+
+    /// Sends a message that answers nothing, as far as there is room, and ends the connection.
+    pub fn say_and_end(&mut self, kind: Kind, status: Status, text: &str) {
+        // If a part of an answer is still to be sent, the host would take this for the rest of it.
+        if self.unsent.is_empty() {
+            let len = put(&mut self.outgoing[HEAD_LEN..], text);
+            self.outgoing[..HEAD_LEN].copy_from_slice(&wire::head(kind as u8, status, len));
+            self.unsent = 0..HEAD_LEN + len;
+        }
+        // The host is told if it can be.
+        let _ = self.send();
+        self.end();
+    }
+
+    /// Ends the connection. What the host has sent is read first: otherwise the system would discard the last answer.
+    pub fn end(&mut self) {
+        self.stream.end_output();
+        for _ in 0..ROUNDS_AT_END {
+            if !matches!(self.stream.read(&mut self.incoming[..]), Ok(1..)) {
+                return;
+            }
+        }
+    }
+
+    /// Sends what is left; whether all of it is sent.
+    fn send(&mut self) -> io::Result<bool> {
+        while !self.unsent.is_empty() {
+            match self.stream.write(&self.outgoing[self.unsent.clone()]) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => {
+                    self.unsent.start += count;
+                    self.owes_since = None;
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// How many reads at the end look for what the host has sent. \[OURS]
+const ROUNDS_AT_END: usize = 16;
+
+/// Puts a text, as much as there is room for, and says how many bytes.
+fn put(room: &mut [u8], text: &str) -> usize {
+    let len = text.floor_char_boundary(room.len());
+    room[..len].copy_from_slice(&text.as_bytes()[..len]);
+    len
+}

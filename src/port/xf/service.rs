@@ -1,0 +1,330 @@
+//! The thread that has the chip and all connections.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::address::{Listener, Stream};
+use super::connection::{Connection, Left};
+use super::vanish::{self, Stopped};
+use super::wire::{Kind, Request, Status};
+use super::{OnVanish, Opened, Options, Shared};
+use crate::link::chip::{ChipError, ChipLink};
+use crate::port::log_limit::LogLimit;
+use crate::port::notes::Notes;
+use crate::xf::host::HostConfig;
+
+/// How often time passes for a chip that nobody uses: a model runs its cycles then. \[OURS]
+const IDLE_INTERVAL: Duration = Duration::from_millis(100);
+/// The longest part of a wait during which nothing else is looked at. \[OURS]
+const WAIT_SLICE_NS: u64 = 20_000_000;
+/// How many messages are handled before other connections are looked at. \[OURS]
+const MESSAGES_IN_A_ROW_MAX: usize = 64;
+/// The pause after the system could not provide a connection. \[OURS]
+const ACCEPT_RETRY_PAUSE: Duration = Duration::from_millis(50);
+
+type Open = Box<dyn FnMut() -> Result<Opened, ChipError> + Send>;
+/// Why a request has no result.
+type Refused = (Status, String);
+
+pub(super) struct Service {
+    chip: Served,
+    open: Open,
+    listener: Listener,
+    shared: Arc<Shared>,
+    options: Options,
+    notes: Notes<String>,
+    log_limit: LogLimit,
+    host: Option<Connection>,
+    /// Messages of the host may have come that were not looked at.
+    has_more: bool,
+    next_accept: Instant,
+    /// When time passes next for a chip that nobody uses.
+    next_tick: Instant,
+}
+
+/// The chip.
+struct Served {
+    /// `None` while it is opened again.
+    link: Option<Box<dyn ChipLink>>,
+    config: HostConfig,
+    has_int0: bool,
+    virtual_time: bool,
+    /// The last use of the link has failed.
+    failed: bool,
+    /// The host that has it has sent something to it.
+    was_used: bool,
+}
+
+impl Service {
+    pub fn new(
+        opened: Opened,
+        open: Open,
+        listener: Listener,
+        shared: Arc<Shared>,
+        options: Options,
+        notes: Notes<String>,
+    ) -> Self {
+        let chip = Served::new(opened);
+        let now = Instant::now();
+        Self {
+            chip,
+            open,
+            listener,
+            shared,
+            options,
+            notes,
+            log_limit: LogLimit::default(),
+            host: None,
+            has_more: false,
+            next_accept: now,
+            next_tick: now,
+        }
+    }
+
+    pub fn run(mut self) {
+        while !self.shared.is_stopping() {
+            self.wait();
+            if let Some(left) = self.serve_host() {
+                self.host_left(&left);
+            }
+            self.take_newcomers();
+            let now = Instant::now();
+            self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));
+            if now >= self.next_tick {
+                self.chip.pass_time();
+                self.next_tick = now + IDLE_INTERVAL;
+            }
+        }
+        if self.host.is_some() {
+            self.host_left(&Left::Gone("the server ends".to_owned()));
+        }
+    }
+
+    /// Waits until something comes, a deadline has passed or time has to pass for the chip.
+    fn wait(&mut self) {
+        let now = Instant::now();
+        let retry = (self.next_accept > now).then_some(self.next_accept);
+        let deadline = self.host.as_ref().and_then(Connection::deadline);
+        let more = std::mem::take(&mut self.has_more).then_some(now);
+        let until = [Some(self.next_tick), more, retry, deadline].into_iter().flatten().min();
+        let limit = until.and_then(|until| Timespec::try_from(until.saturating_duration_since(now)).ok());
+        let mut fds = vec![PollFd::new(self.shared.waker.waited(), PollFlags::IN)];
+        fds.extend(self.host.as_ref().map(Connection::poll_fd));
+        if retry.is_none() {
+            fds.push(self.listener.poll_fd());
+        }
+        // If the wait fails, the calls after it report the error.
+        let _ = poll(&mut fds, limit.as_ref());
+        if !fds[0].revents().is_empty() {
+            self.shared.waker.seen();
+        }
+    }
+
+    /// Takes the host's messages; why it has left, if it has.
+    fn serve_host(&mut self) -> Option<Left> {
+        let host = self.host.as_mut()?;
+        for _ in 0..MESSAGES_IN_A_ROW_MAX {
+            if self.shared.is_stopping() {
+                return None;
+            }
+            match host.next(Instant::now()) {
+                Ok(true) => {}
+                Ok(false) => return None,
+                Err(left) => return Some(left),
+            }
+            let (chip, shared) = (&mut self.chip, &self.shared);
+            let mut closes = false;
+            let answered = host.answer(|kind, body, room, stream| {
+                let request = Request::parse(kind, body).map_err(|bad| (Status::BadRequest, bad.to_string()))?;
+                closes = request == Request::Close;
+                chip.carry_out(request, room, &|| shared.is_stopping() || stream.has_ended())
+            });
+            match answered {
+                Err(left) => return Some(left),
+                Ok(()) if closes => return Some(Left::Closed),
+                Ok(()) => {}
+            }
+        }
+        self.has_more = true;
+        None
+    }
+
+    /// The axes are stopped first; then it is said, and the place is free.
+    fn host_left(&mut self, left: &Left) {
+        let Some(mut host) = self.host.take() else { return };
+        let who = host.name.clone();
+        let stopped = if *left == Left::Closed { None } else { self.stop_axes(&who) };
+        match left {
+            Left::Closed => {
+                host.end();
+                self.tell_limited("a host has closed", &format!("{who} has closed"));
+            }
+            Left::Gone(why) => {
+                host.say_and_end(Kind::Close, Status::Ends, why);
+                self.tell_limited("a host is gone", &format!("{who} is gone: {why}"));
+            }
+            Left::Broken(bad) => {
+                host.say_and_end(Kind::Close, Status::BadRequest, &bad.to_string());
+                self.tell_limited("a host does not keep to the protocol", &format!("{who} is gone: {bad}"));
+            }
+        }
+        if let Some(line) = stopped {
+            self.notes.tell(line);
+        }
+    }
+
+    /// What was done for the axes of a host that has vanished, in words; `None`: nothing had to be.
+    fn stop_axes(&mut self, who: &str) -> Option<String> {
+        if !std::mem::take(&mut self.chip.was_used) {
+            return None;
+        }
+        if self.options.on_vanish == OnVanish::Leave {
+            return Some("the chip is left as it is (on-vanish=leave): it repeats the last outputs".to_owned());
+        }
+        let config = self.chip.config;
+        match vanish::bring_to_safe_op(self.chip.link.as_deref_mut()?, config) {
+            Ok(Stopped::NotInOp) => None,
+            Ok(Stopped::Slaves(count)) => Some(format!(
+                "{count} slaves that were in OP are in SafeOP after {who}: drives brake by themselves and are off"
+            )),
+            Err(error) => {
+                self.chip.failed = true;
+                Some(format!("axes may still move after {who}: {error}; use the emergency stop"))
+            }
+        }
+    }
+
+    fn take_newcomers(&mut self) {
+        if self.next_accept > Instant::now() {
+            return;
+        }
+        for _ in 0..MESSAGES_IN_A_ROW_MAX {
+            match self.listener.accept() {
+                Ok(Some((stream, who))) => self.take_in(stream, who),
+                Ok(None) => return,
+                Err(error) => {
+                    let line = format!("no connection can be taken: {error}");
+                    self.tell_limited(&line, &line);
+                    self.next_accept = Instant::now() + ACCEPT_RETRY_PAUSE;
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Gives the chip to a host, or says why not.
+    fn take_in(&mut self, stream: Stream, who: String) {
+        let mut connection = Connection::new(stream, who, self.options.message_limit);
+        let refused = match &self.host {
+            Some(host) => Err((
+                Status::Busy,
+                format!("{} has the chip, which one host has at a time; end that one first", host.name),
+            )),
+            None => self.open_again(),
+        };
+        if let Err((status, why)) = refused {
+            self.tell_limited("a host is refused", &format!("{} is refused: {why}", connection.name));
+            connection.refuse(status, &why);
+            return;
+        }
+        self.tell_limited("a host has the chip", &format!("{} has the chip", connection.name));
+        self.chip.was_used = false;
+        self.host = Some(connection);
+    }
+
+    /// Opens a link that has failed.
+    fn open_again(&mut self) -> Result<(), Refused> {
+        if !self.chip.failed {
+            return Ok(());
+        }
+        // What it holds has to be free before it can be opened.
+        self.chip.link = None;
+        let opened = (self.open)().map_err(|error| (Status::Chip, error.to_string()))?;
+        self.chip = Served::new(opened);
+        Ok(())
+    }
+
+    /// Tells a line that others can cause as often as they like.
+    fn tell_limited(&mut self, kind: &str, line: &str) {
+        if self.log_limit.may_log(kind, Instant::now()) {
+            self.notes.tell(line.to_owned());
+        }
+    }
+}
+
+impl Served {
+    fn new((link, config): Opened) -> Self {
+        let info = link.info();
+        let (has_int0, virtual_time) = (info.has_int0, info.virtual_time);
+        Self { link: Some(link), config, has_int0, virtual_time, failed: false, was_used: false }
+    }
+
+    /// Carries a request out; how many bytes of `room` the answer has. `ends` says whether to wait no longer.
+    fn carry_out(&mut self, request: Request<'_>, room: &mut [u8], ends: &dyn Fn() -> bool) -> Result<usize, Refused> {
+        let Some(link) = &mut self.link else { return Err((Status::Chip, "the chip is not open".to_owned())) };
+        let done = match request {
+            Request::Exchange(bytes) => {
+                self.was_used = true;
+                link.exchange(bytes, &mut room[..bytes.len()]).map(|()| bytes.len())
+            }
+            Request::WaitInt0(_) if !self.has_int0 => return Err(no_line("INT0", "wait for a time with request 4")),
+            Request::WaitInt0(micros) => in_slices(&mut **link, micros, ends, |link, until| link.wait_ready(until))
+                .map(|active| {
+                    room[0] = u8::from(active);
+                    1
+                }),
+            Request::Int1 => match link.int1() {
+                Ok(Some(level)) => {
+                    room[0] = u8::from(level);
+                    Ok(1)
+                }
+                Ok(None) => return Err(no_line("INT1", "ask the chip with INFO_UPDATE")),
+                Err(error) => Err(error),
+            },
+            Request::Delay(micros) => {
+                in_slices(&mut **link, micros, ends, |link, until| link.wait_until(until).map(|()| false)).map(|_| 0)
+            }
+            Request::Close => Ok(0),
+        };
+        if !matches!(request, Request::Close) {
+            self.failed = done.is_err();
+        }
+        done.map_err(|error| (Status::Chip, error.to_string()))
+    }
+
+    /// Lets time pass for a chip that nobody uses. A model runs its cycles when it is looked at, and would have to run
+    /// those of a day at once.
+    fn pass_time(&mut self) {
+        if let Some(link) = &mut self.link
+            && !self.virtual_time
+        {
+            // What cannot be reached is told to the host that uses it.
+            let _ = link.int1();
+        }
+    }
+}
+
+fn no_line(name: &str, next: &str) -> Refused {
+    (Status::NoLine, format!("{name} is not wired; {next}"))
+}
+
+/// Waits in parts, until one of them gives `true`, the time is over, or `ends` says so.
+fn in_slices(
+    link: &mut dyn ChipLink,
+    micros: u32,
+    ends: &dyn Fn() -> bool,
+    mut wait: impl FnMut(&mut dyn ChipLink, u64) -> Result<bool, ChipError>,
+) -> Result<bool, ChipError> {
+    let end = link.now().saturating_add(u64::from(micros) * 1000);
+    loop {
+        let now = link.now();
+        if wait(link, end.min(now.saturating_add(WAIT_SLICE_NS)))? {
+            return Ok(true);
+        }
+        if link.now() >= end || ends() {
+            return Ok(false);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! How axes are stopped when their host has vanished.
+//!
+//! The server knows neither the slaves nor their axes, and nothing of the packets that have passed: not n, not where a
+//! packet begins, not the index of the last one. So it starts as a host does that knows nothing, and then asks for what
+//! needs no knowledge of axes: slaves in OP go to SafeOP, in which a slave's outputs have no effect.
+
+use std::time::Duration;
+
+use crate::link::chip::{ChipError, ChipLink};
+use crate::xf::host::{Deadlines, HostConfig};
+use crate::xf::request::{CrcTypeSet, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate};
+use crate::xf::{CheckRule, CheckType, CommandHeader, EtherCatState, MAX_PACKET, write_request};
+use crate::xf_api::{Xf, XfError};
+
+/// How long a change of state may take. \[OURS]
+const STATE_TIME_MAX: Duration = Duration::from_secs(5);
+
+/// What was there to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stopped {
+    /// No slave was in OP.
+    NotInOp,
+    /// So many slaves were, and are in SafeOP.
+    Slaves(usize),
+}
+
+/// Switches the FIFO off, empties it, and brings slaves in OP to SafeOP. The chip has fixed check words then, as after
+/// power-on.
+pub(super) fn bring_to_safe_op(link: &mut dyn ChipLink, config: HostConfig) -> Result<Stopped, XfError> {
+    let busy_ns = STATE_TIME_MAX.as_nanos() as u64;
+    let deadlines = Deadlines { busy_ns, ..config.deadlines };
+    // The n of before stays: the next host expects what it has seen last.
+    let mut xf = Xf::over(link, HostConfig { wanted_size: None, deadlines, ..config })?;
+    let stopped = leave_op(&mut xf);
+    // Who expects CRC-32 sets it again: what matters has been done.
+    let _ = set_fixed_check(&mut xf);
+    stopped
+}
+
+/// Sets fixed check words, which a host that begins anew expects. The driver keeps CRC-32 while it runs, so this is its
+/// last packet.
+fn set_fixed_check(xf: &mut Xf<&mut dyn ChipLink>) -> Result<(), ChipError> {
+    let size = xf.host().size();
+    let (mut packet, mut back) = ([0; MAX_PACKET], [0; MAX_PACKET]);
+    // The driver's packets have 1 to 255, so this one repeats none.
+    let header = CommandHeader::with_index(0);
+    // A buffer for the longest packet has room for any.
+    let _ = write_request(&mut packet, size, CheckRule::FIXED, header, &CrcTypeSet { kind: CheckType::Fixed });
+    let link = xf.link_mut();
+    for _ in 0..2 {
+        let ready = link.now().saturating_add(HostConfig::DEFAULT.idle_max_ns);
+        link.wait_until(ready)?;
+        // The second one is for a chip that was not ready for the first one, and else repeats it.
+        link.exchange(&packet[..size.packet_len()], &mut back[..size.packet_len()])?;
+    }
+    Ok(())
+}
+
+fn leave_op(xf: &mut Xf<&mut dyn ChipLink>) -> Result<Stopped, XfError> {
+    let found = xf.count_slaves()?;
+    let in_op = slaves_in_op(xf, found)?;
+    if in_op.is_empty() {
+        return Ok(Stopped::NotInOp);
+    }
+    let all = in_op.len() == usize::from(found);
+    let mut failed = None;
+    for slaves in if all { vec![Slaves::All] } else { in_op.iter().copied().map(Slaves::One).collect() } {
+        // One that refuses does not keep the others in OP.
+        failed = xf.run(&StateSet { slaves, state: EtherCatState::SafeOp }).err().or(failed);
+    }
+    match slaves_in_op(xf, found) {
+        Ok(left) if left.is_empty() => Ok(Stopped::Slaves(in_op.len())),
+        Ok(left) => Err(failed.unwrap_or_else(|| XfError::StateStuck {
+            wanted: EtherCatState::SafeOp,
+            slaves: left.iter().map(|slave| (slave.get(), Some(EtherCatState::Op), 0)).collect(),
+        })),
+        Err(error) => Err(failed.unwrap_or(error)),
+    }
+}
+
+fn slaves_in_op(xf: &mut Xf<&mut dyn ChipLink>, found: u8) -> Result<Vec<SlaveNumber>, XfError> {
+    // A slave that does not answer makes it fail, and those that do are read nevertheless.
+    let updated = xf.run(&StateUpdate);
+    let mut in_op = Vec::new();
+    for slave in (0..found).filter_map(SlaveNumber::new) {
+        let state = xf.run(&StateGet { slaves: Slaves::One(slave) })?;
+        if state.state() == Some(EtherCatState::Op) {
+            in_op.push(slave);
+        }
+    }
+    if in_op.is_empty() { updated.map(|_| in_op) } else { Ok(in_op) }
+}

@@ -1,0 +1,169 @@
+//! The messages between a host and the server. \[OURS]
+//!
+//! Each message, in either direction, is a head of [`HEAD_LEN`] bytes and a body: kind u8, status u8, length of the
+//! body u16; numbers are little endian. A request has status 0; the answer to it has its kind, and a status other than 0
+//! if there is none, with the reason as text for its body. `docs/XF-PORT.md` in the project's repository is the
+//! description for who writes a host.
+
+/// The version of the messages, which the server tells in its greeting.
+pub const VERSION: u8 = 1;
+/// What the body of a greeting begins with; [`VERSION`] and [`EXCHANGE_MAX`] as a u16 follow.
+pub const MAGIC: [u8; 5] = *b"ECMXF";
+/// Bytes in front of a body.
+pub const HEAD_LEN: usize = 4;
+/// The most bytes of an exchange, and so of any body. \[OURS] Twice the longest packet fits, so that one exchange is
+/// enough to find n; it is also what Linux' spidev takes at once unless it is configured otherwise.
+pub const EXCHANGE_MAX: usize = 4096;
+/// The longest wait that a request may ask for, in microseconds. \[OURS]
+pub const WAIT_MAX_US: u32 = 1_000_000;
+
+/// What a message is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Kind {
+    /// From the server, when a connection begins.
+    Greeting = 0,
+    /// Bytes to the chip, 1 to [`EXCHANGE_MAX`], under one chip select; the answer has as many from it.
+    Exchange = 1,
+    /// Wait for INT0 to become active after the last exchange, u32 microseconds at most; the answer is 1 if it did, or 0.
+    WaitInt0 = 2,
+    /// The level of INT1; the answer is 0 or 1.
+    Int1 = 3,
+    /// Let u32 microseconds pass; the answer has no body.
+    Delay = 4,
+    /// The host ends and leaves everything as it is; the answer has no body. From the server: it ends.
+    Close = 5,
+}
+
+impl Kind {
+    /// The kind with that number.
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0 => Some(Self::Greeting),
+            1 => Some(Self::Exchange),
+            2 => Some(Self::WaitInt0),
+            3 => Some(Self::Int1),
+            4 => Some(Self::Delay),
+            5 => Some(Self::Close),
+            _ => None,
+        }
+    }
+}
+
+/// Whether a request was carried out, and if not, why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Status {
+    /// It was.
+    Ok = 0,
+    /// There is no such request, or its body is not what it has to be.
+    BadRequest = 1,
+    /// Another host has the chip.
+    Busy = 2,
+    /// That line is not wired.
+    NoLine = 3,
+    /// The chip cannot be reached.
+    Chip = 4,
+    /// The server ends.
+    Ends = 5,
+}
+
+/// What a host asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request<'m> {
+    /// Bytes to the chip.
+    Exchange(&'m [u8]),
+    /// Wait for INT0 for so many microseconds at most.
+    WaitInt0(u32),
+    /// The level of INT1.
+    Int1,
+    /// Let so many microseconds pass.
+    Delay(u32),
+    /// The host ends.
+    Close,
+}
+
+/// What is wrong with a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BadRequest {
+    /// It says that it is longer than any request, so where the next one begins is not known.
+    #[error("a message of {found} bytes: an exchange has {EXCHANGE_MAX} at most; send more as several exchanges")]
+    TooLong {
+        /// The length of its body.
+        found: usize,
+    },
+    /// No request has that kind.
+    #[error("no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close")]
+    Kind {
+        /// The kind.
+        kind: u8,
+    },
+    /// Its body is longer or shorter than it has to be.
+    #[error("request {kind} has a body of {found} bytes, which has to have {wanted}; see docs/XF-PORT.md")]
+    Length {
+        /// The kind of the request.
+        kind: u8,
+        /// The length of its body.
+        found: usize,
+        /// What it has to be.
+        wanted: &'static str,
+    },
+    /// It asks for too long a wait.
+    #[error("a wait of {found} us: {WAIT_MAX_US} us at most; ask again for more")]
+    Wait {
+        /// Microseconds.
+        found: u32,
+    },
+}
+
+/// The length of the body behind this head.
+///
+/// # Errors
+/// [`BadRequest::TooLong`].
+pub const fn body_len(head: [u8; HEAD_LEN]) -> Result<usize, BadRequest> {
+    let found = u16::from_le_bytes([head[2], head[3]]) as usize;
+    if found > EXCHANGE_MAX { Err(BadRequest::TooLong { found }) } else { Ok(found) }
+}
+
+impl<'m> Request<'m> {
+    /// The request with this kind and body. A status is not looked at.
+    ///
+    /// # Errors
+    /// [`BadRequest`].
+    pub fn parse(kind: u8, body: &'m [u8]) -> Result<Self, BadRequest> {
+        let length = |wanted| BadRequest::Length { kind, found: body.len(), wanted };
+        let micros = || {
+            let bytes = <[u8; 4]>::try_from(body).map_err(|_| length("4"))?;
+            match u32::from_le_bytes(bytes) {
+                found if found > WAIT_MAX_US => Err(BadRequest::Wait { found }),
+                micros => Ok(micros),
+            }
+        };
+        let empty = |request| if body.is_empty() { Ok(request) } else { Err(length("0")) };
+        match Kind::from_code(kind) {
+            Some(Kind::Exchange) if body.is_empty() => Err(length("1 or more")),
+            Some(Kind::Exchange) => Ok(Self::Exchange(body)),
+            Some(Kind::WaitInt0) => micros().map(Self::WaitInt0),
+            Some(Kind::Int1) => empty(Self::Int1),
+            Some(Kind::Delay) => micros().map(Self::Delay),
+            Some(Kind::Close) => empty(Self::Close),
+            Some(Kind::Greeting) | None => Err(BadRequest::Kind { kind }),
+        }
+    }
+}
+
+/// The head of a message with a body of so many bytes, [`EXCHANGE_MAX`] at most.
+pub const fn head(kind: u8, status: Status, len: usize) -> [u8; HEAD_LEN] {
+    let len = (len as u16).to_le_bytes();
+    [kind, status as u8, len[0], len[1]]
+}
+
+/// The greeting.
+pub fn greeting() -> [u8; HEAD_LEN + 8] {
+    let mut message = [0; HEAD_LEN + 8];
+    message[..HEAD_LEN].copy_from_slice(&head(Kind::Greeting as u8, Status::Ok, 8));
+    message[HEAD_LEN..HEAD_LEN + 5].copy_from_slice(&MAGIC);
+    message[HEAD_LEN + 5] = VERSION;
+    message[HEAD_LEN + 6..].copy_from_slice(&(EXCHANGE_MAX as u16).to_le_bytes());
+    message
+}

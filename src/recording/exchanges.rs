@@ -1,0 +1,113 @@
+//! Reads the recording of a chip ECM-XF, packet by packet.
+
+use std::io::Read;
+
+use super::ending::Lacks;
+use super::error::RecordError;
+use super::formats::container::{Blocks, Item};
+use super::formats::exchange;
+use super::meta::RecordMeta;
+use crate::sk::Dir;
+
+/// The bytes of one direction of an exchange.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordedBytes {
+    /// The time in nanoseconds: since 1970, or of a virtual clock.
+    pub at_ns: u64,
+    /// [`Dir::Write`]: to the chip.
+    pub dir: Dir,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// The bytes in a recording of a chip, in the order of the file: to the chip, then from it, exchange by exchange. After an
+/// error there is nothing more.
+pub struct Exchanges<R> {
+    blocks: Blocks<R>,
+    meta: Option<RecordMeta>,
+    lacks: Lacks,
+    /// The section that is read was written by our recorder, and its end has not come.
+    unended: bool,
+    ended: bool,
+}
+
+/// Whether a file that begins like this is the recording of a chip. A few hundred bytes are enough.
+pub fn is_of_chip(beginning: &[u8]) -> bool {
+    let mut blocks = Blocks::new(beginning, String::new());
+    loop {
+        match blocks.next() {
+            Ok(Some(Item::Interface(link_type))) => return link_type == exchange::LINK_TYPE,
+            Ok(Some(Item::Section(..))) => {}
+            _ => return false,
+        }
+    }
+}
+
+impl<R: Read> Exchanges<R> {
+    /// Reads from any source; `name` is for messages.
+    ///
+    /// # Errors
+    /// [`RecordError`] if it does not begin like a recording.
+    pub fn new(source: R, name: &str) -> Result<Self, RecordError> {
+        let blocks = Blocks::new(source, name.to_owned());
+        let mut exchanges = Self { blocks, meta: None, lacks: Lacks::default(), unended: false, ended: false };
+        exchanges.step()?;
+        Ok(exchanges)
+    }
+
+    /// What the recording says of itself. A file that was recorded to more than once has several: this is the one of the
+    /// packet read last.
+    pub const fn meta(&self) -> Option<&RecordMeta> {
+        self.meta.as_ref()
+    }
+
+    /// What the recording lacks, as far as it was read: all of it is known when the last packet has been read.
+    pub fn lacks(&self) -> Lacks {
+        self.lacks.clone()
+    }
+
+    /// One block on: `None` at the end of the file, `Some(None)` if it holds no bytes.
+    fn step(&mut self) -> Result<Option<Option<RecordedBytes>>, RecordError> {
+        let Some(item) = self.blocks.next()? else {
+            self.lacks.not_ended += u64::from(std::mem::take(&mut self.unended));
+            return Ok(None);
+        };
+        Ok(Some(match item {
+            Item::Section(meta, ours) => {
+                self.lacks.not_ended += u64::from(std::mem::replace(&mut self.unended, ours && meta.is_some()));
+                self.meta = meta;
+                None
+            }
+            Item::Packet(packet) if packet.link_type == exchange::LINK_TYPE => {
+                let at_ns = packet.at_ns;
+                exchange::parse(packet.data).map(|(dir, bytes)| RecordedBytes { at_ns, dir, bytes: bytes.to_vec() })
+            }
+            Item::Counts { missing, why } => {
+                self.unended = false;
+                self.lacks.missing = self.lacks.missing.saturating_add(missing);
+                self.lacks.why = why.or_else(|| self.lacks.why.take());
+                None
+            }
+            Item::Interface(_) | Item::Packet(_) | Item::Other => None,
+        }))
+    }
+}
+
+impl<R: Read> Iterator for Exchanges<R> {
+    type Item = Result<RecordedBytes, RecordError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.ended {
+            match self.step() {
+                Ok(Some(Some(bytes))) => return Some(Ok(bytes)),
+                Ok(Some(None)) => {}
+                Ok(None) => self.ended = true,
+                Err(error) => {
+                    self.ended = true;
+                    return Some(Err(error));
+                }
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,56 @@
+//! The table of all functions.
+
+use super::FunctionFields;
+use super::{chip, network, units};
+use crate::xf::Request;
+
+/// Makes rows: the type, what it does, the fields of the request, and after `->` those of its answer.
+macro_rules! rows {
+    ($($name:ident $(<$life:lifetime>)?, $what:literal, [$($field:expr),* $(,)?] $(-> $($answer:expr),+)?;)*) => {
+        &[$(super::FunctionFields {
+            type_name: stringify!($name),
+            code: <$name $(<$life>)? as $crate::xf::request::Call<'static>>::CODE,
+            function: <$name $(<$life>)? as $crate::xf::request::Call<'static>>::FUNCTION,
+            what: $what,
+            request: &[$($field),*],
+            answers: &[$($($answer),+)?],
+        },)*]
+    };
+}
+
+pub(super) use rows;
+
+/// All functions, by ascending code and parameter.
+pub static FUNCTIONS: [FunctionFields; Request::FUNCTIONS] = all();
+
+const fn all() -> [FunctionFields; Request::FUNCTIONS] {
+    let mut all = [network::ROWS[0]; Request::FUNCTIONS];
+    let parts = [network::ROWS, chip::ROWS, units::ROWS];
+    let (mut count, mut part) = (0, 0);
+    while part < parts.len() {
+        let mut row = 0;
+        while row < parts[part].len() {
+            // By insertion. With a row too many or too few the table does not compile.
+            let mut at = count;
+            while at > 0 && all[at - 1].order() > parts[part][row].order() {
+                all[at] = all[at - 1];
+                at -= 1;
+            }
+            all[at] = parts[part][row];
+            (count, row) = (count + 1, row + 1);
+        }
+        part += 1;
+    }
+    assert!(count == Request::FUNCTIONS);
+    all
+}
+
+impl FunctionFields {
+    const fn order(&self) -> u16 {
+        let parameter = match self.function {
+            Some(parameter) => parameter,
+            None => 0,
+        };
+        (self.code.code() as u16) << 8 | parameter as u16
+    }
+}

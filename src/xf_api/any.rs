@@ -1,0 +1,80 @@
+//! A command that is known only while the program runs.
+
+use super::{Xf, XfError};
+use crate::link::chip::ChipLink;
+use crate::xf::host::ProcessData;
+use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
+use crate::xf::response::{Answer, PdoExchange, Returned};
+use crate::xf::{Allowed, Malformed, Request};
+
+/// Runs a request and puts its answer into a data segment.
+struct Run<'x, 'b, L: ChipLink> {
+    xf: &'x mut Xf<L>,
+    data: &'b mut [u8],
+}
+
+impl<L: ChipLink> Visit for Run<'_, '_, L> {
+    type Output = Result<Returned, XfError>;
+
+    fn call<'d, C: Call<'d>>(self, call: &C) -> Self::Output {
+        let answer = self.xf.run(call)?;
+        self.data.fill(0);
+        Ok(answer.encode(self.data)?)
+    }
+}
+
+impl<L: ChipLink> Xf<L> {
+    /// Runs any request of the 91 functions to its end, and writes its answer into `data` as it stands in a data
+    /// segment, which is 1408 bytes at most: [`FunctionFields`](crate::xf::fields::FunctionFields) reads its fields.
+    ///
+    /// Process data go past the FIFO or through it as with [`Self::cycle`], but only with the operations that the driver
+    /// has: a FIFO write, read or both, and a direct read or both. The layout of their answers is that of the manuals.
+    ///
+    /// # Errors
+    /// As with [`Self::run`]; CRC_TYPE_SET and SPI_RECONFIG_OP are the driver's own.
+    pub fn run_request(&mut self, request: &Request<'_>, data: &mut [u8]) -> Result<Returned, XfError> {
+        match request {
+            Request::PdoDataFifo(request) => self.run_process(through_fifo(request)?, data),
+            Request::PdoData(request) => self.run_process(past_fifo(request)?, data),
+            _ => request.visit(Run { xf: self, data }).unwrap_or_else(|| {
+                let (field, found) = ("command code", request.code().code().into());
+                Err(Malformed { field, found, allowed: Allowed::Only("one of the manuals") }.into())
+            }),
+        }
+    }
+
+    fn run_process(&mut self, exchanged: ProcessData<'_>, data: &mut [u8]) -> Result<Returned, XfError> {
+        let written = match exchanged {
+            ProcessData::Read { .. } | ProcessData::DirectRead => PdoOperation::NONE,
+            _ => PdoOperation::WRITE,
+        };
+        let read = self.exchange_raw(exchanged)?;
+        let (done, inputs) = if read { (written | PdoOperation::READ, self.host.inputs()) } else { (written, &[][..]) };
+        data.fill(0);
+        Ok(PdoExchange { done, data: inputs }.encode(data)?)
+    }
+}
+
+fn through_fifo<'d>(request: &PdoDataFifo<'d>) -> Result<ProcessData<'d>, Malformed> {
+    let PdoDataFifo { count, operation, data: outputs } = *request;
+    match (operation.contains(PdoOperation::WRITE), operation.contains(PdoOperation::READ)) {
+        (true, true) => Ok(ProcessData::Exchange { count, outputs }),
+        (true, false) => Ok(ProcessData::Write { count, outputs }),
+        (false, true) => Ok(ProcessData::Read { count }),
+        (false, false) => Err(without_operation("PDO_DATA_FIFO_OP operation", operation)),
+    }
+}
+
+fn past_fifo<'d>(request: &PdoData<'d>) -> Result<ProcessData<'d>, Malformed> {
+    let PdoData { operation, data: outputs } = *request;
+    // Without "valid" the chip writes and reads.
+    match (operation.contains(PdoOperation::VALID), operation.contains(PdoOperation::WRITE)) {
+        (false, _) | (true, true) => Ok(ProcessData::DirectExchange { outputs }),
+        (true, false) if operation.contains(PdoOperation::READ) => Ok(ProcessData::DirectRead),
+        (true, false) => Err(without_operation("PDO_DATA_OP operation", operation)),
+    }
+}
+
+fn without_operation(field: &'static str, operation: PdoOperation) -> Malformed {
+    Malformed { field, found: operation.0.into(), allowed: Allowed::Only("write, read or both") }
+}

@@ -1,0 +1,117 @@
+//! The errors of the native API for an ECM-XF. Each says what happened, and to what, and what to do.
+
+use std::time::Duration;
+
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::link::chip::ChipError;
+use crate::span::Span;
+use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
+use crate::xf::{EtherCatState, Malformed};
+
+/// Why a call has no result.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "the messages say what the fields are")]
+#[non_exhaustive]
+pub enum XfError {
+    /// The link cannot be used.
+    #[error(transparent)]
+    Link(#[from] ChipError),
+    /// The chip, or the driver, refuses.
+    #[error(transparent)]
+    Chip(#[from] HostError),
+    /// There is no such slave.
+    #[error("slave {slave} is not on the network, which has {found}; the first one is 0")]
+    NoSuchSlave { slave: u8, found: u8 },
+    /// A slave aborts an SDO transfer.
+    #[error(
+        "slave {slave} aborts the SDO transfer of {object}: {abort}; check object, size and state in the slave's manual"
+    )]
+    SdoAborted { slave: u8, object: ObjectAddress, abort: AbortCode },
+    /// An object has another size than the type.
+    #[error("{object} of slave {slave} has {found} bytes, not {wanted}; read it as a type of that size, or as bytes")]
+    SdoSize { slave: u8, object: ObjectAddress, found: usize, wanted: usize },
+    /// A change of state ended elsewhere.
+    #[error(
+        "{wanted:?} was not reached: {}; look the code up in the slave's manual, and check its mapping and the states \
+         between",
+        stuck(.slaves)
+    )]
+    StateStuck {
+        wanted: EtherCatState,
+        /// The slaves that are not there: which one, its state, its AL status code.
+        slaves: Vec<(u8, Option<EtherCatState>, u16)>,
+    },
+    /// A slave does not map that object.
+    #[error("slave {slave} has no {object} among its {direction}; it maps {mapped}")]
+    NotMapped {
+        slave: u8,
+        object: ObjectAddress,
+        /// `outputs` or `inputs`.
+        direction: &'static str,
+        /// The objects that it maps.
+        mapped: String,
+    },
+    /// A mapped object has another size than the type, or does not begin at a byte.
+    #[error(
+        "{object} of slave {slave} has {bits} bits from bit {at} of its process data on, and the type {wanted} from a \
+         whole byte on"
+    )]
+    FieldSize { slave: u8, object: ObjectAddress, bits: u8, at: usize, wanted: usize },
+    /// What the slaves map and what the chip has laid out differ.
+    #[error(
+        "slave {slave} maps {mapped} bytes of {direction}, and the chip has laid out {laid_out}: run Reconfig or \
+         ConfigMap in PreOP after a change"
+    )]
+    OtherLayout { slave: u8, direction: &'static str, mapped: usize, laid_out: usize },
+    /// Process data did not reach the RxFIFO.
+    #[error("process data were not taken ({outcome:?}): {}", advice(*.outcome))]
+    ProcessData { outcome: ProcessOutcome },
+    /// The process data of the cycle do not get to the chip in time.
+    #[error(transparent)]
+    Budget(#[from] BudgetError),
+    /// Nothing leaves the RxFIFO.
+    #[error(
+        "the RxFIFO has held {held} PDOs for {}: switch it on (FifoEnable), and bring a slave to OP",
+        Span(*.waited)
+    )]
+    FifoStands { held: u8, waited: Duration },
+    /// The helper does not lead that axis.
+    #[error("there is no axis {motor}; add it first (add_axis), with the slave it belongs to")]
+    NoAxis { motor: u8 },
+    /// An axis did not reach a state.
+    #[error("axis {motor} is in {found} after {} and not in {wanted}; look at its error code, 0x603F", Span(*.waited))]
+    AxisStuck { motor: u8, found: &'static str, wanted: &'static str, waited: Duration },
+}
+
+impl From<Malformed> for XfError {
+    fn from(malformed: Malformed) -> Self {
+        Self::Chip(malformed.into())
+    }
+}
+
+impl From<StepError<ChipError>> for XfError {
+    fn from(error: StepError<ChipError>) -> Self {
+        match error {
+            StepError::Host(error) => Self::Chip(error),
+            StepError::Wires(error) => Self::Link(error),
+        }
+    }
+}
+
+fn stuck(slaves: &[(u8, Option<EtherCatState>, u16)]) -> String {
+    let one = |(slave, state, al_status): &(u8, Option<EtherCatState>, u16)| match state {
+        Some(state) => format!("slave {slave} is in {state:?}, AL status code 0x{al_status:04X}"),
+        None => format!("slave {slave} does not answer"),
+    };
+    slaves.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+const fn advice(outcome: ProcessOutcome) -> &'static str {
+    match outcome {
+        ProcessOutcome::Full => "the RxFIFO was full; write after the next cycle",
+        ProcessOutcome::Refused => "their length is not what the chip has laid out, or no slave is above PreOP",
+        ProcessOutcome::NotWritten => "later ones have gone out since; plan the path on from there",
+        ProcessOutcome::Unknown => "whether the chip has them is unknown; stop the axes and look where they are",
+        ProcessOutcome::AnswerLost | ProcessOutcome::Done { .. } => "they were, their inputs are lost",
+    }
+}

@@ -1,0 +1,116 @@
+//! Where the objects of slaves are in the process data of the chip: one slave after the other, each from a whole byte on,
+//! its objects in the order in which it maps them.
+
+use super::{Xf, XfError};
+use crate::coe::ObjectAddress;
+use crate::link::chip::ChipLink;
+use crate::xf::request::{MappedObject, PdoAssignment, SlaveInfoItem};
+
+/// A type of objects and of fields in process data, little-endian.
+pub trait Field: Copy {
+    /// How many bytes it has.
+    const BYTES: usize;
+
+    /// The value of exactly so many bytes; `None` of any other number.
+    fn from_le(bytes: &[u8]) -> Option<Self>;
+
+    /// Writes the value into exactly so many bytes.
+    fn put_le(self, bytes: &mut [u8]);
+}
+
+macro_rules! fields {
+    ($($int:ty)*) => {$(
+        impl Field for $int {
+            const BYTES: usize = size_of::<$int>();
+
+            fn from_le(bytes: &[u8]) -> Option<Self> {
+                Some(Self::from_le_bytes(bytes.try_into().ok()?))
+            }
+
+            fn put_le(self, bytes: &mut [u8]) {
+                bytes.copy_from_slice(&self.to_le_bytes());
+            }
+        }
+    )*};
+}
+
+fields! { u8 i8 u16 i16 u32 i32 u64 i64 }
+
+/// An object in process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MappedField {
+    /// The object; index 0 is a gap.
+    pub object: ObjectAddress,
+    /// Bits from the beginning of the slave's process data.
+    pub at: usize,
+    /// How many bits it has.
+    pub bits: u8,
+}
+
+/// The process data of one slave in one direction.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SlaveLayout {
+    /// Bytes from the beginning of the chip's PDO.
+    pub at: usize,
+    /// How many bytes they are.
+    pub bytes: usize,
+    /// The objects, in the order in which they are mapped.
+    pub fields: Vec<MappedField>,
+}
+
+/// The process data of the chip: the slaves in their order.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Layout {
+    /// What the host writes: the RxPDO.
+    pub outputs: Vec<SlaveLayout>,
+    /// What the host reads: the TxPDO.
+    pub inputs: Vec<SlaveLayout>,
+}
+
+/// Bytes of all slaves together.
+pub(super) fn total(slaves: &[SlaveLayout]) -> usize {
+    slaves.iter().map(|slave| slave.bytes).sum()
+}
+
+impl<L: ChipLink> Xf<L> {
+    /// Reads from every slave what it maps (0x1C12, 0x1C13 and the objects that they name) and from the chip where that
+    /// is, in PreOP after `Reconfig`, in SafeOP or in OP.
+    ///
+    /// # Errors
+    /// [`XfError::OtherLayout`], [`XfError::SdoAborted`], [`XfError::Chip`], [`XfError::Link`].
+    pub fn layout(&mut self) -> Result<Layout, XfError> {
+        let mut layout = Layout::default();
+        let outputs = (PdoAssignment::Rx, SlaveInfoItem::OutputBytes, "outputs");
+        let inputs = (PdoAssignment::Tx, SlaveInfoItem::InputBytes, "inputs");
+        for ((assignment, item, direction), slaves) in [(outputs, &mut layout.outputs), (inputs, &mut layout.inputs)] {
+            let mut at = 0;
+            for slave in 0..self.slaves {
+                let fields = self.mapped(slave, assignment)?;
+                let mapped = fields.last().map_or(0, |field| (field.at + usize::from(field.bits)).div_ceil(8));
+                let laid_out = self.item(slave, item)? as usize;
+                if mapped != laid_out {
+                    return Err(XfError::OtherLayout { slave, direction, mapped, laid_out });
+                }
+                slaves.push(SlaveLayout { at, bytes: laid_out, fields });
+                at += laid_out;
+            }
+        }
+        Ok(layout)
+    }
+
+    fn mapped(&mut self, slave: u8, assignment: PdoAssignment) -> Result<Vec<MappedField>, XfError> {
+        let mut fields = Vec::new();
+        let mut at = 0;
+        let assignment = assignment.code();
+        for pdo in 1..=self.sdo_read::<u8>(slave, ObjectAddress::new(assignment, 0))? {
+            let pdo: u16 = self.sdo_read(slave, ObjectAddress::new(assignment, pdo))?;
+            for entry in 1..=self.sdo_read::<u8>(slave, ObjectAddress::new(pdo, 0))? {
+                let entry: u32 = self.sdo_read(slave, ObjectAddress::new(pdo, entry))?;
+                let mapped = MappedObject::from_bytes(entry.to_le_bytes());
+                fields.push(MappedField { object: mapped.object(), at, bits: mapped.bits });
+                at += usize::from(mapped.bits);
+            }
+        }
+        Ok(fields)
+    }
+}

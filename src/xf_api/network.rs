@@ -1,0 +1,171 @@
+//! The network of the chip: its start, its states, what is known of its slaves.
+
+use super::{Xf, XfError};
+use crate::link::chip::ChipLink;
+use crate::xf::host::HostError;
+use crate::xf::request::{
+    DcTiming, EcatInit, FifoClear, FifoEnable, Fifos, ReferenceClock, SlaveCountGet, SlaveInfoGet, SlaveInfoItem,
+    SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
+};
+use crate::xf::{EtherCatState, NetworkState};
+
+/// How a network is started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NetworkConfig {
+    /// The times of the distributed clocks. SYNC0 is also the cycle; 1 ms by default, with AssignActivate 0x0300.
+    pub dc: DcTiming,
+    /// Whose clock leads; the chip's own by default.
+    pub reference_clock: ReferenceClock,
+    /// Process data travel in one LRW datagram if all slaves can; so by default.
+    pub lrw: bool,
+}
+
+impl Default for NetworkConfig {
+    fn default() -> Self {
+        let dc = DcTiming { assign_activate: 0x0300, sync0_ns: 1_000_000, ..DcTiming::default() };
+        Self { dc, reference_clock: ReferenceClock::Chip, lrw: true }
+    }
+}
+
+/// What a slave's EEPROM and the chip know of it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SlaveDescription {
+    /// Its place, 0 for the first one.
+    pub slave: u8,
+    /// Its name.
+    pub name: String,
+    /// Vendor id.
+    pub vendor: u32,
+    /// Product code.
+    pub product: u32,
+    /// Revision.
+    pub revision: u32,
+    /// Its EtherCAT state, with the error bit.
+    pub state: NetworkState,
+    /// Its AL status code.
+    pub al_status: u16,
+    /// Its configured station address.
+    pub station_address: u16,
+    /// Its station alias.
+    pub alias: u16,
+    /// Whether it has distributed clocks; `None`: the firmware does not tell.
+    pub has_dc: Option<bool>,
+    /// Bytes of its outputs as the chip has laid them out, the RxPDO.
+    pub output_bytes: u32,
+    /// Bytes of its inputs as the chip has laid them out, the TxPDO.
+    pub input_bytes: u32,
+}
+
+impl<L: ChipLink> Xf<L> {
+    /// Initialises the network and counts its slaves: the FIFO is off and empty then, and the slaves are in Init or
+    /// PreOP. A network that was up is brought to Init first.
+    ///
+    /// # Errors
+    /// [`XfError::Chip`], [`XfError::Link`].
+    pub fn start_network(&mut self, config: &NetworkConfig) -> Result<u8, XfError> {
+        self.run(&FifoEnable { on: false })?;
+        self.run(&FifoClear { fifos: Fifos::Both })?;
+        if !matches!(self.header().state.state(), None | Some(EtherCatState::Init)) {
+            self.run(&StateSet { slaves: Slaves::All, state: EtherCatState::Init })?;
+        }
+        let NetworkConfig { dc, reference_clock, lrw } = *config;
+        self.run(&EcatInit { special_slaves: false, reference_clock, lrw, fifo_on: false, dc })?;
+        self.cycle_ns = Some(dc.sync0_ns.into()).filter(|cycle| *cycle > 0);
+        self.count_slaves()
+    }
+
+    /// How many slaves the chip has found when the network was initialised.
+    ///
+    /// # Errors
+    /// [`XfError::Chip`], [`XfError::Link`].
+    pub fn count_slaves(&mut self) -> Result<u8, XfError> {
+        self.slaves = self.run(&SlaveCountGet)?;
+        Ok(self.slaves)
+    }
+
+    /// Brings slaves to a state, and checks that all of them are there.
+    ///
+    /// # Errors
+    /// [`XfError::StateStuck`] names those that are not; [`XfError::Chip`], [`XfError::Link`].
+    pub fn set_state(&mut self, slaves: Slaves, state: EtherCatState) -> Result<(), XfError> {
+        // What the chip says of the change alone would not tell which slave has refused it.
+        let changed = self.run(&StateSet { slaves, state });
+        match changed {
+            Ok(()) | Err(XfError::Chip(HostError::Failed { .. })) => {}
+            Err(error) => return Err(error),
+        }
+        let all = 0..self.slaves;
+        let concerned: Vec<u8> = match slaves {
+            Slaves::All => all.collect(),
+            Slaves::One(slave) => vec![slave.get()],
+        };
+        self.run(&StateUpdate)?;
+        let mut elsewhere = Vec::new();
+        for slave in concerned {
+            let found = self.run(&StateGet { slaves: Slaves::One(self.slave(slave)?) })?;
+            if found.state() != Some(state) || found.has_error() {
+                let al_status = self.item(slave, SlaveInfoItem::AlStatus)?;
+                elsewhere.push((slave, found.state(), al_status as u16));
+            }
+        }
+        if elsewhere.is_empty() { Ok(()) } else { Err(XfError::StateStuck { wanted: state, slaves: elsewhere }) }
+    }
+
+    /// The state of the network: the lowest one of all slaves, as read from them now.
+    ///
+    /// # Errors
+    /// [`XfError::Chip`], [`XfError::Link`].
+    pub fn state(&mut self) -> Result<NetworkState, XfError> {
+        self.run(&StateUpdate)?;
+        self.run(&StateGet { slaves: Slaves::All })
+    }
+
+    /// What is known of a slave. Its state is that of the last [`Self::state`] or [`Self::set_state`].
+    ///
+    /// # Errors
+    /// [`XfError::NoSuchSlave`], [`XfError::Chip`], [`XfError::Link`].
+    pub fn slave_description(&mut self, slave: u8) -> Result<SlaveDescription, XfError> {
+        let number = self.slave(slave)?;
+        let name = self.run(&SlaveInfoGet { slave: number, item: SlaveInfoItem::Name })?;
+        let name = match name {
+            crate::xf::response::SlaveInfo::Text(text) => {
+                String::from_utf8_lossy(text).trim_end_matches(['\0', ' ']).to_owned()
+            }
+            _ => String::new(),
+        };
+        Ok(SlaveDescription {
+            slave,
+            name,
+            vendor: self.item(slave, SlaveInfoItem::Vendor)?,
+            product: self.item(slave, SlaveInfoItem::Product)?,
+            revision: self.item(slave, SlaveInfoItem::Revision)?,
+            state: NetworkState(self.item(slave, SlaveInfoItem::State)? as u8),
+            al_status: self.item(slave, SlaveInfoItem::AlStatus)? as u16,
+            station_address: self.item(slave, SlaveInfoItem::StationAddress)? as u16,
+            alias: self.item(slave, SlaveInfoItem::Alias)? as u16,
+            has_dc: self.has_dc(slave)?,
+            output_bytes: self.item(slave, SlaveInfoItem::OutputBytes)?,
+            input_bytes: self.item(slave, SlaveInfoItem::InputBytes)?,
+        })
+    }
+
+    /// Older firmware refuses the item.
+    fn has_dc(&mut self, slave: u8) -> Result<Option<bool>, XfError> {
+        match self.item(slave, SlaveInfoItem::HasDc) {
+            Ok(has_dc) => Ok(Some(has_dc != 0)),
+            Err(XfError::Chip(HostError::Refused { .. })) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The number of a slave that is on the network.
+    pub(super) fn slave(&self, slave: u8) -> Result<SlaveNumber, XfError> {
+        let number = SlaveNumber::new(slave).filter(|_| slave < self.slaves);
+        number.ok_or(XfError::NoSuchSlave { slave, found: self.slaves })
+    }
+
+    pub(super) fn item(&mut self, slave: u8, item: SlaveInfoItem) -> Result<u32, XfError> {
+        let slave = self.slave(slave)?;
+        Ok(self.run(&SlaveInfoGet { slave, item })?.number().unwrap_or(0))
+    }
+}

@@ -1,0 +1,279 @@
+//! Process data with types, and the cycle of a program.
+
+use std::marker::PhantomData;
+use std::time::Duration;
+
+use super::layout::{self, Field, Layout, SlaveLayout};
+use super::{Xf, XfError};
+use crate::coe::ObjectAddress;
+use crate::ethercat::Ns;
+use crate::link::chip::ChipLink;
+use crate::xf::host::{Budget, ProcessData as Exchanged, ProcessOutcome};
+
+/// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] At 1 ms a program may be late by 20 ms.
+const AHEAD: u8 = 20;
+/// TxPDOs that may wait in their FIFO: more are read at once, so that inputs are not old. \[OURS] The count lags two
+/// exchanges behind.
+const TX_BACKLOG: u8 = 3;
+/// How often a cycle the chip is asked for the levels of its FIFOs. \[OURS]
+const POLLS_A_CYCLE: Ns = 2;
+/// How long the RxFIFO may stand before it counts as one that nothing leaves. \[OURS]
+const STANDS: Duration = Duration::from_secs(2);
+
+/// An object that the host writes, as a type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Output<T> {
+    at: usize,
+    kind: PhantomData<T>,
+}
+
+/// An object that the host reads, as a type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Input<T> {
+    at: usize,
+    kind: PhantomData<T>,
+}
+
+/// The process data of all slaves: what is written in the next cycle, and what was read last.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProcessData {
+    layout: Layout,
+    outputs: Vec<u8>,
+    inputs: Vec<u8>,
+    /// How many RxPDOs are kept in the chip's FIFO at most, 1 or more; 20 by default. With more a program may be later,
+    /// and what it writes takes longer to reach the slaves.
+    pub ahead: u8,
+}
+
+impl<T> Output<T> {
+    /// Bytes from the beginning of the RxPDO.
+    pub const fn place(&self) -> usize {
+        self.at
+    }
+}
+
+impl<T> Input<T> {
+    /// Bytes from the beginning of the TxPDO.
+    pub const fn place(&self) -> usize {
+        self.at
+    }
+}
+
+impl ProcessData {
+    /// Where the objects are.
+    pub const fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// The object that a slave maps among its outputs, with the type of its size.
+    ///
+    /// # Errors
+    /// [`XfError::NoSuchSlave`], [`XfError::NotMapped`], [`XfError::FieldSize`].
+    pub fn output<T: Field>(&self, slave: u8, object: ObjectAddress) -> Result<Output<T>, XfError> {
+        let at = find::<T>(&self.layout.outputs, slave, object, "outputs")?;
+        Ok(Output { at, kind: PhantomData })
+    }
+
+    /// The object that a slave maps among its inputs, with the type of its size.
+    ///
+    /// # Errors
+    /// As with [`Self::output`].
+    pub fn input<T: Field>(&self, slave: u8, object: ObjectAddress) -> Result<Input<T>, XfError> {
+        let at = find::<T>(&self.layout.inputs, slave, object, "inputs")?;
+        Ok(Input { at, kind: PhantomData })
+    }
+
+    /// Sets an output of the next cycle.
+    ///
+    /// # Panics
+    /// The output is that of other process data, and these are shorter.
+    pub fn set<T: Field>(&mut self, output: Output<T>, value: T) {
+        value.put_le(&mut self.outputs[output.at..output.at + T::BYTES]);
+    }
+
+    /// The value of an output in the next cycle.
+    ///
+    /// # Panics
+    /// As with [`Self::set`].
+    pub fn get_output<T: Field>(&self, output: Output<T>) -> T {
+        read(&self.outputs, output.at)
+    }
+
+    /// The value of an input as it was read last.
+    ///
+    /// # Panics
+    /// The input is that of other process data, and these are shorter.
+    pub fn get<T: Field>(&self, input: Input<T>) -> T {
+        read(&self.inputs, input.at)
+    }
+
+    /// The RxPDO of the next cycle.
+    pub fn outputs_mut(&mut self) -> &mut [u8] {
+        &mut self.outputs
+    }
+
+    /// The TxPDO that was read last.
+    pub fn inputs(&self) -> &[u8] {
+        &self.inputs
+    }
+
+    /// Keeps the newest of these TxPDOs.
+    fn keep(&mut self, pdos: &[u8]) {
+        if let Some(newest) = pdos.rchunks_exact(self.inputs.len().max(1)).next() {
+            self.inputs.copy_from_slice(newest);
+        }
+    }
+}
+
+fn read<T: Field>(image: &[u8], at: usize) -> T {
+    match T::from_le(&image[at..at + T::BYTES]) {
+        Some(value) => value,
+        None => unreachable!("so many bytes are a value"),
+    }
+}
+
+/// Bytes from the beginning of the image to a field.
+fn find<T: Field>(
+    slaves: &[SlaveLayout],
+    slave: u8,
+    object: ObjectAddress,
+    direction: &'static str,
+) -> Result<usize, XfError> {
+    let found = slaves.len() as u8;
+    let place = slaves.get(usize::from(slave)).ok_or(XfError::NoSuchSlave { slave, found })?;
+    let Some(field) = place.fields.iter().find(|field| field.object == object) else {
+        let mapped: Vec<String> = place.fields.iter().map(|field| field.object.to_string()).collect();
+        let mapped = if mapped.is_empty() { "nothing".to_owned() } else { mapped.join(", ") };
+        return Err(XfError::NotMapped { slave, object, direction, mapped });
+    };
+    if !field.at.is_multiple_of(8) || usize::from(field.bits) != 8 * T::BYTES {
+        return Err(XfError::FieldSize { slave, object, bits: field.bits, at: field.at, wanted: 8 * T::BYTES });
+    }
+    Ok(place.at + field.at / 8)
+}
+
+impl<L: ChipLink> Xf<L> {
+    /// The process data as they are laid out, with all outputs 0, and the inputs as they are now, read past the FIFO.
+    /// In SafeOP, to learn positions.
+    ///
+    /// n is chosen for them, unless the link says which (`use_n=`) or has only one: large packets take long, and a cycle
+    /// that cannot be held would leave gaps in every motion. Where n changes, the RxFIFO is off and empty afterwards.
+    ///
+    /// # Errors
+    /// Those of [`Self::layout`]; [`XfError::Budget`] with the sum, [`XfError::ProcessData`].
+    pub fn process_data(&mut self) -> Result<ProcessData, XfError> {
+        let layout = self.layout()?;
+        let (outputs, inputs) = (layout::total(&layout.outputs), layout::total(&layout.inputs));
+        self.fit(outputs.max(inputs))?;
+        let mut data = ProcessData { layout, outputs: vec![0; outputs], inputs: vec![0; inputs], ahead: AHEAD };
+        self.read_inputs(&mut data)?;
+        Ok(data)
+    }
+
+    /// Sees to it that a cycle of the network has the time for so many bytes of process data.
+    fn fit(&mut self, process_bytes: usize) -> Result<(), XfError> {
+        let info = self.link.info();
+        let Some(cycle_ns) = self.cycle_ns else { return Ok(()) };
+        // The levels of the FIFOs are looked at often enough to write in step with the chip.
+        self.host.set_poll_ns(cycle_ns / POLLS_A_CYCLE);
+        let (Some(clock_hz), config) = (info.clock_hz, self.host.config()) else { return Ok(()) };
+        // An answer is waited for before the next write, unless writes may overtake it.
+        let exchanges = if config.pipelined_writes { 1 } else { 2 };
+        let budget = Budget { process_bytes, clock_hz, idle_ns: config.idle_ns, cycle_ns, exchanges };
+        if config.wanted_size.is_some() || info.size.is_some() {
+            return Ok(budget.check(self.host.size())?);
+        }
+        let size = budget.choose_size()?;
+        if size != self.host.size() {
+            self.host.resize(self.link.now(), size);
+            self.start()?;
+        }
+        Ok(())
+    }
+
+    /// Reads the inputs as they are now, past the FIFO.
+    ///
+    /// # Errors
+    /// [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
+    pub fn read_inputs(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
+        if !data.inputs.is_empty() {
+            self.exchange(data, Exchanged::DirectRead)?;
+        }
+        Ok(())
+    }
+
+    /// One cycle of a program: waits until fewer than [`ProcessData::ahead`] RxPDOs are in the chip's FIFO, adds one,
+    /// and reads inputs. The chip sends one in each EtherCAT cycle, so that the program keeps the network's pace.
+    ///
+    /// # Errors
+    /// [`XfError::FifoStands`], [`XfError::ProcessData`], [`XfError::Chip`], [`XfError::Link`].
+    pub fn cycle(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
+        self.wait_held(data.ahead.max(1) - 1)?;
+        let outputs = std::mem::take(&mut data.outputs);
+        let done = self.exchange(data, Exchanged::Exchange { count: 1, outputs: &outputs });
+        data.outputs = outputs;
+        done?;
+        let waiting = self.header().tx_fifo;
+        if waiting > TX_BACKLOG && !data.inputs.is_empty() {
+            let most = (self.host.size().bytes() / data.inputs.len()).min(usize::from(u8::MAX)) as u8;
+            self.exchange(data, Exchanged::Read { count: waiting.min(most) })?;
+        }
+        Ok(())
+    }
+
+    /// Waits until the chip has sent all that was written, and reads the inputs after that.
+    ///
+    /// # Errors
+    /// As with [`Self::cycle`].
+    pub fn finish(&mut self, data: &mut ProcessData) -> Result<(), XfError> {
+        self.wait_held(0)?;
+        // The last RxPDO leaves in a cycle, and the inputs of the next one show it.
+        self.pass(Duration::from_millis(10))?;
+        self.read_inputs(data)
+    }
+
+    /// Waits until the RxFIFO holds so many PDOs at most.
+    fn wait_held(&mut self, most: u8) -> Result<(), XfError> {
+        let (mut held, mut since) = (self.held(), self.link.now());
+        while held > most {
+            self.step(Ns::MAX)?;
+            let (now_held, now) = (self.held(), self.link.now());
+            if now_held < held {
+                (held, since) = (now_held, now);
+            } else if now - since > super::ns(STANDS) {
+                return Err(XfError::FifoStands { held, waited: Duration::from_nanos(now - since) });
+            }
+        }
+        Ok(())
+    }
+
+    /// RxPDOs that the chip's FIFO holds at most.
+    fn held(&self) -> u8 {
+        self.host.rx_entries().saturating_sub(self.host.rx_free())
+    }
+
+    fn exchange(&mut self, data: &mut ProcessData, exchanged: Exchanged<'_>) -> Result<(), XfError> {
+        if self.exchange_raw(exchanged)? {
+            data.keep(self.host.inputs());
+        }
+        Ok(())
+    }
+
+    /// Exchanges process data; whether any were read.
+    pub(super) fn exchange_raw(&mut self, exchanged: Exchanged<'_>) -> Result<bool, XfError> {
+        self.moves |= !matches!(exchanged, Exchanged::Read { .. } | Exchanged::DirectRead);
+        let sequence = self.host.process(exchanged)?;
+        let outcome = loop {
+            self.step(Ns::MAX)?;
+            if let Some(report) = self.host.take_report().filter(|report| report.sequence == sequence) {
+                break report.outcome;
+            }
+        };
+        match outcome {
+            ProcessOutcome::Done { read } => Ok(read),
+            // They are in the FIFO; the inputs are those of a cycle before.
+            ProcessOutcome::AnswerLost => Ok(false),
+            outcome => Err(XfError::ProcessData { outcome }),
+        }
+    }
+}

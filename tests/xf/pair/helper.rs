@@ -1,0 +1,98 @@
+//! The CiA 402 helper with a drive.
+
+use ecmsk::cia402::DriveState;
+use ecmsk::xf::EtherCatState;
+use ecmsk::xf::host::{ProcessData, ProcessOutcome};
+use ecmsk::xf::request::{
+    FifoEnable, HelperConfigSet, HelperControl, HelperControlGet, HelperControlSet, HelperStateGet, HelperStateSet,
+    HelperStatuswordGet, SdoOperation,
+};
+
+use super::{MS, Pair, sdo};
+use crate::{motor, slave};
+
+/// In OP, the drives in CSP, the FIFO on. Motor 5 is slave 1.
+fn configured(control: HelperControl) -> Pair {
+    let mut pair = Pair::running();
+    pair.bring_to(EtherCatState::PreOp);
+    pair.run(&sdo(1, 0x6060, 0, SdoOperation::Write(&[8])));
+    pair.bring_to(EtherCatState::Op);
+    pair.run(&FifoEnable { on: true });
+    pair.run(&HelperConfigSet {
+        motor: motor(5),
+        controlword_offset: 0,
+        statusword_offset: 0,
+        control,
+        slave: slave(1),
+    });
+    pair
+}
+
+/// The state as the drive itself has it, 0x6041.
+fn real_state(pair: &mut Pair) -> Option<DriveState> {
+    ecmsk::cia402::Statusword(pair.object(1, 0x6041, 0) as u16).state()
+}
+
+fn lead_to(pair: &mut Pair, state: DriveState) {
+    pair.run(&HelperStateSet { motor: motor(5), state });
+    pair.pass(500 * MS);
+}
+
+/// An RxPDO with a controlword and a target for slave 1.
+fn outputs(controlword: u16, target: i32) -> [u8; 14] {
+    let mut pdo = [0; 14];
+    pdo[6..8].copy_from_slice(&controlword.to_le_bytes());
+    pdo[8..12].copy_from_slice(&target.to_le_bytes());
+    pdo
+}
+
+/// XF-13.1 402_CONFIG_SET (XF EN 750) and 402_STATE_SET (XF EN 767) bring a drive to Operation enabled, where it moves
+/// by process data; 402_STATE_GET (XF EN 778) and 402_GET_STATUSWORD (XF EN 1432) tell what the drive says.
+#[test]
+pub fn a_drive_is_led() {
+    let mut pair = configured(HelperControl::ON);
+    lead_to(&mut pair, DriveState::OperationEnabled);
+    assert_eq!(real_state(&mut pair), Some(DriveState::OperationEnabled));
+    let shaft = |pair: &mut Pair| pair.chip().network().slave(1).and_then(|slave| slave.shaft(0)).expect("an axis");
+    let from = shaft(&mut pair);
+    for n in 1..=100 {
+        let written = ProcessData::Exchange { count: 1, outputs: &outputs(0, n * 50) };
+        assert!(matches!(pair.process(written), ProcessOutcome::Done { .. }));
+    }
+    pair.pass(300 * MS);
+    assert!((shaft(&mut pair) - from - 5000).abs() < 10, "{}", shaft(&mut pair));
+    for target in [DriveState::SwitchedOn, DriveState::ReadyToSwitchOn, DriveState::SwitchOnDisabled] {
+        lead_to(&mut pair, target);
+        assert_eq!(real_state(&mut pair), Some(target));
+        assert_eq!(pair.get(&HelperStateGet { motor: motor(5) }, |state| state.state()), Some(target));
+        let word = pair.get(&HelperStatuswordGet { motor: motor(5) }, |word| word.0);
+        assert_eq!(u32::from(word), pair.object(1, 0x6041, 0));
+    }
+}
+
+/// XF-13.1 402_CTL_SET (XF EN 795) changes the control byte, and 402_CTL_GET (XF EN 813) tells it: without bit 4 the
+/// controlword is the host's own.
+#[test]
+pub fn control_byte() {
+    let mut pair = configured(HelperControl::ON);
+    let get = HelperControlGet { motor: motor(5) };
+    assert_eq!(pair.get(&get, |control| control), HelperControl::ON);
+    let set = |control| HelperControlSet { motor: motor(5), control, motors: 1, slave: slave(1) };
+    pair.process(ProcessData::DirectExchange { outputs: &outputs(0x0106, 0) });
+    pair.pass(5 * MS);
+    assert_eq!(pair.object(1, 0x6040, 0), 0x0100, "bits 0 to 3 are the helper's");
+    pair.run(&set(HelperControl::RESET_ALWAYS));
+    assert_eq!(pair.get(&get, |control| control), HelperControl::RESET_ALWAYS);
+    pair.pass(5 * MS);
+    assert_eq!(pair.object(1, 0x6040, 0), 0x0106);
+}
+
+/// XF-13.1 [OURS] Commands for a motor that 402_CONFIG_SET has not set end with the chip's refusal.
+#[test]
+fn motors_that_are_not_configured() {
+    let mut pair = Pair::in_state(EtherCatState::PreOp);
+    pair.is_refused(&HelperStateGet { motor: motor(5) });
+    pair.is_refused(&HelperStateSet { motor: motor(5), state: DriveState::OperationEnabled });
+    pair.is_refused(&HelperControlGet { motor: motor(5) });
+    pair.is_refused(&HelperStatuswordGet { motor: motor(5) });
+}

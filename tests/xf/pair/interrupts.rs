@@ -1,0 +1,130 @@
+//! INT0 and INT1.
+
+use ecmsk::xf::chip::Profile;
+use ecmsk::xf::host::{HostConfig, Pacing};
+use ecmsk::xf::request::{
+    GpioChannel, GpioIntEnable, GpioTrigger, InfoUpdate, InterruptEnable, InterruptGetEnable, InterruptSetEnable,
+    PeripheralInterrupts, Polarity,
+};
+use ecmsk::xf::{EtherCatState, Interrupts};
+
+use super::{MS, Pair, drive};
+
+fn enable(polarity: Polarity, sources: Interrupts) -> InterruptSetEnable {
+    InterruptSetEnable {
+        enable: InterruptEnable { polarity, sources, gpio: 0, peripherals: PeripheralInterrupts::NONE },
+    }
+}
+
+fn int1(pair: &mut Pair) -> bool {
+    let now = pair.now;
+    pair.chip().int1(now)
+}
+
+/// XF-13.1 INT_SET_ENABLE (XF EN 1310): INT1 is active, low at first, while a flag that is enabled is set; the header
+/// of the next packet clears it. INT_GET_ENABLE (XF EN 1327) tells what was set.
+#[test]
+pub fn int1_and_its_flags() {
+    let mut pair = Pair::running();
+    let cleared = |pair: &mut Pair| {
+        pair.host.clear_interrupts(Interrupts::CRC, 0);
+        pair.run(&InfoUpdate);
+        !pair.header().interrupts.contains(Interrupts::CRC)
+    };
+    pair.damages_next = true;
+    pair.run(&InfoUpdate);
+    assert!(pair.header().interrupts.contains(Interrupts::CRC), "it is set whether it is enabled or not");
+    assert!(int1(&mut pair), "and INT1 is inactive, high");
+    for (polarity, active) in [(Polarity::INT0_HIGH, false), (Polarity::INT0_HIGH | Polarity::INT1_HIGH, true)] {
+        let set = enable(polarity, Interrupts::CRC);
+        pair.run(&set);
+        assert_eq!(pair.get(&InterruptGetEnable, |enable| enable), set.enable);
+        assert_eq!(int1(&mut pair), active);
+        assert!(cleared(&mut pair));
+        assert_eq!(int1(&mut pair), !active);
+        pair.damages_next = true;
+        pair.run(&InfoUpdate);
+        assert_eq!(int1(&mut pair), active);
+    }
+    pair.run(&enable(Polarity::INT0_HIGH, Interrupts::ETHERCAT));
+    assert!(int1(&mut pair), "another one is enabled");
+}
+
+/// XF-13.1 Masks of INT_SET_ENABLE for GPIO 0 to 7 and 8 to 11 (XF EN 1310): a channel raises INT1 by its own bit
+/// alone.
+#[test]
+fn int1_and_gpio() {
+    for (channel, gpio, peripherals) in
+        [(3, 1 << 3, PeripheralInterrupts::NONE), (10, 0, PeripheralInterrupts::GPIO_10)]
+    {
+        for other in [false, true] {
+            let mut pair = Pair::running();
+            let wired = if other { channel + 1 } else { channel };
+            let edges =
+                GpioIntEnable { channel: GpioChannel::new(wired).expect("0 to 19"), trigger: GpioTrigger::Both };
+            pair.run(&edges);
+            let enable =
+                InterruptEnable { polarity: Polarity::INT0_HIGH, sources: Interrupts::NONE, gpio, peripherals };
+            pair.run(&InterruptSetEnable { enable });
+            let now = pair.now;
+            pair.chip().wire_gpio(now, wired, Some(true));
+            assert_eq!(int1(&mut pair), other, "active is low");
+            pair.host.clear_interrupts(Interrupts::NONE, 1 << wired);
+            pair.run(&InfoUpdate);
+            assert!(int1(&mut pair));
+        }
+    }
+}
+
+/// XF-13.1 INT0 (XF EN 1706) is high when the chip is ready: a driver that goes by it exchanges faster than one that
+/// leaves 150 us of idle time, and none of its packets meets a chip that is not ready; while the chip starts it does
+/// not come, and the driver waits.
+#[test]
+fn int0_paces() {
+    let exchanges = |pacing, skips_to: EtherCatState| {
+        let config = HostConfig { pacing, ..HostConfig::DEFAULT };
+        let mut pair = Pair::running_with(Profile::OLD, config, vec![drive()]);
+        pair.bring_to(skips_to);
+        let (before, since) = (pair.host.counters(), pair.now);
+        for _ in 0..50 {
+            pair.run(&InterruptGetEnable);
+        }
+        let counters = pair.host.counters();
+        assert_eq!((counters.not_ready, counters.int0_missed), (before.not_ready, before.int0_missed));
+        pair.now - since
+    };
+    let (idle, int0) = (exchanges(Pacing::Idle, EtherCatState::Op), exchanges(Pacing::Int0, EtherCatState::Op));
+    assert!(int0 < idle, "{int0} {idle}");
+}
+
+/// XF-13.1 With bit 1 of INT_SET_ENABLE's parameter clear INT0 is low when the chip is ready (XF EN 1310).
+#[test]
+fn int0_of_the_other_polarity() {
+    let low = enable(Polarity::NONE, Interrupts::NONE);
+    let config = HostConfig { pacing: Pacing::Int0, ..HostConfig::DEFAULT };
+    let mut pair = Pair::running_with(Profile::OLD, config, vec![]);
+    pair.int0_active = false;
+    let ticket = pair.submit(&low);
+    // Until the chip has taken the command, its line is still that of before.
+    for _ in 0..3 {
+        let now = pair.now + MS;
+        pair.turn(now);
+        pair.host.ready(pair.now);
+    }
+    pair.result(ticket, &low, |()| ()).expect("it was taken");
+    let counters = pair.host.counters();
+    for _ in 0..50 {
+        pair.run(&InterruptGetEnable);
+    }
+    assert_eq!(pair.host.counters().int0_missed, counters.int0_missed);
+
+    // Wired for the other polarity the driver takes "busy" for "ready": the chip says that it is not, and nothing is
+    // lost.
+    pair.int0_active = true;
+    let before = pair.host.counters();
+    for _ in 0..50 {
+        pair.run(&InterruptGetEnable);
+    }
+    let after = pair.host.counters();
+    assert!(after.not_ready > before.not_ready && after.answers_lost == 0, "{after:?}");
+}

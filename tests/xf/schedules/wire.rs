@@ -1,0 +1,191 @@
+//! The wire between the driver and the chip: what goes wrong on it, and with the chip at its end.
+
+use ecmsk::ethercat::Ns;
+use ecmsk::xf::chip::{Chip, ChipPort, Profile, Timing};
+use ecmsk::xf::request::{Encode, SpiReconfig, WarmReset};
+use ecmsk::xf::{
+    AnswerPacket, CheckRule, CommandCode, CommandHeader, Coverage, DataSize, MAX_PACKET, Received, write_answer,
+    write_request,
+};
+use support::dice::Dice;
+
+use super::network::Logged;
+
+/// How long a byte takes at 24 MHz.
+const BYTE: Ns = 333;
+/// Longer than a chip here works on a packet.
+const PACKETS_APART: Ns = 3_000_000;
+/// The PHY and the register whose values are written down.
+pub const REGISTER: (u8, u8) = (1, 5);
+/// Where in the flash memory a number is written.
+pub const FLASH_AT: usize = 0x100;
+
+/// What goes wrong with an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fault {
+    /// Bits of the command are flipped.
+    FlippedToChip,
+    /// Bits of the answer are flipped.
+    FlippedToHost,
+    /// The chip misses clocks: from there on it is behind the host.
+    LostClocks,
+    /// The chip sees clocks that the host has not given.
+    ExtraClocks,
+    /// The exchange fails before its end, and the host has nothing of it.
+    Failed,
+    /// The host has only the beginning of the answer.
+    Truncated,
+    /// The packet goes out twice; the host has the first answer, or the second one.
+    Repeated,
+    /// The host has the answer of the exchange before once more.
+    Late,
+    /// The host has an answer to a command that it has never sent.
+    Stranger,
+    /// The chip is reset.
+    Reset,
+    /// Its packets have another size from now on.
+    Resized,
+}
+
+pub struct Wire {
+    pub port: ChipPort<Logged>,
+    last_answer: Vec<u8>,
+    /// Values of the register and of the flash memory, as they changed.
+    pub registers: Vec<u16>,
+    pub flash: Vec<u32>,
+}
+
+impl Wire {
+    pub fn new(profile: Profile, timing: Timing) -> Self {
+        let port = ChipPort::new(Chip::with_timing(profile, timing, Logged::new()));
+        Self { port, last_answer: Vec::new(), registers: Vec::new(), flash: Vec::new() }
+    }
+
+    /// Clocks a packet out and in. When it ended, and what came back.
+    pub fn exchange(&mut self, now: Ns, packet: &[u8], fault: Option<Fault>, dice: &mut Dice) -> (Ns, Vec<u8>) {
+        let end = now + BYTE * packet.len() as Ns;
+        let answer = self.faulty(end, packet, fault, dice);
+        self.look();
+        (end, answer)
+    }
+
+    fn faulty(&mut self, end: Ns, packet: &[u8], fault: Option<Fault>, dice: &mut Dice) -> Vec<u8> {
+        let mut packet = packet.to_vec();
+        if fault == Some(Fault::FlippedToChip) {
+            flip(&mut packet, dice);
+        }
+        let at = dice.below(packet.len() as u64 + 1) as usize;
+        let mut answer = match fault {
+            Some(Fault::LostClocks) => {
+                let lost = (dice.below(40) as usize).min(packet.len() - at);
+                let mut answer = self.clock(end, &packet[..at]);
+                answer.resize(at + lost, dice.pick(&[0, 0xFF]));
+                answer.extend(self.clock(end, &packet[at + lost..]));
+                answer
+            }
+            Some(Fault::ExtraClocks) => {
+                let mut answer = self.clock(end, &packet[..at]);
+                self.clock(end, &vec![0; 1 + dice.below(40) as usize]);
+                answer.extend(self.clock(end, &packet[at..]));
+                answer
+            }
+            Some(Fault::Failed) => {
+                self.clock(end, &packet[..at]);
+                Vec::new()
+            }
+            Some(Fault::Repeated) => {
+                let first = self.clock(end, &packet);
+                let second = self.clock(end + dice.pick(&[0, 1_000_000]), &packet);
+                if dice.one_in(2) { first } else { second }
+            }
+            _ => self.clock(end, &packet),
+        };
+        let before = std::mem::replace(&mut self.last_answer, answer.clone());
+        match fault {
+            Some(Fault::FlippedToHost) => flip(&mut answer, dice),
+            Some(Fault::Truncated) => answer.truncate(at),
+            Some(Fault::Late) if before.len() == answer.len() => answer = before,
+            Some(Fault::Stranger) => answer = stranger(answer, dice),
+            _ => {}
+        }
+        answer
+    }
+
+    fn clock(&mut self, now: Ns, to_chip: &[u8]) -> Vec<u8> {
+        let mut from_chip = vec![0; to_chip.len()];
+        self.port.transfer(now, to_chip, &mut from_chip);
+        from_chip
+    }
+
+    /// The chip is reset as by its reset line.
+    pub fn reset(&mut self, now: Ns) {
+        self.give(now, &WarmReset);
+    }
+
+    /// The chip changes the size of its packets by itself. If it is another one: a packet between two copies of one would
+    /// let that run twice.
+    pub fn resize(&mut self, now: Ns, size: DataSize) {
+        if size != self.port.chip().size() {
+            self.give(now, &SpiReconfig { size });
+        }
+    }
+
+    /// The chip takes a packet past the wire, with one check word or the other.
+    fn give(&mut self, now: Ns, request: &impl Encode) {
+        let chip = self.port.chip_mut();
+        let mut now = now.max(chip.now());
+        for rule in [CheckRule::CRC32, CheckRule::FIXED] {
+            now += PACKETS_APART;
+            let mut buffer = [0; MAX_PACKET];
+            let header = CommandHeader::with_index(0);
+            let packet = write_request(&mut buffer, chip.size(), rule, header, request).expect("it fits");
+            chip.exchange(now, packet, &mut []);
+        }
+    }
+
+    /// Writes down what has changed in the chip.
+    fn look(&mut self) {
+        let chip = self.port.chip_mut();
+        let register = *chip.phy_register_mut(REGISTER.0, REGISTER.1).expect("there is one");
+        let flash = chip.flash()[FLASH_AT..].first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+        if register != 0 && self.registers.last() != Some(&register) {
+            self.registers.push(register);
+        }
+        if flash != u32::MAX && self.flash.last() != Some(&flash) {
+            self.flash.push(flash);
+        }
+    }
+}
+
+/// A few bits anywhere, or some bytes in a row.
+fn flip(bytes: &mut [u8], dice: &mut Dice) {
+    let len = bytes.len() as u64;
+    if dice.one_in(4) {
+        let from = dice.below(len) as usize;
+        let burst = bytes[from..].iter_mut().take(1 + dice.below(32) as usize);
+        burst.for_each(|byte| *byte ^= dice.roll() as u8);
+    } else {
+        for _ in 0..=dice.below(3) {
+            bytes[dice.below(len) as usize] ^= 1 << dice.below(8);
+        }
+    }
+}
+
+/// The answer with another index, code or both, and a right check word.
+fn stranger(answer: Vec<u8>, dice: &mut Dice) -> Vec<u8> {
+    let size = answer.len().checked_sub(32).and_then(DataSize::new);
+    let Some(size) = size else { return answer };
+    let Ok(Received::Answer(parsed)) = AnswerPacket::parse(&answer, size, Coverage::All) else { return answer };
+    let Ok(kind) = parsed.header.status.check_type() else { return answer };
+    let mut header = parsed.header;
+    if dice.one_in(2) {
+        // None of those that the host has just sent.
+        header.index = header.index.wrapping_add(100 + dice.below(50) as u8);
+    } else {
+        header.code = CommandCode::from_code(200 + dice.below(50) as u8);
+    }
+    let mut buffer = [0; MAX_PACKET];
+    let data = &parsed.data[..usize::from(header.len).min(parsed.data.len())];
+    let rule = CheckRule { kind, coverage: Coverage::All };
+    write_answer(&mut buffer, size, rule, header, &data).expect("it fits").to_vec()
+}

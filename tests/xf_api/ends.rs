@@ -1,0 +1,154 @@
+//! What a program leaves behind when it ends.
+
+use ecmsk::cia402::{DriveState, Statusword};
+use ecmsk::coe::ObjectAddress;
+use ecmsk::ethercat::AlState;
+use ecmsk::xf::EtherCatState;
+use ecmsk::xf::request::{FifoEnable, Slaves};
+use ecmsk::xf_api::XfError;
+
+use super::{Kept, POSITION, TARGET, enabled, safe_op, started};
+
+const S: u64 = 1_000_000_000;
+const VELOCITY: ObjectAddress = ObjectAddress::new(0x606C, 0);
+
+fn drive_state(chip: &Kept, slave: u8) -> Option<DriveState> {
+    Statusword(chip.object(slave, ObjectAddress::new(0x6041, 0)) as u16).state()
+}
+
+/// Two axes that move at 10 counts a cycle.
+fn moving() -> (ecmsk::Xf<Kept>, Kept, ecmsk::xf_api::ProcessData) {
+    let (mut xf, chip) = started("drive*2");
+    let mut data = enabled(&mut xf).unwrap();
+    for n in 1..=200 {
+        for slave in 0..2 {
+            data.set(data.output::<i32>(slave, TARGET).unwrap(), 10 * n);
+        }
+        xf.cycle(&mut data).unwrap();
+    }
+    assert_ne!(chip.object(0, VELOCITY), 0);
+    (xf, chip, data)
+}
+
+fn stands_and_is_off(chip: &Kept) {
+    for slave in 0..2 {
+        assert_eq!(chip.state(slave), Some(AlState::SafeOp));
+        let at = chip.object(slave, POSITION);
+        chip.alone(S);
+        assert_eq!(chip.object(slave, POSITION), at, "it stands");
+        assert_eq!(drive_state(chip, slave), Some(DriveState::SwitchOnDisabled));
+    }
+}
+
+/// XF-17.10 A program that ends, by `close`, by dropping or by a panic, leaves axes that stand and are off, and a
+/// network in SafeOP.
+#[test]
+fn an_end_stops_the_axes() {
+    let (xf, chip, _) = moving();
+    xf.close().unwrap();
+    stands_and_is_off(&chip);
+
+    let (xf, chip, _) = moving();
+    drop(xf);
+    stands_and_is_off(&chip);
+
+    let (xf, chip, _) = moving();
+    let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(move || {
+        let _xf = xf;
+        panic!("a program's own fault");
+    }));
+    assert!(panicked.is_err());
+    stands_and_is_off(&chip);
+}
+
+/// XF-17.10 In CSV, where the chip's repeating of the last outputs would let an axis go on for ever, too.
+#[test]
+fn an_end_stops_an_axis_in_csv() {
+    let (mut xf, chip) = started("drive*2");
+    // 0x60FF in the place of 0x607A.
+    let mut data = {
+        xf.start_network(&ecmsk::xf_api::NetworkConfig::default()).unwrap();
+        xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
+        for slave in 0..2 {
+            let at = |sub| ObjectAddress::new(0x1600, sub);
+            xf.sdo_write(slave, at(0), 0_u8).unwrap();
+            xf.sdo_write(slave, at(2), 0x60FF_0020_u32).unwrap();
+            xf.sdo_write(slave, at(0), 2_u8).unwrap();
+        }
+        safe_op_in(&mut xf, 9).unwrap()
+    };
+    xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
+    xf.run(&FifoEnable { on: true }).unwrap();
+    xf.cycle(&mut data).unwrap();
+    for motor in 0..2 {
+        xf.enable(motor).unwrap();
+    }
+    let velocity = ObjectAddress::new(0x60FF, 0);
+    for slave in 0..2 {
+        data.set(data.output::<i32>(slave, velocity).unwrap(), 50_000);
+    }
+    for _ in 0..100 {
+        xf.cycle(&mut data).unwrap();
+    }
+    chip.alone(S);
+    assert_ne!(chip.object(0, VELOCITY), 0, "the chip repeats the last outputs");
+    drop(xf);
+    stands_and_is_off(&chip);
+}
+
+/// Sets the mode without a start of the network, which would undo the mapping.
+fn safe_op_in(xf: &mut ecmsk::Xf<Kept>, mode: i8) -> Result<ecmsk::xf_api::ProcessData, XfError> {
+    for slave in 0..2 {
+        xf.sdo_write(slave, super::MODE, mode)?;
+    }
+    xf.run(&ecmsk::xf::request::Reconfig)?;
+    xf.set_state(Slaves::All, EtherCatState::SafeOp)?;
+    let data = xf.process_data()?;
+    for slave in 0..2 {
+        xf.add_axis(slave, slave, &data)?;
+    }
+    Ok(data)
+}
+
+/// XF-17.10 An axis that was asked to come up and of which nothing more was heard is stopped like one that came up.
+#[test]
+fn an_axis_on_its_way_up_is_stopped() {
+    let (mut xf, chip) = started("drive*2");
+    let mut data = safe_op(&mut xf, 8).unwrap();
+    xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
+    xf.run(&FifoEnable { on: true }).unwrap();
+    xf.cycle(&mut data).unwrap();
+    chip.cut_after(1);
+    let error = xf.enable(0).unwrap_err();
+    assert!(matches!(error, XfError::Link(_)), "{error}");
+    chip.cut_after(u32::MAX);
+    drop(xf);
+    chip.alone(S);
+    assert_eq!(drive_state(&chip, 0), Some(DriveState::SwitchOnDisabled));
+    assert_eq!(chip.state(0), Some(AlState::SafeOp));
+}
+
+/// XF-17.10 A program that has moved nothing, or says that it comes back, leaves the network as it is.
+#[test]
+fn what_was_not_moved_is_left_alone() {
+    let (mut xf, chip) = started("drive*2");
+    let data = safe_op(&mut xf, 8).unwrap();
+    xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
+    drop(data);
+    drop(xf);
+    chip.alone(S / 10);
+    assert_eq!(chip.state(1), Some(AlState::Op));
+
+    let (xf, chip, _) = moving();
+    xf.leave();
+    assert_eq!((chip.state(0), drive_state(&chip, 0)), (Some(AlState::Op), Some(DriveState::OperationEnabled)));
+}
+
+/// XF-17.10 Without wires `close` says that it could stop nothing.
+#[test]
+fn without_wires_close_is_an_error() {
+    let (xf, chip, _) = moving();
+    chip.cut_after(0);
+    assert!(matches!(xf.close(), Err(XfError::Link(_))));
+    assert_eq!(drive_state(&chip, 0), Some(DriveState::OperationEnabled));
+}

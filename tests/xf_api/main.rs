@@ -1,0 +1,144 @@
+//! `ecmsk::Xf`: a chip behind its link as a program uses it, on the model.
+#![cfg(feature = "sim")]
+
+mod ends;
+mod example;
+mod network;
+mod picture;
+mod process;
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use ecmsk::ethercat::Ns;
+use ecmsk::link::chip::{ChipError, ChipInfo, ChipLink, SimChip};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::xf::EtherCatState;
+use ecmsk::xf::host::{HostConfig, Pacing, Wires};
+use ecmsk::xf::request::{FifoEnable, Reconfig, Slaves};
+use ecmsk::xf_api::{NetworkConfig, ProcessData, Xf, XfError};
+use ecmsk::{coe::ObjectAddress, slave::Slave};
+
+const MODE: ObjectAddress = ObjectAddress::new(0x6060, 0);
+const TARGET: ObjectAddress = ObjectAddress::new(0x607A, 0);
+const POSITION: ObjectAddress = ObjectAddress::new(0x6064, 0);
+
+/// A model that the test still has when the program is gone, as a chip outlives its host.
+#[derive(Clone)]
+struct Kept(Arc<Mutex<SimChip>>, Arc<Mutex<Option<u32>>>);
+
+impl Kept {
+    fn new(uri: &str) -> Self {
+        let chip = SimChip::from_uri(&LinkUri::parse(uri).expect("a URI")).expect("a chip");
+        Self(Arc::new(Mutex::new(chip)), Arc::default())
+    }
+
+    fn chip(&self) -> MutexGuard<'_, SimChip> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// After so many exchanges the wires are cut.
+    fn cut_after(&self, exchanges: u32) {
+        *self.1.lock().unwrap() = Some(exchanges);
+    }
+
+    /// Lets the chip run without a host.
+    fn alone(&self, ns: Ns) {
+        let mut chip = self.chip();
+        let until = chip.now() + ns;
+        chip.wait_until(until).unwrap();
+        let _ = chip.int1();
+    }
+
+    fn state(&self, slave: u8) -> Option<ecmsk::ethercat::AlState> {
+        use ecmsk::xf::chip::Network as _;
+        self.chip().chip().network().state(slave)
+    }
+
+    /// The object of a slave, as a number.
+    fn object(&self, slave: u8, object: ObjectAddress) -> u32 {
+        let mut chip = self.chip();
+        let slave: &mut dyn Slave = chip.chip_mut().network_mut().slave_mut(slave).expect("a slave");
+        slave.upload(object).expect("the object").bits
+    }
+}
+
+impl Wires for Kept {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.chip().now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        if let Some(left) = self.1.lock().unwrap().as_mut() {
+            let Some(fewer) = left.checked_sub(1) else {
+                return Err(ChipError::Wires { name: "test".into(), message: "cut".into() });
+            };
+            *left = fewer;
+        }
+        self.chip().exchange(to_chip, from_chip)
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        self.chip().wait_until(time)
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
+        self.chip().wait_ready(until)
+    }
+}
+
+impl ChipLink for Kept {
+    fn info(&self) -> ChipInfo {
+        self.chip().info()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.chip().int1()
+    }
+}
+
+/// A program that has started a chip with these slaves, on virtual time.
+fn started(slaves: &str) -> (Xf<Kept>, Kept) {
+    opened(&format!("xf-sim:?clock=virtual&slaves={slaves}"))
+}
+
+fn opened(uri: &str) -> (Xf<Kept>, Kept) {
+    let chip = Kept::new(uri);
+    let pacing = if chip.info().has_int0 { Pacing::Int0 } else { Pacing::Idle };
+    let config = HostConfig { size: chip.info().size, pacing, ..HostConfig::DEFAULT };
+    (Xf::over(chip.clone(), config).expect("it starts"), chip)
+}
+
+/// Brings the drives of a chip to SafeOP in a mode, with every slave an axis of its own number.
+fn safe_op(xf: &mut Xf<Kept>, mode: i8) -> Result<ProcessData, XfError> {
+    let slaves = xf.start_network(&NetworkConfig::default())?;
+    xf.set_state(Slaves::All, EtherCatState::PreOp)?;
+    for slave in 0..slaves {
+        xf.sdo_write(slave, MODE, mode)?;
+    }
+    xf.run(&Reconfig)?;
+    xf.set_state(Slaves::All, EtherCatState::SafeOp)?;
+    let data = xf.process_data()?;
+    for slave in 0..slaves {
+        xf.add_axis(slave, slave, &data)?;
+    }
+    Ok(data)
+}
+
+/// Brings the drives to Operation enabled in CSP.
+fn enabled(xf: &mut Xf<Kept>) -> Result<ProcessData, XfError> {
+    let mut data = safe_op(xf, 8)?;
+    let slaves = data.layout().outputs.len() as u8;
+    for slave in 0..slaves {
+        let start = data.get(data.input::<i32>(slave, POSITION)?);
+        data.set(data.output(slave, TARGET)?, start);
+    }
+    xf.set_state(Slaves::All, EtherCatState::Op)?;
+    xf.run(&FifoEnable { on: true })?;
+    xf.cycle(&mut data)?;
+    for motor in 0..slaves {
+        xf.enable(motor)?;
+    }
+    Ok(data)
+}

@@ -1,0 +1,87 @@
+//! `ecmsk serve xf`: makes a chip ECM-XF available to hosts that are not ours.
+
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::ValueEnum;
+use ecmsk::link::chip::{self, ChipInfo};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::port::xf::{Listen, OnVanish, Options, ServeError, Server};
+
+use crate::error::say;
+use crate::{CliError, signals, stderr};
+
+/// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim in the place of SPI
+///
+/// The few bytes around each exchange are described in docs/XF-PORT.md; examples/c/xf_client.c is a host of one page.
+/// One host at a time has the chip. Standard output says where it listens and what it serves, standard error who comes
+/// and goes. It knows no password, so it listens on this machine alone. Ctrl-C and SIGTERM end it, and stop axes if
+/// there is a host.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk serve xf --link 'xf-sim:?slaves=drive*2'
+  ecmsk serve xf --link 'xf-sim:?slaves=drive*2&chip_fw=old' --listen unix:/run/user/1000/xf")]
+pub struct Args {
+    /// Chip to serve, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Where to listen: a port of this machine, or a Unix socket, which this user alone may use
+    #[arg(long, value_name = "ADDR:PORT|unix:PATH", default_value_t = Options::default().listen)]
+    listen: Listen,
+
+    /// Listen where other machines reach it, too: whoever reaches it moves the axes, nobody is asked for a password. A tunnel is
+    /// better: docs/XF-PORT.md
+    #[arg(long)]
+    insecure_anyone: bool,
+
+    /// What happens when the host is gone without having said that it ends
+    #[arg(long, value_enum, default_value_t = Vanish::SafeOp)]
+    on_vanish: Vanish,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Vanish {
+    /// Bring slaves in OP to SafeOP: drives brake by themselves and are off
+    SafeOp,
+    /// Leave the chip: what is in its FIFO goes out, and the last outputs are repeated
+    Leave,
+}
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let failed = |source| ServeError::System { what: "catch signals", source };
+    // Signals are watched before anything can move.
+    let end_request = signals::EndRequest::watch().map_err(failed)?;
+    stderr::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
+    let uri = super::served(args.link.as_ref())?.to_string();
+    let options = Options {
+        listen: args.listen.clone(),
+        insecure_anyone: args.insecure_anyone,
+        on_vanish: match args.on_vanish {
+            Vanish::SafeOp => OnVanish::SafeOp,
+            Vanish::Leave => OnVanish::Leave,
+        },
+        tell: Arc::new(|line| say("serve", &line)),
+        ..Options::default()
+    };
+    if let Listen::Tcp(address) = &args.listen
+        && !address.ip().is_loopback()
+        && args.insecure_anyone
+    {
+        say("note", &format_args!("whoever reaches {address} can use the chip: nobody is asked for a password"));
+    }
+    let server = Server::start(move || chip::open(&uri), options)?;
+    super::announce(format!("listening on {}; serving {}\n", server.listen(), described(server.info())))?;
+    let signal = end_request.wait();
+    server.flush();
+    say("serve", &format_args!("stopped by {signal}"));
+    server.stop();
+    Ok(ExitCode::SUCCESS)
+}
+
+fn described(info: &ChipInfo) -> String {
+    let clock = if info.virtual_time { "virtual clock" } else { "real clock" };
+    let int0 = if info.has_int0 { "with INT0" } else { "without INT0" };
+    format!("{} ({clock}, {int0})", info.name)
+}

@@ -1,0 +1,80 @@
+//! `xf commands`: the table of the chip's commands and functions.
+
+use std::fmt::Write;
+
+use ecmsk::xf::code::Timing;
+use ecmsk::xf::fields::{FUNCTIONS, FunctionFields};
+use serde_json::{Value, json};
+
+use super::XfVerbError;
+use crate::output;
+
+/// List the 91 functions of the chip: code, name, whether it is done at once, and what it does
+///
+/// A function of the codes 31 to 35 stands with the parameter that names it, as 31:8. `xf raw` takes each by its name, or by
+/// that of its type, which stands behind it.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Print one JSON object for each function, each on a line of its own
+    #[arg(long)]
+    json: bool,
+}
+
+/// # Errors
+/// [`XfVerbError::Output`]
+pub fn run(args: &Args) -> Result<(), XfVerbError> {
+    let text = if args.json { FUNCTIONS.iter().map(|row| format!("{}\n", line_json(row))).collect() } else { table() };
+    Ok(output::print(text)?)
+}
+
+fn table() -> String {
+    let widest = |text: fn(&FunctionFields) -> usize| FUNCTIONS.iter().map(text).max().unwrap_or(0);
+    let (name, kind) = (widest(|row| row.name().len()), widest(|row| row.type_name.len()));
+    let mut text = String::new();
+    for row in &FUNCTIONS {
+        let since = match row.since() {
+            0 => String::new(),
+            since => format!("; from firmware {since} on"),
+        };
+        // Writing to a String does not fail.
+        let _ = writeln!(
+            text,
+            "{:<6} {:<name$}  {:<kind$}  {:<12}  {}{since}",
+            number(row),
+            row.name(),
+            row.type_name,
+            timing(row),
+            row.what
+        );
+    }
+    text
+}
+
+/// The code, with the parameter that names the function.
+fn number(row: &FunctionFields) -> String {
+    let code = row.code.code();
+    row.function.map_or_else(|| code.to_string(), |parameter| format!("{code}:{parameter}"))
+}
+
+fn timing(row: &FunctionFields) -> &'static str {
+    match row.timing() {
+        Timing::Immediate => "at once",
+        Timing::NonImmediate => "takes time",
+        Timing::ByParameter => "by parameter",
+    }
+}
+
+fn line_json(row: &FunctionFields) -> Value {
+    let immediate = match row.timing() {
+        Timing::Immediate => Some(true),
+        Timing::NonImmediate => Some(false),
+        Timing::ByParameter => None,
+    };
+    let names = |fields: &[ecmsk::xf::fields::Field]| fields.iter().map(|field| field.name).collect::<Vec<_>>();
+    json!({
+        "verb": "xf commands", "code": row.code.code(), "parameter": row.function, "name": row.name(),
+        "type": row.type_name, "immediate": immediate, "since_firmware": (row.since() > 0).then(|| row.since()),
+        "what": row.what, "fields": names(row.request),
+        "answer": row.answers.last().map_or_else(Vec::new, |answer| names(answer.fields)),
+    })
+}

@@ -1,0 +1,75 @@
+//! Why a verb that talks to a chip failed.
+
+use std::io;
+
+use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
+use ecmsk::xf::host::HostError;
+use ecmsk::xf_api::XfError;
+
+use crate::link_option::ChoiceError;
+
+/// Why a verb failed. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum XfVerbError {
+    /// See [`crate::CliError::Output`].
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+    /// The configuration of the link is invalid.
+    #[error(transparent)]
+    Choice(#[from] ChoiceError),
+    /// Nobody has named a chip.
+    #[error(
+        "no chip was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link \
+         'xf-sim:?slaves=drive*2', see `ecmsk link help`"
+    )]
+    NoLink,
+    /// The chip, its link or a slave.
+    #[error(transparent)]
+    // Boxed, because every error of a verb is as large as its largest variant.
+    Xf(Box<XfError>),
+    /// The command line asks for what cannot be.
+    #[error("{what}: {why}; {next}")]
+    WrongRequest {
+        /// The operation.
+        what: String,
+        /// What is wrong.
+        why: String,
+        /// What to do.
+        next: String,
+    },
+    /// The chip is in a state in which the verb cannot do its work.
+    #[error("{what}: {why}; {next}")]
+    Refused {
+        /// The operation.
+        what: &'static str,
+        /// Why not.
+        why: String,
+        /// What to do.
+        next: String,
+    },
+}
+
+impl From<XfError> for XfVerbError {
+    fn from(error: XfError) -> Self {
+        Self::Xf(Box::new(error))
+    }
+}
+
+impl XfVerbError {
+    /// The exit code: 2 if the command line is wrong, otherwise 1.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::NoLink | Self::WrongRequest { .. } => crate::WRONG_COMMAND_LINE,
+            _ => 1,
+        }
+    }
+}
+
+/// The result, or `None` if the chip refused the command: its firmware does not have it.
+pub fn unless_refused<T>(result: Result<T, XfError>) -> Result<Option<T>, XfError> {
+    match result {
+        Ok(result) => Ok(Some(result)),
+        Err(XfError::Chip(HostError::Refused { .. })) => Ok(None),
+        Err(error) => Err(error),
+    }
+}

@@ -1,0 +1,162 @@
+//! `xf raw`: any function of the chip, its request from fields and its answer by fields.
+//!
+//! - `raw.rs`: the verb: finding the function, and running it
+//! - `raw/request.rs`: fields of the command line
+//! - `raw/answer.rs`: fields of the answer
+
+mod answer;
+mod request;
+
+use std::time::Duration;
+
+use ecmsk::link::chip::ChipLink;
+use ecmsk::xf::fields::{Draft, FUNCTIONS, FunctionFields, function};
+use ecmsk::xf::host::HostError;
+use ecmsk::xf::response::Returned;
+use ecmsk::xf::{CommandCode, DataSize, Request};
+use ecmsk::xf_api::{Xf, XfError};
+
+use super::session::{ChipArgs, Session};
+use super::{Shown, XfVerbError, on_chip};
+use request::Assignment;
+
+/// How long a reset may take to show; the vendor's driver waits 1 s (XF EN 1517, OBS).
+const RESET_MAX: Duration = Duration::from_secs(3);
+/// How long is waited before that is looked at again. \[OURS]
+const PAUSE: Duration = Duration::from_millis(10);
+/// Bytes of the longest data segment.
+const SEGMENT: usize = DataSize::MAX.bytes();
+
+/// Run any function of the chip, and show its answer by fields
+///
+/// NAME is the name in the manuals, with or without ECM_CMD_ and ECAT_, or that of the type in Rust; `ecmsk xf commands`
+/// lists both. A name without its fields prints which there are. Nothing is done beside the request: a network that is not up
+/// stays so. CRC_TYPE_SET and SPI_RECONFIG_OP are the driver's own.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk xf raw FW_VERSION_GET
+  ecmsk xf raw ECAT_SLV_INFO_GET slave=0 item=name
+  ecmsk xf raw StateSet slaves=all state=preop
+  ecmsk xf raw InterruptSetEnable polarity=int0-high sources=crc,rx-fifo-low
+  ecmsk xf raw FOE_FUNC_REQ operation=write-flash start=0x100 data=0102FF")]
+pub struct Args {
+    /// The function
+    #[arg(value_name = "NAME", value_parser = find)]
+    function: Function,
+
+    /// Its fields
+    #[arg(value_name = "FIELD=VALUE", value_parser = Assignment::parse)]
+    fields: Vec<Assignment>,
+
+    #[command(flatten)]
+    chip: ChipArgs,
+}
+
+/// A function of the table.
+#[derive(Clone, Copy)]
+struct Function(&'static FunctionFields);
+
+/// # Errors
+/// There is no such function, or the manuals give its name to several.
+fn find(name: &str) -> Result<Function, String> {
+    let found: Vec<_> = function(name).collect();
+    match found[..] {
+        [one] => Ok(Function(one)),
+        [] => {
+            let near = near(name);
+            let near = if near.is_empty() { String::new() } else { format!("did you mean {}? ", near.join(", ")) };
+            Err(format!("{near}no function has that name; `ecmsk xf commands` lists all"))
+        }
+        _ => {
+            let types: Vec<_> = found.iter().map(|row| format!("{} ({})", row.type_name, row.what)).collect();
+            Err(format!("the manuals give that name to several functions; name one by its type: {}", types.join("; ")))
+        }
+    }
+}
+
+/// The names that are most alike, at most three.
+fn near(name: &str) -> Vec<&'static str> {
+    let manuals = FUNCTIONS.iter().map(|row| row.name().trim_start_matches("ECM_").trim_start_matches("CMD_"));
+    let types = FUNCTIONS.iter().map(|row| row.type_name);
+    let likeness = |known: &str| strsim::jaro_winkler(&known.to_ascii_lowercase(), &name.to_ascii_lowercase());
+    let mut near: Vec<_> = types.chain(manuals).map(|known| (likeness(known), known)).collect();
+    near.retain(|(likeness, _)| *likeness > 0.85);
+    near.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    near.into_iter().take(3).map(|(_, known)| known).collect()
+}
+
+/// # Errors
+/// [`XfVerbError`]
+pub fn run(args: &Args) -> Result<(), XfVerbError> {
+    // What is wrong with the request shows before the chip is opened.
+    let mut data = [0; SEGMENT];
+    let request_draft = draft(args.function.0, &args.fields, &mut data)?;
+    if let Ok(Request::CrcTypeSet(_) | Request::SpiReconfig(_)) = request_draft.request() {
+        return Err(XfVerbError::WrongRequest {
+            what: format!("xf raw {}", args.function.0.type_name),
+            why: "check word and n are the driver's own, which sets CRC-32 at the start".into(),
+            next: "give another n in the link, e.g. use_n=512, see `ecmsk link help`".into(),
+        });
+    }
+    on_chip(&args.chip, |session| raw(session, args.function.0, &args.fields))
+}
+
+/// The request of the fields, which was checked.
+fn draft<'b>(
+    row: &'static FunctionFields,
+    fields: &[Assignment],
+    data: &'b mut [u8],
+) -> Result<Draft<'b>, XfVerbError> {
+    let wrong = |why| XfVerbError::WrongRequest {
+        what: format!("xf raw {}", row.type_name),
+        why,
+        next: format!("its fields: {}; see `ecmsk xf raw --help`", request::described(row)),
+    };
+    let mut draft = Draft::new(row, data);
+    request::fill(&mut draft, row, fields).map_err(wrong)?;
+    Ok(draft)
+}
+
+/// # Errors
+/// [`XfVerbError`]
+fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment]) -> Result<Vec<Shown>, XfVerbError> {
+    let mut data = [0; SEGMENT];
+    let draft = draft(row, fields, &mut data)?;
+    let mut answer = [0; SEGMENT];
+    let resets = session.xf.host().counters().chip_resets;
+    let returned = match run_draft(&mut session.xf, &draft, &mut answer) {
+        Err(XfError::Chip(HostError::NoAnswer { code: CommandCode::WarmReset, .. } | HostError::ChipReset)) => {
+            expect_reset(session, resets)?;
+            Returned::NONE
+        }
+        done => done?,
+    };
+    Ok(vec![answer::shown(row, returned, &answer)])
+}
+
+/// WARM_RESET has no answer: that the driver finds the chip reset shows that it ran.
+fn expect_reset(session: &mut Session, before: u64) -> Result<(), XfVerbError> {
+    let mut waited = Duration::ZERO;
+    while session.xf.host().counters().chip_resets == before {
+        if waited >= RESET_MAX {
+            return Err(XfVerbError::Refused {
+                what: "xf raw",
+                why: format!("the chip was not reset after {} ms", waited.as_millis()),
+                next: "see with `ecmsk xf info` how it is".into(),
+            });
+        }
+        session.xf.pass(PAUSE)?;
+        waited += PAUSE;
+    }
+    session.reporter.note("the chip was reset: its network has to be initialised anew");
+    Ok(())
+}
+
+fn run_draft<L: ChipLink>(xf: &mut Xf<L>, draft: &Draft<'_>, answer: &mut [u8]) -> Result<Returned, XfError> {
+    let request = draft.request()?;
+    xf.run_request(&request, answer)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+//! The chip of a verb.
+
+use ecmsk::link::chip::{self, ChipLink};
+use ecmsk::link::uri::LinkUri;
+use ecmsk::xf::host::HostConfig;
+use ecmsk::xf::request::{Reconfig, Slaves};
+use ecmsk::xf::{AnswerHeader, EtherCatState};
+use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
+
+use super::XfVerbError;
+use super::words::{state_name, state_text};
+use crate::board::Reporter;
+use crate::link_option::ChosenLink;
+
+// No doc comment: clap would show it as the help of every verb.
+#[derive(Clone, Default, clap::Args)]
+#[group(skip)]
+pub struct ChipArgs {
+    /// Chip to talk to, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+/// A chip that was found as it is.
+pub struct Session {
+    pub xf: Xf,
+    /// The link in its normal form.
+    pub link: String,
+    pub reporter: Reporter,
+    /// The chip's first answer.
+    pub found: AnswerHeader,
+}
+
+impl ChipArgs {
+    /// Opens the chip.
+    ///
+    /// # Errors
+    /// Nobody has named one, it is no chip, or it does not answer.
+    pub fn open(&self) -> Result<Session, XfVerbError> {
+        let chosen = ChosenLink::find(self.link.as_ref())?;
+        if !chosen.is_named() {
+            return Err(XfVerbError::NoLink);
+        }
+        let (link, config) = chip::open(&chosen.uri.to_string()).map_err(XfError::Link)?;
+        Ok(Session::over(link, config, self.json)?)
+    }
+}
+
+impl Session {
+    /// The chip behind a link, with what is in its FIFO.
+    ///
+    /// # Errors
+    /// [`XfError`]
+    pub fn over(link: Box<dyn ChipLink>, config: HostConfig, json: bool) -> Result<Self, XfError> {
+        let info = link.info();
+        let xf = Xf::over(link, HostConfig { keep_fifo: true, ..config })?;
+        let found = xf.host().found().copied().unwrap_or_default();
+        Ok(Self { xf, link: info.name, reporter: Reporter::new(json, info.virtual_time), found })
+    }
+
+    /// The state of the network, as the chip knows it; `None`: there is none.
+    pub fn state(&self) -> Option<EtherCatState> {
+        self.xf.header().state.state()
+    }
+
+    /// Whether the network was initialised.
+    pub fn is_up(&self) -> bool {
+        self.xf.header().state.0 & 0x0F != 0
+    }
+
+    /// Initialises the network, and says so. Its slaves are counted.
+    ///
+    /// # Errors
+    /// [`XfError`]
+    pub fn start(&mut self) -> Result<u8, XfError> {
+        let slaves = self.xf.start_network(&NetworkConfig::default())?;
+        self.reporter.note(format_args!("the network was initialised: {}", counted(slaves)));
+        Ok(slaves)
+    }
+
+    /// Counts the slaves of a network that is up. One that is not is initialised and brought to a state.
+    ///
+    /// # Errors
+    /// [`XfError`]
+    pub fn join_or_start(&mut self, state: EtherCatState) -> Result<u8, XfError> {
+        if self.is_up() {
+            return self.xf.count_slaves();
+        }
+        let slaves = self.start()?;
+        self.go_to(state)?;
+        Ok(slaves)
+    }
+
+    /// Brings a network that has just been initialised to a state, and lays out its process data on the way.
+    fn go_to(&mut self, state: EtherCatState) -> Result<(), XfError> {
+        if state == EtherCatState::Init {
+            return Ok(());
+        }
+        self.xf.set_state(Slaves::All, EtherCatState::PreOp)?;
+        if state != EtherCatState::PreOp {
+            self.xf.run(&Reconfig)?;
+            self.xf.set_state(Slaves::All, state)?;
+        }
+        self.reporter.note(format_args!("brought to {}", state_name(state)));
+        Ok(())
+    }
+
+    /// Checks that the network has a state in which slaves have mailboxes.
+    ///
+    /// # Errors
+    /// [`XfVerbError::Refused`]
+    pub fn expect_mailboxes(&self, what: &'static str) -> Result<(), XfVerbError> {
+        match self.state() {
+            Some(EtherCatState::PreOp | EtherCatState::SafeOp | EtherCatState::Op) => Ok(()),
+            _ => Err(XfVerbError::Refused {
+                what,
+                why: format!("it needs PreOP, SafeOP or OP, the network is in {}", state_text(self.xf.header().state)),
+                next: "bring it up with `ecmsk xf state preop`".into(),
+            }),
+        }
+    }
+}
+
+/// `1 slave`, `3 slaves`.
+pub fn counted(slaves: u8) -> String {
+    format!("{slaves} {}", if slaves == 1 { "slave" } else { "slaves" })
+}

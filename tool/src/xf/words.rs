@@ -1,0 +1,123 @@
+//! Names of states and bits as the tool writes them.
+
+use ecmsk::xf::fields::Names;
+use ecmsk::xf::{EtherCatState, NetworkState};
+
+/// The states by the names that the tool's other verbs have for them.
+pub const STATES: [(&str, EtherCatState); 5] = [
+    ("Init", EtherCatState::Init),
+    ("PreOP", EtherCatState::PreOp),
+    ("Boot", EtherCatState::Boot),
+    ("SafeOP", EtherCatState::SafeOp),
+    ("OP", EtherCatState::Op),
+];
+
+/// The name of a state.
+pub fn state_name(state: EtherCatState) -> &'static str {
+    STATES.iter().find(|(_, known)| *known == state).map_or("unknown", |(name, _)| name)
+}
+
+/// A state that the chip reports, such as `SafeOP` and `PreOP, with an error`.
+pub fn state_text(state: NetworkState) -> String {
+    let name = match state.state() {
+        Some(known) => state_name(known).to_owned(),
+        None if state.0 & 0x0F == 0 => "not initialised".to_owned(),
+        None => format!("unknown (0x{:02X})", state.0),
+    };
+    if state.has_error() { format!("{name}, with an error") } else { name }
+}
+
+/// Parses a state in any case.
+///
+/// # Errors
+/// The text is invalid; the error says what is allowed.
+pub fn parse_state(text: &str) -> Result<EtherCatState, String> {
+    let state = STATES.iter().find(|(name, _)| name.eq_ignore_ascii_case(text));
+    state.map(|(_, state)| *state).ok_or_else(|| "allowed: init, preop, boot, safeop, op".into())
+}
+
+/// A name of the library as a word: `PinRising`, `X4Free` and `NON_IMMEDIATE` are `pin-rising`, `x4-free` and
+/// `non-immediate`.
+pub fn word(name: &str) -> String {
+    let mut word = String::new();
+    let mut before = '_';
+    for letter in name.chars() {
+        let begins = letter.is_ascii_uppercase() && (before.is_ascii_lowercase() || before.is_ascii_digit());
+        match letter {
+            '_' => word.push('-'),
+            _ if begins => word.extend(['-', letter.to_ascii_lowercase()]),
+            _ => word.push(letter.to_ascii_lowercase()),
+        }
+        before = letter;
+    }
+    word
+}
+
+/// The names as words.
+pub fn words(names: impl Iterator<Item = &'static str>) -> Vec<String> {
+    names.map(word).collect()
+}
+
+/// The words as a list, or `none`.
+pub fn listed(words: &[String]) -> String {
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+}
+
+/// The AL status code behind a state, if there is one.
+pub fn al_status_text(code: u16) -> String {
+    if code == 0 { String::new() } else { format!(", AL status code 0x{code:04X}") }
+}
+
+/// The number of a name, in any case, dashes and underscores left out.
+pub fn named(text: &str, names: &[(&str, u32)]) -> Option<u32> {
+    let plain = |text: &str| text.replace(['-', '_', ' '], "").to_ascii_lowercase();
+    names.iter().find(|(name, _)| plain(name) == plain(text)).map(|(_, number)| *number)
+}
+
+/// The number of a name.
+///
+/// # Errors
+/// There is no such name; the error lists them.
+pub fn chosen(text: &str, names: Names) -> Result<u32, String> {
+    named(text, names).ok_or_else(|| format!("allowed: {}", list(names).join(", ")))
+}
+
+/// The names as words.
+pub fn list(names: Names) -> Vec<String> {
+    names.iter().map(|(name, _)| word(name)).collect()
+}
+
+/// A value of 12 bits of the DAC or the ADC in volts.
+pub fn volts(value: u32) -> f64 {
+    f64::from(value) * 3.3 / 4095.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// XF-18.10 Names of the library become words, and words are taken back in any spelling.
+    #[test]
+    fn names_become_words() {
+        for (name, wanted) in [
+            ("PinRising", "pin-rising"),
+            ("X4Free", "x4-free"),
+            ("NON_IMMEDIATE", "non-immediate"),
+            ("INT0_HIGH", "int0-high"),
+            ("Mhz192", "mhz192"),
+            ("Lrw", "lrw"),
+        ] {
+            assert_eq!(word(name), wanted);
+            for text in [name, wanted, &wanted.to_uppercase(), &wanted.replace('-', "")] {
+                assert_eq!(named(text, &[("Other", 1), (name, 7)]), Some(7), "{text}");
+            }
+        }
+        let names: Names = &[("PreOp", 2), ("Op", 8)];
+        assert_eq!(chosen("up", names), Err("allowed: pre-op, op".to_owned()));
+        assert_eq!(state_text(NetworkState(0x14)), "SafeOP, with an error");
+        assert_eq!(
+            (state_text(NetworkState(0)), state_text(NetworkState(7))),
+            ("not initialised".to_owned(), "unknown (0x07)".to_owned())
+        );
+    }
+}

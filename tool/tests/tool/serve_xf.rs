@@ -1,0 +1,113 @@
+//! `ecmsk serve xf`: what it says, what it refuses, how it ends, and a host in C.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+
+use crate::common::{Ran, ecmsk};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// The tool at work.
+struct Serving {
+    child: Child,
+    /// What it said first.
+    line: String,
+}
+
+impl Serving {
+    fn start(arguments: &[&str]) -> Self {
+        let mut command = ecmsk(["serve", "xf"]);
+        let mut child =
+            command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the tool starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says where it listens");
+        Self { child, line }
+    }
+
+    fn port(&self) -> String {
+        let rest = self.line.strip_prefix("listening on 127.0.0.1:").expect(&self.line);
+        rest.split(';').next().expect("a port").to_owned()
+    }
+
+    /// Sends a signal and gives what it said on standard error.
+    fn end_by(mut self, signal: Signal) -> String {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+        let mut said = String::new();
+        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+        assert_eq!(self.child.wait().expect("it ends").code(), Some(0), "{said}");
+        said
+    }
+}
+
+fn run(arguments: &[&str]) -> Ran {
+    ecmsk([&["serve", "xf"][..], arguments].concat()).output().expect("the tool starts").into()
+}
+
+/// XF-14.11 Where and what it serves on standard output, who comes and goes on standard error, and an end in order.
+#[test]
+fn serve_xf_says_what_it_serves_and_who_comes() {
+    for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
+        let serving = Serving::start(&["--link", "xf-sim:?int0=yes", "--listen", "127.0.0.1:0"]);
+        let port = serving.port();
+        assert_eq!(
+            serving.line,
+            format!("listening on 127.0.0.1:{port}; serving xf-sim:?int0=yes (real clock, with INT0)\n")
+        );
+        let mut host = TcpStream::connect(format!("127.0.0.1:{port}")).expect("it listens");
+        let from = host.local_addr().expect("it is connected");
+        let mut greeting = [0; 12];
+        host.read_exact(&mut greeting).expect("a greeting");
+        host.write_all(&[5, 0, 0, 0]).expect("a close");
+        assert_eq!(host.read_to_end(&mut Vec::new()).expect("the end"), 4);
+        let said = serving.end_by(signal);
+        let mut said: Vec<&str> = said.lines().collect();
+        // The signal may come before the server has said that the host has closed.
+        said.sort_unstable();
+        let expected = [&format!("{from} has closed"), &format!("{from} has the chip"), &format!("stopped by {name}")];
+        assert_eq!(said, expected.map(|line| format!("serve: {line}")));
+    }
+}
+
+/// XF-14.10, XF-14.11 What cannot be is refused with the next step, and an address that other machines reach with exit code 2,
+/// unless it is said that everybody there may use the chip, which is warned of.
+#[test]
+fn what_serve_xf_refuses() {
+    let link = ["--link", "xf-sim:"];
+    let refused = run(&[&link[..], &["--listen", "0.0.0.0:0"]].concat());
+    assert_eq!((refused.code, refused.out.as_str()), (Some(2), ""), "{refused:?}");
+    for part in ["no password", "127.0.0.1", "ssh -N -L", "docs/XF-PORT.md", "--insecure-anyone"] {
+        assert!(refused.err.contains(part), "no {part}: {refused:?}");
+    }
+    run(&["--link", "sim:"]).expect_failure(1, &["is a board and no ECM-XF"], "ecmsk link help");
+    run(&[]).expect_failure(2, &["no --link"], "--link");
+    let nowhere = run(&[&link[..], &["--listen", "here"]].concat());
+    assert!(nowhere.code == Some(2) && nowhere.err.contains("nor unix:PATH"), "{nowhere:?}");
+    let elsewhere = run(&[&link[..], &["--listen", "192.0.2.1:4712", "--insecure-anyone"]].concat());
+    assert_eq!(elsewhere.code, Some(1), "{elsewhere:?}");
+    assert!(elsewhere.err.starts_with("note: whoever reaches 192.0.2.1:4712"), "{elsewhere:?}");
+    assert!(elsewhere.err.contains("; name an address of this machine with `--listen`"), "{elsewhere:?}");
+}
+
+mod needs_cxx {
+    use super::*;
+    use std::process::Command;
+
+    /// XF-14.12 The host in C of the examples compiles as C99 without a warning and finds n and the firmware of either chip.
+    #[test]
+    fn a_host_in_c() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let program = folder.path().join("xf_client");
+        let source = support::root().join("examples/c/xf_client.c");
+        support::succeed(support::Language::C("c99").compiler().arg(source).arg("-o").arg(&program));
+        for (firmware, printed) in [("new", "n 1024, firmware 0x22\n"), ("old", "n 112, firmware 0x0E\n")] {
+            let link = format!("xf-sim:?chip_fw={firmware}&clock=virtual");
+            let serving = Serving::start(&["--link", &link, "--listen", "127.0.0.1:0"]);
+            // The second one begins where the first one has ended.
+            for _ in 0..2 {
+                assert_eq!(support::succeed(Command::new(&program).arg(serving.port())), printed);
+            }
+            serving.end_by(Signal::TERM);
+        }
+    }
+}

@@ -4,6 +4,7 @@
 //! - `start.rs`: from unknown packets to a chip that runs; deadlines
 //! - `commands.rs`: queues, results, errors, repetitions
 //! - `process.rs`: process data
+//! - `error_bits.rs`: whose they are
 //! - `faults.rs`: anything that goes wrong, in any order: no command runs twice, no answer goes to the wrong ticket
 //! - `budget.rs`: the time of an exchange; `allocation.rs`: no exchange allocates
 
@@ -15,6 +16,8 @@ mod budget;
 mod chip;
 #[path = "host/commands.rs"]
 mod commands;
+#[path = "host/error_bits.rs"]
+mod error_bits;
 #[path = "host/faults.rs"]
 mod faults;
 #[path = "host/process.rs"]

@@ -43,6 +43,8 @@ pub(super) enum Purpose {
         reads: bool,
         /// Its header clears the errors by which it is seen that RxPDOs were not taken, in each of its copies.
         clears: bool,
+        /// These errors may be those of a packet before, whose answer was not there when this one was sent.
+        others: bool,
     },
 }
 

@@ -178,6 +178,8 @@ pub struct Host {
     /// The answer of the last exchange is that to the packet of the one before: the chip was ready and lags no further.
     /// Of more than two copies nobody knows to which of them an answer is.
     in_step: bool,
+    /// The error bits of `header` are those behind all packets that were sent: none ended without its answer since then.
+    bits_known: bool,
     /// The chip is busy, or may be.
     busy: bool,
     /// The exchange in which the non-immediate command was seen to be accepted.
@@ -228,6 +230,7 @@ impl Host {
             last_error: None,
             sent: [(0, CommandCode::InfoUpdate, 0); 2],
             in_step: false,
+            bits_known: false,
             busy: true,
             accepted: 0,
             stuck: Errors::NONE,
@@ -339,7 +342,8 @@ impl Host {
     /// immediate ones go on.
     ///
     /// # Errors
-    /// The queue is full, the command is too long or one of the driver's own, or its data are not what the chip takes.
+    /// The queue is full, the command is too long or one of the driver's own, its data are not what the chip takes, or
+    /// the driver has stopped, for the reason that is told.
     pub fn submit<'d, C: Call<'d>>(&mut self, now: Ns, call: &C) -> Result<Ticket, HostError> {
         self.submit_within(now, call, self.config.deadlines.busy_ns)
     }
@@ -350,6 +354,7 @@ impl Host {
     /// # Errors
     /// As with [`Self::submit`].
     pub fn submit_within<'d, C: Call<'d>>(&mut self, now: Ns, call: &C, busy_ns: Ns) -> Result<Ticket, HostError> {
+        self.running_or_error()?;
         self.room_for(call)?;
         self.slots.submit(now, busy_ns, call, None)
     }
@@ -368,6 +373,7 @@ impl Host {
         read: &R,
         busy_ns: Ns,
     ) -> Result<Ticket, HostError> {
+        self.running_or_error()?;
         let read = slots::read_of(read)?;
         self.room_for(call)?;
         self.slots.submit(now, busy_ns, call, Some(read))
@@ -423,8 +429,10 @@ impl Host {
     /// of them.
     ///
     /// # Errors
-    /// Others are waiting, the data are longer than n, or the RxFIFO may have no room: [`Self::rx_free`].
+    /// Others are waiting, the data are longer than n, the RxFIFO may have no room ([`Self::rx_free`]), or the driver has
+    /// stopped, for the reason that is told.
     pub fn process(&mut self, data: ProcessData<'_>) -> Result<u32, HostError> {
+        self.running_or_error()?;
         let (needed, free) = (data.queued(), self.room.free());
         if needed > free {
             return Err(HostError::FifoFull { needed, free });

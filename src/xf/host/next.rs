@@ -65,7 +65,7 @@ impl Host {
         }
     }
 
-    fn running_or_error(&self) -> Result<(), HostError> {
+    pub(super) fn running_or_error(&self) -> Result<(), HostError> {
         match self.state {
             HostState::Stopped(error) => Err(error),
             _ => Ok(()),
@@ -220,8 +220,7 @@ impl Host {
             if !self.cleared.contains(to_clear) {
                 (self.cleared, self.clear_tries) = (self.cleared | to_clear, 0);
             }
-            if to_clear != Errors::NONE && self.clear_tries < CLEAR_TRIES {
-                self.clear_tries += 1;
+            if !self.bits_known || to_clear != Errors::NONE && self.clear_tries < CLEAR_TRIES {
                 return self.send_info(now);
             }
             self.stuck = self.stuck | to_clear;
@@ -277,6 +276,7 @@ impl Host {
     /// What stands in the packet buffer is on its way.
     fn launch(&mut self, now: Ns, purpose: Purpose, code: CommandCode) -> Choice {
         self.exchange += 1;
+        self.bits_known = false;
         let flight = Flight::new(purpose, self.index, code, self.exchange);
         self.flight = Some(flight.within(now, self.config.deadlines.answer_ns));
         Choice::Packet
@@ -318,6 +318,7 @@ impl Host {
     fn send_process(&mut self, now: Ns) -> Choice {
         self.process_last = true;
         let cleared = self.seen();
+        let others = !self.bits_known;
         let header = self.new_header(Control(cleared.0));
         let clears = cleared.intersects(NOT_TAKEN);
         if let Some(overtaken) = &mut self.process.overtaken {
@@ -332,7 +333,7 @@ impl Host {
             self.report(sequence, ProcessOutcome::Refused);
             return Choice::Nothing { until: now + 1 };
         }
-        let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads, clears }, code);
+        let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads, clears, others }, code);
         self.room.wrote(sequence, queued, self.exchange);
         choice
     }

@@ -191,6 +191,7 @@ impl Host {
             Verdict::Result | Verdict::Lost => {
                 self.flight = None;
                 self.settled = now;
+                self.bits_known = true;
                 self.busy = header.status.contains(Status::BUSY);
                 self.settle(now, &flight, verdict, answer);
                 self.look_for_end(now, &flight, header);
@@ -231,6 +232,7 @@ impl Host {
         self.slots.fail_all(HostError::ChipReset);
         self.room = super::RxRoom::new(self.config.rx_entries);
         self.header = None;
+        self.bits_known = false;
         self.busy = true;
         self.crc_on = false;
         self.rule.kind = CheckType::Fixed;

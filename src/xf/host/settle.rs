@@ -19,11 +19,12 @@ impl Host {
             Purpose::Start(step) if !lost => self.started(now, step, answer),
             // The step is done again.
             Purpose::Start(_) => {}
-            Purpose::Info => {}
+            // A header that was to clear errors and has them still was a try; one that nobody answered was none.
+            Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(answer.header.errors)),
             Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, answer),
-            Purpose::Process { sequence, written, reads, clears, .. } => {
+            Purpose::Process { sequence, written, reads, clears, others, .. } => {
                 self.settle_overtaken_by(flight, &answer.header);
-                if lost && written > 0 && self.is_doubtful(clears, &answer.header) {
+                if lost && written > 0 && self.is_doubtful(clears, others, &answer.header) {
                     self.settle_unknown(sequence, written);
                 } else {
                     self.settle_process(sequence, flight.code, written, reads, lost, answer);
@@ -155,7 +156,13 @@ impl Host {
         let pdos = u64::from(written);
         let done = PdoOperation(answer.header.ret);
         let fifo = code == CommandCode::PdoDataFifo;
-        let nothing = lost || !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ);
+        // What the return byte of 6 means no manual says: its data tell.
+        let refusable = if fifo {
+            !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ)
+        } else {
+            answer.header.len == 0
+        };
+        let nothing = lost || refusable;
         let outcome = if nothing && errors.contains(Errors::COMMAND) {
             ProcessOutcome::Refused
         } else if lost && fifo && written > 0 && errors.contains(Errors::FIFO) {
@@ -165,7 +172,6 @@ impl Host {
         } else if done.contains(PdoOperation::FAILED) || fifo && written > 0 && !done.contains(PdoOperation::WRITE) {
             ProcessOutcome::Full
         } else {
-            // What the return byte of 6 means no manual says: its data tell.
             let read = reads && if fifo { done.contains(PdoOperation::READ) } else { answer.header.len > 0 };
             ProcessOutcome::Done { read }
         };
@@ -191,8 +197,8 @@ impl Host {
 
     /// Whether the error bits do not tell if the chip took the RxPDOs of a packet whose answer is lost: its copies clear
     /// them, or they may be those of another packet.
-    fn is_doubtful(&self, clears: bool, header: &AnswerHeader) -> bool {
-        let others = self.config.pipelined_writes || self.stuck.intersects(NOT_TAKEN);
+    fn is_doubtful(&self, clears: bool, others: bool, header: &AnswerHeader) -> bool {
+        let others = others || self.stuck.intersects(NOT_TAKEN);
         clears || others && header.errors.intersects(NOT_TAKEN)
     }
 

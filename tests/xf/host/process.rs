@@ -7,7 +7,7 @@ use ecmsk::xf::request::FifoEnable;
 use super::Rig;
 use super::chip::{Fault, PDO};
 
-const PIPELINED: HostConfig = HostConfig { pipelined_writes: true, ..HostConfig::DEFAULT };
+pub const PIPELINED: HostConfig = HostConfig { pipelined_writes: true, ..HostConfig::DEFAULT };
 const DONE: ProcessOutcome = ProcessOutcome::Done { read: false };
 
 /// An RxPDO that says its number.
@@ -24,12 +24,12 @@ pub fn with_fifo_on(config: HostConfig) -> Rig {
     rig
 }
 
-fn write(rig: &mut Rig, n: u32) -> u32 {
+pub fn write(rig: &mut Rig, n: u32) -> u32 {
     rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(n) }).expect("there is room")
 }
 
 /// Turns until there is a report.
-fn report(rig: &mut Rig) -> ProcessReport {
+pub fn report(rig: &mut Rig) -> ProcessReport {
     for _ in 0..20_000 {
         if let Some(report) = rig.host.take_report() {
             return report;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use ecmsk::xf::CommandCode;
 use ecmsk::xf::host::{Counters, HostError, ProcessOutcome, ProcessReport, Ticket};
 
 use super::network::Log;
@@ -36,7 +37,8 @@ impl End {
     pub fn of(result: Result<(), HostError>) -> Self {
         match result {
             Ok(()) => Self::Done,
-            Err(HostError::AnswerLost { .. }) => Self::AnswerLost,
+            // Of a pair, the one that reads was refused: the other one ran.
+            Err(HostError::AnswerLost { .. } | HostError::Refused { code: CommandCode::SdoGet }) => Self::AnswerLost,
             Err(HostError::Refused { .. } | HostError::NotSent { .. } | HostError::Failed { .. }) => Self::NotRun,
             Err(
                 HostError::NoAnswer { .. }

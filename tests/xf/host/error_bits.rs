@@ -1,0 +1,144 @@
+//! Error bits in the header that are those of another packet: whatever they say, each command and all process data end
+//! as they ended in the chip.
+
+use ecmsk::xf::host::{Deadlines, HostConfig, HostError, ProcessData, ProcessOutcome};
+use ecmsk::xf::{CommandCode, Errors};
+
+use super::Rig;
+use super::chip::{Fault, PDO};
+use super::faults::dac;
+use super::process::{PIPELINED, pdo, report, write};
+
+/// Short, so that few exchanges pass until a packet has ended without its answer.
+const IMPATIENT: HostConfig =
+    HostConfig { deadlines: Deadlines { answer_ns: 2_000_000, ..Deadlines::DEFAULT }, ..HostConfig::DEFAULT };
+
+/// A driver whose RxPDOs were refused without its seeing that: the header that it has is older, and the chip's error bit
+/// is theirs.
+fn refused_unseen(config: HostConfig) -> Rig {
+    let mut rig = Rig::running(config);
+    rig.chip.refused = Some(CommandCode::PdoDataFifo);
+    rig.faults = vec![Fault::Replaced; 1000];
+    rig.faults[0] = Fault::None;
+    write(&mut rig, 5);
+    assert_eq!(report(&mut rig).outcome, ProcessOutcome::Unknown);
+    assert!(rig.chip.errors.contains(Errors::COMMAND));
+    assert_eq!(rig.host.header().map(|header| header.errors), Some(Errors::NONE));
+    rig.chip.refused = None;
+    rig.faults.clear();
+    rig
+}
+
+/// How a command ends that sets the DAC.
+fn end_of_dac(rig: &mut Rig, n: u32) -> Result<(), HostError> {
+    let ticket = rig.submit(&dac(n));
+    rig.done(ticket);
+    rig.host.take(ticket, &dac(n)).expect("it is done").map(drop)
+}
+
+fn ran(rig: &Rig, n: u32) -> usize {
+    rig.chip.ran.iter().filter(|ran| **ran == (CommandCode::DacFunction, n)).count()
+}
+
+const REFUSED: Result<(), HostError> = Err(HostError::Refused { code: CommandCode::DacFunction });
+
+/// XF-12.16 Error bits that a packet without an answer has left are not taken for those of the next command.
+#[test]
+fn a_command_behind_process_data_without_an_answer() {
+    let mut rig = refused_unseen(IMPATIENT);
+    assert_eq!((end_of_dac(&mut rig, 7), ran(&rig, 7)), (Ok(()), 1));
+    rig.chip.refused = Some(CommandCode::DacFunction);
+    assert_eq!(end_of_dac(&mut rig, 8), REFUSED);
+}
+
+/// XF-12.16 The same for process data: past the FIFO their data show that they were exchanged, and into the FIFO, if their
+/// answer is lost, nothing shows it.
+#[test]
+fn process_data_behind_process_data_without_an_answer() {
+    let mut rig = refused_unseen(IMPATIENT);
+    rig.host.process(ProcessData::DirectExchange { outputs: &pdo(6) }).expect("taken");
+    assert_eq!(report(&mut rig).outcome, ProcessOutcome::Done { read: true });
+    assert_eq!(rig.host.inputs(), [7; PDO]);
+
+    let mut rig = refused_unseen(IMPATIENT);
+    rig.faults = vec![Fault::None, Fault::ToHost(300)];
+    write(&mut rig, 6);
+    assert_eq!((report(&mut rig).outcome, &rig.chip.rx), (ProcessOutcome::Unknown, &[6].into()));
+    assert_eq!((rig.host.counters().rx_unknown, rig.host.counters().rx_written), (2, 0));
+}
+
+/// XF-12.16 If the answer to process data is lost and no other packet is in doubt, the error bit is theirs.
+#[test]
+fn refused_process_data_whose_answer_is_lost() {
+    let mut rig = Rig::running(HostConfig::default());
+    rig.chip.refused = Some(CommandCode::PdoDataFifo);
+    rig.faults = vec![Fault::None, Fault::ToHost(300)];
+    write(&mut rig, 5);
+    assert_eq!(report(&mut rig).outcome, ProcessOutcome::Refused);
+}
+
+/// XF-12.16 An error bit that three answered packets could not clear is ignored until it goes away; another bit that comes
+/// meanwhile is cleared, and says what it says.
+#[test]
+fn an_error_that_stays_hides_no_other() {
+    let mut rig = Rig::running(HostConfig::default());
+    let with_fifo_error = |rig: &mut Rig, n| {
+        let ticket = rig.submit(&dac(n));
+        rig.until("the end of a command", |rig| {
+            rig.chip.errors = rig.chip.errors | Errors::FIFO;
+            rig.host.is_done(ticket)
+        });
+        rig.host.take(ticket, &dac(n)).expect("it is done").map(drop)
+    };
+    assert_eq!(with_fifo_error(&mut rig, 1), Ok(()));
+    rig.chip.errors = rig.chip.errors | Errors::COMMAND;
+    rig.exchanges(2);
+    assert_eq!(with_fifo_error(&mut rig, 2), Ok(()));
+    rig.chip.refused = Some(CommandCode::DacFunction);
+    assert_eq!(with_fifo_error(&mut rig, 3), REFUSED);
+}
+
+/// XF-12.16 A packet that was to clear an error and had no answer was no attempt.
+#[test]
+fn only_answers_say_that_an_error_stays() {
+    let mut rig = Rig::running(IMPATIENT);
+    rig.chip.refused = Some(CommandCode::DacFunction);
+    assert_eq!(end_of_dac(&mut rig, 1), REFUSED);
+    let ticket = rig.submit(&dac(2));
+    // The header that says "command error" comes again and again.
+    for _ in 0..1500 {
+        rig.faults = vec![Fault::Replaced];
+        rig.turn().expect("it runs");
+    }
+    rig.faults.clear();
+    rig.done(ticket);
+    assert_eq!(rig.host.take(ticket, &dac(2)).expect("it is done").map(drop), REFUSED);
+}
+
+/// XF-12.11 What is sent while packets are searched is rejected and counted by the chip, and says nothing about process
+/// data that were overtaken before.
+#[test]
+fn a_search_behind_an_overtaken_write() {
+    let mut rig = Rig::running(HostConfig { resync_after: 2, ..PIPELINED });
+    rig.faults = [&[Fault::None][..], &[Fault::ToHost(300); 6]].concat();
+    let first = write(&mut rig, 5);
+    rig.exchanges(1);
+    let second = write(&mut rig, 6);
+    let reports = [report(&mut rig), report(&mut rig)];
+    assert_eq!(reports.map(|report| report.sequence), [first, second]);
+    assert_eq!((reports[0].outcome, &rig.chip.rx), (ProcessOutcome::Unknown, &[5, 6].into()));
+    assert!(rig.host.counters().searches > 0);
+}
+
+/// XF-12.10 A driver that has stopped takes nothing, and says why it has.
+#[test]
+fn a_driver_that_has_stopped_takes_nothing() {
+    let mut rig = Rig::running(IMPATIENT);
+    rig.faults = vec![Fault::Lost; 100_000];
+    let ticket = rig.submit(&dac(1));
+    let error = rig.stops();
+    assert!(rig.host.is_done(ticket), "what it had taken has ended");
+    assert_eq!(rig.host.submit(rig.now, &dac(2)), Err(error));
+    assert_eq!(rig.host.process(ProcessData::DirectRead), Err(error));
+    assert_eq!(rig.host.take_report(), None);
+}

@@ -80,6 +80,8 @@ pub struct Chip {
     pub claims: Option<DataSize>,
     pub crc_errors: u8,
     pub errors: Errors,
+    /// Errors that are there whatever is cleared.
+    pub stays: Errors,
     busy: u32,
     fails: bool,
     last: Option<(u8, CommandCode)>,
@@ -111,6 +113,7 @@ impl Chip {
             claims: None,
             crc_errors: 0,
             errors: Errors::NONE,
+            stays: Errors::NONE,
             busy: 0,
             fails: false,
             last: None,
@@ -245,7 +248,7 @@ impl Chip {
             return;
         };
         let (index, code) = (packet.header.index, packet.header.code);
-        self.errors = Errors(self.errors.0 & !packet.header.control.0);
+        self.errors = Errors(self.errors.0 & !packet.header.control.0) | self.stays;
         if self.last.replace((index, code)) == Some((index, code)) {
             self.answer(index, code, Status::NOP, Bytes(0, &[]), counted);
             return;

@@ -82,20 +82,14 @@ fn refused_process_data_whose_answer_is_lost() {
 #[test]
 fn an_error_that_stays_hides_no_other() {
     let mut rig = Rig::running(HostConfig::default());
-    let with_fifo_error = |rig: &mut Rig, n| {
-        let ticket = rig.submit(&dac(n));
-        rig.until("the end of a command", |rig| {
-            rig.chip.errors = rig.chip.errors | Errors::FIFO;
-            rig.host.is_done(ticket)
-        });
-        rig.host.take(ticket, &dac(n)).expect("it is done").map(drop)
-    };
-    assert_eq!(with_fifo_error(&mut rig, 1), Ok(()));
+    rig.chip.stays = Errors::FIFO;
+    assert_eq!(end_of_dac(&mut rig, 1), Ok(()));
     rig.chip.errors = rig.chip.errors | Errors::COMMAND;
-    rig.exchanges(2);
-    assert_eq!(with_fifo_error(&mut rig, 2), Ok(()));
+    let shown = |rig: &mut Rig| rig.host.header().is_some_and(|header| header.errors.contains(Errors::COMMAND));
+    rig.until("a header with both", shown);
+    assert_eq!(end_of_dac(&mut rig, 2), Ok(()));
     rig.chip.refused = Some(CommandCode::DacFunction);
-    assert_eq!(with_fifo_error(&mut rig, 3), REFUSED);
+    assert_eq!(end_of_dac(&mut rig, 3), REFUSED);
 }
 
 /// XF-12.16 A packet that was to clear an error and had no answer was no attempt.

@@ -88,8 +88,12 @@ impl Rig {
             }
             _ => return,
         };
-        if let Ok(ticket) = submitted {
-            self.tickets.push(ticket);
+        match submitted {
+            Ok(ticket) => self.tickets.push(ticket),
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+        if let HostState::Stopped(error) = self.host.state() {
+            assert_eq!(submitted, Err(error), "a driver that has stopped takes nothing");
         }
         assert!(self.tickets.len() <= IMMEDIATE_SLOTS + NON_IMMEDIATE_SLOTS);
     }
@@ -102,7 +106,7 @@ impl Rig {
                 self.reports += 1;
             }
             Err(HostError::ProcessBusy { .. } | HostError::FifoFull { .. } | HostError::TooLong { .. }) => {}
-            Err(error) => panic!("{error}"),
+            Err(error) => assert_eq!(self.host.state(), HostState::Stopped(error)),
         }
     }
 

@@ -7,8 +7,11 @@ use crate::cia402::DriveState;
 use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
 use crate::link::chip::ChipLink;
+use crate::xf::CommandCode;
+use crate::xf::host::SLOT_BYTES;
 use crate::xf::request::{
-    HelperConfigSet, HelperControl, HelperControlSet, HelperStateGet, HelperStateSet, MotorNumber, SlaveNumber,
+    Call, Encode, HelperConfigSet, HelperControl, HelperControlSet, HelperStateGet, HelperStateSet, MotorNumber,
+    SlaveNumber,
 };
 
 const CONTROLWORD: ObjectAddress = ObjectAddress::new(0x6040, 0);
@@ -20,10 +23,8 @@ const AXIS_LIMIT: Duration = Duration::from_secs(5);
 /// An axis that the helper leads.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
-    pub(super) motor: MotorNumber,
+    motor: MotorNumber,
     slave: SlaveNumber,
-    /// It was led out of Switch on disabled.
-    pub(super) on: bool,
 }
 
 impl<L: ChipLink> Xf<L> {
@@ -31,22 +32,29 @@ impl<L: ChipLink> Xf<L> {
     /// Until [`Self::enable`] it leaves the axis off.
     ///
     /// # Errors
-    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::NoSuchSlave`], [`XfError::Chip`],
-    /// [`XfError::Link`].
+    /// [`XfError::NotMapped`] if the slave does not map both words, [`XfError::OutOfReach`] if one of them is not among
+    /// its first 256 bytes, [`XfError::AxisOn`], [`XfError::SlaveHasAxis`], [`XfError::NoSuchSlave`],
+    /// [`XfError::Chip`], [`XfError::Link`].
     pub fn add_axis(&mut self, motor: u8, slave: u8, data: &ProcessData) -> Result<(), XfError> {
-        let controlword =
-            data.output::<u16>(slave, CONTROLWORD)?.place() - data.layout().outputs[usize::from(slave)].at;
-        let statusword = data.input::<u16>(slave, STATUSWORD)?.place() - data.layout().inputs[usize::from(slave)].at;
-        let (motor, slave) = (number(motor)?, self.slave(slave)?);
-        self.axes.retain(|axis| axis.motor != motor);
-        self.axes.push(Axis { motor, slave, on: false });
-        self.run(&HelperConfigSet {
-            motor,
-            controlword_offset: controlword as u8,
-            statusword_offset: statusword as u8,
-            control: HelperControl::ON,
-            slave,
-        })
+        let controlword = data.output::<u16>(slave, CONTROLWORD)?.place();
+        let statusword = data.input::<u16>(slave, STATUSWORD)?.place();
+        let place = usize::from(slave);
+        let offset = |object, at: usize, begin: usize| {
+            u8::try_from(at - begin).map_err(|_| XfError::OutOfReach { slave, object, at: at - begin })
+        };
+        let controlword_offset = offset(CONTROLWORD, controlword, data.layout().outputs[place].at)?;
+        let statusword_offset = offset(STATUSWORD, statusword, data.layout().inputs[place].at)?;
+        let (number, slave) = (number(motor)?, self.slave(slave)?);
+        if self.on.contains(number) {
+            return Err(XfError::AxisOn { motor });
+        }
+        if let Some(other) = self.axes.iter().find(|axis| axis.slave == slave && axis.motor != number) {
+            return Err(XfError::SlaveHasAxis { slave: slave.get(), motor: other.motor.get() });
+        }
+        self.axes.retain(|axis| axis.motor != number);
+        self.axes.push(Axis { motor: number, slave });
+        let control = HelperControl::ON;
+        self.run(&HelperConfigSet { motor: number, controlword_offset, statusword_offset, control, slave })
     }
 
     /// Switches an axis on and waits until it is in Operation enabled. A fault has to be reset before.
@@ -74,12 +82,13 @@ impl<L: ChipLink> Xf<L> {
     pub fn reset_fault(&mut self, motor: u8) -> Result<(), XfError> {
         let number = number(motor)?;
         let motors = self.axes.len() as u8;
-        let axis = self.axes.iter_mut().find(|axis| axis.motor == number).ok_or(XfError::NoAxis { motor })?;
+        let axis = self.axes.iter().find(|axis| axis.motor == number).ok_or(XfError::NoAxis { motor })?;
         let (slave, control) = (axis.slave, HelperControl::ON | HelperControl::RESET_ONCE);
-        axis.on = false;
         self.run(&HelperStateSet { motor: number, state: DriveState::SwitchOnDisabled })?;
         self.run(&HelperControlSet { motor: number, control, motors, slave })?;
-        self.wait_for(motor, DriveState::SwitchOnDisabled)
+        self.wait_for(motor, DriveState::SwitchOnDisabled)?;
+        self.on.remove(number);
+        Ok(())
     }
 
     /// The state of an axis that the helper leads; `None`: its statusword stands for none.
@@ -92,41 +101,41 @@ impl<L: ChipLink> Xf<L> {
 
     fn lead(&mut self, motor: u8, state: DriveState) -> Result<(), XfError> {
         let number = number(motor)?;
-        let axis = self.axes.iter_mut().find(|axis| axis.motor == number).ok_or(XfError::NoAxis { motor })?;
-        // From the request on: its answer may be lost.
-        axis.on |= state == DriveState::OperationEnabled;
-        self.moves = true;
+        if !self.axes.iter().any(|axis| axis.motor == number) {
+            return Err(XfError::NoAxis { motor });
+        }
         self.run(&HelperStateSet { motor: number, state })?;
         self.wait_for(motor, state)?;
         if state == DriveState::SwitchOnDisabled {
-            self.axes.iter_mut().filter(|axis| axis.motor == number).for_each(|axis| axis.on = false);
+            self.on.remove(number);
         }
         Ok(())
     }
 
-    fn wait_for(&mut self, motor: u8, state: DriveState) -> Result<(), XfError> {
-        self.wait_axis(motor, state, AXIS_LIMIT, |found| found == Some(state))
-    }
-
-    /// Waits until an axis is in a state that `is_there` takes, on its way to `wanted`.
-    pub(super) fn wait_axis(
-        &mut self,
-        motor: u8,
-        wanted: DriveState,
-        limit: Duration,
-        is_there: impl Fn(Option<DriveState>) -> bool,
-    ) -> Result<(), XfError> {
+    /// Waits until an axis is in a state.
+    fn wait_for(&mut self, motor: u8, wanted: DriveState) -> Result<(), XfError> {
         let begin: Ns = self.link.now();
         loop {
             let found = self.axis_state(motor)?;
-            if is_there(found) {
+            if found == Some(wanted) {
                 return Ok(());
             }
             let waited = Duration::from_nanos(self.link.now() - begin);
-            if waited > limit {
+            if waited > AXIS_LIMIT {
                 let found = found.map_or("no state", DriveState::name);
                 return Err(XfError::AxisStuck { motor, found, wanted: wanted.name(), waited });
             }
+        }
+    }
+
+    /// Remembers a command that may switch an axis on, before it is sent: its answer may be lost.
+    pub(super) fn note_axis<'d>(&mut self, call: &impl Call<'d>) {
+        if let Ok((CommandCode::HelperStateSet, arguments)) = call.command(&mut [0; SLOT_BYTES])
+            && arguments.info[0] != DriveState::SwitchOnDisabled.status_bits()
+            && let Ok(motor) = number(arguments.parameter)
+        {
+            self.on.insert(motor);
+            self.moves = true;
         }
     }
 }

@@ -78,6 +78,17 @@ pub enum XfError {
     /// The helper does not lead that axis.
     #[error("there is no axis {motor}; add it first (add_axis), with the slave it belongs to")]
     NoAxis { motor: u8 },
+    /// An axis that may be on is added again.
+    #[error("axis {motor} may be on; switch it off first (disable)")]
+    AxisOn { motor: u8 },
+    /// Two axes of one slave: the helper would write one controlword for both.
+    #[error("axis {motor} leads slave {slave} already; a slave has one axis")]
+    SlaveHasAxis { slave: u8, motor: u8 },
+    /// The helper counts 256 bytes from the beginning of a slave's process data on.
+    #[error(
+        "{object} of slave {slave} is byte {at} of its process data, and the helper reaches the first 256; map it first"
+    )]
+    OutOfReach { slave: u8, object: ObjectAddress, at: usize },
     /// An axis did not reach a state.
     #[error("axis {motor} is in {found} after {} and not in {wanted}; look at its error code, 0x603F", Span(*.waited))]
     AxisStuck { motor: u8, found: &'static str, wanted: &'static str, waited: Duration },

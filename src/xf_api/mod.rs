@@ -85,6 +85,7 @@ use crate::xf::host::{Host, HostConfig, HostState, Ticket};
 use crate::xf::request::Call;
 use crate::xf::{AnswerHeader, MAX_PACKET};
 use axes::Axis;
+use stop::Motors;
 
 /// A chip ECM-XF behind its link, started.
 ///
@@ -99,6 +100,9 @@ pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     cycle_ns: Option<Ns>,
     /// Axes that the helper leads.
     axes: Vec<Axis>,
+    /// Those that may be on: the helper was asked to lead them out of Switch on disabled, and they were not seen there
+    /// since.
+    on: Motors,
     /// This program has sent outputs or switched an axis on: it is for it to stop what moves.
     moves: bool,
 }
@@ -129,6 +133,7 @@ impl<L: ChipLink> Xf<L> {
             slaves: 0,
             cycle_ns: None,
             axes: Vec::new(),
+            on: Motors::default(),
             moves: false,
         };
         xf.start()?;
@@ -175,6 +180,7 @@ impl<L: ChipLink> Xf<L> {
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
     pub fn run<'d, C: Call<'d>>(&mut self, call: &C) -> Result<C::Answer<'_>, XfError> {
+        self.note_axis(call);
         let ticket = self.host.submit(self.link.now(), call)?;
         self.result(ticket, call)
     }
@@ -184,6 +190,7 @@ impl<L: ChipLink> Xf<L> {
     /// # Errors
     /// As with [`Self::run`].
     pub fn run_within<'d, C: Call<'d>>(&mut self, call: &C, limit: Duration) -> Result<C::Answer<'_>, XfError> {
+        self.note_axis(call);
         let ticket = self.host.submit_within(self.link.now(), call, ns(limit))?;
         self.result(ticket, call)
     }
@@ -199,6 +206,7 @@ impl<L: ChipLink> Xf<L> {
         read: &R,
         limit: Duration,
     ) -> Result<R::Answer<'_>, XfError> {
+        self.note_axis(call);
         let ticket = self.host.submit_pair(self.link.now(), call, read, ns(limit))?;
         self.result(ticket, read)
     }

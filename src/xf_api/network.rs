@@ -58,11 +58,13 @@ pub struct SlaveDescription {
 
 impl<L: ChipLink> Xf<L> {
     /// Initialises the network and counts its slaves: the FIFO is off and empty then, and the slaves are in Init or
-    /// PreOP. A network that was up is brought to Init first.
+    /// PreOP. Axes that may be on are stopped before as by [`Self::close`], and a network that was up is brought to Init.
+    /// Axes have to be added anew ([`Self::add_axis`]).
     ///
     /// # Errors
     /// [`XfError::Chip`], [`XfError::Link`].
     pub fn start_network(&mut self, config: &NetworkConfig) -> Result<u8, XfError> {
+        self.stop_before_init();
         self.run(&FifoEnable { on: false })?;
         self.run(&FifoClear { fifos: Fifos::Both })?;
         if !matches!(self.header().state.state(), None | Some(EtherCatState::Init)) {
@@ -70,6 +72,7 @@ impl<L: ChipLink> Xf<L> {
         }
         let NetworkConfig { dc, reference_clock, lrw } = *config;
         self.run(&EcatInit { special_slaves: false, reference_clock, lrw, fifo_on: false, dc })?;
+        self.forget_axes();
         self.cycle_ns = Some(dc.sync0_ns.into()).filter(|cycle| *cycle > 0);
         self.count_slaves()
     }

@@ -8,7 +8,7 @@ use super::{Xf, XfError};
 use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
 use crate::link::chip::ChipLink;
-use crate::xf::host::{Budget, ProcessData as Exchanged, ProcessOutcome};
+use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcome};
 
 /// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] At 1 ms a program may be late by 20 ms.
 const AHEAD: u8 = 20;
@@ -262,7 +262,13 @@ impl<L: ChipLink> Xf<L> {
     /// Exchanges process data; whether any were read.
     pub(super) fn exchange_raw(&mut self, exchanged: Exchanged<'_>) -> Result<bool, XfError> {
         self.moves |= !matches!(exchanged, Exchanged::Read { .. } | Exchanged::DirectRead);
-        let sequence = self.host.process(exchanged)?;
+        let sequence = loop {
+            match self.host.process(exchanged) {
+                // Those of a call that the wires have ended: they go first.
+                Err(HostError::ProcessBusy { .. }) => self.step(Ns::MAX)?,
+                taken => break taken?,
+            }
+        };
         let outcome = loop {
             self.step(Ns::MAX)?;
             if let Some(report) = self.host.take_report().filter(|report| report.sequence == sequence) {

@@ -9,15 +9,15 @@ use ecmsk::xf_api::XfError;
 
 use super::{Kept, POSITION, TARGET, enabled, safe_op, started};
 
-const S: u64 = 1_000_000_000;
+pub const S: u64 = 1_000_000_000;
 const VELOCITY: ObjectAddress = ObjectAddress::new(0x606C, 0);
 
-fn drive_state(chip: &Kept, slave: u8) -> Option<DriveState> {
+pub fn drive_state(chip: &Kept, slave: u8) -> Option<DriveState> {
     Statusword(chip.object(slave, ObjectAddress::new(0x6041, 0)) as u16).state()
 }
 
 /// Two axes that move at 10 counts a cycle.
-fn moving() -> (ecmsk::Xf<Kept>, Kept, ecmsk::xf_api::ProcessData) {
+pub fn moving() -> (ecmsk::Xf<Kept>, Kept, ecmsk::xf_api::ProcessData) {
     let (mut xf, chip) = started("drive*2");
     let mut data = enabled(&mut xf).unwrap();
     for n in 1..=200 {
@@ -30,7 +30,7 @@ fn moving() -> (ecmsk::Xf<Kept>, Kept, ecmsk::xf_api::ProcessData) {
     (xf, chip, data)
 }
 
-fn stands_and_is_off(chip: &Kept) {
+pub fn stands_and_is_off(chip: &Kept) {
     for slave in 0..2 {
         assert_eq!(chip.state(slave), Some(AlState::SafeOp));
         let at = chip.object(slave, POSITION);

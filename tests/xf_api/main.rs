@@ -6,6 +6,7 @@ mod example;
 mod network;
 mod picture;
 mod process;
+mod stops;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -24,12 +25,24 @@ const POSITION: ObjectAddress = ObjectAddress::new(0x6064, 0);
 
 /// A model that the test still has when the program is gone, as a chip outlives its host.
 #[derive(Clone)]
-struct Kept(Arc<Mutex<SimChip>>, Arc<Mutex<Option<u32>>>);
+struct Kept(Arc<Mutex<SimChip>>, Arc<Mutex<Behaviour>>);
+
+/// What becomes of an exchange that begins at this time, of the bytes that go to the chip.
+type Behaviour = Box<dyn FnMut(Ns, &[u8]) -> Exchange + Send>;
+
+#[derive(Clone, Copy)]
+enum Exchange {
+    Passes,
+    /// It fails, and the chip sees nothing of it.
+    Fails,
+    /// The chip sees nothing of it, and what comes back is zeros.
+    Silent,
+}
 
 impl Kept {
     fn new(uri: &str) -> Self {
         let chip = SimChip::from_uri(&LinkUri::parse(uri).expect("a URI")).expect("a chip");
-        Self(Arc::new(Mutex::new(chip)), Arc::default())
+        Self(Arc::new(Mutex::new(chip)), Arc::new(Mutex::new(Box::new(|_, _| Exchange::Passes))))
     }
 
     fn chip(&self) -> MutexGuard<'_, SimChip> {
@@ -38,7 +51,19 @@ impl Kept {
 
     /// After so many exchanges the wires are cut.
     fn cut_after(&self, exchanges: u32) {
-        *self.1.lock().unwrap() = Some(exchanges);
+        let mut left = exchanges;
+        self.behaves(move |_, _| match left.checked_sub(1) {
+            Some(fewer) => {
+                left = fewer;
+                Exchange::Passes
+            }
+            None => Exchange::Fails,
+        });
+    }
+
+    /// What becomes of exchanges from now on.
+    fn behaves(&self, behaviour: impl FnMut(Ns, &[u8]) -> Exchange + Send + 'static) {
+        *self.1.lock().unwrap() = Box::new(behaviour);
     }
 
     /// Lets the chip run without a host.
@@ -70,11 +95,15 @@ impl Wires for Kept {
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
-        if let Some(left) = self.1.lock().unwrap().as_mut() {
-            let Some(fewer) = left.checked_sub(1) else {
-                return Err(ChipError::Wires { name: "test".into(), message: "cut".into() });
-            };
-            *left = fewer;
+        let now = self.now();
+        let what = (self.1.lock().unwrap())(now, to_chip);
+        match what {
+            Exchange::Passes => {}
+            Exchange::Fails => return Err(ChipError::Wires { name: "test".into(), message: "cut".into() }),
+            Exchange::Silent => {
+                from_chip.fill(0);
+                return self.wait_until(now + 100_000);
+            }
         }
         self.chip().exchange(to_chip, from_chip)
     }

@@ -420,6 +420,11 @@ impl Host {
         }
     }
 
+    /// Drops all commands, as [`Self::abandon`] does, and all results: for what has to go before everything else.
+    pub fn abandon_all(&mut self) {
+        self.slots.all.iter_mut().for_each(slots::Slot::abandon);
+    }
+
     /// The entries of the RxFIFO, as far as the driver knows.
     pub const fn rx_entries(&self) -> u8 {
         self.room.entries

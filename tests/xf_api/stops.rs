@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use ecmsk::cia402::DriveState;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::xf::host::{HostError, HostState};
-use ecmsk::xf::request::{FifoEnable, HelperStateSet, MotorNumber, SdoOperation, SdoRequest, Slaves};
+use ecmsk::xf::request::{FifoEnable, HelperStateSet, MotorNumber, Reconfig, SdoOperation, SdoRequest, Slaves};
 use ecmsk::xf::{CommandCode, EtherCatState};
 use ecmsk::xf_api::{NetworkConfig, XfError};
 
@@ -23,17 +23,26 @@ fn motor(number: u8) -> MotorNumber {
 #[test]
 fn an_axis_that_cannot_be_stopped() {
     let (mut xf, chip) = started("drive*2");
-    let mut data = safe_op(&mut xf, 8).unwrap();
+    xf.start_network(&NetworkConfig::default()).unwrap();
+    xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
+    for slave in 0..2 {
+        xf.sdo_write(slave, super::MODE, 8_i8).unwrap();
+    }
+    xf.run(&Reconfig).unwrap();
+    xf.set_state(Slaves::All, EtherCatState::SafeOp).unwrap();
+    let mut data = xf.process_data().unwrap();
+    for slave in 0..2 {
+        xf.add_axis(slave + 1, slave, &data).unwrap();
+    }
     xf.set_state(Slaves::All, EtherCatState::Op).unwrap();
     xf.run(&FifoEnable { on: true }).unwrap();
     xf.cycle(&mut data).unwrap();
-    // The helper leads no axis 0 any more, and both others stand behind it.
-    for number in 0..2 {
+    // The helper leads no axis 0, which is stopped before the others.
+    let refused = xf.run(&HelperStateSet { motor: motor(0), state: DriveState::OperationEnabled });
+    assert!(matches!(refused, Err(XfError::Chip(HostError::Refused { .. }))), "{refused:?}");
+    for number in 1..3 {
         xf.enable(number).unwrap();
     }
-    let stranger = HelperStateSet { motor: motor(0x7F), state: DriveState::OperationEnabled };
-    let refused = xf.run(&stranger);
-    assert!(matches!(refused, Err(XfError::Chip(HostError::Refused { .. }))), "{refused:?}");
     let error = xf.close().unwrap_err();
     let expected = HostError::Refused { code: CommandCode::HelperStateSet };
     assert_eq!(error, XfError::Chip(expected));

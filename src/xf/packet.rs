@@ -112,13 +112,46 @@ pub fn write_request<'b>(
     request: &impl Encode,
 ) -> Result<&'b [u8], WriteError> {
     let parts = Parts::of_buffer(buffer, size)?;
+    parts.data.fill(0);
     let (code, arguments) = request.command(parts.data)?;
+    let packet = &mut buffer[..size.packet_len()];
+    Ok(close_request(packet, size, rule, header, code, arguments))
+}
+
+/// Builds the command packet around data that stand in its segment already: as many bytes as `arguments` says, behind
+/// which all is 0 then.
+///
+/// # Errors
+/// The buffer is too short, or the data do not fit into n bytes.
+pub(crate) fn write_around<'b>(
+    buffer: &'b mut [u8],
+    size: DataSize,
+    rule: CheckRule,
+    header: CommandHeader,
+    code: CommandCode,
+    arguments: Arguments,
+) -> Result<&'b [u8], WriteError> {
+    let parts = Parts::of_buffer(buffer, size)?;
+    let len = Malformed::at_most("valid data length", arguments.len.into(), parts.data.len())?;
+    parts.data[len..].fill(0);
+    let packet = &mut buffer[..size.packet_len()];
+    Ok(close_request(packet, size, rule, header, code, arguments))
+}
+
+/// Writes all but the data of a command packet.
+fn close_request(
+    packet: &mut [u8],
+    size: DataSize,
+    rule: CheckRule,
+    header: CommandHeader,
+    code: CommandCode,
+    arguments: Arguments,
+) -> &[u8] {
     let Arguments { parameter, info, reserve, len } = arguments;
     let header = CommandHeader { code, parameter, info, len, reserve: header.reserve | reserve, ..header };
-    parts.head.copy_from_slice(&header.encode());
-    let packet = &mut buffer[..size.packet_len()];
+    packet[..HEADER_LEN].copy_from_slice(&header.encode());
     let word = rule.of_command(&header).word(&packet[..HEADER_LEN + size.bytes()], header.len);
-    Ok(close(packet, word))
+    close(packet, word)
 }
 
 /// Builds the answer packet with `answer` at the beginning of `buffer` and returns its n + 32 bytes, all of which are
@@ -137,6 +170,7 @@ pub fn write_answer<'b, 'a>(
     answer: &impl Answer<'a>,
 ) -> Result<&'b [u8], WriteError> {
     let parts = Parts::of_buffer(buffer, size)?;
+    parts.data.fill(0);
     let Returned { ret, len } = answer.encode(parts.data)?;
     let header = AnswerHeader { ret, len, status: header.status.with_check_type(rule.kind), ..header };
     parts.head.copy_from_slice(&header.encode());
@@ -151,6 +185,7 @@ pub fn write_answer<'b, 'a>(
 /// The buffer is too short.
 pub fn write_not_ready(buffer: &mut [u8], size: DataSize, header: AnswerHeader) -> Result<&[u8], WriteError> {
     let parts = Parts::of_buffer(buffer, size)?;
+    parts.data.fill(0);
     parts.head.copy_from_slice(&header.encode());
     Ok(close(&mut buffer[..size.packet_len()], NOT_READY))
 }
@@ -162,13 +197,12 @@ struct Parts<'b> {
 }
 
 impl<'b> Parts<'b> {
-    /// The places at the beginning of `buffer`, the data segment all 0.
+    /// The places at the beginning of `buffer`.
     fn of_buffer(buffer: &'b mut [u8], size: DataSize) -> Result<Self, WriteError> {
         let (needed, found) = (size.packet_len(), buffer.len());
         let Some(packet) = buffer.get_mut(..needed) else { return Err(WriteError::Buffer { needed, found }) };
         let (head, rest) = packet.split_at_mut(HEADER_LEN);
         let (data, _) = rest.split_at_mut(size.bytes());
-        data.fill(0);
         Ok(Self { head, data })
     }
 }

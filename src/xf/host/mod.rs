@@ -97,7 +97,8 @@ pub use wires::{StepError, Wires};
 
 use super::response::FirmwareVersion;
 use super::{
-    AnswerHeader, Call, CheckRule, CheckType, CommandCode, DataSize, Errors, Interrupts, MAX_PACKET, PacketError,
+    AnswerHeader, Call, CheckRule, CheckType, CommandCode, DataSize, Errors, HEADER_LEN, Interrupts, MAX_PACKET,
+    PacketError,
 };
 use crate::ethercat::Ns;
 use fifo::RxRoom;
@@ -158,7 +159,9 @@ pub struct Host {
     process: Process,
     room: RxRoom,
     flight: Option<Flight>,
-    packet: [u8; MAX_PACKET],
+    /// The packet that goes out, which `current` says, and the one that the outputs of the next process data stand in.
+    packets: [[u8; MAX_PACKET]; 2],
+    current: usize,
     index: u8,
     exchange: u64,
     /// The exchange of the newest answer.
@@ -217,7 +220,8 @@ impl Host {
             process: Process::new(),
             room: RxRoom::new(config.rx_entries),
             flight: None,
-            packet: [0; MAX_PACKET],
+            packets: [[0; MAX_PACKET]; 2],
+            current: 0,
             index: 0,
             exchange: 0,
             answered: 0,
@@ -442,7 +446,8 @@ impl Host {
         if needed > free {
             return Err(HostError::FifoFull { needed, free });
         }
-        self.process.submit(data, self.size.bytes())
+        let segment = &mut self.packets[1 - self.current][HEADER_LEN..][..self.size.bytes()];
+        self.process.submit(data, segment)
     }
 
     /// How many PDOs the RxFIFO has room for at least. The chip's counts lag two exchanges behind: what has been

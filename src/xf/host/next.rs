@@ -7,6 +7,7 @@ use super::search::Search;
 use super::slots::SlotState;
 use super::{Host, HostError, HostState, Next, Outstanding, StartStep};
 use crate::ethercat::Ns;
+use crate::xf::packet::write_around;
 use crate::xf::request::InfoUpdate;
 use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, WriteError, write_request};
 
@@ -59,7 +60,7 @@ impl Host {
             }
             Choice::Packet => {
                 self.begin(Outstanding::Packet);
-                Ok(Next::Exchange(&self.packet[..self.size.packet_len()]))
+                Ok(Next::Exchange(&self.packets[self.current][..self.size.packet_len()]))
             }
             Choice::Nothing { until } => Ok(Next::WaitUntil(until)),
         }
@@ -285,7 +286,7 @@ impl Host {
     /// Sends a request that fits into every packet.
     fn send_short(&mut self, now: Ns, purpose: Purpose, control: Control, request: &Request<'_>) -> Choice {
         let header = self.new_header(control);
-        match write_request(&mut self.packet, self.size, self.rule, header, request) {
+        match write_request(&mut self.packets[self.current], self.size, self.rule, header, request) {
             Ok(_) => self.launch(now, purpose, request.code()),
             Err(_) => Choice::Nothing { until: now + 1 },
         }
@@ -302,7 +303,7 @@ impl Host {
         let header = self.new_header(Control::NONE);
         let request = self.slots.all[slot].request(part);
         let code = request.code();
-        let error = match write_request(&mut self.packet, self.size, self.rule, header, &request) {
+        let error = match write_request(&mut self.packets[self.current], self.size, self.rule, header, &request) {
             Ok(_) => {
                 self.slots.all[slot].state = SlotState::Sent(part);
                 return self.launch(now, Purpose::Slot(slot, part), code);
@@ -324,15 +325,17 @@ impl Host {
         if let Some(overtaken) = &mut self.process.overtaken {
             overtaken.unclear |= clears;
         }
-        let Some((outgoing, request)) = self.process.outgoing() else { return Choice::Nothing { until: now + 1 } };
-        let Outgoing { sequence, code, written, queued, reads } = outgoing;
-        let sent = write_request(&mut self.packet, self.size, self.rule, header, &request).is_ok();
-        self.process.sent();
+        let Some(outgoing) = self.process.sent() else { return Choice::Nothing { until: now + 1 } };
+        let Outgoing { sequence, code, arguments, written, queued, reads } = outgoing;
+        // The outputs stand in it already.
+        let packet = &mut self.packets[1 - self.current];
+        let sent = write_around(packet, self.size, self.rule, header, code, arguments).is_ok();
         if !sent {
             // n has become smaller since they were submitted.
             self.report(sequence, ProcessOutcome::Refused);
             return Choice::Nothing { until: now + 1 };
         }
+        self.current = 1 - self.current;
         let choice = self.launch(now, Purpose::Process { sequence, written, queued, reads, clears, others }, code);
         self.room.wrote(sequence, queued, self.exchange);
         choice

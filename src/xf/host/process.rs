@@ -1,7 +1,7 @@
 //! Process data that wait for their exchange, and what became of those that have gone out.
 
 use super::error::HostError;
-use crate::xf::request::{Arguments, PdoOperation, Request, UnknownCommand};
+use crate::xf::request::{Arguments, PdoOperation};
 use crate::xf::{AnswerPacket, CommandCode, DataSize, Errors};
 
 /// Reports that are kept until they are taken.
@@ -106,32 +106,12 @@ pub(super) struct Overtaken {
     pub(super) unclear: bool,
 }
 
-/// What was submitted and not sent yet.
-#[derive(Clone, Debug)]
-struct Waiting {
-    sequence: u32,
-    code: CommandCode,
-    arguments: Arguments,
-    /// PDOs into the FIFO; for [`CommandCode::PdoData`] with outputs 1.
-    written: u8,
-    queued: u8,
-}
-
-#[derive(Clone, Debug)]
-pub(super) struct Process {
-    sequence: u32,
-    waiting: Option<Waiting>,
-    outputs: [u8; DataSize::MAX.bytes()],
-    inputs: [u8; DataSize::MAX.bytes()],
-    inputs_len: usize,
-    reports: [Option<ProcessReport>; REPORTS],
-    pub(super) overtaken: Option<Overtaken>,
-}
-
-/// What is needed of process data that go out.
+/// Process data that were submitted. Their outputs stand in the packet that goes out next.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Outgoing {
     pub(super) sequence: u32,
     pub(super) code: CommandCode,
+    pub(super) arguments: Arguments,
     /// RxPDOs, in the FIFO or past it.
     pub(super) written: u8,
     /// RxPDOs into the FIFO.
@@ -139,12 +119,21 @@ pub(super) struct Outgoing {
     pub(super) reads: bool,
 }
 
+#[derive(Clone, Debug)]
+pub(super) struct Process {
+    sequence: u32,
+    waiting: Option<Outgoing>,
+    inputs: [u8; DataSize::MAX.bytes()],
+    inputs_len: usize,
+    reports: [Option<ProcessReport>; REPORTS],
+    pub(super) overtaken: Option<Overtaken>,
+}
+
 impl Process {
     pub(super) const fn new() -> Self {
         Self {
             sequence: 0,
             waiting: None,
-            outputs: [0; DataSize::MAX.bytes()],
             inputs: [0; DataSize::MAX.bytes()],
             inputs_len: 0,
             reports: [None; REPORTS],
@@ -157,39 +146,31 @@ impl Process {
         self.waiting.as_ref().map(|waiting| waiting.sequence)
     }
 
-    pub(super) fn submit(&mut self, data: ProcessData<'_>, most: usize) -> Result<u32, HostError> {
+    /// Takes process data, whose outputs are written into the segment of the next packet.
+    pub(super) fn submit(&mut self, data: ProcessData<'_>, segment: &mut [u8]) -> Result<u32, HostError> {
         let (code, parameter, operation, outputs) = data.parts();
         if let Some(sequence) = self.waiting() {
             return Err(HostError::ProcessBusy { sequence });
         }
-        if outputs.len() > most {
+        let most = segment.len();
+        let Some(place) = segment.get_mut(..outputs.len()) else {
             return Err(HostError::TooLong { code, found: outputs.len(), most });
-        }
+        };
+        place.copy_from_slice(outputs);
         self.sequence = self.sequence.wrapping_add(1);
-        self.outputs[..outputs.len()].copy_from_slice(outputs);
         // A segment has 1408 bytes at most.
         let arguments =
             Arguments { parameter, info: [operation.0, 0, 0, 0], len: outputs.len() as u16, ..Arguments::NONE };
-        let written = match data {
-            ProcessData::DirectExchange { .. } => 1,
-            _ => data.queued(),
-        };
-        self.waiting = Some(Waiting { sequence: self.sequence, code, arguments, written, queued: data.queued() });
+        let queued = data.queued();
+        let written = if matches!(data, ProcessData::DirectExchange { .. }) { 1 } else { queued };
+        let reads = operation.contains(PdoOperation::READ);
+        self.waiting = Some(Outgoing { sequence: self.sequence, code, arguments, written, queued, reads });
         Ok(self.sequence)
     }
 
-    /// What goes out next, and its request.
-    pub(super) fn outgoing(&self) -> Option<(Outgoing, Request<'_>)> {
-        let Waiting { sequence, code, arguments, written, queued } = self.waiting.as_ref()?;
-        let reads = PdoOperation(arguments.info[0]).contains(PdoOperation::READ);
-        let outgoing = Outgoing { sequence: *sequence, code: *code, written: *written, queued: *queued, reads };
-        let data = &self.outputs[..arguments.len.into()];
-        Some((outgoing, Request::Unknown(UnknownCommand { code: *code, arguments: *arguments, data })))
-    }
-
-    /// They are on their way.
-    pub(super) fn sent(&mut self) {
-        self.waiting = None;
+    /// Those that wait, which are on their way then, or are not sent at all.
+    pub(super) fn sent(&mut self) -> Option<Outgoing> {
+        self.waiting.take()
     }
 
     /// Keeps the TxPDOs of an answer.
@@ -215,8 +196,8 @@ impl Process {
     }
 
     pub(super) fn take_report(&mut self) -> Option<ProcessReport> {
-        let report = self.reports[0].take();
+        let report = self.reports[0].take()?;
         self.reports.rotate_left(1);
-        report
+        Some(report)
     }
 }

@@ -30,7 +30,7 @@ fn run(folder: &Folder, program: &str, link: &str, arguments: &[&str]) -> Ended 
     let dotnet = given("ECMSK_WINE_DOTNET");
     let mut command = folder.command(dotnet.to_str().expect("UTF-8"), link);
     command.args(["exec", "--runtimeconfig", "core.json", program]).args(arguments);
-    let mut ended = support::run(&mut command);
+    let mut ended = folder.run_command(&mut command);
     ended.stdout = lines(&ended.stdout);
     ended
 }

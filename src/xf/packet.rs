@@ -123,14 +123,14 @@ pub fn write_request<'b>(
 ///
 /// # Errors
 /// The buffer is too short, or the data do not fit into n bytes.
-pub(crate) fn write_around<'b>(
-    buffer: &'b mut [u8],
+pub(crate) fn write_around(
+    buffer: &mut [u8],
     size: DataSize,
     rule: CheckRule,
     header: CommandHeader,
     code: CommandCode,
     arguments: Arguments,
-) -> Result<&'b [u8], WriteError> {
+) -> Result<&[u8], WriteError> {
     let parts = Parts::of_buffer(buffer, size)?;
     let len = Malformed::at_most("valid data length", arguments.len.into(), parts.data.len())?;
     parts.data[len..].fill(0);

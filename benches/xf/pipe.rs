@@ -108,7 +108,6 @@ impl Wires for Line {
 pub struct Driver {
     host: Host,
     line: Line,
-    back: [u8; MAX_PACKET],
     outputs: Vec<u8>,
 }
 
@@ -120,7 +119,6 @@ impl Driver {
         let mut driver = Self {
             host: Host::new(0, config),
             line: Line { chip: Some(ChipPort::new(chip)), pipe: Pipe::new(size), now: 0 },
-            back: [0; MAX_PACKET],
             outputs: vec![0xA5; size.bytes()],
         };
         while driver.host.state() != HostState::Running {
@@ -131,7 +129,7 @@ impl Driver {
     }
 
     fn step(&mut self) {
-        self.host.step(&mut self.line, &mut self.back, u64::MAX).expect("nothing goes wrong");
+        self.host.step(&mut self.line, u64::MAX).expect("nothing goes wrong");
     }
 
     /// One exchange, the idle time before it and new process data for it; time passes at once.

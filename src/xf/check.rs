@@ -5,7 +5,7 @@
 //! `std`, and is the one that zlib's users in Rust have.
 
 use super::header::CommandHeader;
-use super::{AnswerHeader, FIXED_CHECK, HEADER_LEN, NOT_READY};
+use super::{FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
 
 /// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are
 /// undefined.
@@ -105,9 +105,9 @@ pub(super) enum Verdict {
 /// set.
 ///
 /// `[OURS]` A CRC that is by chance the word for "not ready" is a right one.
-pub(super) fn judge_answer(header: &AnswerHeader, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {
-    let kind = header.status.check_type();
-    let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, header.len));
+pub(super) fn judge_answer(status: Status, len: u16, covered: &[u8], found: u32, coverage: Coverage) -> Verdict {
+    let kind = status.check_type();
+    let expected = kind.map(|kind| CheckRule { kind, coverage }.word(covered, len));
     match (kind, expected) {
         (Ok(_), Ok(expected)) if expected == found => Verdict::Right,
         _ if found == NOT_READY => Verdict::NotReady,

@@ -269,7 +269,7 @@ impl CommandHeader {
 
     /// The header in `bytes`, and their start word, whatever that is.
     pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
-        let layout: CommandLayout = bytemuck::cast(*bytes);
+        let layout: &CommandLayout = bytemuck::cast_ref(bytes);
         let header = Self {
             info: layout.info,
             reserve: Reserve(layout.reserve.get()),
@@ -337,9 +337,15 @@ pub struct AnswerHeader {
 }
 
 impl AnswerHeader {
+    /// The status and the length in `bytes`, which are what the check word of an answer depends on.
+    pub(super) fn status_and_len(bytes: &[u8; HEADER_LEN]) -> (Status, u16) {
+        let layout: &AnswerLayout = bytemuck::cast_ref(bytes);
+        (Status(layout.status), layout.len.get())
+    }
+
     /// The header in `bytes`, and their start word, whatever that is.
     pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
-        let layout: AnswerLayout = bytemuck::cast(*bytes);
+        let layout: &AnswerLayout = bytemuck::cast_ref(bytes);
         let header = Self {
             crc_errors: layout.crc_errors,
             wkc_errors: layout.wkc_errors,

@@ -123,6 +123,7 @@ pub fn write_request<'b>(
 ///
 /// # Errors
 /// The buffer is too short, or the data do not fit into n bytes.
+#[inline]
 pub(crate) fn write_around(
     buffer: &mut [u8],
     size: DataSize,
@@ -139,6 +140,7 @@ pub(crate) fn write_around(
 }
 
 /// Writes all but the data of a command packet.
+#[inline]
 fn close_request(
     packet: &mut [u8],
     size: DataSize,
@@ -233,7 +235,7 @@ impl<'p> Framed<'p> {
         let (head, rest) = bytes.split_first_chunk::<HEADER_LEN>().ok_or(length)?;
         let (rest, end_word) = rest.split_last_chunk::<4>().ok_or(length)?;
         let (data, check_word) = rest.split_last_chunk::<4>().ok_or(length)?;
-        let start_word = CommandHeader::decode(head).0;
+        let start_word = u32::from_le_bytes([head[0], head[1], head[2], head[3]]);
         if start_word != START_WORD {
             return Err(PacketError::StartWord { found: start_word });
         }
@@ -244,6 +246,25 @@ impl<'p> Framed<'p> {
         let covered = &bytes[..HEADER_LEN + data.len()];
         Ok(Self { head, covered, data, check_word: u32::from_le_bytes(*check_word) })
     }
+
+    /// Whether an answer is in it.
+    fn judge(&self, coverage: Coverage) -> Result<Judged, PacketError> {
+        let (status, len) = AnswerHeader::status_and_len(self.head);
+        let found = self.check_word;
+        match judge_answer(status, len, self.covered, found, coverage) {
+            Verdict::Right => Ok(Judged::Answer),
+            Verdict::NotReady => Ok(Judged::NotReady),
+            Verdict::Wrong { kind, expected } => Err(PacketError::CheckWord { kind, expected, found }),
+            Verdict::Undefined(bits) => Err(PacketError::CheckType { bits }),
+        }
+    }
+}
+
+/// A packet of the chip that is not damaged, as [`Received`] without the packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Judged {
+    Answer,
+    NotReady,
 }
 
 /// A command packet that was received.
@@ -314,14 +335,15 @@ impl<'p> AnswerPacket<'p> {
     /// Length, start word, end word or check word are wrong, or the status names no check type.
     pub fn parse(bytes: &'p [u8], size: DataSize, coverage: Coverage) -> Result<Received<'p>, PacketError> {
         let framed = Framed::parse(bytes, size)?;
-        let header = AnswerHeader::decode(framed.head).1;
-        let found = framed.check_word;
-        match judge_answer(&header, framed.covered, found, coverage) {
-            Verdict::Right => Ok(Received::Answer(Self { header, data: framed.data })),
-            Verdict::NotReady => Ok(Received::NotReady),
-            Verdict::Wrong { kind, expected } => Err(PacketError::CheckWord { kind, expected, found }),
-            Verdict::Undefined(bits) => Err(PacketError::CheckType { bits }),
-        }
+        Ok(match framed.judge(coverage)? {
+            Judged::Answer => Received::Answer(Self { header: AnswerHeader::decode(framed.head).1, data: framed.data }),
+            Judged::NotReady => Received::NotReady,
+        })
+    }
+
+    /// What [`Self::parse`] gives, without the packet.
+    pub(super) fn judge(bytes: &[u8], size: DataSize, coverage: Coverage) -> Result<Judged, PacketError> {
+        Framed::parse(bytes, size)?.judge(coverage)
     }
 
     /// The result that the packet has for `call`. Whether the index is that of the call is the host's to look at.

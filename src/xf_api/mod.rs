@@ -81,9 +81,9 @@ pub use process::{Input, Output, ProcessData};
 
 use crate::ethercat::Ns;
 use crate::link::chip::{self, ChipLink};
+use crate::xf::AnswerHeader;
 use crate::xf::host::{Host, HostConfig, HostState, Ticket};
 use crate::xf::request::Call;
-use crate::xf::{AnswerHeader, MAX_PACKET};
 use axes::Axis;
 use stop::Motors;
 
@@ -93,7 +93,6 @@ use stop::Motors;
 pub struct Xf<L: ChipLink = Box<dyn ChipLink>> {
     host: Host,
     link: L,
-    back: Box<[u8; MAX_PACKET]>,
     /// Slaves on the network, as the chip has counted them.
     slaves: u8,
     /// The cycle with which the network was started.
@@ -126,16 +125,8 @@ impl<L: ChipLink> Xf<L> {
     /// [`XfError::Link`], [`XfError::Chip`].
     pub fn over(link: L, config: HostConfig) -> Result<Self, XfError> {
         let host = Host::new(link.now(), config);
-        let mut xf = Self {
-            host,
-            link,
-            back: Box::new([0; MAX_PACKET]),
-            slaves: 0,
-            cycle_ns: None,
-            axes: Vec::new(),
-            on: Motors::default(),
-            moves: false,
-        };
+        let mut xf =
+            Self { host, link, slaves: 0, cycle_ns: None, axes: Vec::new(), on: Motors::default(), moves: false };
         xf.start()?;
         Ok(xf)
     }
@@ -239,7 +230,7 @@ impl<L: ChipLink> Xf<L> {
 
     /// An exchange, or a wait until the next one.
     fn step(&mut self, until: Ns) -> Result<(), XfError> {
-        Ok(self.host.step(&mut self.link, &mut self.back, until)?)
+        Ok(self.host.step(&mut self.link, until)?)
     }
 }
 

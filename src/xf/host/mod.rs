@@ -5,7 +5,6 @@
 //! is that for wires that implement [`Wires`]:
 //!
 //! ```
-//! use ecmsk::xf::MAX_PACKET;
 //! use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, StepError, Wires};
 //!
 //! /// Wires to a chip that has no power.
@@ -31,10 +30,10 @@
 //!     }
 //! }
 //!
-//! let (mut wires, mut back) = (Dead(0), [0; MAX_PACKET]);
+//! let mut wires = Dead(0);
 //! let mut host = Host::new(wires.now(), HostConfig::default());
 //! let error = loop {
-//!     if let Err(error) = host.step(&mut wires, &mut back, u64::MAX) {
+//!     if let Err(error) = host.step(&mut wires, u64::MAX) {
 //!         break error;
 //!     }
 //! };
@@ -63,6 +62,7 @@
 //! | `received.rs` | what an answer means |
 //! | `settle.rs` | what the end of a packet means for whom it was sent for |
 //! | `flight.rs` | the packet that waits for its answer |
+//! | `inbox.rs` | what came back, and the TxPDOs |
 //! | `slots.rs` | the queues of commands |
 //! | `process.rs` | process data; `fifo.rs`: the room in the RxFIFO |
 //! | `search.rs`, `start.rs` | n and the beginning of packets; the steps of the start |
@@ -76,6 +76,7 @@ mod counters;
 mod error;
 mod fifo;
 mod flight;
+mod inbox;
 mod next;
 mod pace;
 mod process;
@@ -103,6 +104,7 @@ use super::{
 use crate::ethercat::Ns;
 use fifo::RxRoom;
 use flight::Flight;
+use inbox::Inbox;
 use pace::Pacer;
 use process::Process;
 use search::Search;
@@ -142,7 +144,7 @@ enum Outstanding {
     Packet,
 }
 
-/// The driver. About 12 kB, all of it in itself.
+/// The driver. About 13 kB, all of it in itself.
 #[derive(Clone, Debug)]
 pub struct Host {
     config: HostConfig,
@@ -162,6 +164,7 @@ pub struct Host {
     /// The packet that goes out, which `current` says, and the one that the outputs of the next process data stand in.
     packets: [[u8; MAX_PACKET]; 2],
     current: usize,
+    inbox: Inbox,
     index: u8,
     exchange: u64,
     /// The exchange of the newest answer.
@@ -222,6 +225,7 @@ impl Host {
             flight: None,
             packets: [[0; MAX_PACKET]; 2],
             current: 0,
+            inbox: Inbox::new(),
             index: 0,
             exchange: 0,
             answered: 0,
@@ -463,7 +467,7 @@ impl Host {
 
     /// The TxPDOs of the last answer that had any.
     pub fn inputs(&self) -> &[u8] {
-        self.process.inputs()
+        self.inbox.inputs()
     }
 
     /// Whether a command fits into a packet, once n is known.

@@ -14,6 +14,13 @@ use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, W
 /// After so many attempts to clear an error it is taken for one that stays, and ignored until it goes away.
 const CLEAR_TRIES: u32 = 3;
 
+/// What to do now, as [`Next`] without the bytes.
+pub(super) enum Plan {
+    Exchange(Outstanding),
+    WaitUntil(Ns),
+    WaitForReady { until: Ns },
+}
+
 /// What is to be sent.
 enum Choice {
     Filler,
@@ -31,15 +38,27 @@ impl Host {
     /// # Errors
     /// The driver has stopped, for this reason.
     pub fn next(&mut self, now: Ns) -> Result<Next<'_>, HostError> {
+        Ok(match self.plan(now)? {
+            Plan::Exchange(Outstanding::Filler) => Next::Exchange(self.search.filler()),
+            Plan::Exchange(Outstanding::Packet) => {
+                Next::Exchange(&self.packets[self.current][..self.size.packet_len()])
+            }
+            Plan::WaitUntil(time) => Next::WaitUntil(time),
+            Plan::WaitForReady { until } => Next::WaitForReady { until },
+        })
+    }
+
+    /// What [`Self::next`] gives, without the bytes.
+    pub(super) fn plan(&mut self, now: Ns) -> Result<Plan, HostError> {
         if self.outstanding.is_some() {
-            self.received(now, &[]);
+            self.came(now, 0);
         }
         self.expire(now);
         self.running_or_error()?;
         match self.pacer.pace(now, &self.config) {
             Pace::Go => {}
-            Pace::Until(until) => return Ok(Next::WaitUntil(until)),
-            Pace::Int0(until) => return Ok(Next::WaitForReady { until }),
+            Pace::Until(until) => return Ok(Plan::WaitUntil(until)),
+            Pace::Int0(until) => return Ok(Plan::WaitForReady { until }),
             Pace::Missed => {
                 self.counters.int0_missed += 1;
                 if self.pacer.misses >= self.config.int0_misses && self.bad_in_row > 0 {
@@ -53,17 +72,13 @@ impl Host {
                 self.running_or_error()?;
             }
         }
-        match self.choose(now) {
-            Choice::Filler => {
-                self.begin(Outstanding::Filler);
-                Ok(Next::Exchange(self.search.filler()))
-            }
-            Choice::Packet => {
-                self.begin(Outstanding::Packet);
-                Ok(Next::Exchange(&self.packets[self.current][..self.size.packet_len()]))
-            }
-            Choice::Nothing { until } => Ok(Next::WaitUntil(until)),
-        }
+        let what = match self.choose(now) {
+            Choice::Filler => Outstanding::Filler,
+            Choice::Packet => Outstanding::Packet,
+            Choice::Nothing { until } => return Ok(Plan::WaitUntil(until)),
+        };
+        self.begin(what);
+        Ok(Plan::Exchange(what))
     }
 
     pub(super) fn running_or_error(&self) -> Result<(), HostError> {
@@ -78,11 +93,6 @@ impl Host {
         self.ready_seen = false;
         self.in_step = false;
         self.pacer.began();
-        if let Some(flight) = &self.flight
-            && what == Outstanding::Packet
-        {
-            self.sent = [self.sent[1], (flight.index, flight.code, flight.copies)];
-        }
     }
 
     /// The driver stops: all that waits ends with this error.
@@ -92,7 +102,6 @@ impl Host {
         self.state = HostState::Stopped(error);
     }
 
-    /// Packets are searched; `state` is how that shows.
     /// Searches packets where they are no more.
     pub(super) fn search_anew(&mut self, now: Ns) {
         let running = self.state == HostState::Running;
@@ -100,6 +109,7 @@ impl Host {
         self.begin_search(now, state);
     }
 
+    /// Packets are searched; `state` is how that shows.
     pub(super) fn begin_search(&mut self, now: Ns, state: HostState) {
         self.search = Search::new(now);
         if let Some(overtaken) = &mut self.process.overtaken {
@@ -173,6 +183,7 @@ impl Host {
         if let Some(flight) = &mut self.flight {
             self.exchange = exchange;
             flight.copies += 1;
+            self.sent = [self.sent[1], (flight.index, flight.code, flight.copies)];
             // The second copy fetches the answer to the first one.
             self.counters.repeated += u64::from(flight.copies > 2);
             if let Purpose::Process { sequence, queued, .. } = flight.purpose {
@@ -249,13 +260,17 @@ impl Host {
     }
 
     /// The errors that a command is not to find: they would be taken for its own.
-    pub(super) fn to_clear(&self) -> Errors {
+    fn to_clear(&self) -> Errors {
         self.seen().without(self.stuck)
     }
 
     /// The errors that a header clears, those that did not go away among them.
     fn seen(&self) -> Errors {
-        let seen = self.header.map_or(Errors::NONE, |header| header.errors);
+        self.own_errors(self.header.map_or(Errors::NONE, |header| header.errors))
+    }
+
+    /// Those of these errors that a header may clear.
+    pub(super) fn own_errors(&self, seen: Errors) -> Errors {
         let own = Errors(seen.0 & Errors::ALL.0);
         // That of the command that runs is not seen yet, or is its end.
         if self.slots.running().is_some() { own.without(Errors::NON_IMMEDIATE) } else { own }
@@ -278,6 +293,7 @@ impl Host {
     fn launch(&mut self, now: Ns, purpose: Purpose, code: CommandCode) -> Choice {
         self.exchange += 1;
         self.bits_known = false;
+        self.sent = [self.sent[1], (self.index, code, 1)];
         let flight = Flight::new(purpose, self.index, code, self.exchange);
         self.flight = Some(flight.within(now, self.config.deadlines.answer_ns));
         Choice::Packet

@@ -2,7 +2,7 @@
 
 use super::error::HostError;
 use crate::xf::request::{Arguments, PdoOperation};
-use crate::xf::{AnswerPacket, CommandCode, DataSize, Errors};
+use crate::xf::{CommandCode, Errors};
 
 /// Reports that are kept until they are taken.
 const REPORTS: usize = 4;
@@ -123,22 +123,17 @@ pub(super) struct Outgoing {
 pub(super) struct Process {
     sequence: u32,
     waiting: Option<Outgoing>,
-    inputs: [u8; DataSize::MAX.bytes()],
-    inputs_len: usize,
     reports: [Option<ProcessReport>; REPORTS],
+    /// The place of the oldest report.
+    oldest: usize,
+    /// How many there are.
+    kept: usize,
     pub(super) overtaken: Option<Overtaken>,
 }
 
 impl Process {
     pub(super) const fn new() -> Self {
-        Self {
-            sequence: 0,
-            waiting: None,
-            inputs: [0; DataSize::MAX.bytes()],
-            inputs_len: 0,
-            reports: [None; REPORTS],
-            overtaken: None,
-        }
+        Self { sequence: 0, waiting: None, reports: [None; REPORTS], oldest: 0, kept: 0, overtaken: None }
     }
 
     /// The sequence of the data that wait, if any do.
@@ -173,31 +168,21 @@ impl Process {
         self.waiting.take()
     }
 
-    /// Keeps the TxPDOs of an answer.
-    pub(super) fn keep(&mut self, answer: &AnswerPacket<'_>) {
-        self.inputs_len = answer.data.len().min(answer.header.len.into());
-        self.inputs[..self.inputs_len].copy_from_slice(&answer.data[..self.inputs_len]);
-    }
-
-    pub(super) fn inputs(&self) -> &[u8] {
-        &self.inputs[..self.inputs_len]
-    }
-
     /// Adds a report; whether the oldest one had to go for it.
     pub(super) fn report(&mut self, report: ProcessReport) -> bool {
-        let lost = self.reports[REPORTS - 1].is_some();
+        let lost = self.kept == REPORTS;
         if lost {
-            self.reports.rotate_left(1);
-            self.reports[REPORTS - 1] = Some(report);
-        } else if let Some(place) = self.reports.iter_mut().find(|place| place.is_none()) {
-            *place = Some(report);
+            self.take_report();
         }
+        self.reports[(self.oldest + self.kept) % REPORTS] = Some(report);
+        self.kept += 1;
         lost
     }
 
     pub(super) fn take_report(&mut self) -> Option<ProcessReport> {
-        let report = self.reports[0].take()?;
-        self.reports.rotate_left(1);
+        let report = self.reports[self.oldest].take()?;
+        self.oldest = (self.oldest + 1) % REPORTS;
+        self.kept -= 1;
         Some(report)
     }
 }

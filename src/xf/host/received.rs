@@ -5,32 +5,40 @@ use super::process::ProcessOutcome;
 use super::slots::{SlotState, Slots};
 use super::{Host, HostError, HostState, Outstanding, StartStep};
 use crate::ethercat::Ns;
-use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, Coverage, Errors, PacketError, Received, Status};
+use crate::xf::packet::Judged;
+use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, Coverage, Errors, MAX_PACKET, PacketError, Status};
 
 impl Host {
     /// Takes what came back in the exchange that [`Self::next`] asked for: as many bytes as went out, or none if the
     /// exchange failed. `now` is when it ended.
     pub fn received(&mut self, now: Ns, bytes: &[u8]) {
+        let (place, len) = (self.inbox.packet(), bytes.len().min(MAX_PACKET));
+        place[..len].copy_from_slice(&bytes[..len]);
+        self.came(now, bytes.len());
+    }
+
+    /// As [`Self::received`], of so many bytes that stand in the inbox.
+    pub(super) fn came(&mut self, now: Ns, len: usize) {
         let ready = core::mem::take(&mut self.ready_seen);
         match self.outstanding.take() {
             None => self.counters.stray += 1,
             Some(Outstanding::Filler) => {
                 self.pacer.ended(now, &self.config, ready, false);
-                self.searched(now, bytes);
+                self.searched(now, len);
             }
-            Some(Outstanding::Packet) if self.is_resize() => self.resized(now, bytes, ready),
+            Some(Outstanding::Packet) if self.is_resize() => self.resized(now, len, ready),
             Some(Outstanding::Packet) => {
                 self.counters.exchanges += 1;
-                let parsed = self.parse(bytes);
-                match parsed {
-                    Ok(Received::NotReady) => self.pacer.slower(&self.config),
-                    Ok(Received::Answer(_)) => self.pacer.faster(&self.config),
+                let judged = self.judge(len);
+                match judged {
+                    Ok(Judged::NotReady) => self.pacer.slower(&self.config),
+                    Ok(Judged::Answer) => self.pacer.faster(&self.config),
                     Err(_) => {}
                 }
                 self.pacer.ended(now, &self.config, ready, true);
-                match parsed {
-                    Ok(Received::Answer(answer)) => self.answered(now, &answer),
-                    Ok(Received::NotReady) => self.counters.not_ready += 1,
+                match judged {
+                    Ok(Judged::Answer) => self.answered(now, &self.inbox.header()),
+                    Ok(Judged::NotReady) => self.counters.not_ready += 1,
                     Err(error) => self.damaged(now, error),
                 }
             }
@@ -38,7 +46,8 @@ impl Host {
     }
 
     /// Bytes of the search.
-    fn searched(&mut self, now: Ns, bytes: &[u8]) {
+    fn searched(&mut self, now: Ns, len: usize) {
+        let bytes = self.inbox.received(len.min(MAX_PACKET)).unwrap_or_default();
         let Some(size) = self.search.take(bytes) else {
             let waited_ns = now.saturating_sub(self.search.since);
             if waited_ns >= self.config.deadlines.search_ns {
@@ -69,10 +78,10 @@ impl Host {
 
     /// SPI_RECONFIG_OP went out: the answer is skipped, as the vendor's driver does, and the new n is tried. A chip that
     /// was not ready has not taken it: it is sent again.
-    fn resized(&mut self, now: Ns, bytes: &[u8], ready: bool) {
+    fn resized(&mut self, now: Ns, len: usize, ready: bool) {
         self.counters.exchanges += 1;
         self.flight = None;
-        if self.parse(bytes) == Ok(Received::NotReady) {
+        if self.judge(len) == Ok(Judged::NotReady) {
             self.counters.not_ready += 1;
             self.pacer.slower(&self.config);
             self.pacer.ended(now, &self.config, ready, true);
@@ -85,9 +94,11 @@ impl Host {
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// The answer. What a CRC-32 covers is tried both ways until the first one was right.
-    fn parse<'p>(&mut self, bytes: &'p [u8]) -> Result<Received<'p>, PacketError> {
-        let first = AnswerPacket::parse(bytes, self.size, self.rule.coverage);
+    /// Whether the packet is an answer. What a CRC-32 covers is tried both ways until the first one was right.
+    fn judge(&mut self, len: usize) -> Result<Judged, PacketError> {
+        let expected = self.size.packet_len();
+        let bytes = self.inbox.received(len).ok_or(PacketError::Length { expected, found: len })?;
+        let first = AnswerPacket::judge(bytes, self.size, self.rule.coverage);
         if self.coverage_known {
             return first;
         }
@@ -95,19 +106,17 @@ impl Host {
             Coverage::All => Coverage::Valid,
             Coverage::Valid => Coverage::All,
         };
-        let (parsed, coverage) = match first {
+        let (judged, coverage) = match first {
             Err(PacketError::CheckWord { kind: CheckType::Crc32, .. }) => {
-                (AnswerPacket::parse(bytes, self.size, other).or(first), other)
+                (AnswerPacket::judge(bytes, self.size, other).or(first), other)
             }
             first => (first, self.rule.coverage),
         };
-        if let Ok(Received::Answer(answer)) = &parsed
-            && answer.header.status.check_type() == Ok(CheckType::Crc32)
-        {
+        if judged == Ok(Judged::Answer) && self.inbox.header().status.check_type() == Ok(CheckType::Crc32) {
             self.rule.coverage = coverage;
             self.coverage_known = true;
         }
-        parsed
+        judged
     }
 
     fn damaged(&mut self, now: Ns, error: PacketError) {
@@ -120,32 +129,31 @@ impl Host {
         }
     }
 
-    fn answered(&mut self, now: Ns, answer: &AnswerPacket<'_>) {
-        let header = answer.header;
+    fn answered(&mut self, now: Ns, header: &AnswerHeader) {
         self.counters.answers += 1;
-        self.found.get_or_insert(header);
+        self.found.get_or_insert(*header);
         self.answered = self.exchange;
         self.counters.nops += u64::from(header.status.contains(Status::NOP));
         self.bad_in_row = 0;
         if self.crc_on && header.status.check_type() == Ok(CheckType::Fixed) {
             self.chip_was_reset(now);
-            self.header = Some(header);
+            self.header = Some(*header);
             return;
         }
         // An answer that comes twice says nothing about the packet before.
         let tells = |header: &AnswerHeader| (header.index, header.code, header.status.contains(Status::NOP));
-        let new = self.header.is_none_or(|before| tells(&before) != tells(&header));
+        let new = self.header.is_none_or(|before| tells(&before) != tells(header));
         let (index, code, copies) = self.sent[0];
         self.in_step = new && copies <= 2 && (header.index, header.code) == (index, code);
-        let rejected = self.count_rejections(&header);
-        self.header = Some(header);
+        let rejected = self.count_rejections(header);
+        self.header = Some(*header);
         self.stuck = Errors(self.stuck.0 & header.errors.0);
-        if self.to_clear() == Errors::NONE {
+        if self.own_errors(header.errors).without(self.stuck) == Errors::NONE {
             (self.cleared, self.clear_tries) = (Errors::NONE, 0);
         }
         self.room.answer(self.exchange, header.rx_fifo);
-        self.give_to_flight(now, answer, rejected);
-        self.follow_check_type(&header);
+        self.give_to_flight(now, header, rejected);
+        self.follow_check_type(header);
     }
 
     /// Counts packets that the chip rejected since the answer before; whether there were any.
@@ -171,10 +179,9 @@ impl Host {
         rose > 0
     }
 
-    fn give_to_flight(&mut self, now: Ns, answer: &AnswerPacket<'_>, rejected: bool) {
-        let header = &answer.header;
+    fn give_to_flight(&mut self, now: Ns, header: &AnswerHeader, rejected: bool) {
         let nop = header.status.contains(Status::NOP);
-        if !nop && self.settle_overtaken(Some(answer)) {
+        if !nop && self.settle_overtaken(Some(header)) {
             return;
         }
         let Some(flight) = &mut self.flight else {
@@ -193,7 +200,7 @@ impl Host {
                 self.settled = now;
                 self.bits_known = true;
                 self.busy = header.status.contains(Status::BUSY);
-                self.settle(now, &flight, verdict, answer);
+                self.settle(now, &flight, verdict, header);
                 self.look_for_end(now, &flight, header);
             }
         }

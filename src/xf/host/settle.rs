@@ -12,29 +12,30 @@ use crate::xf::response::Returned;
 use crate::xf::{AnswerHeader, AnswerPacket, CheckType, CommandCode, DataSize, Errors, Status};
 
 impl Host {
-    /// The packet of `flight` has its answer, or its answer is lost and `answer` shows that it ran.
-    pub(super) fn settle(&mut self, now: Ns, flight: &Flight, verdict: Verdict, answer: &AnswerPacket<'_>) {
+    /// The packet of `flight` has its answer, or its answer is lost and `header` shows that it ran.
+    pub(super) fn settle(&mut self, now: Ns, flight: &Flight, verdict: Verdict, header: &AnswerHeader) {
         let lost = verdict == Verdict::Lost;
         match flight.purpose {
-            Purpose::Start(step) if !lost => self.started(now, step, answer),
+            Purpose::Start(step) if !lost => self.started(now, step, header),
             // The step is done again.
             Purpose::Start(_) => {}
             // A header that was to clear errors and has them still was a try; one that nobody answered was none.
-            Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(answer.header.errors)),
-            Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, answer),
+            Purpose::Info => self.clear_tries += u32::from(self.cleared.intersects(header.errors)),
+            Purpose::Slot(slot, part) => self.settle_slot(now, slot, part, lost, header),
             Purpose::Process { sequence, written, reads, clears, others, .. } => {
-                self.settle_overtaken_by(flight, &answer.header);
-                if lost && written > 0 && self.is_doubtful(clears, others, &answer.header) {
+                self.settle_overtaken_by(flight, header);
+                if lost && written > 0 && self.is_doubtful(clears, others, header) {
                     self.settle_unknown(sequence, written);
                 } else {
-                    self.settle_process(sequence, flight.code, written, reads, lost, answer);
+                    self.settle_process(sequence, flight.code, written, reads, lost, header);
                 }
             }
         }
     }
 
     /// A step of the start has its answer.
-    fn started(&mut self, now: Ns, step: StartStep, answer: &AnswerPacket<'_>) {
+    fn started(&mut self, now: Ns, step: StartStep, header: &AnswerHeader) {
+        let answer = AnswerPacket { header: *header, data: self.inbox.data(self.size) };
         let next = match step {
             StartStep::PackSize => match answer.answer_to(&SpiPackSizeGet) {
                 Ok(size) if size != self.size => {
@@ -70,15 +71,16 @@ impl Host {
         self.state = next.map_or(HostState::Running, HostState::Starting);
     }
 
-    fn settle_slot(&mut self, now: Ns, slot: usize, part: Part, lost: bool, answer: &AnswerPacket<'_>) {
-        let refused = answer.header.errors.without(self.stuck).contains(Errors::COMMAND);
+    fn settle_slot(&mut self, now: Ns, slot: usize, part: Part, lost: bool, header: &AnswerHeader) {
+        let data = self.inbox.data(self.size);
+        let refused = header.errors.without(self.stuck).contains(Errors::COMMAND);
         let this = &mut self.slots.all[slot];
         let (code, arguments) = (this.code, this.arguments);
         let immediate = code.is_immediate(arguments.parameter);
         this.state = match part {
             Part::AbortCode if lost => SlotState::Waiting(Part::AbortCode),
             Part::AbortCode => {
-                let word = answer.data.first_chunk::<4>().filter(|_| answer.header.len >= 4 && !refused);
+                let word = data.first_chunk::<4>().filter(|_| header.len >= 4 && !refused);
                 let abort = word.map(|word| AbortCode(u32::from_le_bytes(*word)));
                 SlotState::Done(Err(HostError::Failed { code, abort, waited_ns: this.failed_after }))
             }
@@ -99,7 +101,7 @@ impl Host {
                 SlotState::Done(if has_result { Err(HostError::AnswerLost { code }) } else { Ok(()) })
             }
             Part::Read | Part::Request => {
-                this.keep(answer);
+                this.keep(header, data);
                 SlotState::Done(Ok(()))
             }
         };
@@ -108,7 +110,7 @@ impl Host {
             _ => self.counters.answers_lost += u64::from(lost),
         }
         if this.state == SlotState::Done(Ok(())) && part == Part::Request {
-            self.learn(code, arguments.parameter, answer.header.ret, lost);
+            self.learn(code, arguments.parameter, header.ret, lost);
         }
     }
 
@@ -150,17 +152,17 @@ impl Host {
         written: u8,
         reads: bool,
         lost: bool,
-        answer: &AnswerPacket<'_>,
+        header: &AnswerHeader,
     ) {
-        let errors = answer.header.errors.without(self.stuck);
+        let errors = header.errors.without(self.stuck);
         let pdos = u64::from(written);
-        let done = PdoOperation(answer.header.ret);
+        let done = PdoOperation(header.ret);
         let fifo = code == CommandCode::PdoDataFifo;
         // What the return byte of 6 means no manual says: its data tell.
         let refusable = if fifo {
             !done.contains(PdoOperation::WRITE) && !done.contains(PdoOperation::READ)
         } else {
-            answer.header.len == 0
+            header.len == 0
         };
         let nothing = lost || refusable;
         let outcome = if nothing && errors.contains(Errors::COMMAND) {
@@ -172,14 +174,15 @@ impl Host {
         } else if done.contains(PdoOperation::FAILED) || fifo && written > 0 && !done.contains(PdoOperation::WRITE) {
             ProcessOutcome::Full
         } else {
-            let read = reads && if fifo { done.contains(PdoOperation::READ) } else { answer.header.len > 0 };
+            let read = reads && if fifo { done.contains(PdoOperation::READ) } else { header.len > 0 };
             ProcessOutcome::Done { read }
         };
         match outcome {
             ProcessOutcome::Done { read } => {
                 self.counters.rx_written += pdos;
                 if read {
-                    self.process.keep(answer);
+                    let data = self.inbox.data(self.size);
+                    self.inbox.keep_inputs(data.len().min(header.len.into()));
                 }
             }
             ProcessOutcome::AnswerLost => {
@@ -208,15 +211,15 @@ impl Host {
         self.report(sequence, ProcessOutcome::Unknown);
     }
 
-    /// Process data that were overtaken by the next ones: `answer` may be theirs. With `None` nothing will tell any
+    /// Process data that were overtaken by the next ones: the answer with `header` may be theirs. With `None` nothing will tell any
     /// more. Whether the answer was theirs.
-    pub(super) fn settle_overtaken(&mut self, answer: Option<&AnswerPacket<'_>>) -> bool {
+    pub(super) fn settle_overtaken(&mut self, header: Option<&AnswerHeader>) -> bool {
         let Some(overtaken) = self.process.overtaken else { return false };
         let Overtaken { sequence, index, code, written, reads, .. } = overtaken;
-        match answer {
-            Some(answer) if answer.header.index == index && answer.header.code == code => {
+        match header {
+            Some(header) if header.index == index && header.code == code => {
                 self.process.overtaken = None;
-                self.settle_process(sequence, code, written, reads, false, answer);
+                self.settle_process(sequence, code, written, reads, false, header);
                 true
             }
             Some(_) => false,

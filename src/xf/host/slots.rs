@@ -6,7 +6,7 @@ use crate::ethercat::Ns;
 use crate::xf::code::AnswerForm;
 use crate::xf::request::{Arguments, Encode, PdoOperation, Request, UnknownCommand};
 use crate::xf::response::Returned;
-use crate::xf::{AnswerPacket, CommandCode, Malformed};
+use crate::xf::{AnswerHeader, CommandCode, Malformed};
 
 /// How many immediate commands wait or are not taken yet.
 pub const IMMEDIATE_SLOTS: usize = 4;
@@ -107,11 +107,11 @@ impl Slot {
         Request::Unknown(UnknownCommand { code, arguments, data })
     }
 
-    /// Keeps an answer.
-    pub(super) fn keep(&mut self, answer: &AnswerPacket<'_>) {
-        self.held = answer.data.len().min(SLOT_BYTES);
-        self.bytes[..self.held].copy_from_slice(&answer.data[..self.held]);
-        self.returned = Returned { ret: answer.header.ret, len: answer.header.len };
+    /// Keeps an answer and its data segment.
+    pub(super) fn keep(&mut self, header: &AnswerHeader, data: &[u8]) {
+        self.held = data.len().min(SLOT_BYTES);
+        self.bytes[..self.held].copy_from_slice(&data[..self.held]);
+        self.returned = Returned { ret: header.ret, len: header.len };
     }
 }
 

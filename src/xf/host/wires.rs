@@ -1,8 +1,8 @@
 //! The wires to a chip as the driver uses them, and one step of the driver over them.
 
-use super::{Host, HostError, Next};
+use super::next::Plan;
+use super::{Host, HostError, Outstanding};
 use crate::ethercat::Ns;
-use crate::xf::MAX_PACKET;
 
 /// The wires to one chip, with a clock.
 pub trait Wires {
@@ -42,28 +42,25 @@ pub enum StepError<E> {
 }
 
 impl Host {
-    /// One step over these wires: an exchange, or a wait for the next one that ends at `until`. `back` is room for what
-    /// the chip sends.
+    /// One step over these wires: an exchange, or a wait for the next one that ends at `until`.
     ///
     /// # Errors
     /// The driver has stopped, or the wires cannot be used. What was on its way in an exchange that failed is sent
     /// again by the next step, as after a damaged answer.
-    pub fn step<W: Wires + ?Sized>(
-        &mut self,
-        wires: &mut W,
-        back: &mut [u8; MAX_PACKET],
-        until: Ns,
-    ) -> Result<(), StepError<W::Error>> {
-        match self.next(wires.now()).map_err(StepError::Host)? {
-            Next::Exchange(packet) => {
-                let back = &mut back[..packet.len()];
-                let done = wires.exchange(packet, back);
-                let came: &[u8] = if done.is_ok() { back } else { &[] };
-                self.received(wires.now(), came);
+    pub fn step<W: Wires + ?Sized>(&mut self, wires: &mut W, until: Ns) -> Result<(), StepError<W::Error>> {
+        match self.plan(wires.now()).map_err(StepError::Host)? {
+            Plan::Exchange(what) => {
+                let to_chip = match what {
+                    Outstanding::Filler => self.search.filler(),
+                    Outstanding::Packet => &self.packets[self.current][..self.size.packet_len()],
+                };
+                let len = to_chip.len();
+                let done = wires.exchange(to_chip, &mut self.inbox.packet()[..len]);
+                self.came(wires.now(), if done.is_ok() { len } else { 0 });
                 done
             }
-            Next::WaitUntil(time) => wires.wait_until(time.min(until)),
-            Next::WaitForReady { until: time } => wires.wait_ready(time.min(until)).map(|ready| {
+            Plan::WaitUntil(time) => wires.wait_until(time.min(until)),
+            Plan::WaitForReady { until: time } => wires.wait_ready(time.min(until)).map(|ready| {
                 if ready {
                     self.ready(wires.now());
                 }

@@ -55,6 +55,9 @@ fn process_data_go_out_and_come_in() {
                 assert_eq!(rig.host.inputs(), pdo(seen));
             }
             rig.exchanges(3);
+            if read {
+                assert_eq!(rig.host.inputs(), pdo(seen), "other answers leave them");
+            }
         }
         assert!(seen > 250, "{seen}");
         assert_eq!(rig.host.counters().rx_written, 300);

@@ -8,6 +8,7 @@
 //! | `pdo/downloads.rs` | which SDOs do that mapping, and in which order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | how its scan, configuration, changes of state and SDOs run, and how long they take |
+//! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
 //! | `cable.rs` | what scripts and tests make go wrong: cut cables, slaves without power, refused states, aborted SDOs, faults |
 //!
 //! A bus never blocks and never asks for the time. What takes long (scan, configuration, changes of state, SDOs) is started
@@ -26,6 +27,7 @@ pub mod cable;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;
+pub mod xf;
 
 use crate::cia402::{Controlword, Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};

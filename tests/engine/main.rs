@@ -72,3 +72,4 @@ mod states;
 mod step;
 mod test_mode;
 mod watch;
+mod xf_bus;

@@ -1,0 +1,162 @@
+//! What a job asks the chip, one command at a time, each with a number for an answer.
+
+use crate::coe::{ObjectAddress, SdoScope, SdoSize};
+use crate::ethercat::{AlState, Ns};
+use crate::xf::host::{Host, HostError, Ticket};
+use crate::xf::request::{
+    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, Reconfig,
+    ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet, SlaveInfoItem, SlaveNumber, Slaves,
+    StateGet, StateSet, StateUpdate,
+};
+
+/// How long the initialisation of the network may take. \[OURS]
+const INIT_NS: Ns = 30_000_000_000;
+/// How long any other command may run. \[OURS]
+const COMMAND_NS: Ns = 10_000_000_000;
+
+/// A command. Slaves count from 1, as everywhere in this project but in the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ask {
+    Fifo {
+        on: bool,
+    },
+    Clear(Fifos),
+    Init {
+        sync0_ns: u32,
+    },
+    Count,
+    /// `None`: all slaves.
+    Enter(Option<u8>, AlState),
+    UpdateStates,
+    StateOf(u8),
+    Info(u8, SlaveInfoItem),
+    Upload {
+        slave: u8,
+        object: ObjectAddress,
+        timeout_ns: Ns,
+    },
+    Download {
+        slave: u8,
+        object: ObjectAddress,
+        size: SdoSize,
+        value: u32,
+        timeout_ns: Ns,
+    },
+    Reconfig,
+    RxEntries(u8),
+    TxEntries(u8),
+    BuildFifos,
+}
+
+/// The answer: a number, or why there is none.
+pub(super) type Reply = Result<u32, HostError>;
+
+/// A command that was submitted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    ask: Ask,
+    ticket: Ticket,
+}
+
+/// The chip's number of a slave. One beyond its numbers is one that does not answer.
+fn number(slave: u8) -> SlaveNumber {
+    SlaveNumber::new(slave.saturating_sub(1)).unwrap_or(SlaveNumber::MAX)
+}
+
+fn to_us(ns: Ns) -> u32 {
+    u32::try_from(ns / 1000).unwrap_or(u32::MAX).max(1)
+}
+
+impl Ask {
+    /// # Errors
+    /// The queue is full, or the driver has stopped.
+    pub(super) fn submit(self, host: &mut Host, now: Ns) -> Result<Asked, HostError> {
+        let ticket = match self {
+            Self::Fifo { on } => host.submit(now, &FifoEnable { on }),
+            Self::Clear(fifos) => host.submit(now, &FifoClear { fifos }),
+            Self::Init { sync0_ns } => host.submit_within(now, &init(sync0_ns), INIT_NS),
+            Self::Count => host.submit(now, &SlaveCountGet),
+            Self::Enter(slave, state) => host.submit_within(now, &enter(slave, state), COMMAND_NS),
+            Self::UpdateStates => host.submit_within(now, &StateUpdate, COMMAND_NS),
+            Self::StateOf(slave) => host.submit(now, &state_of(slave)),
+            Self::Info(slave, item) => host.submit(now, &SlaveInfoGet { slave: number(slave), item }),
+            Self::Upload { slave, object, timeout_ns } => {
+                let request = sdo(slave, object, timeout_ns, SdoOperation::Read { bytes: 4 });
+                host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
+            }
+            Self::Download { slave, object, size, value, timeout_ns } => {
+                let bytes = value.to_le_bytes();
+                let request = sdo(slave, object, timeout_ns, SdoOperation::Write(&bytes[..size.bytes().into()]));
+                host.submit_within(now, &request, timeout_ns.saturating_add(COMMAND_NS))
+            }
+            Self::Reconfig => host.submit_within(now, &Reconfig, COMMAND_NS),
+            Self::RxEntries(entries) => host.submit(now, &FifoSetRxCount { entries }),
+            Self::TxEntries(entries) => host.submit(now, &FifoSetTxCount { entries }),
+            Self::BuildFifos => host.submit_within(now, &FifoInit, COMMAND_NS),
+        }?;
+        Ok(Asked { ask: self, ticket })
+    }
+}
+
+const fn init(sync0_ns: u32) -> EcatInit {
+    let dc = DcTiming { assign_activate: 0x0300, sync0_ns, sync1_ns: 0, shift_ns: 0 };
+    EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }
+}
+
+fn enter(slave: Option<u8>, state: AlState) -> StateSet {
+    let slaves = slave.map_or(Slaves::All, |slave| Slaves::One(number(slave)));
+    StateSet { slaves, state: state.into() }
+}
+
+fn state_of(slave: u8) -> StateGet {
+    StateGet { slaves: Slaves::One(number(slave)) }
+}
+
+fn sdo(slave: u8, object: ObjectAddress, timeout_ns: Ns, operation: SdoOperation<'_>) -> SdoRequest<'_> {
+    let timeout_us = to_us(timeout_ns);
+    SdoRequest { slave: number(slave), object, scope: SdoScope::Entry, timeout_us, operation }
+}
+
+impl Asked {
+    /// The answer, once it is there.
+    pub(super) fn reply(&self, host: &mut Host) -> Option<Reply> {
+        let Self { ask, ticket } = *self;
+        let done = |unit: Result<(), HostError>| unit.map(|()| 0);
+        Some(match ask {
+            Ask::Fifo { on } => done(host.take(ticket, &FifoEnable { on })?),
+            Ask::Clear(fifos) => done(host.take(ticket, &FifoClear { fifos })?),
+            Ask::Init { sync0_ns } => done(host.take(ticket, &init(sync0_ns))?),
+            Ask::Count => host.take(ticket, &SlaveCountGet)?.map(u32::from),
+            Ask::Enter(slave, state) => done(host.take(ticket, &enter(slave, state))?),
+            Ask::UpdateStates => done(host.take(ticket, &StateUpdate)?),
+            Ask::StateOf(slave) => host.take(ticket, &state_of(slave))?.map(|state| state.0.into()),
+            Ask::Info(slave, item) => {
+                let info = host.take(ticket, &SlaveInfoGet { slave: number(slave), item })?;
+                info.map(|info| info.number().unwrap_or(0))
+            }
+            Ask::Upload { .. } => host.take(ticket, &SdoGet)?.map(little_endian),
+            Ask::Download { slave, object, size, value, timeout_ns } => {
+                let bytes = value.to_le_bytes();
+                let request = sdo(slave, object, timeout_ns, SdoOperation::Write(&bytes[..size.bytes().into()]));
+                done(host.take(ticket, &request)?)
+            }
+            Ask::Reconfig => done(host.take(ticket, &Reconfig)?),
+            Ask::RxEntries(entries) => done(host.take(ticket, &FifoSetRxCount { entries })?),
+            Ask::TxEntries(entries) => done(host.take(ticket, &FifoSetTxCount { entries })?),
+            Ask::BuildFifos => done(host.take(ticket, &FifoInit)?),
+        })
+    }
+
+    /// Nobody takes the answer any more.
+    pub(super) fn abandon(self, host: &mut Host) {
+        host.abandon(self.ticket);
+    }
+}
+
+/// The first 4 bytes of a value as a number.
+fn little_endian(bytes: &[u8]) -> u32 {
+    let mut word = [0; 4];
+    let len = bytes.len().min(4);
+    word[..len].copy_from_slice(&bytes[..len]);
+    u32::from_le_bytes(word)
+}

@@ -1,0 +1,416 @@
+//! A network behind an ECM-XF: the board's jobs as commands of the chip, and its process data through the chip's FIFOs.
+//!
+//! | file | what it answers |
+//! | --- | --- |
+//! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
+//! | `jobs.rs` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
+//! | `flow.rs` | process data: what is written and read in which exchange |
+//! | `ledger.rs` | which outputs each cycle carried |
+//! | `watch.rs` | which slaves are lost, and what a reset of the chip means |
+//! | `network.rs` | what is known of the network |
+//!
+//! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
+//! engine polls. It starts no thread.
+
+mod ask;
+mod flow;
+mod jobs;
+mod ledger;
+mod network;
+mod watch;
+
+use std::collections::VecDeque;
+
+use super::{BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
+use crate::sk::CycleTime;
+use crate::xf::host::{BudgetError, Host, HostConfig, HostState, StepError, Wires};
+use ask::{Ask, Asked};
+use flow::{Answer, Clearing, Flying, Set};
+use jobs::{Running, Todo};
+use ledger::Ledger;
+use network::Network;
+use watch::Watch;
+
+/// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
+const ANSWER_DELAY: u16 = 64;
+/// After the driver has stopped it is started again so much later. \[OURS]
+const RESTART_NS: Ns = 100_000_000;
+
+/// How an [`XfBus`] uses its chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct XfBusOptions {
+    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles stops nothing; what lies
+    /// there was computed so many cycles ago.
+    pub ahead: u16,
+    /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
+    pub clock_hz: Option<u32>,
+}
+
+impl XfBusOptions {
+    /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
+    pub const AHEAD_MAX: u16 = 60;
+    /// 8 sets. \[OURS]
+    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None };
+}
+
+impl Default for XfBusOptions {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// What a bus has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct XfBusCounters {
+    /// Sets of outputs that the chip has not taken, or of which nobody knows.
+    pub sets_lost: u64,
+    /// Cycles whose inputs were lost.
+    pub cycles_lost: u64,
+    /// Cycles in OP that had nothing new to send.
+    pub repeated: u64,
+    /// How often the chip was reset.
+    pub chip_resets: u64,
+}
+
+/// A network behind an ECM-XF.
+#[derive(Debug)]
+pub struct XfBus<W> {
+    wires: W,
+    host: Host,
+    options: XfBusOptions,
+    /// The engine's time less that of the wires; `None`: nobody has called yet.
+    skew: Option<Ns>,
+    network: Network,
+    /// The chip's own cycles are told: a slave is in OP.
+    runs: bool,
+    job: Option<Running>,
+    /// The command of the job under way.
+    asked: Option<Asked>,
+    /// A command that the driver has not taken yet.
+    pending: Option<Ask>,
+    sdo: Option<(SdoRequest, Asked)>,
+    ended: VecDeque<JobDone>,
+    /// Why the newest configuration was refused, if it was the cycle.
+    refused_cycle: Option<BudgetError>,
+    /// Sets that are to be written.
+    queue: VecDeque<Set>,
+    flying: Option<Flying>,
+    ledger: Ledger,
+    clearing: Clearing,
+    answers: VecDeque<Answer>,
+    /// Buffers of answers that were polled.
+    spare: Vec<Answer>,
+    /// The answers that were received when a header was looked at last.
+    headers: u64,
+    next_read: Ns,
+    /// The newest cycle of the chip that was received, in time of the wires.
+    newest_cycle: Ns,
+    /// Inputs may have been lost since then.
+    gap: bool,
+    lost_cycles: u32,
+    /// The newest cycle that was polled, engine time.
+    told_at: Ns,
+    /// The id of the newest outputs that were taken while the chip had no network.
+    dropped: Option<u64>,
+    newest_inputs: Vec<u8>,
+    watch: Watch,
+    stopped_at: Option<Ns>,
+    counters: XfBusCounters,
+}
+
+impl<W: Wires> XfBus<W> {
+    /// The network behind the chip at the end of these wires, which is started.
+    pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
+        let ahead = options.ahead.clamp(1, XfBusOptions::AHEAD_MAX);
+        let depth = usize::from(ahead);
+        let host = Host::new(wires.now(), config);
+        Self {
+            wires,
+            host,
+            options: XfBusOptions { ahead, ..options },
+            skew: None,
+            network: Network::new(),
+            runs: false,
+            job: None,
+            asked: None,
+            pending: None,
+            sdo: None,
+            ended: VecDeque::with_capacity(4),
+            refused_cycle: None,
+            queue: VecDeque::with_capacity(depth),
+            flying: None,
+            ledger: Ledger::new(2 * depth),
+            clearing: Clearing::Idle,
+            answers: VecDeque::with_capacity(flow::ANSWERS),
+            spare: (0..flow::ANSWERS).map(|_| Answer::default()).collect(),
+            headers: 0,
+            next_read: 0,
+            newest_cycle: 0,
+            gap: false,
+            lost_cycles: 0,
+            told_at: 0,
+            dropped: None,
+            newest_inputs: vec![0; flow::IMAGE_MAX],
+            watch: Watch::default(),
+            stopped_at: None,
+            counters: XfBusCounters::default(),
+        }
+    }
+
+    /// The wires, to look at.
+    pub const fn wires(&self) -> &W {
+        &self.wires
+    }
+
+    /// The wires, to cause trouble.
+    pub const fn wires_mut(&mut self) -> &mut W {
+        &mut self.wires
+    }
+
+    /// The driver, to look at.
+    pub const fn host(&self) -> &Host {
+        &self.host
+    }
+
+    /// What was counted.
+    pub const fn counters(&self) -> XfBusCounters {
+        self.counters
+    }
+
+    /// Why the newest configuration was refused, if the chip cannot hold the cycle.
+    pub const fn refused_cycle(&self) -> Option<BudgetError> {
+        self.refused_cycle
+    }
+
+    /// The time of the wires at that time of the engine.
+    fn wires_time(&mut self, now: Ns) -> Ns {
+        let wires = self.wires.now();
+        let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
+        now.wrapping_sub(skew)
+    }
+
+    fn engine_time(&self, at: Ns) -> Ns {
+        at.wrapping_add(self.skew.unwrap_or(0))
+    }
+
+    /// Exchanges and waits until that time of the engine.
+    fn advance(&mut self, now: Ns) {
+        let until = self.wires_time(now);
+        while self.wires.now() < until {
+            self.turn();
+            match self.host.step(&mut self.wires, until) {
+                Ok(()) => self.stopped_at = None,
+                Err(error) => {
+                    let at = self.wires.now();
+                    let since = *self.stopped_at.get_or_insert(at);
+                    if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
+                        self.host.restart(at);
+                        self.stopped_at = None;
+                    }
+                    let _ = self.wires.wait_until(until);
+                    if self.wires.now() < until {
+                        break;
+                    }
+                }
+            }
+        }
+        self.turn();
+    }
+
+    /// Takes what has ended, and hands the driver what is next.
+    fn turn(&mut self) {
+        let now = self.wires.now();
+        self.take_reports(now);
+        self.look_at_header();
+        self.run_job(now);
+        self.run_sdo();
+        self.clear_on(now);
+        self.watch_on(now);
+        self.feed(now);
+    }
+
+    /// The driver talks to the chip, or is about to.
+    fn is_down(&self) -> bool {
+        matches!(self.host.state(), HostState::Stopped(_))
+    }
+
+    fn run_job(&mut self, now: Ns) {
+        let Some(mut job) = self.job.take() else { return };
+        if let Some(ask) = self.pending.take() {
+            self.ask(ask, now);
+            return self.keep_or_end(job, now);
+        }
+        let reply = match (&self.asked, job.wait_until) {
+            (Some(asked), _) => match asked.reply(&mut self.host) {
+                Some(reply) => reply,
+                None => return self.keep_or_end(job, now),
+            },
+            (None, Some(until)) if now < until => return self.keep_or_end(job, now),
+            (None, _) if self.is_resizing() || self.is_zeroing() => return self.keep_or_end(job, now),
+            (None, _) => Ok(0),
+        };
+        self.asked = None;
+        job.wait_until = None;
+        match self.go_on(&mut job, reply, now) {
+            Todo::Ask(ask) => self.ask(ask, now),
+            Todo::Wait(until) => job.wait_until = Some(until),
+            Todo::Resize(size) => self.host.resize(now, size),
+            Todo::Zero => self.flying = Some(Flying::zero()),
+            Todo::Done(done) => {
+                self.ended.push_back(done);
+                return;
+            }
+        }
+        self.job = Some(job);
+    }
+
+    /// A job that goes on, unless its time is over.
+    fn keep_or_end(&mut self, job: Running, now: Ns) {
+        match job.late() {
+            Some(done) if job.is_late(now) => {
+                self.abandon_asked();
+                self.ended.push_back(done);
+            }
+            _ => self.job = Some(job),
+        }
+    }
+
+    fn ask(&mut self, ask: Ask, now: Ns) {
+        self.asked = ask.submit(&mut self.host, now).ok();
+        self.pending = if self.asked.is_none() { Some(ask) } else { None };
+    }
+
+    fn is_resizing(&self) -> bool {
+        !matches!(self.host.state(), HostState::Running)
+    }
+
+    fn is_zeroing(&self) -> bool {
+        self.flying.as_ref().is_some_and(Flying::is_zero)
+    }
+
+    fn abandon_asked(&mut self) {
+        self.pending = None;
+        if let Some(asked) = self.asked.take() {
+            asked.abandon(&mut self.host);
+        }
+    }
+
+    fn run_sdo(&mut self) {
+        let Some((request, asked)) = &self.sdo else { return };
+        if let Some(reply) = asked.reply(&mut self.host) {
+            self.ended.push_back(jobs::sdo_done(request, reply));
+            self.sdo = None;
+        }
+    }
+
+    /// No slave is in OP any more.
+    fn leave_op(&mut self) {
+        self.runs = false;
+        self.drop_queue();
+        self.dropped = None;
+        while let Some(answer) = self.answers.pop_front() {
+            self.spare.push(answer);
+        }
+    }
+
+    /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
+    fn enter_op(&mut self) {
+        self.ledger.lost();
+        self.newest_cycle = self.wires.now();
+        (self.runs, self.gap, self.dropped) = (true, false, None);
+    }
+}
+
+impl<W: Wires + Send> Fieldbus for XfBus<W> {
+    fn pacing(&self) -> Pacing {
+        Pacing::Bus { depth: self.options.ahead, answer_delay: ANSWER_DELAY }
+    }
+
+    fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
+        let at = self.wires_time(now);
+        match job {
+            Job::Sdo(request) => {
+                if self.sdo.is_some() || self.job.is_some() {
+                    return Err(Busy);
+                }
+                let SdoRequest { slave, object, write, timeout_ns } = request;
+                let ask = match write {
+                    None => Ask::Upload { slave, object, timeout_ns },
+                    Some((size, value)) => Ask::Download { slave, object, size, value, timeout_ns },
+                };
+                match ask.submit(&mut self.host, at) {
+                    Ok(asked) => self.sdo = Some((request, asked)),
+                    Err(error) => self.ended.push_back(jobs::sdo_done(&request, Err(error))),
+                }
+            }
+            _ if self.job.is_some() || self.sdo.is_some() => return Err(Busy),
+            job => self.job = Running::new(job, at),
+        }
+        Ok(())
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        self.advance(now);
+        self.ended.pop_front()
+    }
+
+    fn cancel_job(&mut self) {
+        self.job = None;
+        self.abandon_asked();
+        self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
+    }
+
+    fn cancel_sdo(&mut self) {
+        if let Some((_, asked)) = self.sdo.take() {
+            asked.abandon(&mut self.host);
+        }
+        self.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
+    }
+
+    fn room(&self) -> u16 {
+        if self.is_down() || self.is_clearing() {
+            return 0;
+        }
+        let held = self.queue.len() as u64 + self.ledger.ahead();
+        self.options.ahead.saturating_sub(held.min(u16::MAX.into()) as u16)
+    }
+
+    fn clear_ahead(&mut self, _now: Ns) {
+        self.begin_clear();
+    }
+
+    fn poll_clear(&mut self, now: Ns) -> Option<Cleared> {
+        self.advance(now);
+        self.take_cleared()
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        if self.is_down() {
+            return Err(BusError::Down);
+        }
+        if self.room() == 0 {
+            return Err(BusError::Full);
+        }
+        self.queue.push_back(Set::of(outputs, &self.network));
+        Ok(())
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.advance(now);
+        if self.is_down() {
+            return None;
+        }
+        let done = if self.runs { self.next_answer(now) } else { self.next_tick(now) }?;
+        self.fill(inputs);
+        Some(done)
+    }
+
+    fn reference_clock(&self) -> Option<u8> {
+        self.network.with_dc.iter().next()
+    }
+}
+
+/// The cycle that is told while the chip has none, as the board's before OP.
+const fn tick_ns() -> Ns {
+    CycleTime::DEFAULT.ns()
+}

@@ -1,0 +1,97 @@
+//! What the bus knows of the chip's network.
+
+use crate::ethercat::{AlState, MAX_SLAVES, SlaveSet};
+use crate::fieldbus::pdo::ProcessData;
+use crate::sk::CycleTime;
+
+/// Where the process data of a slave are in the images of the chip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Place {
+    pub outputs_at: usize,
+    pub output_bytes: usize,
+    pub inputs_at: usize,
+    pub input_bytes: usize,
+}
+
+/// The network. Slave n is at place n - 1 of each list.
+#[derive(Clone, Debug)]
+pub(super) struct Network {
+    /// The chip has initialised it since its last start.
+    pub initialised: bool,
+    pub cycle: CycleTime,
+    /// As the last scan found.
+    pub found: u8,
+    pub with_dc: SlaveSet,
+    /// The state to which the newest job has brought a slave; it may have left it by itself.
+    pub commanded: [AlState; MAX_SLAVES],
+    /// What is mapped for the role of a slave; `None`: it has none.
+    pub process_data: [Option<ProcessData>; MAX_SLAVES],
+    pub places: [Place; MAX_SLAVES],
+    /// The chip has laid out process data.
+    pub mapped: bool,
+    /// Bytes of one RxPDO of the chip: the outputs of all slaves.
+    pub rx_bytes: usize,
+    /// Bytes of one TxPDO of the chip: the inputs of all slaves.
+    pub tx_bytes: usize,
+    /// Entries of each FIFO.
+    pub entries: u8,
+    pub lost: SlaveSet,
+    /// The first outputs that a lost slave may not have got.
+    pub lost_from: [Option<u64>; MAX_SLAVES],
+}
+
+impl Network {
+    pub(super) const fn new() -> Self {
+        Self {
+            initialised: false,
+            cycle: CycleTime::DEFAULT,
+            found: 0,
+            with_dc: SlaveSet::EMPTY,
+            commanded: [AlState::Init; MAX_SLAVES],
+            process_data: [None; MAX_SLAVES],
+            places: [Place { outputs_at: 0, output_bytes: 0, inputs_at: 0, input_bytes: 0 }; MAX_SLAVES],
+            mapped: false,
+            rx_bytes: 0,
+            tx_bytes: 0,
+            entries: 0,
+            lost: SlaveSet::EMPTY,
+            lost_from: [None; MAX_SLAVES],
+        }
+    }
+
+    /// Nothing is known any more, as before the first scan.
+    pub(super) fn forget(&mut self) {
+        *self = Self { cycle: self.cycle, ..Self::new() };
+    }
+
+    /// The chip has found so many slaves, which are in Init.
+    pub(super) fn start(&mut self, found: u8, cycle: CycleTime) {
+        let (with_dc, lost, lost_from) = (self.with_dc, self.lost, self.lost_from);
+        *self = Self { initialised: true, cycle, found, with_dc, lost, lost_from, ..Self::new() };
+    }
+
+    /// The slaves that were brought at least to that state.
+    pub(super) fn at_least(&self, state: AlState) -> SlaveSet {
+        let mut slaves = SlaveSet::EMPTY;
+        for (slave, commanded) in (1..=self.found).zip(self.commanded) {
+            if commanded >= state {
+                slaves.insert(slave);
+            }
+        }
+        slaves
+    }
+
+    pub(super) fn in_op(&self) -> SlaveSet {
+        self.at_least(AlState::Op)
+    }
+
+    /// Places a slave behind the one before it.
+    pub(super) fn place(&mut self, slave: u8, output_bytes: usize, input_bytes: usize) {
+        let n = usize::from(slave) - 1;
+        let before = n.checked_sub(1).map_or(Place::default(), |before| self.places[before]);
+        let outputs_at = before.outputs_at + before.output_bytes;
+        let inputs_at = before.inputs_at + before.input_bytes;
+        self.places[n] = Place { outputs_at, output_bytes, inputs_at, input_bytes };
+        (self.rx_bytes, self.tx_bytes) = (outputs_at + output_bytes, inputs_at + input_bytes);
+    }
+}

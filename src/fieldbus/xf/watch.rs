@@ -1,0 +1,119 @@
+//! Which slaves are lost, and what a reset of the chip means.
+//!
+//! The chip says that the working counter of some cycle was wrong and not whose fault it was: the states of all slaves
+//! are read then. They are also read from time to time, since below SafeOP no cycle tells that a slave is gone. A slave
+//! stays lost until a change of state brings it back.
+
+use super::XfBus;
+use super::ask::{Ask, Asked};
+use super::jobs::state_of;
+use crate::ethercat::{AlState, Ns, SlaveSet};
+use crate::xf::host::{HostState, Wires};
+
+/// How often the states are read, if nothing else makes it necessary. \[OURS]
+const INTERVAL_NS: Ns = 100_000_000;
+
+/// The reading of all states, and what gives rise to it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Watch {
+    asked: Option<Asked>,
+    /// The slave whose state was asked for; 0: the chip reads them.
+    slave: u8,
+    next_at: Ns,
+    wkc_errors: u8,
+    is_suspicious: bool,
+    /// The first outputs that may not have reached everybody.
+    suspect_from: Option<u64>,
+    /// The first outputs that were not sent when the newest header came.
+    unsent: Option<u64>,
+    chip_resets: u64,
+}
+
+impl<W: Wires> XfBus<W> {
+    /// Takes the newest header, if it is new.
+    pub(super) fn look_at_header(&mut self) {
+        let counters = self.host.counters();
+        if counters.chip_resets != self.watch.chip_resets {
+            self.watch.chip_resets = counters.chip_resets;
+            self.chip_was_reset();
+        }
+        if counters.answers == self.headers {
+            return;
+        }
+        self.headers = counters.answers;
+        let Some(header) = self.host.header() else { return };
+        self.ledger.header(header.rx_fifo, header.tx_fifo);
+        let errors = header.wkc_errors;
+        let unsent = Some(self.ledger.next_id());
+        let watch = &mut self.watch;
+        if errors != watch.wkc_errors {
+            watch.wkc_errors = errors;
+            watch.is_suspicious = true;
+            watch.suspect_from = watch.suspect_from.or(watch.unsent);
+        }
+        watch.unsent = unsent;
+    }
+
+    /// Reads the states on, or begins to.
+    pub(super) fn watch_on(&mut self, now: Ns) {
+        if let Some(asked) = self.watch.asked {
+            let Some(reply) = asked.reply(&mut self.host) else { return };
+            let slave = self.watch.slave;
+            self.watch.asked = None;
+            if slave > 0 && self.job.is_none() {
+                self.note_state(slave, state_of(reply));
+            }
+            if reply.is_err() || slave >= self.network.found || self.job.is_some() {
+                self.watch.suspect_from = None;
+                return;
+            }
+            self.watch.slave = slave + 1;
+            self.watch.asked = Ask::StateOf(slave + 1).submit(&mut self.host, now).ok();
+            return;
+        }
+        let is_due = self.watch.is_suspicious || now >= self.watch.next_at;
+        let is_free = self.job.is_none() && self.sdo.is_none() && self.host.state() == HostState::Running;
+        if is_due && is_free && self.network.initialised {
+            self.watch.next_at = now.saturating_add(INTERVAL_NS);
+            self.watch.is_suspicious = false;
+            self.watch.slave = 0;
+            self.watch.asked = Ask::UpdateStates.submit(&mut self.host, now).ok();
+        }
+    }
+
+    /// What a slave's state means: one below the state to which it was brought is lost.
+    pub(super) fn note_state(&mut self, slave: u8, state: Option<AlState>) {
+        let commanded = self.network.commanded[usize::from(slave) - 1];
+        if state.is_none_or(|state| state < commanded) {
+            if !self.network.lost.contains(slave) {
+                let from = if commanded == AlState::Op { self.watch.suspect_from.or(self.watch.unsent) } else { None };
+                self.network.lost_from[usize::from(slave) - 1] = from;
+            }
+            self.network.lost.insert(slave);
+        } else if commanded < AlState::SafeOp {
+            self.network.lost.remove(slave);
+        }
+    }
+
+    /// Nothing that the chip was told holds any more: all slaves are lost, and what lay in it is.
+    fn chip_was_reset(&mut self) {
+        self.counters.chip_resets += 1;
+        let in_op = self.network.in_op();
+        let next = self.ledger.next_id();
+        let all = SlaveSet::first(self.network.found);
+        for slave in all.iter() {
+            let n = usize::from(slave) - 1;
+            if in_op.contains(slave) && !self.network.lost.contains(slave) {
+                self.network.lost_from[n] = Some(next);
+            }
+            self.network.commanded[n] = AlState::Init;
+        }
+        self.network.lost = all;
+        (self.network.initialised, self.network.mapped) = (false, false);
+        self.counters.sets_lost += self.ledger.ahead();
+        self.ledger.lost();
+        self.flying = None;
+        self.runs = false;
+        self.gap = true;
+    }
+}

@@ -1,0 +1,62 @@
+//! Wires in this process to the model of an ECM-XF, on a clock that passes only in exchanges and waits.
+
+use std::convert::Infallible;
+
+use ecmsk::fieldbus::Ns;
+use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
+use ecmsk::slave::Slave;
+use ecmsk::xf::chip::{Chip, ChipPort, Network, Profile, SlaveModels};
+use ecmsk::xf::host::{HostConfig, Wires};
+
+/// How long a byte takes at 24 MHz.
+const BYTE_PS: u64 = 333_333;
+
+/// The wires to a chip, and the chip.
+pub struct ChipLine<N: Network> {
+    port: ChipPort<N>,
+    now: Ns,
+}
+
+impl<N: Network> ChipLine<N> {
+    /// A chip that gets its power at time 0.
+    pub fn new(chip: Chip<N>) -> Self {
+        Self { port: ChipPort::new(chip), now: 0 }
+    }
+
+    pub fn chip(&mut self) -> &mut Chip<N> {
+        self.port.chip_mut()
+    }
+}
+
+impl<N: Network> Wires for ChipLine<N> {
+    type Error = Infallible;
+
+    fn now(&self) -> Ns {
+        self.now
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Infallible> {
+        let Some(last) = to_chip.len().checked_sub(1) else { return Ok(()) };
+        self.port.transfer(self.now, &to_chip[..last], &mut from_chip[..last]);
+        self.now += to_chip.len() as u64 * BYTE_PS / 1000;
+        self.port.transfer(self.now, &to_chip[last..], &mut from_chip[last..]);
+        Ok(())
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), Infallible> {
+        self.now = self.now.max(time);
+        Ok(())
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, Infallible> {
+        self.now = self.now.max(until);
+        Ok(false)
+    }
+}
+
+/// A bus over a chip with these slaves.
+pub fn xf_bus(slaves: Vec<Box<dyn Slave>>, options: XfBusOptions) -> XfBus<ChipLine<SlaveModels>> {
+    let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves));
+    let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
+    XfBus::new(ChipLine::new(chip), config, options)
+}

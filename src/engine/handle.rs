@@ -1,5 +1,5 @@
 //! What scripts and tests do to the board itself while it runs, from any thread. For its network there is
-//! [`Cable`](crate::fieldbus::cable::Cable).
+//! [`Cable`](crate::slave::cable::Cable).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};

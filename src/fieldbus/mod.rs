@@ -9,7 +9,6 @@
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | how its scan, configuration, changes of state and SDOs run, and how long they take |
 //! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
-//! | `cable.rs` | what scripts and tests make go wrong: cut cables, slaves without power, refused states, aborted SDOs, faults |
 //!
 //! A bus never blocks and never asks for the time. What takes long (scan, configuration, changes of state, SDOs) is started
 //! as a [`Job`] and polled. One job runs at a time, but an SDO may run beside a change of state. Process data are pushed
@@ -22,8 +21,6 @@
 //!   level only as of some exchanges ago. Discarding what it has taken ahead takes a while, too:
 //!   [`Fieldbus::clear_ahead`].
 
-#[cfg(feature = "sim")]
-pub mod cable;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;

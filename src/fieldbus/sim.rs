@@ -16,12 +16,11 @@
 //! The bus allocates when it is made, never in a cycle.
 
 mod configure;
-mod handle;
 mod jobs;
 mod timing;
 
+pub use crate::slave::handle::{Shafts, SimHandle};
 pub use configure::configure;
-pub use handle::{Shafts, SimHandle};
 pub use timing::Timing;
 
 use super::pdo::{IMAGE_BYTES_MAX, ProcessData};
@@ -93,6 +92,11 @@ impl SimBus {
     /// The handle by which scripts and tests reach the network while it runs, from any thread.
     pub fn handle(&self) -> SimHandle {
         self.handle.clone()
+    }
+
+    /// The slaves in the order of the cable, and the handle, as for a network of another kind.
+    pub fn into_parts(self) -> (Vec<Box<dyn Slave>>, SimHandle) {
+        (self.stations.into_iter().map(|station| station.slave).collect(), self.handle)
     }
 
     /// Whether a slave (from 1) is reached by frames and answers them.

@@ -56,8 +56,8 @@ use super::slaves::SlaveSpec;
 use super::uri::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
-use crate::fieldbus::cable::Cable;
 use crate::files::read_small;
+use crate::slave::cable::Cable;
 
 pub use run::RunningScript;
 pub(super) use run::undo_all;

@@ -16,6 +16,8 @@
 //! | `plant/`, `plant.rs` | the physics: a motor with its load and control loops, or a train of pulses |
 //! | `lines.rs` | digital inputs and outputs |
 //! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
+//! | `handle.rs` | the handle by which scripts and tests reach a network while it runs |
+//! | `cable.rs` | what goes wrong between a network and its slaves: cut cables, slaves without power, refused states, aborted SDOs |
 //!
 //! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add its row to
 //! `link/slaves/kinds.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
@@ -25,10 +27,12 @@
 pub mod al;
 pub mod axis;
 mod axis_objects;
+pub mod cable;
 pub mod device;
 pub mod dictionary;
 pub mod drive;
 mod fault;
+pub mod handle;
 pub mod homing;
 pub mod hsp;
 pub mod io;

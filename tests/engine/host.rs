@@ -1,9 +1,12 @@
 //! A host beside a board: sends typed commands, reads typed answers, lets time pass. No link, no runner.
 
+use std::any::Any;
 use std::env;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::engine::{Board, Counters, EngineConfig, Event, Reason, Rejection};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::fieldbus::{Fieldbus, Ns, Pacing};
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot,
@@ -11,6 +14,7 @@ use ecmsk::sk::{
 };
 
 use support::ahead_bus::{Ahead, AheadBus};
+use support::chip_line::xf_bus_reached_by;
 
 /// What a write takes: one USB microframe.
 pub const MICROFRAME: Ns = 125_000;
@@ -40,6 +44,8 @@ pub const OVER: &str = "ECMSK_TEST_OVER";
 pub const SETTLED: &str = "settled";
 /// They do not.
 pub const ONE_BY_ONE: &str = "one_by_one";
+/// As [`SETTLED`], but the simulated network is behind the model of an ECM-XF.
+pub const XF_SETTLED: &str = "xf_settled";
 
 /// Whether this is such a run.
 pub fn is_over() -> bool {
@@ -54,13 +60,26 @@ pub fn on(how: Option<Ahead>, config: EngineConfig, bus: impl Fieldbus + 'static
     }
 }
 
+/// A simulated network behind the model of an ECM-XF; another bus stays as it is.
+fn behind_chip(bus: impl Fieldbus + 'static) -> Box<dyn Fieldbus> {
+    let bus: Box<dyn Any> = Box::new(Some(bus));
+    match bus.downcast::<Option<SimBus>>() {
+        Ok(mut bus) => {
+            let (slaves, handle) = bus.take().expect("it is there").into_parts();
+            Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT))
+        }
+        Err(_) => panic!("the bus of this test is no simulated network"),
+    }
+}
+
 impl Host {
     /// A board that has booted.
     pub fn new(config: EngineConfig, bus: impl Fieldbus + 'static) -> Self {
         let over = env::var(OVER).ok().filter(|_| bus.pacing() == Pacing::Runner);
-        let is_late = over.as_ref().is_some_and(|how| how == SETTLED);
-        let bus: Box<dyn Fieldbus> = match over {
+        let is_late = over.as_ref().is_some_and(|how| how == SETTLED || how == XF_SETTLED);
+        let bus: Box<dyn Fieldbus> = match over.as_deref() {
             None => Box::new(bus),
+            Some(XF_SETTLED) => behind_chip(bus),
             Some(_) => Box::new(AheadBus::new(bus, Ahead::chip())),
         };
         let mut board = Board::new(config, bus);

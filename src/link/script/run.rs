@@ -3,8 +3,8 @@
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event};
-use crate::fieldbus::cable::Cable;
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
+use crate::slave::cable::Cable;
 use crate::slave::{AlStatus, Fault};
 
 /// What a line of a script does to the board or to a slave. Slaves are numbered from 1.

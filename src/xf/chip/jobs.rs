@@ -112,7 +112,10 @@ impl<N: Network> Chip<N> {
             Job::Map => timing.reconfig_ns + timing.slave_ns * count,
             Job::InitDc | Job::DcSync(_) => timing.dc_ns,
             Job::PdoConfigSet(_) | Job::PdoConfigRequest(_) => timing.pdo_config_ns,
-            Job::Sdo(sdo) => timing.sdo_ns.min(sdo.deadline.saturating_sub(self.now)),
+            Job::Sdo(sdo) => {
+                let takes = timing.sdo_ns.saturating_add(self.network.sdo_delay_ns(sdo.slave));
+                takes.min(sdo.deadline.saturating_sub(self.now))
+            }
             Job::State(state) => self.next_change_ns(state),
             Job::StateUpdate => timing.update_ns,
             Job::FifoInit => timing.fifo_init_ns,

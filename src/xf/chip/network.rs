@@ -110,6 +110,16 @@ pub trait Network: Send {
     /// As [`Self::read`].
     fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
+    /// How much longer than others SDO transfers with a slave take.
+    fn sdo_delay_ns(&self, _slave: u8) -> Ns {
+        0
+    }
+
+    /// The abort code with which a slave aborts a transfer of SDO_REQ whatever its dictionary says; `None`: it does not.
+    fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
+        None
+    }
+
     /// The process data of a cycle: `places` says what belongs to whom, the first one to slave 0. The inputs of slaves
     /// that do not answer keep their values. The working counter.
     fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;

@@ -5,6 +5,7 @@ use std::convert::Infallible;
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
 use ecmsk::slave::Slave;
+use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, ChipPort, Network, Profile, SlaveModels};
 use ecmsk::xf::host::{HostConfig, Wires};
 
@@ -56,7 +57,16 @@ impl<N: Network> Wires for ChipLine<N> {
 
 /// A bus over a chip with these slaves.
 pub fn xf_bus(slaves: Vec<Box<dyn Slave>>, options: XfBusOptions) -> XfBus<ChipLine<SlaveModels>> {
-    let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves));
+    xf_bus_reached_by(slaves, SimHandle::default(), options)
+}
+
+/// The same, on the cable of this handle.
+pub fn xf_bus_reached_by(
+    slaves: Vec<Box<dyn Slave>>,
+    handle: SimHandle,
+    options: XfBusOptions,
+) -> XfBus<ChipLine<SlaveModels>> {
+    let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves).reached_by(handle));
     let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
     XfBus::new(ChipLine::new(chip), config, options)
 }

@@ -28,6 +28,9 @@ impl<N: Network> Chip<N> {
     /// `[OURS]` Of a value that is longer than the bytes asked for, these are given; 0 asks for all that a data segment
     /// holds.
     fn transfer(&mut self, job: &SdoJob) -> Result<(), AbortCode> {
+        if let Some(code) = self.network.sdo_abort(job.slave, job.object) {
+            return Err(code);
+        }
         if job.writes {
             return self.network.write(job.slave, job.object, job.scope, &job.data[..job.bytes]);
         }

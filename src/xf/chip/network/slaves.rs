@@ -2,44 +2,55 @@
 
 use super::{EnterError, Identity, Network, Place, SLAVES_MAX};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::{AlState, Ns};
+use crate::ethercat::{AlState, MAX_SLAVES, Ns};
+use crate::slave::handle::SimHandle;
 use crate::slave::{Slave, step_all};
 
 /// A model at its place on the cable.
 struct Station {
     slave: Box<dyn Slave>,
     identity: Identity,
-    silent: bool,
 }
 
 /// Slave models in the order of the cable, and what goes wrong along it.
 pub struct SlaveModels {
     stations: Vec<Station>,
-    reach: usize,
+    handle: SimHandle,
+    /// The time that has passed in the slaves.
+    clock: Ns,
 }
 
 impl SlaveModels {
     /// A network of these slaves. A scan never finds those beyond the 128th.
     pub fn new(slaves: Vec<Box<dyn Slave>>) -> Self {
-        let station = |slave| Station { slave, identity: Identity::default(), silent: false };
-        Self { stations: slaves.into_iter().map(station).collect(), reach: SLAVES_MAX }
+        let station = |slave| Station { slave, identity: Identity::default() };
+        Self { stations: slaves.into_iter().map(station).collect(), handle: SimHandle::default(), clock: 0 }
+    }
+
+    /// The same network with a handle that somebody else has, too.
+    pub fn reached_by(self, handle: SimHandle) -> Self {
+        Self { handle, ..self }
+    }
+
+    /// The handle by which scripts and tests reach the network while it runs. It counts slaves from 1, and knows those
+    /// beyond the 40th only as far as a cut is before them.
+    pub fn handle(&self) -> SimHandle {
+        self.handle.clone()
     }
 
     /// Cuts the cable after that many slaves; 0: before the first one, so that there is no link.
-    pub const fn cut_after(&mut self, slaves: u8) {
-        self.reach = slaves as usize;
+    pub fn cut_after(&mut self, slaves: u8) {
+        self.handle.cut_after(slaves);
     }
 
     /// Repairs the cable after [`Self::cut_after`].
-    pub const fn heal(&mut self) {
-        self.reach = SLAVES_MAX;
+    pub fn heal(&mut self) {
+        self.handle.heal();
     }
 
     /// Makes a slave not answer, or answer again. Frames still pass it, and time passes in it.
     pub fn silence(&mut self, slave: u8, silent: bool) {
-        if let Some(station) = self.stations.get_mut(usize::from(slave)) {
-            station.silent = silent;
-        }
+        self.handle.silence(slave + 1, silent);
     }
 
     /// The model of a slave, to look at; `None`: there is no such slave.
@@ -52,17 +63,41 @@ impl SlaveModels {
         self.stations.get_mut(usize::from(slave)).map(|station| &mut *station.slave)
     }
 
+    /// Whether frames reach the slave and it answers.
+    fn answers(&self, slave: u8) -> bool {
+        let is_beyond = usize::from(slave) >= MAX_SLAVES;
+        usize::from(slave) < self.reachable() && (is_beyond || self.handle.answering().contains(slave + 1))
+    }
+
     fn answering(&self, slave: u8) -> Option<&Station> {
-        self.stations[..self.reachable()].get(usize::from(slave)).filter(|station| !station.silent)
+        self.answers(slave).then(|| self.stations.get(usize::from(slave)))?
     }
 
     fn answering_mut(&mut self, slave: u8) -> Option<&mut Station> {
-        let reachable = self.reachable();
-        self.stations[..reachable].get_mut(usize::from(slave)).filter(|station| !station.silent)
+        self.answers(slave).then(|| self.stations.get_mut(usize::from(slave)))?
     }
 
     fn reachable(&self) -> usize {
-        self.stations.len().min(self.reach)
+        self.stations.len().min(self.handle.reach().into()).min(SLAVES_MAX)
+    }
+
+    /// Slaves that have lost their power go to Init. They are there when they answer again.
+    fn power_off(&mut self) {
+        for slave in self.handle.take_powered_off().iter() {
+            if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
+                // Every slave can go to Init.
+                let _ = station.slave.enter(AlState::Init);
+            }
+        }
+    }
+
+    fn apply_faults(&mut self) {
+        let stations = &mut self.stations;
+        self.handle.take_faults(|slave, fault| {
+            if let Some(station) = stations.get_mut(usize::from(slave).wrapping_sub(1)) {
+                station.slave.apply_fault(fault);
+            }
+        });
     }
 }
 
@@ -86,8 +121,8 @@ impl Network for SlaveModels {
 
     fn scan(&mut self) -> u8 {
         let reachable = self.reachable();
-        for station in &mut self.stations[..reachable] {
-            if !station.silent {
+        for slave in 0..reachable as u8 {
+            if let Some(station) = self.answering_mut(slave) {
                 let _ = station.slave.enter(AlState::Init);
                 station.identity = identity(&mut *station.slave);
             }
@@ -108,7 +143,11 @@ impl Network for SlaveModels {
     }
 
     fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError> {
+        let refusal = self.handle.refusal(slave + 1, state);
         let station = self.answering_mut(slave).ok_or(EnterError::NoAnswer)?;
+        if let Some(status) = refusal {
+            return Err(EnterError::Refused(status));
+        }
         station.slave.enter(state).map_err(EnterError::Refused)
     }
 
@@ -134,9 +173,11 @@ impl Network for SlaveModels {
 
     fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
         let reachable = self.reachable();
+        let answering = self.handle.answering();
         let mut working_counter = 0;
-        for (station, place) in self.stations[..reachable].iter_mut().zip(places) {
-            if station.silent || place.commanded < AlState::SafeOp || station.slave.state() < AlState::SafeOp {
+        for (n, (station, place)) in self.stations[..reachable].iter_mut().zip(places).enumerate() {
+            let is_silent = n < MAX_SLAVES && !answering.contains(n as u8 + 1);
+            if is_silent || place.commanded < AlState::SafeOp || station.slave.state() < AlState::SafeOp {
                 continue;
             }
             let sent = (place.commanded == AlState::Op).then(|| &outputs[place.outputs()]);
@@ -146,7 +187,20 @@ impl Network for SlaveModels {
         working_counter
     }
 
+    fn sdo_delay_ns(&self, slave: u8) -> Ns {
+        self.handle.sdo_delay_ns(slave + 1)
+    }
+
+    fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
+        self.handle.sdo_abort(slave + 1, object)
+    }
+
     fn pass(&mut self, dt_ns: Ns) {
+        self.power_off();
+        self.apply_faults();
         step_all(&mut self.stations, |station| &mut *station.slave, dt_ns);
+        self.clock += dt_ns;
+        let shafts = self.stations.iter().map(|station| station.slave.shafts());
+        self.handle.publish(self.clock, shafts.take(MAX_SLAVES));
     }
 }

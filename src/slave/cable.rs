@@ -12,9 +12,9 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::{AlStatus, Fault};
 use crate::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
-use crate::slave::{AlStatus, Fault};
+use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
 /// How one slave is made to answer changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
@@ -53,7 +53,7 @@ impl Default for Cable {
             silent: AtomicU64::new(0),
             powered_off: AtomicU64::new(0),
             has_faults: AtomicBool::new(false),
-            faults: Mutex::new(Vec::with_capacity(MAX_SLAVES * MAX_AXES)),
+            faults: Mutex::new(Vec::with_capacity(2 * MAX_SLAVES)),
             answers: Mutex::new([ScriptedAnswers::default(); MAX_SLAVES]),
         }))
     }

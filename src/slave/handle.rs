@@ -1,23 +1,24 @@
-//! The handle by which scripts and tests reach a simulated bus while it runs, from any thread: its cable, and the true
+//! The handle by which scripts and tests reach a simulated network while it runs, from any thread: its cable, and the true
 //! positions of its shafts.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::fieldbus::cable::Cable;
-use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns};
+use super::AXES_MAX;
+use super::cable::Cable;
+use crate::ethercat::{MAX_SLAVES, Ns};
 
 /// The true positions of all shafts, whatever their slaves report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shafts {
-    /// The end of the cycle in which they were there, board time.
+    /// The end of the cycle in which they were there, in time of the network.
     pub at: Ns,
     /// Slave n is `positions[n - 1]`, one entry for each axis, counts; `None`: no such axis.
-    pub positions: [[Option<i64>; MAX_AXES]; MAX_SLAVES],
+    pub positions: [[Option<i64>; AXES_MAX]; MAX_SLAVES],
 }
 
-/// A handle on a [`super::SimBus`]; clones are handles on the same bus. It has the functions of the [`Cable`] of the bus,
-/// by which things go wrong.
+/// A handle on a simulated network; clones are handles on the same one. It has the functions of its [`Cable`], by which
+/// things go wrong.
 #[derive(Clone)]
 pub struct SimHandle {
     cable: Cable,
@@ -26,7 +27,7 @@ pub struct SimHandle {
 
 impl Default for SimHandle {
     fn default() -> Self {
-        let positions = [[None; MAX_AXES]; MAX_SLAVES];
+        let positions = [[None; AXES_MAX]; MAX_SLAVES];
         Self { cable: Cable::default(), shafts: Arc::new(Mutex::new(Shafts { at: 0, positions })) }
     }
 }
@@ -57,7 +58,7 @@ impl SimHandle {
     }
 
     /// Keeps the positions at the end of a cycle, unless a thread is reading those of the cycle before at this moment.
-    pub(super) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; MAX_AXES]>) {
+    pub(crate) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; AXES_MAX]>) {
         let Ok(mut shafts) = self.shafts.try_lock() else { return };
         shafts.at = at;
         for (shown, position) in shafts.positions.iter_mut().zip(positions) {

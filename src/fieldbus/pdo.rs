@@ -1,5 +1,5 @@
 //! The process data that the board maps for each kind of slave (SK-7, table of process data): the SDOs that a bus writes in
-//! PreOP, and how [`AxisOut`](super::AxisOut) and [`AxisIn`] lie in the process images that the slave then takes and sends.
+//! PreOP, and how [`AxisOut`] and [`AxisIn`] lie in the process images that the slave then takes and sends.
 //!
 //! Every bus maps the same: it writes [`ProcessData::downloads`] by SDO, and converts images with
 //! [`ProcessData::put_outputs`] and [`ProcessData::take_inputs`]. [`ProcessData::take_outputs`] and
@@ -7,7 +7,7 @@
 
 mod downloads;
 
-use super::{AxisIn, MAX_AXES, Role, SlaveIn, SlaveOut};
+use super::{AxisIn, AxisOut, MAX_AXES, Role, SlaveIn, SlaveOut};
 use crate::cia402::{CONTROLWORD, Controlword, ERROR_CODE, Mode, SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
 use crate::coe::ObjectAddress;
 use crate::sk::DriveSync;
@@ -224,6 +224,12 @@ impl ProcessData {
     #[inline]
     pub fn take_inputs(&self, image: &[u8], inputs: &mut SlaveIn) {
         with_inputs!(self.inputs, take_inputs(&image[..self.input_bytes()], inputs));
+    }
+
+    /// Outputs with which nothing moves: no motor is on, and in CSP the target is the actual position.
+    pub fn holding(&self, inputs: &SlaveIn) -> SlaveOut {
+        let target = |axis: &AxisIn| if self.mode == Some(Mode::Csp) { axis.position } else { 0 };
+        inputs.map(|axis| AxisOut { target: target(&axis), ..AxisOut::default() })
     }
 
     /// The slave's side of [`Self::put_outputs`]: what the master has sent. Fields that are not mapped are 0.

@@ -241,8 +241,11 @@ impl Slave for Homer {
 
     fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
         let state = Self::state(self);
+        if let Some(len) = state.images.read(object, value) {
+            return Ok(len);
+        }
         let bits = state.objects.get(&object.index).ok_or(AbortCode::NO_OBJECT)?;
-        value.copy_from_slice(&bits.to_le_bytes());
+        value[..4].copy_from_slice(&bits.to_le_bytes());
         Ok(4)
     }
 

@@ -61,15 +61,13 @@ pub fn on(how: Option<Ahead>, config: EngineConfig, bus: impl Fieldbus + 'static
 }
 
 /// A simulated network behind the model of an ECM-XF; another bus stays as it is.
-fn behind_chip(bus: impl Fieldbus + 'static) -> Box<dyn Fieldbus> {
-    let bus: Box<dyn Any> = Box::new(Some(bus));
-    match bus.downcast::<Option<SimBus>>() {
-        Ok(mut bus) => {
-            let (slaves, handle) = bus.take().expect("it is there").into_parts();
-            Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT))
-        }
-        Err(_) => panic!("the bus of this test is no simulated network"),
+fn behind_chip<B: Fieldbus + 'static>(bus: B) -> Box<dyn Fieldbus> {
+    let mut bus = Some(bus);
+    if let Some(sim) = (&mut bus as &mut dyn Any).downcast_mut::<Option<SimBus>>() {
+        let (slaves, handle) = sim.take().expect("it is there").into_parts();
+        return Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT));
     }
+    Box::new(bus.expect("it is there"))
 }
 
 impl Host {

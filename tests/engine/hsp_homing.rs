@@ -46,6 +46,9 @@ impl Slave for Pair {
     }
 
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        if let Some(len) = self.1.read(object, value) {
+            return Ok(len);
+        }
         let (axis, object) = Self::split(object);
         // That it has a controlword is how a master tells that there is the axis.
         if object.index == 0x6040 { Ok(2) } else { self.0[axis].read(object, scope, value) }

@@ -38,7 +38,10 @@ impl Slave for AnySlave {
     }
 
     fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        value.copy_from_slice(&u32::from(object.index).to_le_bytes());
+        if let Some(len) = self.images.read(object, value) {
+            return Ok(len);
+        }
+        value[..4].copy_from_slice(&u32::from(object.index).to_le_bytes());
         Ok(4)
     }
 

@@ -7,7 +7,7 @@
 
 use super::{XfBus, tick_ns};
 use crate::ethercat::{AlState, Ns, SlaveSet};
-use crate::fieldbus::{Cleared, CycleDone, Inputs, Outputs};
+use crate::fieldbus::{AxisIn, Cleared, CycleDone, Inputs, MAX_AXES, Outputs};
 use crate::xf::host::{HostState, ProcessData, ProcessOutcome, Wires};
 use crate::xf::request::Fifos;
 
@@ -62,8 +62,8 @@ impl Default for Answer {
 /// What the process data under way are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Load {
-    /// Outputs of zero past the FIFO.
-    Zero,
+    /// Outputs past the FIFO with which nothing moves.
+    Hold,
     /// The newest inputs past the FIFO.
     Inputs,
     /// So many of the sets that wait, and cycles.
@@ -78,12 +78,12 @@ pub(super) struct Flying {
 }
 
 impl Flying {
-    pub(super) const fn zero() -> Self {
-        Self { load: Load::Zero, sequence: None }
+    pub(super) const fn hold() -> Self {
+        Self { load: Load::Hold, sequence: None }
     }
 
-    pub(super) fn is_zero(&self) -> bool {
-        self.load == Load::Zero
+    pub(super) fn is_hold(&self) -> bool {
+        self.load == Load::Hold
     }
 
     const fn sets(&self) -> usize {
@@ -128,11 +128,11 @@ impl<W: Wires> XfBus<W> {
             return;
         }
         match self.flying {
-            Some(Flying { load: Load::Zero, sequence: None }) => {
-                let zero = [0; IMAGE_MAX];
-                let outputs = &zero[..self.network.rx_bytes];
+            Some(Flying { load: Load::Hold, sequence: None }) => {
+                let image = self.holding();
+                let outputs = &image[..self.network.rx_bytes];
                 let sequence = self.host.process(ProcessData::DirectExchange { outputs }).ok();
-                self.flying = Some(Flying { load: Load::Zero, sequence });
+                self.flying = Some(Flying { load: Load::Hold, sequence });
             }
             Some(_) => {}
             None if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
@@ -143,6 +143,19 @@ impl<W: Wires> XfBus<W> {
             }
             None => {}
         }
+    }
+
+    /// Outputs with which no motor is on and every axis in CSP is where its target is, if its inputs are known.
+    fn holding(&self) -> [u8; IMAGE_MAX] {
+        let mut image = [0; IMAGE_MAX];
+        for (data, place) in self.network.process_data.iter().zip(&self.network.places) {
+            if let Some(data) = data {
+                let mut inputs = [AxisIn::default(); MAX_AXES];
+                data.take_inputs(&self.newest_inputs[place.inputs_at..], &mut inputs);
+                data.put_outputs(&data.holding(&inputs), &mut image[place.outputs_at..]);
+            }
+        }
+        image
     }
 
     fn fly(&mut self, load: Load, data: ProcessData<'_>) {
@@ -200,8 +213,8 @@ impl<W: Wires> XfBus<W> {
                     self.newest_inputs[..inputs.len()].copy_from_slice(inputs);
                 }
                 (Load::Inputs, _) => {}
-                (Load::Zero, ProcessOutcome::Done { .. } | ProcessOutcome::AnswerLost | ProcessOutcome::Refused) => {}
-                (Load::Zero, _) => self.flying = Some(Flying::zero()),
+                (Load::Hold, ProcessOutcome::Done { .. } | ProcessOutcome::AnswerLost | ProcessOutcome::Refused) => {}
+                (Load::Hold, _) => self.flying = Some(Flying::hold()),
             }
         }
     }

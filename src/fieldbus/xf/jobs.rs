@@ -6,6 +6,7 @@
 
 use super::XfBus;
 use super::ask::{Ask, Reply};
+use super::network::Place;
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
@@ -36,6 +37,10 @@ pub(super) struct Running {
     states: [Option<AlState>; MAX_SLAVES],
     /// Slaves that have left OP for the configuration of others.
     disturbed: SlaveSet,
+    /// The others stay as they are.
+    keeps_layout: bool,
+    /// All were asked together to enter this state.
+    all_tried: Option<AlState>,
     second_axes: SlaveSet,
     /// The process data that are being mapped.
     mapping: Option<ProcessData>,
@@ -76,9 +81,11 @@ enum Stage {
     Resize,
     StopFifo,
     EmptyFifos,
-    Zero,
+    Hold,
     /// The slaves that are in the lowest state go to this one, from this slave on.
     Enter(AlState, u8),
+    /// All slaves go to this one.
+    EnterAll(AlState),
     /// Some have not entered it.
     Retry,
     AlStatus(u8),
@@ -94,8 +101,8 @@ pub(super) enum Todo {
     Wait(Ns),
     /// The driver is set to another n.
     Resize(DataSize),
-    /// Outputs of zero past the FIFO.
-    Zero,
+    /// Outputs past the FIFO with which nothing moves.
+    Hold,
     Done(JobDone),
 }
 
@@ -114,6 +121,8 @@ impl Running {
             wait_until: None,
             states: [None; MAX_SLAVES],
             disturbed: SlaveSet::EMPTY,
+            keeps_layout: false,
+            all_tried: None,
             second_axes: SlaveSet::EMPTY,
             mapping: None,
             output_bytes: 0,
@@ -234,11 +243,12 @@ impl<W: Wires> XfBus<W> {
             Stage::Resize => self.configured(job),
             Stage::StopFifo => job.ask(Stage::EmptyFifos, Ask::Clear(Fifos::Both)),
             Stage::EmptyFifos => {
-                job.stage = Stage::Zero;
-                Todo::Zero
+                job.stage = Stage::Hold;
+                Todo::Hold
             }
-            Stage::Zero => self.enter(job, AlState::Op, 1),
+            Stage::Hold => self.enter(job, AlState::Op),
             Stage::Enter(to, slave) => self.entered(job, to, slave, reply),
+            Stage::EnterAll(to) => self.all_entered(job, to, reply),
             Stage::Retry => self.read_states(job),
             Stage::AlStatus(slave) => match reply {
                 Ok(al_status) if al_status != 0 => {
@@ -252,7 +262,7 @@ impl<W: Wires> XfBus<W> {
             Stage::EmptyTxFifo => job.ask(Stage::FifoOn, Ask::Fifo { on: true }),
             Stage::FifoOn => {
                 self.enter_op();
-                Todo::Done(JobDone::State(Ok(())))
+                self.read_states(job)
             }
         }
     }
@@ -321,6 +331,7 @@ impl<W: Wires> XfBus<W> {
     /// have left OP for it already.
     fn check_before_leaving(&mut self, job: &mut Running) -> Todo {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
+        job.keeps_layout = self.keeps_layout(config);
         for slave in 1..=self.network.found {
             let selected = config.selected.contains(slave);
             match job.state(slave) {
@@ -330,10 +341,30 @@ impl<W: Wires> XfBus<W> {
                     let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
                     return job.failed(Refusal { slave, al_status, abort: None });
                 }
+                _ if !selected && job.keeps_layout => {}
                 _ => return job.failed(no_answer(slave)),
             }
         }
-        self.leave(job, 1)
+        if job.keeps_layout { self.map_from(job, 1) } else { self.leave(job, 1) }
+    }
+
+    /// Whether the selected slaves fit into the layout that the chip has, so that the others may stay in SafeOP and OP.
+    ///
+    /// \[OURS] The chip then configures a slave for that layout when it goes to SafeOP. If it does not, the slave
+    /// refuses SafeOP, or the working counter is wrong.
+    fn keeps_layout(&self, config: &BusConfig) -> bool {
+        let network = &self.network;
+        let others = network.at_least(AlState::SafeOp).difference(config.selected);
+        let fits = |slave: u8| {
+            let n = usize::from(slave) - 1;
+            let Place { output_bytes, input_bytes, .. } = network.places[n];
+            let role = config.slaves[n].role;
+            let mut mapped = [false, true].into_iter().filter_map(|second| ProcessData::of(role, second));
+            role == Role::Unused
+                || mapped.any(|data| (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes))
+        };
+        let found = SlaveSet::first(network.found);
+        network.mapped && !others.is_empty() && config.selected.intersection(found).iter().all(fits)
     }
 
     fn leave(&mut self, job: &mut Running, from: u8) -> Todo {
@@ -353,7 +384,7 @@ impl<W: Wires> XfBus<W> {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
         let found = self.network.found;
         let Some(slave) = (from..=found).find(|slave| config.selected.contains(*slave)) else {
-            return job.ask(Stage::Reconfig, Ask::Reconfig);
+            return if job.keeps_layout { self.check_layout(job) } else { job.ask(Stage::Reconfig, Ask::Reconfig) };
         };
         let role = config.slaves[usize::from(slave) - 1].role;
         self.network.process_data[usize::from(slave) - 1] = None;
@@ -426,6 +457,14 @@ impl<W: Wires> XfBus<W> {
     }
 
     fn laid_out(&mut self, job: &mut Running) -> Todo {
+        match self.check_layout(job) {
+            Todo::Done(JobDone::Configure(Ok(_))) => job.ask(Stage::RxEntries, Ask::RxEntries(self.entries())),
+            refused => refused,
+        }
+    }
+
+    /// The configuration has ended, if the chip's layout has the lengths that were mapped.
+    fn check_layout(&mut self, job: &mut Running) -> Todo {
         for slave in 1..=self.network.found {
             let place = self.network.places[usize::from(slave) - 1];
             let Some(data) = &self.network.process_data[usize::from(slave) - 1] else { continue };
@@ -434,7 +473,7 @@ impl<W: Wires> XfBus<W> {
                 return job.failed(Refusal { slave, al_status, abort: None });
             }
         }
-        job.ask(Stage::RxEntries, Ask::RxEntries(self.entries()))
+        self.configured(job)
     }
 
     /// The packets hold the process data, or the chip is set to an n that does.
@@ -478,32 +517,74 @@ impl<W: Wires> XfBus<W> {
         let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
         let found = SlaveSet::first(self.network.found);
         let slaves = slaves.intersection(found);
-        if let Some(slave) = slaves.iter().find(|slave| job.state(*slave).is_none()) {
-            // It may come back until the deadline.
-            self.note_states(job);
-            return job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus));
+        (1..=self.network.found).for_each(|slave| self.stay_up(job, slave));
+        for slave in slaves.iter().filter(|slave| job.state(*slave) == Some(target)) {
+            self.network.commanded[usize::from(slave) - 1] = target;
+            self.network.lost.remove(slave);
+            self.network.lost_from[usize::from(slave) - 1] = None;
+        }
+        if self.network.in_op().is_empty() {
+            self.leave_op();
+        } else if !self.runs {
+            return job.ask(Stage::EmptyTxFifo, Ask::Clear(Fifos::Tx));
         }
         let behind = slaves.iter().filter(|slave| job.state(*slave) != Some(target));
         let Some(lowest) = behind.filter_map(|slave| job.state(slave)).min() else {
-            return self.all_there(job, target, slaves);
+            return match slaves.iter().find(|slave| job.state(*slave).is_none()) {
+                Some(slave) => {
+                    // It may come back until the deadline.
+                    self.note_states(job);
+                    job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus))
+                }
+                None => Todo::Done(JobDone::State(Ok(()))),
+            };
         };
         let to = if lowest > target { target } else { above(lowest).min(target) };
         if to == AlState::Op && self.network.in_op().is_empty() {
             self.leave_op();
             return job.ask(Stage::StopFifo, Ask::Fifo { on: false });
         }
-        self.enter(job, to, 1)
+        self.enter(job, to)
     }
 
-    fn enter(&mut self, job: &mut Running, to: AlState, from: u8) -> Todo {
-        let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
-        let moves =
-            |slave: &u8| slaves.contains(*slave) && job.state(*slave).is_some_and(|state| state < to || state > target);
-        match (from..=self.network.found).find(moves) {
+    /// The slaves that are behind go to a state. The chip moves one slave or all of them, and all together take no longer
+    /// than one.
+    fn enter(&mut self, job: &mut Running, to: AlState) -> Todo {
+        let found = SlaveSet::first(self.network.found);
+        let behind = self.behind(job, to);
+        let stays = |slave: &u8| job.state(*slave).is_none_or(|state| state == to);
+        if behind.len() < 2 || job.all_tried == Some(to) || !found.difference(behind).iter().all(|slave| stays(&slave))
+        {
+            return self.enter_from(job, to, 1);
+        }
+        job.all_tried = Some(to);
+        self.note_commanded(behind, to, AlState::SafeOp);
+        job.ask(Stage::EnterAll(to), Ask::Enter(None, to))
+    }
+
+    /// The slaves of a change of state that are not where they are to be, and go to this state now.
+    fn behind(&self, job: &Running, to: AlState) -> SlaveSet {
+        let Kind::State { target, slaves } = job.kind else { return SlaveSet::EMPTY };
+        let mut behind = slaves.intersection(SlaveSet::first(self.network.found));
+        let stays = |slave: &u8| job.state(*slave).is_none_or(|state| (to..=target.max(to)).contains(&state));
+        behind.iter().filter(stays).for_each(|slave| behind.remove(slave));
+        behind
+    }
+
+    /// Slaves are about to enter a state, if it is one up to `most`: a slave that leaves OP is no lost one.
+    fn note_commanded(&mut self, slaves: SlaveSet, to: AlState, most: AlState) {
+        if to <= most {
+            slaves.iter().for_each(|slave| self.network.commanded[usize::from(slave) - 1] = to);
+        }
+    }
+
+    fn enter_from(&mut self, job: &mut Running, to: AlState, from: u8) -> Todo {
+        let behind = self.behind(job, to);
+        match behind.iter().find(|slave| *slave >= from) {
             Some(slave) => {
-                if to < AlState::Op {
-                    self.network.commanded[usize::from(slave) - 1] = to;
-                }
+                let mut one = SlaveSet::EMPTY;
+                one.insert(slave);
+                self.note_commanded(one, to, AlState::SafeOp);
                 job.ask(Stage::Enter(to, slave), Ask::Enter(Some(slave), to))
             }
             None => self.read_states(job),
@@ -514,26 +595,28 @@ impl<W: Wires> XfBus<W> {
         match reply {
             Ok(_) => {
                 self.network.commanded[usize::from(slave) - 1] = to;
-                self.enter(job, to, slave + 1)
+                self.enter_from(job, to, slave + 1)
             }
-            Err(HostError::Failed { .. }) => job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus)),
+            Err(HostError::Failed { .. }) => {
+                self.stay_up(job, slave);
+                job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus))
+            }
             Err(_) => job.failed(no_answer(slave)),
         }
     }
 
-    fn all_there(&mut self, job: &mut Running, target: AlState, slaves: SlaveSet) -> Todo {
-        for slave in slaves.iter() {
-            self.network.commanded[usize::from(slave) - 1] = target;
-            self.network.lost.remove(slave);
-            self.network.lost_from[usize::from(slave) - 1] = None;
+    /// If that has failed, the states tell who has moved all the same; the others are asked one by one.
+    fn all_entered(&mut self, job: &mut Running, to: AlState, reply: Reply) -> Todo {
+        if reply.is_ok() {
+            self.note_commanded(SlaveSet::first(self.network.found), to, AlState::Op);
         }
-        if self.network.in_op().is_empty() {
-            self.leave_op();
-        }
-        if target == AlState::Op && !self.runs {
-            return job.ask(Stage::EmptyTxFifo, Ask::Clear(Fifos::Tx));
-        }
-        Todo::Done(JobDone::State(Ok(())))
+        self.read_states(job)
+    }
+
+    /// A slave that has refused the way down is where it was.
+    fn stay_up(&mut self, job: &Running, slave: u8) {
+        let commanded = &mut self.network.commanded[usize::from(slave) - 1];
+        *commanded = job.state(slave).map_or(*commanded, |state| state.max(*commanded));
     }
 
     fn note_states(&mut self, job: &Running) {

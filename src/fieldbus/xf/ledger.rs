@@ -241,7 +241,7 @@ mod tests {
         }
     }
 
-    /// XF-18.2 A stream of one set a cycle is known to the set, whatever the counts lag.
+    /// XF-19.2 A stream of one set a cycle is known to the set, whatever the counts lag.
     #[test]
     fn a_stream_is_known_exactly() {
         for lag in 0..=2 {
@@ -255,7 +255,7 @@ mod tests {
         }
     }
 
-    /// XF-18.2 Of a FIFO that runs dry nothing is claimed that was not sent, and the last set is known two cycles later.
+    /// XF-19.2 Of a FIFO that runs dry nothing is claimed that was not sent, and the last set is known two cycles later.
     #[test]
     fn a_dry_fifo_is_known_soon() {
         for lag in 0..=2 {
@@ -271,7 +271,7 @@ mod tests {
         }
     }
 
-    /// XF-18.2 Whatever is written and read when, no cycle is said to have sent what it had not.
+    /// XF-19.2 Whatever is written and read when, no cycle is said to have sent what it had not.
     #[test]
     fn nothing_is_claimed_too_early() {
         for seed in 0..3000_u32 {

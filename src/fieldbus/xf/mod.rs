@@ -246,7 +246,7 @@ impl<W: Wires> XfBus<W> {
                 None => return self.keep_or_end(job, now),
             },
             (None, Some(until)) if now < until => return self.keep_or_end(job, now),
-            (None, _) if self.is_resizing() || self.is_zeroing() => return self.keep_or_end(job, now),
+            (None, _) if self.is_resizing() || self.is_holding() => return self.keep_or_end(job, now),
             (None, _) => Ok(0),
         };
         self.asked = None;
@@ -255,7 +255,7 @@ impl<W: Wires> XfBus<W> {
             Todo::Ask(ask) => self.ask(ask, now),
             Todo::Wait(until) => job.wait_until = Some(until),
             Todo::Resize(size) => self.host.resize(now, size),
-            Todo::Zero => self.flying = Some(Flying::zero()),
+            Todo::Hold => self.flying = Some(Flying::hold()),
             Todo::Done(done) => {
                 self.ended.push_back(done);
                 return;
@@ -284,8 +284,8 @@ impl<W: Wires> XfBus<W> {
         !matches!(self.host.state(), HostState::Running)
     }
 
-    fn is_zeroing(&self) -> bool {
-        self.flying.as_ref().is_some_and(Flying::is_zero)
+    fn is_holding(&self) -> bool {
+        self.flying.as_ref().is_some_and(Flying::is_hold)
     }
 
     fn abandon_asked(&mut self) {

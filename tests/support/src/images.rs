@@ -49,6 +49,22 @@ impl Images {
         is_mapping || is_mode || matches!(object.index, 0x1C32 | 0x1C33)
     }
 
+    /// What a read of the mapping puts into `value`, and its length; `None`: the object is none of the mapping.
+    pub fn read(&self, object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
+        if !MAPPING.contains(&object.index) {
+            return None;
+        }
+        let newest = self.written.iter().rev().find(|(written, _)| *written == object);
+        let bytes = match (object.sub, object.index) {
+            (0, _) => 1,
+            (_, 0x1C12 | 0x1C13) => 2,
+            _ => 4,
+        };
+        let number = newest.map_or(0, |(_, number)| *number);
+        value[..bytes].copy_from_slice(&number.to_le_bytes()[..bytes]);
+        Some(bytes)
+    }
+
     /// What it was configured for.
     pub fn role(&self) -> Option<Role> {
         self.mapped.map(|(role, _)| role)

@@ -70,7 +70,7 @@ fn rows(page: &str) -> Vec<&str> {
         .collect()
 }
 
-/// XF-13.5 Every decision in `src/xf` has its question in `docs/HARDWARE.md`, with what is assumed and how to find out,
+/// XF-13.5 Every decision in `src/xf`, and what the bus over a chip takes for granted, has its question in `docs/HARDWARE.md`, with what is assumed and how to find out,
 /// and the rule; every question names decisions that there are.
 #[test]
 fn every_decision_has_its_question() {
@@ -88,6 +88,15 @@ fn every_decision_has_its_question() {
         for name in names {
             assert!(asked.insert(name.to_owned()), "asked twice: {name}");
         }
+    }
+    // What the bus over a chip takes for granted of it.
+    let of_bus: Vec<String> = asked.extract_if(.., |place| place.starts_with("fieldbus/")).collect();
+    for place in &of_bus {
+        let (file, name) = place.split_once(": ").expect("a file and a name");
+        let source = fs::read_to_string(root().join("src").join(file)).expect("its source");
+        let (above, _) = source.split_once(&format!("    fn {name}(")).unwrap_or_else(|| panic!("nothing is {place}"));
+        let comment: Vec<&str> = above.lines().rev().take_while(|line| line.trim().starts_with("///")).collect();
+        assert!(comment.iter().any(|line| line.contains("[OURS]")), "{place} is no decision");
     }
     let decided = decisions();
     let (unasked, undecided): (Vec<_>, Vec<_>) =

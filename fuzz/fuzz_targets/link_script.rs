@@ -4,10 +4,10 @@
 
 use ecmsk::engine::{BoardHandle, Script as _};
 use ecmsk::fieldbus::Ns;
-use ecmsk::fieldbus::cable::Cable;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::script::{Script, ScriptError};
 use ecmsk::link::uri::LinkUri;
+use ecmsk::slave::cable::Cable;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

@@ -3,7 +3,7 @@
 //! | file | what it answers |
 //! | --- | --- |
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
-//! | `jobs.rs` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
+//! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
 //! | `ledger.rs` | which outputs each cycle carried |
 //! | `watch.rs` | which slaves are lost, and what a reset of the chip means |

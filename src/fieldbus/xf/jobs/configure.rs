@@ -1,0 +1,205 @@
+//! A configuration: process data are mapped by SDO, and the chip lays them out.
+
+use super::{Kind, Running, Stage, Todo, abort_code, no_answer};
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+use crate::fieldbus::pdo::{self, Download, ProcessData};
+use crate::fieldbus::xf::XfBus;
+use crate::fieldbus::xf::ask::{Ask, Reply};
+use crate::fieldbus::xf::network::Place;
+use crate::fieldbus::{BusConfig, Configured, JobDone, Refusal, Role};
+use crate::xf::host::{Budget, HostError, Wires};
+
+/// How long a slave may take for an SDO of a configuration. \[OURS]
+const SDO_NS: Ns = 1_000_000_000;
+/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
+const ENTRIES: usize = 64;
+/// The memory of both FIFOs, bytes (XF EN 1236).
+const FIFO_MEMORY: usize = 0x4000;
+
+impl<W: Wires> XfBus<W> {
+    /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
+    /// have left OP for it already.
+    pub(super) fn check_before_leaving(&mut self, job: &mut Running) -> Todo {
+        let Kind::Configure(config) = &job.kind else { return self.configured(job) };
+        job.keeps_layout = self.keeps_layout(config);
+        for slave in 1..=self.network.found {
+            let selected = config.selected.contains(slave);
+            match job.state(slave) {
+                Some(AlState::PreOp) => {}
+                Some(AlState::SafeOp | AlState::Op) if !selected => {}
+                Some(_) if selected => {
+                    let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
+                    return job.failed(Refusal { slave, al_status, abort: None });
+                }
+                _ if !selected && job.keeps_layout => {}
+                _ => return job.failed(no_answer(slave)),
+            }
+        }
+        if job.keeps_layout { self.map_from(job, 1) } else { self.leave(job, 1) }
+    }
+
+    /// Whether the selected slaves fit into the layout that the chip has, so that the others may stay in SafeOP and OP.
+    ///
+    /// \[OURS] The chip then configures a slave for that layout when it goes to SafeOP. If it does not, the slave
+    /// refuses SafeOP, or the working counter is wrong.
+    pub(super) fn keeps_layout(&self, config: &BusConfig) -> bool {
+        let network = &self.network;
+        let others = network.at_least(AlState::SafeOp).difference(config.selected);
+        let fits = |slave: u8| {
+            let n = usize::from(slave) - 1;
+            let Place { output_bytes, input_bytes, .. } = network.places[n];
+            let role = config.slaves[n].role;
+            let mut mapped = [false, true].into_iter().filter_map(|second| ProcessData::of(role, second));
+            role == Role::Unused
+                || mapped.any(|data| (data.output_bytes(), data.input_bytes()) == (output_bytes, input_bytes))
+        };
+        let found = SlaveSet::first(network.found);
+        network.mapped && !others.is_empty() && config.selected.intersection(found).iter().all(fits)
+    }
+
+    pub(super) fn leave(&mut self, job: &mut Running, from: u8) -> Todo {
+        let above = |slave: &u8| self.network.commanded[usize::from(*slave) - 1] > AlState::PreOp;
+        match (from..=self.network.found).find(above) {
+            Some(slave) => {
+                if self.network.in_op().contains(slave) {
+                    job.disturbed.insert(slave);
+                }
+                job.ask(Stage::Leave(slave), Ask::Enter(Some(slave), AlState::PreOp))
+            }
+            None => self.map_from(job, 1),
+        }
+    }
+
+    pub(super) fn map_from(&mut self, job: &mut Running, from: u8) -> Todo {
+        let Kind::Configure(config) = &job.kind else { return self.configured(job) };
+        let found = self.network.found;
+        let Some(slave) = (from..=found).find(|slave| config.selected.contains(*slave)) else {
+            return if job.keeps_layout { self.check_layout(job) } else { job.ask(Stage::Reconfig, Ask::Reconfig) };
+        };
+        let role = config.slaves[usize::from(slave) - 1].role;
+        self.network.process_data[usize::from(slave) - 1] = None;
+        match role {
+            Role::Unused => self.map_from(job, slave + 1),
+            Role::Hsp(_) => {
+                let object: ObjectAddress = pdo::SECOND_CONTROLWORD;
+                job.ask(Stage::SecondAxis(slave), Ask::Upload { slave, object, timeout_ns: SDO_NS })
+            }
+            _ => self.map(job, slave, false),
+        }
+    }
+
+    pub(super) fn map(&mut self, job: &mut Running, slave: u8, has_second_axis: bool) -> Todo {
+        let Kind::Configure(config) = &job.kind else { return self.configured(job) };
+        let role = config.slaves[usize::from(slave) - 1].role;
+        let Some(data) = ProcessData::of(role, has_second_axis) else {
+            return job.failed(Refusal { slave, ..pdo::NO_SUCH_MODE });
+        };
+        if data.axes() > 1 {
+            job.second_axes.insert(slave);
+        }
+        job.mapping = Some(data);
+        self.download(job, slave, 0)
+    }
+
+    pub(super) fn download_at(&self, job: &Running, slave: u8, place: usize) -> Option<Download> {
+        let Kind::Configure(config) = &job.kind else { return None };
+        let sync = config.slaves[usize::from(slave) - 1].sync;
+        job.mapping?.downloads(sync).into_iter().nth(place)
+    }
+
+    pub(super) fn download(&mut self, job: &mut Running, slave: u8, place: usize) -> Todo {
+        match self.download_at(job, slave, place) {
+            Some(Download { object, size, value, .. }) => {
+                let ask = Ask::Download { slave, object, size, value, timeout_ns: SDO_NS };
+                job.ask(Stage::Download(slave, place), ask)
+            }
+            None => {
+                self.network.process_data[usize::from(slave) - 1] = job.mapping.take();
+                self.map_from(job, slave + 1)
+            }
+        }
+    }
+
+    pub(super) fn downloaded(&mut self, job: &mut Running, slave: u8, place: usize, reply: Reply) -> Todo {
+        if let Err(error) = reply
+            && let Some(download) = self.download_at(job, slave, place)
+        {
+            let code = abort_code(&error);
+            if !matches!(error, HostError::Failed { .. }) || code == AbortCode::TIMEOUT {
+                return job.failed(no_answer(slave));
+            }
+            if !download.may_fail_with(code) {
+                return job.failed(Refusal { slave, ..download.refused(code) });
+            }
+        }
+        self.download(job, slave, place + 1)
+    }
+
+    pub(super) fn first_selected(&self, job: &Running) -> u8 {
+        let Kind::Configure(config) = &job.kind else { return 1 };
+        config.selected.iter().next().unwrap_or(1)
+    }
+
+    /// The entries of each FIFO with the present process data.
+    pub(super) fn entries(&self) -> u8 {
+        let bytes = (self.network.rx_bytes + self.network.tx_bytes).max(1);
+        (FIFO_MEMORY / bytes).clamp(1, ENTRIES) as u8
+    }
+
+    pub(super) fn laid_out(&mut self, job: &mut Running) -> Todo {
+        match self.check_layout(job) {
+            Todo::Done(JobDone::Configure(Ok(_))) => job.ask(Stage::RxEntries, Ask::RxEntries(self.entries())),
+            refused => refused,
+        }
+    }
+
+    /// The configuration has ended, if the chip's layout has the lengths that were mapped.
+    pub(super) fn check_layout(&mut self, job: &mut Running) -> Todo {
+        for slave in 1..=self.network.found {
+            let place = self.network.places[usize::from(slave) - 1];
+            let Some(data) = &self.network.process_data[usize::from(slave) - 1] else { continue };
+            if (place.output_bytes, place.input_bytes) != (data.output_bytes(), data.input_bytes()) {
+                let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
+                return job.failed(Refusal { slave, al_status, abort: None });
+            }
+        }
+        self.configured(job)
+    }
+
+    /// The packets hold the process data, or the chip is set to an n that does.
+    pub(super) fn choose_size(&mut self, job: &mut Running) -> Todo {
+        self.network.entries = self.entries();
+        let bytes = self.network.rx_bytes.max(self.network.tx_bytes);
+        let size = self.host.size();
+        if bytes <= size.bytes() {
+            return self.configured(job);
+        }
+        let config = self.host.config();
+        let budget = Budget {
+            process_bytes: bytes,
+            clock_hz: self.options.clock_hz.unwrap_or(u32::MAX),
+            idle_ns: config.idle_ns,
+            cycle_ns: self.network.cycle.ns(),
+            exchanges: 1,
+        };
+        match budget.choose_size() {
+            Ok(size) => {
+                job.stage = Stage::Resize;
+                Todo::Resize(size)
+            }
+            Err(error) => {
+                self.refused_cycle = Some(error);
+                let slave = self.first_selected(job);
+                let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
+                job.failed(Refusal { slave, al_status, abort: None })
+            }
+        }
+    }
+
+    pub(super) fn configured(&mut self, job: &mut Running) -> Todo {
+        self.network.mapped = true;
+        let Running { second_axes, disturbed, .. } = *job;
+        Todo::Done(JobDone::Configure(Ok(Configured { second_axes, disturbed })))
+    }
+}

@@ -1,0 +1,134 @@
+//! A change of state: slaves that are behind move by one state, until all are there.
+
+use super::{Kind, Running, Stage, Todo, no_answer};
+use crate::ethercat::{AlState, SlaveSet};
+use crate::fieldbus::JobDone;
+use crate::fieldbus::xf::XfBus;
+use crate::fieldbus::xf::ask::{Ask, Reply};
+use crate::xf::host::{HostError, Wires};
+use crate::xf::request::{Fifos, SlaveInfoItem};
+
+impl<W: Wires> XfBus<W> {
+    /// The next step of a change of state, when the states are known.
+    pub(super) fn move_on(&mut self, job: &mut Running) -> Todo {
+        let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
+        let found = SlaveSet::first(self.network.found);
+        let slaves = slaves.intersection(found);
+        (1..=self.network.found).for_each(|slave| self.stay_up(job, slave));
+        for slave in slaves.iter().filter(|slave| job.state(*slave) == Some(target)) {
+            self.network.commanded[usize::from(slave) - 1] = target;
+            self.network.lost.remove(slave);
+            self.network.lost_from[usize::from(slave) - 1] = None;
+        }
+        if self.network.in_op().is_empty() {
+            self.leave_op();
+        } else if !self.runs {
+            return job.ask(Stage::EmptyTxFifo, Ask::Clear(Fifos::Tx));
+        }
+        let behind = slaves.iter().filter(|slave| job.state(*slave) != Some(target));
+        let Some(lowest) = behind.filter_map(|slave| job.state(slave)).min() else {
+            return match slaves.iter().find(|slave| job.state(*slave).is_none()) {
+                Some(slave) => {
+                    // It may come back until the deadline.
+                    self.note_states(job);
+                    job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus))
+                }
+                None => Todo::Done(JobDone::State(Ok(()))),
+            };
+        };
+        let to = if lowest > target { target } else { above(lowest).min(target) };
+        if to == AlState::Op && self.network.in_op().is_empty() {
+            self.leave_op();
+            return job.ask(Stage::StopFifo, Ask::Fifo { on: false });
+        }
+        self.enter(job, to)
+    }
+
+    /// The slaves that are behind go to a state. The chip moves one slave or all of them, and all together take no longer
+    /// than one.
+    pub(super) fn enter(&mut self, job: &mut Running, to: AlState) -> Todo {
+        let found = SlaveSet::first(self.network.found);
+        let behind = self.behind(job, to);
+        let stays = |slave: &u8| job.state(*slave).is_none_or(|state| state == to);
+        if behind.len() < 2 || job.all_tried == Some(to) || !found.difference(behind).iter().all(|slave| stays(&slave))
+        {
+            return self.enter_from(job, to, 1);
+        }
+        job.all_tried = Some(to);
+        self.note_commanded(behind, to, AlState::SafeOp);
+        job.ask(Stage::EnterAll(to), Ask::Enter(None, to))
+    }
+
+    /// The slaves of a change of state that are not where they are to be, and go to this state now.
+    pub(super) fn behind(&self, job: &Running, to: AlState) -> SlaveSet {
+        let Kind::State { target, slaves } = job.kind else { return SlaveSet::EMPTY };
+        let mut behind = slaves.intersection(SlaveSet::first(self.network.found));
+        let stays = |slave: &u8| job.state(*slave).is_none_or(|state| (to..=target.max(to)).contains(&state));
+        behind.iter().filter(stays).for_each(|slave| behind.remove(slave));
+        behind
+    }
+
+    /// Slaves are about to enter a state, if it is one up to `most`: a slave that leaves OP is no lost one.
+    pub(super) fn note_commanded(&mut self, slaves: SlaveSet, to: AlState, most: AlState) {
+        if to <= most {
+            slaves.iter().for_each(|slave| self.network.commanded[usize::from(slave) - 1] = to);
+        }
+    }
+
+    pub(super) fn enter_from(&mut self, job: &mut Running, to: AlState, from: u8) -> Todo {
+        let behind = self.behind(job, to);
+        match behind.iter().find(|slave| *slave >= from) {
+            Some(slave) => {
+                let mut one = SlaveSet::EMPTY;
+                one.insert(slave);
+                self.note_commanded(one, to, AlState::SafeOp);
+                job.ask(Stage::Enter(to, slave), Ask::Enter(Some(slave), to))
+            }
+            None => self.read_states(job),
+        }
+    }
+
+    pub(super) fn entered(&mut self, job: &mut Running, to: AlState, slave: u8, reply: Reply) -> Todo {
+        match reply {
+            Ok(_) => {
+                self.network.commanded[usize::from(slave) - 1] = to;
+                self.enter_from(job, to, slave + 1)
+            }
+            Err(HostError::Failed { .. }) => {
+                self.stay_up(job, slave);
+                job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus))
+            }
+            Err(_) => job.failed(no_answer(slave)),
+        }
+    }
+
+    /// If that has failed, the states tell who has moved all the same; the others are asked one by one.
+    pub(super) fn all_entered(&mut self, job: &mut Running, to: AlState, reply: Reply) -> Todo {
+        if reply.is_ok() {
+            self.note_commanded(SlaveSet::first(self.network.found), to, AlState::Op);
+        }
+        self.read_states(job)
+    }
+
+    /// A slave that has refused the way down is where it was.
+    pub(super) fn stay_up(&mut self, job: &Running, slave: u8) {
+        let commanded = &mut self.network.commanded[usize::from(slave) - 1];
+        *commanded = job.state(slave).map_or(*commanded, |state| state.max(*commanded));
+    }
+
+    pub(super) fn note_states(&mut self, job: &Running) {
+        let states = job.states;
+        for slave in 1..=self.network.found {
+            self.note_state(slave, states[usize::from(slave) - 1]);
+        }
+    }
+}
+
+/// The next higher AL state.
+const fn above(state: AlState) -> AlState {
+    match state {
+        AlState::Init => AlState::PreOp,
+        AlState::PreOp => AlState::SafeOp,
+        AlState::SafeOp | AlState::Op => AlState::Op,
+    }
+}

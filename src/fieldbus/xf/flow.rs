@@ -112,6 +112,27 @@ pub(super) enum Clearing {
 }
 
 impl<W: Wires> XfBus<W> {
+    /// These outputs as a set in which lost slaves hold.
+    pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
+        let mut set = Set::of(outputs, &self.network);
+        self.hold(self.network.lost, &mut set.image);
+        set
+    }
+
+    /// What was not written yet holds these slaves, and something is written for it: the chip repeats its newest set, and
+    /// a slave that answers again would get the outputs that it had (SK-4.62). What lies in the chip already is sent.
+    pub(super) fn hold_lost(&mut self, slaves: SlaveSet) {
+        let mut queue = std::mem::take(&mut self.queue);
+        queue.iter_mut().for_each(|set| self.hold(slaves, &mut set.image));
+        self.queue = queue;
+        self.hold_is_due = self.runs;
+    }
+
+    /// The id of the newest outputs that were taken and are not known to be sent.
+    pub(super) fn newest_taken(&self) -> Option<u64> {
+        self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent())
+    }
+
     /// Sets that are under way to the chip. They still stand in the queue.
     fn sets_under_way(&self) -> usize {
         self.flying.as_ref().map_or(0, Flying::sets)
@@ -148,14 +169,21 @@ impl<W: Wires> XfBus<W> {
     /// Outputs with which no motor is on and every axis in CSP is where its target is, if its inputs are known.
     fn holding(&self) -> [u8; IMAGE_MAX] {
         let mut image = [0; IMAGE_MAX];
-        for (data, place) in self.network.process_data.iter().zip(&self.network.places) {
-            if let Some(data) = data {
+        self.hold(SlaveSet::first(self.network.found), &mut image);
+        image
+    }
+
+    /// These slaves' outputs become those with which nothing moves.
+    fn hold(&self, slaves: SlaveSet, image: &mut [u8; IMAGE_MAX]) {
+        for slave in slaves.intersection(SlaveSet::first(self.network.found)).iter() {
+            let n = usize::from(slave) - 1;
+            if let Some(data) = &self.network.process_data[n] {
+                let place = self.network.places[n];
                 let mut inputs = [AxisIn::default(); MAX_AXES];
                 data.take_inputs(&self.newest_inputs[place.inputs_at..], &mut inputs);
                 data.put_outputs(&data.holding(&inputs), &mut image[place.outputs_at..]);
             }
         }
-        image
     }
 
     fn fly(&mut self, load: Load, data: ProcessData<'_>) {
@@ -170,6 +198,14 @@ impl<W: Wires> XfBus<W> {
         let room = (u64::from(self.options.ahead).saturating_sub(self.ledger.ahead()) as usize)
             .min(self.host.rx_free().into());
         let may_write = matches!(self.clearing, Clearing::Idle);
+        if may_write
+            && std::mem::take(&mut self.hold_is_due)
+            && self.queue.is_empty()
+            && let Some(mut set) = self.newest_written.clone()
+        {
+            self.hold(self.network.lost, &mut set.image);
+            self.queue.push_back(set);
+        }
         let sets = if may_write { self.queue.len().min(fits).min(room) } else { 0 };
         let is_due = now >= self.next_read;
         if sets > 0 && backlog < BACKLOG + sets as u8 {
@@ -224,6 +260,9 @@ impl<W: Wires> XfBus<W> {
         let tx_bytes = self.network.tx_bytes.max(1);
         let cycles = if read { self.host.inputs().len() / tx_bytes } else { 0 };
         let first = self.ledger.cycles() + 1;
+        if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
+            self.newest_written = Some(newest.clone());
+        }
         self.ledger.exchanged(self.queue.drain(..sets.min(self.queue.len())).map(|set| set.id), cycles as u64);
         self.look_at_header();
         let waiting = self.host.header().map_or(0, |header| header.tx_fifo);
@@ -319,6 +358,8 @@ impl<W: Wires> XfBus<W> {
 
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
+        // What was to hold lost slaves may be among what is dropped.
+        self.hold_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
 

@@ -94,6 +94,10 @@ pub struct XfBus<W> {
     refused_cycle: Option<BudgetError>,
     /// Sets that are to be written.
     queue: VecDeque<Set>,
+    /// The set that the chip repeats when it has no other; `None`: none was written in this OP.
+    newest_written: Option<Set>,
+    /// A slave was lost since the last set was written.
+    hold_is_due: bool,
     flying: Option<Flying>,
     ledger: Ledger,
     clearing: Clearing,
@@ -137,9 +141,12 @@ impl<W: Wires> XfBus<W> {
             sdo: None,
             ended: VecDeque::with_capacity(4),
             refused_cycle: None,
-            queue: VecDeque::with_capacity(depth),
+            // One more for a set of our own.
+            queue: VecDeque::with_capacity(depth + 1),
+            newest_written: None,
+            hold_is_due: false,
             flying: None,
-            ledger: Ledger::new(2 * depth),
+            ledger: Ledger::new(2 * depth + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(flow::ANSWERS),
             spare: (0..flow::ANSWERS).map(|_| Answer::default()).collect(),
@@ -308,6 +315,7 @@ impl<W: Wires> XfBus<W> {
         self.runs = false;
         self.drop_queue();
         self.dropped = None;
+        self.hold_is_due = false;
         while let Some(answer) = self.answers.pop_front() {
             self.spare.push(answer);
         }
@@ -318,6 +326,7 @@ impl<W: Wires> XfBus<W> {
         self.ledger.lost();
         self.newest_cycle = self.wires.now();
         (self.runs, self.gap, self.dropped) = (true, false, None);
+        self.newest_written = None;
     }
 }
 
@@ -391,7 +400,8 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if self.room() == 0 {
             return Err(BusError::Full);
         }
-        self.queue.push_back(Set::of(outputs, &self.network));
+        let set = self.set_of(outputs);
+        self.queue.push_back(set);
         Ok(())
     }
 

@@ -88,8 +88,9 @@ impl<W: Wires> XfBus<W> {
             if !self.network.lost.contains(slave) {
                 let from = if commanded == AlState::Op { self.watch.suspect_from.or(self.watch.unsent) } else { None };
                 self.network.lost_from[usize::from(slave) - 1] = from;
+                self.network.lost.insert(slave);
+                self.hold_lost(self.network.lost);
             }
-            self.network.lost.insert(slave);
         } else if commanded < AlState::SafeOp {
             self.network.lost.remove(slave);
         }
@@ -113,7 +114,7 @@ impl<W: Wires> XfBus<W> {
         self.counters.sets_lost += self.ledger.ahead();
         self.ledger.lost();
         self.flying = None;
-        self.runs = false;
+        (self.runs, self.hold_is_due) = (false, false);
         self.gap = true;
     }
 }

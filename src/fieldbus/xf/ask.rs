@@ -28,6 +28,8 @@ pub(super) enum Ask {
     /// `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
+    /// The lowest state of all slaves.
+    StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
     Upload {
@@ -78,6 +80,7 @@ impl Ask {
             Self::Count => host.submit(now, &SlaveCountGet),
             Self::Enter(slave, state) => host.submit_within(now, &enter(slave, state), COMMAND_NS),
             Self::UpdateStates => host.submit_within(now, &StateUpdate, COMMAND_NS),
+            Self::StateOfAll => host.submit(now, &StateGet { slaves: Slaves::All }),
             Self::StateOf(slave) => host.submit(now, &state_of(slave)),
             Self::Info(slave, item) => host.submit(now, &SlaveInfoGet { slave: number(slave), item }),
             Self::Upload { slave, object, timeout_ns } => {
@@ -129,6 +132,7 @@ impl Asked {
             Ask::Count => host.take(ticket, &SlaveCountGet)?.map(u32::from),
             Ask::Enter(slave, state) => done(host.take(ticket, &enter(slave, state))?),
             Ask::UpdateStates => done(host.take(ticket, &StateUpdate)?),
+            Ask::StateOfAll => host.take(ticket, &StateGet { slaves: Slaves::All })?.map(|state| state.0.into()),
             Ask::StateOf(slave) => host.take(ticket, &state_of(slave))?.map(|state| state.0.into()),
             Ask::Info(slave, item) => {
                 let info = host.take(ticket, &SlaveInfoGet { slave: number(slave), item })?;

@@ -5,17 +5,23 @@
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
+//! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
 //! | `ledger.rs` | which outputs each cycle carried |
+//! | `answers.rs` | what the cycles have sent back, until it is polled |
+//! | `clear.rs` | the chip's FIFO is emptied, and what it had sent by then |
 //! | `watch.rs` | which slaves are lost, and what a reset of the chip means |
 //! | `network.rs` | what is known of the network |
 //!
 //! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
 //! engine polls. It starts no thread.
 
+mod answers;
 mod ask;
+mod clear;
 mod flow;
 mod jobs;
 mod ledger;
+mod level;
 mod network;
 mod watch;
 
@@ -23,16 +29,21 @@ use std::collections::VecDeque;
 
 use super::{BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
 use crate::sk::CycleTime;
-use crate::xf::host::{BudgetError, Host, HostConfig, HostState, StepError, Wires};
+use crate::xf::host::{Host, HostConfig, HostState, StepError, Wires};
+use answers::{ANSWERS, Answer, IMAGE_MAX};
 use ask::{Ask, Asked};
-use flow::{Answer, Clearing, Flying, Set};
+use clear::Clearing;
+use flow::{Flying, Set};
 use jobs::{Running, Todo};
 use ledger::Ledger;
+use level::FillLevel;
 use network::Network;
 use watch::Watch;
 
 /// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
+/// The most exchanges of process data that are under way.
+const IN_FLIGHT_MAX: usize = 2;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -44,13 +55,16 @@ pub struct XfBusOptions {
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
+    /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
+    /// process data or the cycle need it.
+    pub size_is_fixed: bool,
 }
 
 impl XfBusOptions {
     /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
     pub const AHEAD_MAX: u16 = 60;
     /// 8 sets. \[OURS]
-    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None };
+    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None, size_is_fixed: false };
 }
 
 impl Default for XfBusOptions {
@@ -90,15 +104,17 @@ pub struct XfBus<W> {
     pending: Option<Ask>,
     sdo: Option<(SdoRequest, Asked)>,
     ended: VecDeque<JobDone>,
-    /// Why the newest configuration was refused, if it was the cycle.
-    refused_cycle: Option<BudgetError>,
     /// Sets that are to be written.
     queue: VecDeque<Set>,
     /// The set that the chip repeats when it has no other; `None`: none was written in this OP.
     newest_written: Option<Set>,
     /// A slave was lost since the last set was written.
     hold_is_due: bool,
-    flying: Option<Flying>,
+    /// What was handed to the driver, the oldest first.
+    flying: VecDeque<Flying>,
+    /// The newest exchange of cycles wrote some.
+    wrote_last: bool,
+    level: FillLevel,
     ledger: Ledger,
     clearing: Clearing,
     answers: VecDeque<Answer>,
@@ -112,6 +128,8 @@ pub struct XfBus<W> {
     /// Inputs may have been lost since then.
     gap: bool,
     lost_cycles: u32,
+    /// Sets that were given up since the newest cycle was polled.
+    outputs_lost: u32,
     /// The newest cycle that was polled, engine time.
     told_at: Ns,
     /// The id of the newest outputs that were taken while the chip had no network.
@@ -127,7 +145,7 @@ impl<W: Wires> XfBus<W> {
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let ahead = options.ahead.clamp(1, XfBusOptions::AHEAD_MAX);
         let depth = usize::from(ahead);
-        let host = Host::new(wires.now(), config);
+        let host = Host::new(wires.now(), HostConfig { pipelined_writes: true, ..config });
         Self {
             wires,
             host,
@@ -140,24 +158,26 @@ impl<W: Wires> XfBus<W> {
             pending: None,
             sdo: None,
             ended: VecDeque::with_capacity(4),
-            refused_cycle: None,
             // One more for a set of our own.
             queue: VecDeque::with_capacity(depth + 1),
             newest_written: None,
             hold_is_due: false,
-            flying: None,
+            flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
+            wrote_last: false,
+            level: FillLevel::default(),
             ledger: Ledger::new(2 * depth + 1),
             clearing: Clearing::Idle,
-            answers: VecDeque::with_capacity(flow::ANSWERS),
-            spare: (0..flow::ANSWERS).map(|_| Answer::default()).collect(),
+            answers: VecDeque::with_capacity(ANSWERS),
+            spare: (0..ANSWERS).map(|_| Answer::default()).collect(),
             headers: 0,
             next_read: 0,
             newest_cycle: 0,
             gap: false,
             lost_cycles: 0,
+            outputs_lost: 0,
             told_at: 0,
             dropped: None,
-            newest_inputs: vec![0; flow::IMAGE_MAX],
+            newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
             stopped_at: None,
             counters: XfBusCounters::default(),
@@ -182,11 +202,6 @@ impl<W: Wires> XfBus<W> {
     /// What was counted.
     pub const fn counters(&self) -> XfBusCounters {
         self.counters
-    }
-
-    /// Why the newest configuration was refused, if the chip cannot hold the cycle.
-    pub const fn refused_cycle(&self) -> Option<BudgetError> {
-        self.refused_cycle
     }
 
     /// The time of the wires at that time of the engine.
@@ -262,7 +277,7 @@ impl<W: Wires> XfBus<W> {
             Todo::Ask(ask) => self.ask(ask, now),
             Todo::Wait(until) => job.wait_until = Some(until),
             Todo::Resize(size) => self.host.resize(now, size),
-            Todo::Hold => self.flying = Some(Flying::hold()),
+            Todo::Hold => self.send_holding(),
             Todo::Done(done) => {
                 self.ended.push_back(done);
                 return;
@@ -289,10 +304,6 @@ impl<W: Wires> XfBus<W> {
 
     fn is_resizing(&self) -> bool {
         !matches!(self.host.state(), HostState::Running)
-    }
-
-    fn is_holding(&self) -> bool {
-        self.flying.as_ref().is_some_and(Flying::is_hold)
     }
 
     fn abandon_asked(&mut self) {
@@ -324,6 +335,7 @@ impl<W: Wires> XfBus<W> {
     /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
     fn enter_op(&mut self) {
         self.ledger.lost();
+        self.level.clear();
         self.newest_cycle = self.wires.now();
         (self.runs, self.gap, self.dropped) = (true, false, None);
         self.newest_written = None;
@@ -380,7 +392,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if self.is_down() || self.is_clearing() {
             return 0;
         }
-        let held = self.queue.len() as u64 + self.ledger.ahead();
+        let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
         self.options.ahead.saturating_sub(held.min(u16::MAX.into()) as u16)
     }
 

@@ -9,8 +9,10 @@ use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, ChipPort, Network, Profile, SlaveModels};
 use ecmsk::xf::host::{HostConfig, Wires};
 
-/// How long a byte takes at 24 MHz.
-const BYTE_PS: u64 = 333_333;
+/// The clock of SPI.
+const CLOCK_HZ: u32 = 24_000_000;
+/// How long a byte takes.
+const BYTE_PS: u64 = 8_000_000_000_000 / CLOCK_HZ as u64;
 
 /// The wires to a chip, and the chip.
 pub struct ChipLine<N: Network> {
@@ -68,5 +70,5 @@ pub fn xf_bus_reached_by(
 ) -> XfBus<ChipLine<SlaveModels>> {
     let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves).reached_by(handle));
     let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
-    XfBus::new(ChipLine::new(chip), config, options)
+    XfBus::new(ChipLine::new(chip), config, XfBusOptions { clock_hz: Some(CLOCK_HZ), ..options })
 }

@@ -4,11 +4,12 @@ use super::{Kind, Running, Stage, Todo, abort_code, no_answer};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
-use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
 use crate::fieldbus::xf::network::Place;
-use crate::fieldbus::{BusConfig, Configured, JobDone, Refusal, Role};
-use crate::xf::host::{Budget, HostError, Wires};
+use crate::fieldbus::xf::{IN_FLIGHT_MAX, XfBus};
+use crate::fieldbus::{BusConfig, Configured, HardwareLimit, JobDone, Refusal, Role};
+use crate::xf::DataSize;
+use crate::xf::host::{Budget, BudgetError, HostError, Wires};
 
 /// How long a slave may take for an SDO of a configuration. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
@@ -16,6 +17,19 @@ const SDO_NS: Ns = 1_000_000_000;
 const ENTRIES: usize = 64;
 /// The memory of both FIFOs, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
+
+/// How a cycle is held.
+struct CyclePlan {
+    size: DataSize,
+    /// Exchanges of process data under way.
+    in_flight: usize,
+}
+
+/// How many exchanges pass for each one of process data: it has its answer with the one behind it, and where one is under
+/// way at a time, a command with its own two may come between. \[OURS]
+const fn exchanges_of_a_cycle(in_flight: usize) -> u32 {
+    if in_flight > 1 { 2 } else { 4 }
+}
 
 impl<W: Wires> XfBus<W> {
     /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
@@ -167,34 +181,58 @@ impl<W: Wires> XfBus<W> {
         self.configured(job)
     }
 
-    /// The packets hold the process data, or the chip is set to an n that does.
+    /// The packets hold the process data and the exchanges the cycle, or the chip is set to an n with which they do.
     pub(super) fn choose_size(&mut self, job: &mut Running) -> Todo {
         self.network.entries = self.entries();
-        let bytes = self.network.rx_bytes.max(self.network.tx_bytes);
-        let size = self.host.size();
-        if bytes <= size.bytes() {
-            return self.configured(job);
-        }
-        let config = self.host.config();
-        let budget = Budget {
-            process_bytes: bytes,
-            clock_hz: self.options.clock_hz.unwrap_or(u32::MAX),
-            idle_ns: config.idle_ns,
-            cycle_ns: self.network.cycle.ns(),
-            exchanges: 1,
-        };
-        match budget.choose_size() {
-            Ok(size) => {
+        match self.plan_cycle() {
+            Ok(CyclePlan { size, in_flight }) => {
+                self.network.in_flight = in_flight;
+                if size == self.host.size() {
+                    return self.configured(job);
+                }
                 job.stage = Stage::Resize;
                 Todo::Resize(size)
             }
-            Err(error) => {
-                self.refused_cycle = Some(error);
-                let slave = self.first_selected(job);
-                let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-                job.failed(Refusal { slave, al_status, abort: None })
+            Err(limit) => Todo::Done(JobDone::Beyond(limit)),
+        }
+    }
+
+    /// How the cycle is held. What takes the least is tried first: the packets as they are before others, and one exchange
+    /// of process data at a time before two. An exchange that carries several sets holds as many cycles.
+    fn plan_cycle(&self) -> Result<CyclePlan, HardwareLimit> {
+        let bytes = self.network.rx_bytes.max(self.network.tx_bytes).max(1);
+        let cycle_ns = self.network.cycle.ns();
+        let sets_max = usize::from(self.options.ahead).min(usize::from(self.network.entries)).max(1);
+        let budget = |sets: usize, in_flight| Budget {
+            process_bytes: sets * bytes,
+            clock_hz: self.options.clock_hz.unwrap_or(u32::MAX),
+            idle_ns: self.host.config().idle_ns,
+            cycle_ns: sets as Ns * cycle_ns,
+            exchanges: exchanges_of_a_cycle(in_flight),
+        };
+        let present = self.host.size();
+        let mut needed_ns = Ns::MAX;
+        for in_flight in 1..=IN_FLIGHT_MAX {
+            let sets = (present.bytes() / bytes).min(sets_max);
+            let as_it_is = (sets > 0).then(|| budget(sets, in_flight).check(present).map(|()| present));
+            let others = (1..=sets_max).take_while(|_| !self.options.size_is_fixed);
+            let others = others.map(|sets| (sets, budget(sets, in_flight).choose_size()));
+            for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
+                match tried {
+                    Ok(size) => return Ok(CyclePlan { size, in_flight }),
+                    Err(BudgetError::CycleTooShort { needed_ns: together_ns, .. }) => {
+                        needed_ns = needed_ns.min(together_ns / sets as Ns);
+                    }
+                    Err(_) => {}
+                }
             }
         }
+        Err(if needed_ns == Ns::MAX {
+            let most = if self.options.size_is_fixed { present } else { DataSize::MAX };
+            HardwareLimit::ProcessData { bytes, most: most.bytes() }
+        } else {
+            HardwareLimit::Cycle { cycle_ns, needed_ns }
+        })
     }
 
     pub(super) fn configured(&mut self, job: &mut Running) -> Todo {

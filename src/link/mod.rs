@@ -454,7 +454,7 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
-/// The simulated board of a `sim:` link without a link around it. It has just been switched on, and its time advances
+/// The simulated board of a `sim:` or `xf-sim:` link without a link around it. It has just been switched on, and its time advances
 /// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
 ///
 /// # Errors
@@ -476,7 +476,7 @@ fn connect(
 ) -> Result<Arc<dyn Link>, LinkError> {
     match uri.scheme() {
         #[cfg(feature = "sim")]
-        keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
+        keys::Scheme::Sim | keys::Scheme::XfSim => Ok(Arc::new(sim::open(uri, options, share)?)),
         #[cfg(all(feature = "spi", target_os = "linux"))]
         keys::Scheme::Spi => spi::open(uri, options),
         #[cfg(all(feature = "tcp", any(unix, windows)))]

@@ -1,6 +1,6 @@
 //! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
 //! `keys/table.rs`. A new key is a row there and a field of the options that use it: `options.rs` has those of every link,
-//! `options/sim.rs` those of `sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
+//! `options/sim.rs` those of `sim:` and `xf-sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
 
 mod table;
 

@@ -263,8 +263,8 @@ pub const KEYS: &[Key] = &[
         syntax: Syntax::Number(1, XfBusOptions::AHEAD_MAX as u64),
         default: Some("8"),
         example: "16",
-        meaning: "how many cycles' outputs may lie in the chip: a host that is late by fewer cycles stops nothing, but what \
-                  lies there was computed so many cycles ago, so that an answer to what a slave sent is as late",
+        meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
+                  cycles stops nothing, but what lies there was computed so many cycles ago",
     },
     Key {
         name: "int0",

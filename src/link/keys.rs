@@ -1,6 +1,6 @@
 //! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
 //! `keys/table.rs`. A new key is a row there and a field of the options that use it: `options.rs` has those of every link,
-//! `options/sim.rs` those of `sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
+//! `options/sim.rs` those of `sim:` and `xf-sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
 
 mod table;
 
@@ -24,19 +24,20 @@ pub enum Scheme {
     Spi,
     /// A board that another process or machine serves.
     Tcp,
-    /// A simulated ECM-XF in this process: a chip, which [`chip::open`](super::chip::open) opens, and no board.
+    /// A simulated ECM-XF in this process: a board that reaches its slaves over the chip, or, by
+    /// [`chip::open`](super::chip::open), the chip itself.
     XfSim,
-    /// A real ECM-XF on SPI, which [`chip::open`](super::chip::open) opens too.
+    /// A real ECM-XF on SPI: a chip, which [`chip::open`](super::chip::open) opens, and no board.
     XfSpi,
-    /// A real ECM-XFU on USB, which [`chip::open`](super::chip::open) opens too.
+    /// A real ECM-XFU on USB: a chip, which [`chip::open`](super::chip::open) opens, and no board.
     XfUsb,
 }
 
 impl Scheme {
     /// All schemes, including those that this build cannot open.
     pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb];
-    /// The schemes of links to an ECM-SK, which [`link::open`](super::open) opens.
-    pub const BOARDS: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
+    /// The schemes of links to a board with the protocol of the ECM-SK, which [`link::open`](super::open) opens.
+    pub const BOARDS: [Self; 5] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim];
 
     /// The word before the colon.
     pub const fn name(self) -> &'static str {
@@ -78,6 +79,11 @@ impl Scheme {
         }
     }
 
+    /// Whether the board is a model in this process, with simulated slaves and a clock that can be virtual.
+    pub const fn is_model(self) -> bool {
+        matches!(self, Self::Sim | Self::XfSim)
+    }
+
     /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
     pub const fn path(self) -> Option<&'static str> {
         match self {
@@ -93,8 +99,11 @@ impl Scheme {
             Self::Usb => "a real ECM-SK on USB",
             Self::Spi => "a real ECM-SK on SPI",
             Self::Tcp => "a board that another process or machine serves (`ecmsk serve tcp`)",
-            Self::XfSim => "a simulated ECM-XF in this process, for `ecmsk xf` and `ecmsk::Xf`",
-            Self::XfSpi => "a real ECM-XF on SPI, for the same",
+            Self::XfSim => {
+                "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, without the \
+                 keys of a board"
+            }
+            Self::XfSpi => "a real ECM-XF on SPI, for `ecmsk xf` and `ecmsk::Xf`",
             Self::XfUsb => "a real ECM-XFU on USB, for the same",
         }
     }

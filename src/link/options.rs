@@ -1,4 +1,5 @@
-//! The keys of a link's URI as Rust types: those of any board, and in `sim.rs` those of `sim:`. The other schemes have theirs in
+//! The keys of a link's URI as Rust types: those of any board, and in `sim.rs` those of
+//! boards that are modelled. The other schemes have theirs in
 //! an `options.rs` of their own. The row of a key, with its default and help, is in `keys/table.rs`.
 
 mod sim;
@@ -6,7 +7,7 @@ mod sim;
 use std::path::PathBuf;
 use std::time::Duration;
 
-pub use sim::{Clock, SimOptions};
+pub use sim::{Clock, ModelledBus, SimOptions};
 
 use super::fault::FaultOptions;
 use super::uri::{LinkUri, UriError, slot_size};

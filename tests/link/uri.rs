@@ -397,8 +397,9 @@ proptest! {
         prop_assert_eq!(again.to_string(), normal);
         let is_board = Scheme::BOARDS.contains(&scheme);
         prop_assert_eq!(CommonOptions::from_uri(&parsed).is_ok(), is_board);
-        prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), !is_board);
-        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim);
+        let is_chip = matches!(scheme, Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb);
+        prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), is_chip);
+        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme.is_model());
     }
 
     #[test]

@@ -5,8 +5,10 @@
 //! - `stepped.rs`, `threaded.rs`: virtual time, and the real clock
 //! - `early.rs`, `slow.rs`, `stress.rs`: the real clock: never early, on a slow machine, with many threads
 //! - `boards.rs`: boards that outlive their links
+//! - `behind_chip.rs`: boards whose slaves are behind an ECM-XF
 //! - `habits.rs`, `client.rs`: sequences of calls of existing applications, and the client that makes them
 
+mod behind_chip;
 mod boards;
 mod client;
 mod early;

@@ -1,6 +1,7 @@
 //! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
+use crate::fieldbus::xf::XfBusOptions;
 use crate::xf::DataSize;
 
 /// The largest values of keys in milliseconds: an hour, a day. \[OURS]
@@ -11,21 +12,22 @@ const DAY_MS: u64 = 24 * HOUR_MS;
 const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest rate of a board's clock: a cycle of 250 us then takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
-const SIM: &[Scheme] = &[Scheme::Sim];
+/// Boards that are modelled in this process, with simulated slaves.
+const SIM: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
 const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
 const USB: &[Scheme] = &[Scheme::Usb];
 const XF_SIM: &[Scheme] = &[Scheme::XfSim];
 const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
+/// Links to a chip ECM-XF that is no board.
+const XF_ALONE: &[Scheme] = &[Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip ECM-XF.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
 const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];
 /// The number of an endpoint of USB.
 const ENDPOINT: Syntax = Syntax::Number(1, 15);
-/// What simulates slaves.
-const WITH_SLAVES: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
 /// The bytes of data in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
@@ -39,7 +41,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
-        schemes: WITH_SLAVES,
+        schemes: SIM,
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
@@ -74,7 +76,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "clock",
-        schemes: WITH_SLAVES,
+        schemes: SIM,
         syntax: Syntax::Choice(&["real", "virtual"]),
         default: Some("real"),
         example: "virtual",
@@ -256,6 +258,15 @@ pub const KEYS: &[Key] = &[
         meaning: "how long nothing is sent after a packet, in us, while INT0 does not say when the chip is ready",
     },
     Key {
+        name: "ahead",
+        schemes: XF_SIM,
+        syntax: Syntax::Number(1, XfBusOptions::AHEAD_MAX as u64),
+        default: Some("8"),
+        example: "16",
+        meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
+                  cycles stops nothing, but what lies there was computed so many cycles ago",
+    },
+    Key {
         name: "int0",
         schemes: XF_SIM,
         syntax: Syntax::Choice(&["no", "yes"]),
@@ -333,11 +344,12 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record",
-        schemes: XF,
+        schemes: XF_ALONE,
         syntax: Syntax::File,
         default: None,
         example: "/tmp/chip.pcapng",
-        meaning: "write every exchange to that file, for Wireshark and `ecmsk dump`; not given: no recording",
+        meaning: "write every exchange to that file, as xf-sim: does where it is the chip itself, for Wireshark and `ecmsk \
+                  dump`; not given: no recording",
     },
     Key {
         name: "queue",

@@ -1,10 +1,11 @@
-//! The keys of `sim:` as Rust types.
+//! The keys of boards that are modelled in this process, `sim:` and `xf-sim:`, as Rust types.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use super::millis;
 use crate::engine::Firmware;
+use crate::link::chip::{ChipOptions, ModelledChip};
 use crate::link::fraction::Fraction;
 use crate::link::keys::Scheme;
 use crate::link::slaves::{self, SlaveSpec};
@@ -12,7 +13,24 @@ use crate::link::uri::{LinkUri, UriError, slot_size};
 pub use crate::recording::Clock;
 use crate::sk::SlotSize;
 
-/// Options of `sim:`.
+/// What is between a modelled board and its slaves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ModelledBus {
+    /// Nothing: a cycle of the board is a frame that passes the slaves (`sim:`).
+    Direct,
+    /// An ECM-XF, whose driver the board uses (`xf-sim:`).
+    Chip {
+        /// The chip and the wires to it.
+        chip: ModelledChip,
+        /// How the driver uses it.
+        driver: ChipOptions,
+        /// How many sets of outputs may lie in the chip, see
+        /// [`XfBusOptions::ahead`](crate::fieldbus::xf::XfBusOptions::ahead).
+        ahead: u16,
+    },
+}
+
+/// Options of `sim:` and `xf-sim:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimOptions {
     /// The slaves in network order: 0..=40, or 0..=30 with 16-byte slots.
@@ -43,15 +61,27 @@ pub struct SimOptions {
     pub rate: Fraction,
     /// A file of events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
+    /// What is between the board and its slaves.
+    pub bus: ModelledBus,
 }
 
 impl SimOptions {
     /// The options in a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::OtherScheme`] if it is not a `sim:` link.
+    /// [`UriError::OtherScheme`] if it is neither a `sim:` nor an `xf-sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
-        uri.expect_scheme(Scheme::Sim)?;
+        let bus = match uri.scheme() {
+            Scheme::XfSim => ModelledBus::Chip {
+                chip: ModelledChip::from_uri(uri)?,
+                driver: ChipOptions::from_uri(uri)?,
+                ahead: uri.required("ahead", |value| value.parse().ok())?,
+            },
+            _ => {
+                uri.expect_scheme(Scheme::Sim)?;
+                ModelledBus::Direct
+            }
+        };
         Ok(Self {
             slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
             slot: uri.required("slot", slot_size)?,
@@ -67,6 +97,7 @@ impl SimOptions {
             catch_up: uri.required("catch_up_ms", millis)?,
             rate: uri.required("rate", Fraction::parse)?,
             script: uri.typed("script", |value| Some(PathBuf::from(value)))?,
+            bus,
         })
     }
 }

@@ -33,6 +33,10 @@ use watch::Watch;
 
 /// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
+/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
+const ENTRIES: usize = 64;
+/// The memory of both FIFOs, bytes (XF EN 1236).
+const FIFO_MEMORY: usize = 0x4000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -70,6 +74,11 @@ pub struct XfBusCounters {
     pub repeated: u64,
     /// How often the chip was reset.
     pub chip_resets: u64,
+}
+
+/// The entries of each of the chip's FIFOs, 1..=64, with so many bytes of process data in both directions together.
+pub fn fifo_entries(process_bytes: usize) -> u8 {
+    (FIFO_MEMORY / process_bytes.max(1)).clamp(1, ENTRIES) as u8
 }
 
 /// A network behind an ECM-XF.

@@ -6,16 +6,13 @@ use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
+use crate::fieldbus::xf::fifo_entries;
 use crate::fieldbus::xf::network::Place;
 use crate::fieldbus::{BusConfig, Configured, JobDone, Refusal, Role};
 use crate::xf::host::{Budget, HostError, Wires};
 
 /// How long a slave may take for an SDO of a configuration. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
-/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
-const ENTRIES: usize = 64;
-/// The memory of both FIFOs, bytes (XF EN 1236).
-const FIFO_MEMORY: usize = 0x4000;
 
 impl<W: Wires> XfBus<W> {
     /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
@@ -143,8 +140,7 @@ impl<W: Wires> XfBus<W> {
 
     /// The entries of each FIFO with the present process data.
     pub(super) fn entries(&self) -> u8 {
-        let bytes = (self.network.rx_bytes + self.network.tx_bytes).max(1);
-        (FIFO_MEMORY / bytes).clamp(1, ENTRIES) as u8
+        fifo_entries(self.network.rx_bytes + self.network.tx_bytes)
     }
 
     pub(super) fn laid_out(&mut self, job: &mut Running) -> Todo {

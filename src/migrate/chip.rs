@@ -5,7 +5,7 @@ use crate::ethercat::Ns;
 use crate::fieldbus::xf::{XfBusOptions, fifo_entries};
 use crate::sk::CycleTime;
 use crate::xf::DataSize;
-use crate::xf::host::{Budget, BudgetError, HostConfig};
+use crate::xf::host::{Budget, BudgetError, COMFORTABLE_SIZE, HostConfig};
 
 /// How long the chip takes for a packet where INT0 says when it is ready, in nanoseconds. \[OURS] The manual says less than
 /// 150 us (XF EN, "ECM-XF Interrupt"); the model takes as long as this.
@@ -33,8 +33,6 @@ pub struct Packets {
     pub sets: u16,
     /// The least clock of SPI in Hz that holds the cycle with these packets.
     pub least_clock_hz: u32,
-    /// How many sets have to lie in the chip for the transport alone, at the clock that was given.
-    pub transport_sets: u16,
 }
 
 /// Why no packets hold a cycle.
@@ -91,16 +89,29 @@ impl Needs {
         self.output_bytes.max(self.input_bytes)
     }
 
-    /// Whether the cycle holds with INT0 and packets of that size with one set in each.
-    pub fn holds_with_int0(&self, size: DataSize) -> bool {
-        let budget = Budget {
+    /// The n to use with INT0; `None`: none holds the cycle. It is the least, or, if the cycle has the time for it,
+    /// [`COMFORTABLE_SIZE`], in which commands are comfortable.
+    pub fn chosen_size(&self) -> Option<DataSize> {
+        let packets = self.with_int0.ok()?;
+        let is_comfortable = packets.sets == 1 && self.turn().check(COMFORTABLE_SIZE).is_ok();
+        Some(if is_comfortable { packets.size.max(COMFORTABLE_SIZE) } else { packets.size })
+    }
+
+    /// How many sets have to lie in the chip for the transport alone, with INT0 and packets of that size.
+    pub fn transport_sets(&self, size: DataSize) -> u16 {
+        let turns_ns = self.turn().needed_ns(size) * TURNS_KNOWN;
+        u16::try_from(turns_ns.div_ceil(self.cycle.ns())).unwrap_or(u16::MAX)
+    }
+
+    /// A turn with INT0 and one set in a packet.
+    fn turn(&self) -> Budget {
+        Budget {
             process_bytes: self.set_bytes(),
             clock_hz: self.clock_hz,
             idle_ns: INT0_IDLE_NS,
             cycle_ns: self.cycle.ns(),
             exchanges: PACKETS_A_TURN,
-        };
-        budget.check(size).is_ok()
+        }
     }
 
     /// The least n that holds one set.
@@ -127,7 +138,7 @@ fn hold(set_bytes: usize, cycle: CycleTime, idle_ns: Ns, clock_hz: u32) -> Resul
             Budget { process_bytes, clock_hz, idle_ns, cycle_ns: cycle.ns() * sets as Ns, exchanges: PACKETS_A_TURN };
         let size = DataSize::new(process_bytes.max(DataSize::MIN.bytes())).unwrap_or(DataSize::MAX);
         match budget.check(size) {
-            Ok(()) => return Ok(packets(&budget, size, sets as u16, cycle)),
+            Ok(()) => return Ok(packets(&budget, size, sets as u16)),
             Err(error) => {
                 refused.get_or_insert(error);
             }
@@ -136,15 +147,9 @@ fn hold(set_bytes: usize, cycle: CycleTime, idle_ns: Ns, clock_hz: u32) -> Resul
     Err(refused.unwrap_or(BudgetError::NoExchange))
 }
 
-fn packets(budget: &Budget, size: DataSize, sets: u16, cycle: CycleTime) -> Packets {
+fn packets(budget: &Budget, size: DataSize, sets: u16) -> Packets {
     let for_bytes_ns = (budget.cycle_ns / Ns::from(budget.exchanges)).saturating_sub(budget.idle_ns).max(1);
     let bit_seconds = size.packet_len() as u64 * 8 * 1_000_000_000;
     let least_hz = bit_seconds.div_ceil(for_bytes_ns).next_multiple_of(CLOCK_STEP_HZ);
-    let turns_ns = budget.needed_ns(size) * TURNS_KNOWN;
-    Packets {
-        size,
-        sets,
-        least_clock_hz: u32::try_from(least_hz).unwrap_or(u32::MAX).min(budget.clock_hz),
-        transport_sets: u16::try_from(turns_ns.div_ceil(cycle.ns())).unwrap_or(u16::MAX),
-    }
+    Packets { size, sets, least_clock_hz: u32::try_from(least_hz).unwrap_or(u32::MAX).min(budget.clock_hz) }
 }

@@ -52,7 +52,7 @@ pub use timing::{HostTiming, Levels, SeenBy, Stall};
 pub use usage::{Count, Subject};
 
 use crate::recording::Clock;
-use crate::sk::CycleTime;
+use crate::sk::{CycleTime, SlotSize};
 
 /// A frame of a run, as a place where something is found again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,11 +79,13 @@ pub struct Setting {
     pub clock_hz: u32,
     /// Whose times the frames have; on a virtual clock they tell nothing of a host.
     pub clock: Clock,
+    /// The slot size of the program, for the links.
+    pub slot: SlotSize,
 }
 
 impl Default for Setting {
     fn default() -> Self {
-        Self { clock_hz: 24_000_000, clock: Clock::Real }
+        Self { clock_hz: 24_000_000, clock: Clock::Real, slot: SlotSize::default() }
     }
 }
 
@@ -105,8 +107,9 @@ pub struct Migration {
     pub reports: u64,
     /// When the last frame passed, in nanoseconds since the first one.
     pub last_ns: i64,
-    /// Whether the program was ever in OP. If not, nothing is known of its host, and of its motion neither.
-    pub was_in_op: bool,
+    /// From the first to the last frame of OP; `None` if the program was never there. Then nothing is known of its host, and
+    /// of its motion neither.
+    pub op: Option<Stretch>,
     /// All that the program uses.
     pub items: Vec<Item>,
     /// The cycle of the network.
@@ -130,7 +133,7 @@ impl Migration {
             commands: survey.commands,
             reports: survey.reports,
             last_ns: survey.last_ns,
-            was_in_op: survey.was_in_op,
+            op: survey.op,
             items: items.collect(),
             cycle: survey.cycle(),
             plan: network.map(|network| Plan::of(network, &timing, setting)),
@@ -145,7 +148,7 @@ impl Migration {
 
     /// Whether the program runs as it is, and was seen to do what it is for.
     pub fn runs_as_it_is(&self) -> bool {
-        self.was_in_op && self.verdicts().all(|verdict| *verdict == Verdict::Yes)
+        self.op.is_some() && self.verdicts().all(|verdict| *verdict == Verdict::Yes)
     }
 
     /// The rows that the verdicts refer to, each once, in the order of the table.

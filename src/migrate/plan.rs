@@ -1,13 +1,13 @@
 //! How a chip has to be set up for a network and its host: `ahead=`, the packets, the links.
 
 use super::Setting;
-use super::chip::{Needs, Packets};
+use super::chip::Needs;
 use super::network::Network;
 use super::row::{Row, Verdict};
 use super::timing::{HostTiming, Stall};
 use crate::fieldbus::xf::XfBusOptions;
 use crate::recording::Clock;
-use crate::xf::host::COMFORTABLE_SIZE;
+use crate::sk::SlotSize;
 
 /// How many sets of outputs have to lie in the chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -54,7 +54,7 @@ impl Plan {
     pub(super) fn of(network: &Network, timing: &HostTiming, setting: &Setting) -> Self {
         let needs = Needs::of(network, setting.clock_hz);
         let ahead = Ahead::of(&needs, timing, setting);
-        let links = links(network, &needs, &ahead);
+        let links = links(network, &needs, &ahead, setting);
         Self { network: *network, needs, ahead, links }
     }
 }
@@ -65,7 +65,7 @@ impl Ahead {
         let is_known = setting.clock == Clock::Real && timing.op_ns > 0;
         let stall = if is_known { timing.stall(cycle_ns) } else { None };
         let stall_cycles = stall.map_or(0, |stall| (stall.ns + cycle_ns - 1) / cycle_ns);
-        let transport_sets = needs.with_int0.map_or(0, |packets| packets.transport_sets);
+        let transport_sets = needs.chosen_size().map_or(0, |size| needs.transport_sets(size));
         let wanted = u32::try_from(stall_cycles).unwrap_or(u32::MAX).saturating_add(transport_sets.into());
         let default = XfBusOptions::DEFAULT.ahead;
         let value = u16::try_from(wanted).unwrap_or(u16::MAX).max(default).min(needs.ahead_max);
@@ -98,14 +98,10 @@ impl Ahead {
     }
 }
 
-fn links(network: &Network, needs: &Needs, ahead: &Ahead) -> Links {
-    let size = |packets: Packets| {
-        // Commands are comfortable in as many bytes, if the cycle has the time for them.
-        let is_comfortable = packets.sets == 1 && needs.holds_with_int0(COMFORTABLE_SIZE);
-        if is_comfortable { packets.size.max(COMFORTABLE_SIZE) } else { packets.size }
-    };
-    let use_n = needs.with_int0.map_or_else(|_| String::new(), |packets| format!("&use_n={}", size(packets).bytes()));
-    let keys = format!("ahead={}{use_n}&speed={}", ahead.value, hertz(needs.clock_hz));
+fn links(network: &Network, needs: &Needs, ahead: &Ahead, setting: &Setting) -> Links {
+    let use_n = needs.chosen_size().map_or_else(String::new, |size| format!("&use_n={}", size.bytes()));
+    let slot = if setting.slot == SlotSize::Bytes16 { "&slot=16" } else { "" };
+    let keys = format!("ahead={}{use_n}&speed={}{slot}", ahead.value, hertz(needs.clock_hz));
     Links {
         machine: format!("xf-spi:/dev/spidev0.0?int0=gpiochip0/24&{keys}"),
         model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),

@@ -41,7 +41,8 @@ pub struct Survey {
     pub(super) network: Network,
     /// The network that needs the most of a chip, of those that have come to SafeOP.
     pub(super) largest: Option<Network>,
-    pub(super) was_in_op: bool,
+    /// The time from the first to the last frame of OP.
+    pub(super) op: Option<Stretch>,
     state: StateByte,
     /// SET_STATE that has not been answered by that state yet.
     changing_to: Option<MasterState>,
@@ -70,7 +71,7 @@ impl Survey {
             clockwork: Clockwork::default(),
             network: Network::default(),
             largest: None,
-            was_in_op: false,
+            op: None,
             state: StateByte::default(),
             changing_to: None,
             full_count: None,
@@ -103,6 +104,11 @@ impl Survey {
 
     fn is_op(&self) -> bool {
         self.state.state() == Some(MasterState::Op)
+    }
+
+    fn is_in_op_at(&mut self, place: Place) {
+        let op = self.op.get_or_insert(Stretch { from_ns: place.at_ns, to_ns: place.at_ns });
+        op.to_ns = place.at_ns;
     }
 
     fn cycle_ns(&self) -> i64 {
@@ -139,8 +145,10 @@ impl Survey {
         }
         let mut seen = Seen::default();
         if self.is_op() {
+            self.is_in_op_at(place);
             let cycle_ns = self.cycle_ns();
-            seen.pause = self.clockwork.command(place, self.waiting, gap_since_ns, cycle_ns);
+            let sets = waiting.saturating_add(1).min(FIFO_ENTRIES);
+            seen.pause = self.clockwork.command(place, self.waiting, sets, gap_since_ns, cycle_ns);
             seen.gap = gap_since_ns.map(|from_ns| Stretch { from_ns, to_ns: place.at_ns });
             self.sent_since = self.sent_since.saturating_add(1);
         }
@@ -276,17 +284,17 @@ impl Survey {
         if before.state() == Some(MasterState::Op) && board.state.is_failed() && !before.is_failed() {
             self.usage.add(Subject::Lost, 1, place, true);
         }
-        if !std::mem::replace(&mut self.was_in_op, true) && !self.usage.has(Subject::Cycle(self.network.cycle)) {
+        if self.op.is_none() && !self.usage.has(Subject::Cycle(self.network.cycle)) {
             self.usage.add(Subject::Cycle(self.network.cycle), 1, place, false);
         }
+        self.is_in_op_at(place);
         let full = self.full_count.replace(board.full_count).unwrap_or(board.full_count);
         let lost = board.full_count.wrapping_sub(full);
         if lost > 0 {
             self.usage.add(Subject::FifoFull, lost.into(), place, false);
         }
-        let had_sets = self.waiting > 0 || self.sent_since > 0;
         (self.waiting, self.sent_since) = (FIFO_ENTRIES.saturating_sub(board.fifo_free), 0);
-        self.clockwork.report(place, self.waiting, had_sets);
+        self.clockwork.report(place, self.waiting);
         if self.waiting == 0 && place.at_ns > self.sent_ns {
             self.idle_reports = self.idle_reports.saturating_add(1);
             // The first one shows that the newest target was executed.

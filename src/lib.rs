@@ -134,6 +134,7 @@
 //! | `slave` | simulated slaves: object dictionary, CiA 402 state machine, servo drive, stepper, pulse module, IO |
 //! | [`recording`] | reads recordings, and USB captures of Wireshark |
 //! | [`compare`], `replay`, [`summary`] | what differs between two runs, what the model answers to a recorded one, what went wrong in one |
+//! | [`migrate`] | what a recorded program needs of an ECM-XF |
 //! | `port` | serves a board to other programs and machines, by TCP or as a virtual USB device |
 //! | `machine` | whether this machine is set up for a board, and what to do if it is not |
 //! | [`io`] | HID on USB and SPI with its lines, below the links `usb:`, `spi:` and `xf-spi:` |
@@ -191,6 +192,8 @@ pub mod io;
 pub mod link;
 #[cfg(any(all(feature = "std", target_os = "linux"), all(feature = "usb", windows)))]
 pub mod machine;
+#[cfg(feature = "std")]
+pub mod migrate;
 #[cfg(all(feature = "serve", any(unix, windows)))]
 pub mod port;
 #[cfg(feature = "std")]

@@ -32,6 +32,9 @@ pub enum CliError {
     /// See [`super::replay::ReplayVerbError`].
     #[error(transparent)]
     Replay(#[from] super::replay::ReplayVerbError),
+    /// See [`super::migrate::MigrateVerbError`].
+    #[error(transparent)]
+    Migrate(#[from] super::migrate::MigrateVerbError),
     /// See [`super::man::ManError`].
     #[error(transparent)]
     Man(#[from] super::man::ManError),
@@ -102,7 +105,7 @@ impl CliError {
             Self::NothingToServe
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })
             | Self::ServeXf(ecmsk::port::xf::ServeError::NeedsTunnel { .. }) => super::WRONG_COMMAND_LINE,
-            Self::Compare(_) | Self::Replay(_) => super::compare::TROUBLE,
+            Self::Compare(_) | Self::Replay(_) | Self::Migrate(_) => super::compare::TROUBLE,
             _ => 1,
         }
     }

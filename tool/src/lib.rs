@@ -6,7 +6,7 @@
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`: verbs that show recordings, each with a folder of
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a folder of
 //!   its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds of slaves
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs`
 //!   run several of them; `board.rs` is what they share
@@ -34,6 +34,7 @@ mod link;
 mod link_option;
 mod list;
 mod man;
+mod migrate;
 mod monitor;
 mod objects;
 mod output;
@@ -69,6 +70,8 @@ Exit codes:
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   replay
        0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
+  migrate
+       0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   list 0 if each board that was found on USB can be opened, or an SPI device if there is none
   doctor
        0 nothing is wrong, 1 something has to be put right
@@ -99,6 +102,7 @@ enum Verb {
     Shell(shell::Args),
     Compare(compare::Args),
     Replay(replay::Args),
+    Migrate(migrate::Args),
     Monitor(monitor::Args),
     Link(link::Args),
     Objects(objects::Args),
@@ -136,6 +140,7 @@ impl Verb {
             Self::Shell(args) => Ok(shell::run(&args)?),
             Self::Compare(args) => Ok(compare::run(&args)?),
             Self::Replay(args) => Ok(replay::run(&args)?),
+            Self::Migrate(args) => Ok(migrate::run(&args)?),
             Self::Monitor(args) => monitor::run(&args),
             Self::Link(args) => link::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Objects(args) => objects::run(&args).map(|()| ExitCode::SUCCESS),

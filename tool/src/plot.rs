@@ -27,7 +27,7 @@ mod path;
 mod png;
 mod series;
 mod speed;
-mod states;
+pub mod states;
 pub mod style;
 mod survey;
 mod svg;
@@ -294,6 +294,11 @@ pub struct Window {
 }
 
 impl Window {
+    /// From one time to another.
+    pub const fn of_times(from_ns: i64, to_ns: i64) -> Self {
+        Self { from_ns, to_ns }
+    }
+
     /// A range of commands by their numbers, which take the place of seconds.
     pub const fn of_commands(count: u64) -> Self {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
@@ -329,6 +334,6 @@ pub const fn command_place(n: u64) -> i64 {
 }
 
 /// Nanoseconds as seconds.
-fn seconds(ns: i64) -> f64 {
+pub fn seconds(ns: i64) -> f64 {
     ns as f64 / 1e9
 }

@@ -5,6 +5,7 @@
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
+//! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
 //! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
 //! | `ledger.rs` | which outputs each cycle carried |
 //! | `answers.rs` | what the cycles have sent back, until it is polled |
@@ -23,6 +24,7 @@ mod jobs;
 mod ledger;
 mod level;
 mod network;
+pub mod plan;
 mod watch;
 
 use std::collections::VecDeque;
@@ -38,12 +40,15 @@ use jobs::{Running, Todo};
 use ledger::Ledger;
 use level::FillLevel;
 use network::Network;
+use plan::IN_FLIGHT_MAX;
 use watch::Watch;
 
 /// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
-/// The most exchanges of process data that are under way.
-const IN_FLIGHT_MAX: usize = 2;
+/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
+const ENTRIES: usize = 64;
+/// The memory of both FIFOs, bytes (XF EN 1236).
+const FIFO_MEMORY: usize = 0x4000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -84,6 +89,11 @@ pub struct XfBusCounters {
     pub repeated: u64,
     /// How often the chip was reset.
     pub chip_resets: u64,
+}
+
+/// The entries of each of the chip's FIFOs, 1..=64, with so many bytes of process data in both directions together.
+pub fn fifo_entries(process_bytes: usize) -> u8 {
+    (FIFO_MEMORY / process_bytes.max(1)).clamp(1, ENTRIES) as u8
 }
 
 /// A network behind an ECM-XF.

@@ -7,5 +7,9 @@ use crate::fieldbus::xf::{XfBus, XfBusOptions};
 /// wires: a real one sleeps in its calls.
 pub(in crate::link) fn bus<L: ChipLink>(link: L, driver: &ChipOptions, ahead: u16) -> XfBus<L> {
     let info = link.info();
-    XfBus::new(link, host_config(&info, driver), XfBusOptions { ahead, clock_hz: info.clock_hz })
+    XfBus::new(
+        link,
+        host_config(&info, driver),
+        XfBusOptions { ahead, clock_hz: info.clock_hz, size_is_fixed: info.size.is_some() },
+    )
 }

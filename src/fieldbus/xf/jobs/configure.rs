@@ -4,32 +4,16 @@ use super::{Kind, Running, Stage, Todo, abort_code, no_answer};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
+use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
-use crate::fieldbus::xf::network::Place;
-use crate::fieldbus::xf::{IN_FLIGHT_MAX, XfBus};
+use crate::fieldbus::xf::fifo_entries;
+use crate::fieldbus::xf::network::{Network, Place};
+use crate::fieldbus::xf::plan::{CycleDemand, CyclePlan};
 use crate::fieldbus::{BusConfig, Configured, HardwareLimit, JobDone, Refusal, Role};
-use crate::xf::DataSize;
-use crate::xf::host::{Budget, BudgetError, HostError, Wires};
+use crate::xf::host::{HostError, Wires};
 
 /// How long a slave may take for an SDO of a configuration. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
-/// The most entries of each FIFO that are asked for; fewer if the chip's memory does not hold them. \[OURS]
-const ENTRIES: usize = 64;
-/// The memory of both FIFOs, bytes (XF EN 1236).
-const FIFO_MEMORY: usize = 0x4000;
-
-/// How a cycle is held.
-struct CyclePlan {
-    size: DataSize,
-    /// Exchanges of process data under way.
-    in_flight: usize,
-}
-
-/// How many exchanges pass for each one of process data: it has its answer with the one behind it, and where one is under
-/// way at a time, a command with its own two may come between. \[OURS]
-const fn exchanges_of_a_cycle(in_flight: usize) -> u32 {
-    if in_flight > 1 { 2 } else { 4 }
-}
 
 impl<W: Wires> XfBus<W> {
     /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
@@ -157,8 +141,7 @@ impl<W: Wires> XfBus<W> {
 
     /// The entries of each FIFO with the present process data.
     pub(super) fn entries(&self) -> u8 {
-        let bytes = (self.network.rx_bytes + self.network.tx_bytes).max(1);
-        (FIFO_MEMORY / bytes).clamp(1, ENTRIES) as u8
+        fifo_entries(self.network.rx_bytes + self.network.tx_bytes)
     }
 
     pub(super) fn laid_out(&mut self, job: &mut Running) -> Todo {
@@ -197,42 +180,19 @@ impl<W: Wires> XfBus<W> {
         }
     }
 
-    /// How the cycle is held. What takes the least is tried first: the packets as they are before others, and one exchange
-    /// of process data at a time before two. An exchange that carries several sets holds as many cycles.
     fn plan_cycle(&self) -> Result<CyclePlan, HardwareLimit> {
-        let bytes = self.network.rx_bytes.max(self.network.tx_bytes).max(1);
-        let cycle_ns = self.network.cycle.ns();
-        let sets_max = usize::from(self.options.ahead).min(usize::from(self.network.entries)).max(1);
-        let budget = |sets: usize, in_flight| Budget {
-            process_bytes: sets * bytes,
-            clock_hz: self.options.clock_hz.unwrap_or(u32::MAX),
+        let Network { rx_bytes, tx_bytes, cycle, .. } = self.network;
+        let demand = CycleDemand {
+            process_bytes: rx_bytes.max(tx_bytes),
+            fifo_entries: self.network.entries,
+            cycle_ns: cycle.ns(),
+            ahead: self.options.ahead,
+            clock_hz: self.options.clock_hz,
             idle_ns: self.host.config().idle_ns,
-            cycle_ns: sets as Ns * cycle_ns,
-            exchanges: exchanges_of_a_cycle(in_flight),
+            present: self.host.size(),
+            size_is_fixed: self.options.size_is_fixed,
         };
-        let present = self.host.size();
-        let mut needed_ns = Ns::MAX;
-        for in_flight in 1..=IN_FLIGHT_MAX {
-            let sets = (present.bytes() / bytes).min(sets_max);
-            let as_it_is = (sets > 0).then(|| budget(sets, in_flight).check(present).map(|()| present));
-            let others = (1..=sets_max).take_while(|_| !self.options.size_is_fixed);
-            let others = others.map(|sets| (sets, budget(sets, in_flight).choose_size()));
-            for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
-                match tried {
-                    Ok(size) => return Ok(CyclePlan { size, in_flight }),
-                    Err(BudgetError::CycleTooShort { needed_ns: together_ns, .. }) => {
-                        needed_ns = needed_ns.min(together_ns / sets as Ns);
-                    }
-                    Err(_) => {}
-                }
-            }
-        }
-        Err(if needed_ns == Ns::MAX {
-            let most = if self.options.size_is_fixed { present } else { DataSize::MAX };
-            HardwareLimit::ProcessData { bytes, most: most.bytes() }
-        } else {
-            HardwareLimit::Cycle { cycle_ns, needed_ns }
-        })
+        demand.plan()
     }
 
     pub(super) fn configured(&mut self, job: &mut Running) -> Todo {

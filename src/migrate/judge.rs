@@ -1,0 +1,53 @@
+//! Whether what a program uses runs on an ECM-XF.
+
+use super::chip::Refused;
+use super::row::{Row, Verdict};
+use super::usage::{Count, Subject};
+use super::{Needs, Network};
+use crate::sk::CommandId;
+
+/// A command differs as a whole if more than one in so many of its uses does: a program that writes ahead begins with an
+/// empty FIFO, too. \[OURS]
+const EXPOSED_FRACTION: u64 = 2;
+
+/// What is said of one thing that a program uses. `network` is the one that needs the most; `clock_hz` the clock of SPI.
+pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -> Verdict {
+    let often = count.exposed.saturating_mul(EXPOSED_FRACTION) > count.times;
+    let ever = count.exposed > 0;
+    let differs = |row: Row, so: bool| if so { Verdict::Differs(row) } else { Verdict::Yes };
+    match count.subject {
+        Subject::Command(CommandId::LocalRead | CommandId::LocalWrite) => Verdict::No {
+            row: Row::Lio,
+            reason:
+                "the board's own six inputs and outputs have no counterpart: the inputs read 0, the outputs go nowhere"
+                    .to_owned(),
+            next: "wire them to an IO slave and use IO_RD and IO_WR".to_owned(),
+        },
+        Subject::Command(CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::IoRead | CommandId::IoWrite) => {
+            differs(Row::Latency, often)
+        }
+        Subject::Command(CommandId::ServoOn) => differs(Row::Hold, ever),
+        Subject::Command(CommandId::SetFifo) => differs(Row::Clear, ever),
+        Subject::Command(CommandId::SdoRead | CommandId::SdoWrite) | Subject::Read(_) | Subject::Write(_) => {
+            differs(Row::Sdo, ever)
+        }
+        Subject::Cycle(cycle) => match network.map(|network| Needs::of(&Network { cycle, ..*network }, clock_hz)) {
+            Some(Needs { with_int0: Err(refused), .. }) => no_cycle(&refused),
+            Some(Needs { without_int0: Err(_), .. }) => Verdict::Differs(Row::Cycle),
+            _ => Verdict::Yes,
+        },
+        Subject::Lost => Verdict::Differs(Row::Loss),
+        Subject::Return => Verdict::Differs(Row::Remap),
+        Subject::Command(_) | Subject::Kind(_) | Subject::Mode(..) | Subject::State(_) | Subject::FifoFull => {
+            Verdict::Yes
+        }
+    }
+}
+
+fn no_cycle(refused: &Refused) -> Verdict {
+    let next = match refused.next_cycle {
+        Some(cycle) => format!("a cycle of {} us holds (SET_DC); or use fewer slaves", cycle.us()),
+        None => "no cycle holds with this clock; use a faster one".to_owned(),
+    };
+    Verdict::No { row: Row::Cycle, reason: refused.sum.to_string(), next }
+}

@@ -1,0 +1,115 @@
+//! The slaves that a program declares, and how long their process data are.
+
+use crate::cia402::Mode;
+use crate::fieldbus::pdo::ProcessData;
+use crate::fieldbus::{MAX_SLAVES, Role};
+use crate::sk::{CycleTime, SlaveKind};
+
+/// A network as a program has declared it when it left PreOP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Network {
+    /// Slave n is `kinds[n - 1]`; `None`: not declared.
+    pub kinds: [Option<SlaveKind>; MAX_SLAVES],
+    /// The mode of operation of slave n is `modes[n - 1]`; CSP until DRIVE_MODE says another.
+    pub modes: [Mode; MAX_SLAVES],
+    /// The EtherCAT cycle in OP.
+    pub cycle: CycleTime,
+    /// Whether the second channel of a pulse module was seen.
+    pub second_channels: [bool; MAX_SLAVES],
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self {
+            kinds: [None; MAX_SLAVES],
+            modes: [Mode::Csp; MAX_SLAVES],
+            cycle: CycleTime::DEFAULT,
+            second_channels: [false; MAX_SLAVES],
+        }
+    }
+}
+
+impl Network {
+    /// The role of a slave, from 1; [`Role::Unused`] of one that is none or was not declared.
+    pub fn role(&self, slave: usize) -> Role {
+        let mode = self.modes[slave - 1];
+        match self.kinds[slave - 1] {
+            Some(SlaveKind::Drive) => Role::Drive(mode),
+            Some(SlaveKind::Step) => Role::Step(mode),
+            Some(SlaveKind::Hsp) => Role::Hsp(mode),
+            Some(SlaveKind::Io) => Role::Io,
+            Some(SlaveKind::None) | None => Role::Unused,
+        }
+    }
+
+    /// The slaves that are used, from 1.
+    pub fn slaves(&self) -> impl Iterator<Item = usize> + '_ {
+        (1..=MAX_SLAVES).filter(|slave| self.role(*slave) != Role::Unused)
+    }
+
+    /// Slaves that are used.
+    pub fn count(&self) -> usize {
+        self.slaves().count()
+    }
+
+    /// Slaves of a kind.
+    pub fn count_of(&self, kind: SlaveKind) -> usize {
+        self.kinds.iter().filter(|known| **known == Some(kind)).count()
+    }
+
+    /// Bytes of the outputs of all slaves. \[OURS] A pulse module counts with two channels, as many as it may have.
+    pub fn output_bytes(&self) -> usize {
+        self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.output_bytes()).sum()
+    }
+
+    /// Bytes of the inputs of all slaves, counted in the same way.
+    pub fn input_bytes(&self) -> usize {
+        self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.input_bytes()).sum()
+    }
+
+    /// Such slaves as the key `slaves=` of a modelled chip names them, as `drive*2,io`; empty without any. A slave between
+    /// others that is not used stands there as an IO slave, which needs no declaration.
+    pub fn models(&self) -> String {
+        let last = self.slaves().last().unwrap_or(0);
+        let name = |slave: usize| match self.role(slave) {
+            Role::Drive(_) => "drive",
+            Role::Step(_) => "step",
+            Role::Hsp(_) if self.second_channels[slave - 1] => "hsp2",
+            Role::Hsp(_) => "hsp",
+            Role::Io | Role::Unused => "io",
+        };
+        let mut runs: Vec<(&str, usize)> = Vec::new();
+        for name in (1..=last).map(name) {
+            match runs.last_mut() {
+                Some((same, count)) if *same == name => *count += 1,
+                _ => runs.push((name, 1)),
+            }
+        }
+        let words =
+            runs.into_iter().map(|(name, count)| if count == 1 { name.to_owned() } else { format!("{name}*{count}") });
+        words.collect::<Vec<_>>().join(",")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The slaves are named as a link names them, and their bytes are those that the board maps.
+    #[test]
+    fn a_mixed_network() {
+        let mut network = Network::default();
+        assert_eq!((network.models().as_str(), network.output_bytes(), network.input_bytes()), ("", 0, 0));
+        for (n, kind) in
+            [SlaveKind::Drive, SlaveKind::Drive, SlaveKind::None, SlaveKind::Io, SlaveKind::Hsp].into_iter().enumerate()
+        {
+            network.kinds[n] = Some(kind);
+        }
+        network.modes[1] = Mode::Cst;
+        assert_eq!(network.models(), "drive*2,io*2,hsp");
+        // 6 and 4 of the drives, 2 of the IO slave, 20 of a module of two channels.
+        assert_eq!((network.output_bytes(), network.input_bytes(), network.count()), (32, 42, 4));
+        network.second_channels[4] = true;
+        assert_eq!((network.models().as_str(), network.output_bytes()), ("drive*2,io*2,hsp2", 32));
+    }
+}

@@ -1,0 +1,118 @@
+//! How a chip has to be set up for a network and its host: `ahead=`, the packets, the links.
+
+use super::Setting;
+use super::chip::Needs;
+use super::network::Network;
+use super::row::{Row, Verdict};
+use super::timing::{HostTiming, Stall};
+use crate::fieldbus::xf::XfBusOptions;
+use crate::recording::Clock;
+use crate::sk::SlotSize;
+
+/// How many sets of outputs have to lie in the chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ahead {
+    /// The host's longest stall; `None`: no sign of any, or nothing is known.
+    pub stall: Option<Stall>,
+    /// Whether the frames tell of the host's time: on a virtual clock, and of a program that was never in OP, they do not.
+    pub is_known: bool,
+    /// The cycles that the stall lasted, rounded up.
+    pub stall_cycles: u16,
+    /// Sets that the transport needs: those of which nobody knows yet whether they were sent.
+    pub transport_sets: u16,
+    /// The sum of both.
+    pub wanted: u32,
+    /// The value for `ahead=`: the sum, but the default at least, and as many as the chip's FIFO holds at most.
+    pub value: u16,
+    /// Whether that covers the stall: by the default, by `ahead=`, or not.
+    pub verdict: Verdict,
+}
+
+/// The links to a chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Links {
+    /// The chip on the machine; INT0 as an example at line 24.
+    pub machine: String,
+    /// The model of a chip with the same slaves.
+    pub model: String,
+}
+
+/// How a chip has to be set up.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// The network.
+    pub network: Network,
+    /// What it needs.
+    pub needs: Needs,
+    /// How many sets have to lie in the chip.
+    pub ahead: Ahead,
+    /// The links that result.
+    pub links: Links,
+}
+
+impl Plan {
+    pub(super) fn of(network: &Network, timing: &HostTiming, setting: &Setting) -> Self {
+        let needs = Needs::of(network, setting.clock_hz);
+        let ahead = Ahead::of(&needs, timing, setting);
+        let links = links(network, &needs, &ahead, setting);
+        Self { network: *network, needs, ahead, links }
+    }
+}
+
+impl Ahead {
+    fn of(needs: &Needs, timing: &HostTiming, setting: &Setting) -> Self {
+        let cycle_ns = i64::from(needs.cycle.us()) * 1000;
+        let is_known = setting.clock == Clock::Real && timing.op_ns > 0;
+        let stall = if is_known { timing.stall(cycle_ns) } else { None };
+        let stall_cycles = stall.map_or(0, |stall| (stall.ns + cycle_ns - 1) / cycle_ns);
+        let transport_sets = needs.chosen_size().map_or(0, |size| needs.transport_sets(size));
+        let wanted = u32::try_from(stall_cycles).unwrap_or(u32::MAX).saturating_add(transport_sets.into());
+        let default = XfBusOptions::DEFAULT.ahead;
+        let value = u16::try_from(wanted).unwrap_or(u16::MAX).max(default).min(needs.ahead_max);
+        let verdict = if wanted > needs.ahead_max.into() {
+            Verdict::No {
+                row: Row::Stall,
+                reason: format!(
+                    "the host stood still for {stall_cycles} cycles, and the chip holds {} sets, of which the transport \
+                     takes {transport_sets}",
+                    needs.ahead_max
+                ),
+                next: "give the process real-time priority and a quiet machine (`ecmsk doctor`), or record again with nothing \
+                       else running"
+                    .to_owned(),
+            }
+        } else if value > default {
+            Verdict::Differs(Row::Stall)
+        } else {
+            Verdict::Yes
+        };
+        Self {
+            stall,
+            is_known,
+            stall_cycles: u16::try_from(stall_cycles).unwrap_or(u16::MAX),
+            transport_sets,
+            wanted,
+            value,
+            verdict,
+        }
+    }
+}
+
+fn links(network: &Network, needs: &Needs, ahead: &Ahead, setting: &Setting) -> Links {
+    let use_n = needs.chosen_size().map_or_else(String::new, |size| format!("&use_n={}", size.bytes()));
+    let slot = if setting.slot == SlotSize::Bytes16 { "&slot=16" } else { "" };
+    let keys = format!("ahead={}{use_n}&speed={}{slot}", ahead.value, hertz(needs.clock_hz));
+    Links {
+        machine: format!("xf-spi:/dev/spidev0.0?int0=gpiochip0/24&{keys}"),
+        model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),
+    }
+}
+
+/// A frequency as links have it: `24M`, `500k`, else the number.
+fn hertz(hz: u32) -> String {
+    match hz {
+        hz if hz > 0 && hz.is_multiple_of(1_000_000) => format!("{}M", hz / 1_000_000),
+        hz if hz > 0 && hz.is_multiple_of(1000) => format!("{}k", hz / 1000),
+        hz => hz.to_string(),
+    }
+}

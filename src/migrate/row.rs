@@ -1,0 +1,140 @@
+//! In what an ECM-XF differs, and what that means for one thing that a program uses.
+
+use std::fmt;
+
+/// A difference between the board of today and the same model of it over an ECM-XF: a row of the table in
+/// `docs/MIGRATION.md`, which has its figures, its reason and the test that pins it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Row {
+    /// Answers come some cycles later.
+    Latency,
+    /// A stall of the host is bridged by what lies in the chip, and not by the board's FIFO.
+    Stall,
+    /// An axis is held at a position that is some cycles old, and hardly anything lies in the chip while one is switched on.
+    Hold,
+    /// SET_FIFO clear takes some cycles.
+    Clear,
+    /// A lost slave is named later.
+    Loss,
+    /// Slaves that come back are configured one by one.
+    Remap,
+    /// An SDO waits while the state changes.
+    Sdo,
+    /// A cycle that the chip cannot hold.
+    Cycle,
+    /// The board's own six inputs and outputs.
+    Lio,
+    /// The way to OP takes longer.
+    Start,
+}
+
+impl Row {
+    /// Every row, in the order of the table.
+    pub const ALL: [Self; 10] = [
+        Self::Latency,
+        Self::Stall,
+        Self::Hold,
+        Self::Clear,
+        Self::Loss,
+        Self::Remap,
+        Self::Sdo,
+        Self::Cycle,
+        Self::Lio,
+        Self::Start,
+    ];
+
+    /// The id in the first column of the table. It never changes.
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Latency => "latency",
+            Self::Stall => "stall",
+            Self::Hold => "hold",
+            Self::Clear => "clear",
+            Self::Loss => "loss",
+            Self::Remap => "remap",
+            Self::Sdo => "sdo",
+            Self::Cycle => "cycle",
+            Self::Lio => "lio",
+            Self::Start => "start",
+        }
+    }
+
+    /// What is different, in one sentence.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Latency => {
+                "the report that shows the answer comes a few cycles later; a program that computes each target from the \
+                 newest report acts on older ones"
+            }
+            Self::Stall => {
+                "a PC that stalls is bridged by the sets of outputs that lie in the chip (ahead=), and not by the 160 \
+                 entries of the board's FIFO, which lie in the PC"
+            }
+            Self::Hold => {
+                "while an axis is switched on in CSP at most 4 sets lie in the chip, so that it is held where it is: a \
+                 stall of the PC then stops the axes that move after that many cycles"
+            }
+            Self::Clear => {
+                "SET_FIFO clear takes some cycles, since the chip is stopped and emptied; what it sends until then counts \
+                 as executed"
+            }
+            Self::Loss => {
+                "a lost slave is named later: when the working counter has told, and the states of the slaves were read \
+                 one after the other"
+            }
+            Self::Remap => {
+                "slaves that come back are configured and led to OP one by one; one that is to have other process data \
+                 than before takes the others out of OP meanwhile"
+            }
+            Self::Sdo => "an SDO that is asked for while the network changes its state waits for the end of the change",
+            Self::Cycle => "the packets of a cycle have to pass the SPI in it: not every cycle holds",
+            Self::Lio => {
+                "the six inputs of the board read 0 and its six outputs go nowhere: the chip's own pins are not used"
+            }
+            Self::Start => "the way to OP takes longer, since each SDO of the configuration is a command of the chip",
+        }
+    }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.id())
+    }
+}
+
+/// Whether something that a program uses runs on an ECM-XF.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It does, and the program sees no difference.
+    Yes,
+    /// It does, and differs as the row says.
+    Differs(Row),
+    /// It does not.
+    No {
+        /// The row of the table that it belongs to.
+        row: Row,
+        /// Why.
+        reason: String,
+        /// The next step.
+        next: String,
+    },
+}
+
+impl Verdict {
+    /// `yes`, `differs` or `no`.
+    pub const fn word(&self) -> &'static str {
+        match self {
+            Self::Yes => "yes",
+            Self::Differs(_) => "differs",
+            Self::No { .. } => "no",
+        }
+    }
+
+    /// The row that it refers to; `None` for [`Verdict::Yes`].
+    pub const fn row(&self) -> Option<Row> {
+        match self {
+            Self::Yes => None,
+            Self::Differs(row) | Self::No { row, .. } => Some(*row),
+        }
+    }
+}

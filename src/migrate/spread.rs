@@ -1,0 +1,80 @@
+//! How long something took, many times: median, 99 % and the longest, in little memory.
+
+use std::collections::BTreeMap;
+
+use super::Place;
+
+/// Times are counted in steps of this, up to [`FINE_MAX_NS`]. \[OURS]
+const FINE_NS: i64 = 10_000;
+/// Times above are counted in steps of [`COARSE_NS`]. \[OURS]
+const FINE_MAX_NS: i64 = 1_000_000_000;
+const COARSE_NS: i64 = 100_000_000;
+
+/// A distribution of durations.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Spread {
+    counts: BTreeMap<i64, u64>,
+    total: u64,
+    longest: Option<(i64, Place)>,
+}
+
+impl Spread {
+    /// Adds a duration in nanoseconds that ended at that frame.
+    pub fn add(&mut self, ns: i64, ended: Place) {
+        let step = if ns <= FINE_MAX_NS { FINE_NS } else { COARSE_NS };
+        *self.counts.entry(ns / step * step).or_default() += 1;
+        self.total += 1;
+        if self.longest.is_none_or(|(longest, _)| ns > longest) {
+            self.longest = Some((ns, ended));
+        }
+    }
+
+    /// How many there were.
+    pub const fn count(&self) -> u64 {
+        self.total
+    }
+
+    /// The duration, in nanoseconds, that so many per cent do not exceed; to 10 us, above a second to 100 ms. `None`: there
+    /// were none.
+    pub fn percentile(&self, per_cent: u64) -> Option<i64> {
+        let wanted = (self.total.saturating_mul(per_cent.min(100))).div_ceil(100).max(1);
+        let mut passed = 0;
+        self.counts.iter().find_map(|(ns, count)| {
+            passed += count;
+            (passed >= wanted).then_some(*ns)
+        })
+    }
+
+    /// The longest, in nanoseconds.
+    pub fn longest_ns(&self) -> Option<i64> {
+        self.longest.map(|(ns, _)| ns)
+    }
+
+    /// Where the longest ended.
+    pub fn longest_at(&self) -> Option<Place> {
+        self.longest.map(|(_, place)| place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLACE: Place = Place { frame: 1, at_ns: 0 };
+
+    /// The percentiles are those of the sorted list, and the longest keeps its place.
+    #[test]
+    fn percentiles() {
+        let mut spread = Spread::default();
+        assert_eq!((spread.percentile(50), spread.longest_ns(), spread.count()), (None, None, 0));
+        for n in (1..=100).rev() {
+            spread.add(n * 1_000_000, Place { frame: n as u64, at_ns: n });
+        }
+        assert_eq!(spread.percentile(50), Some(50_000_000));
+        assert_eq!(spread.percentile(99), Some(99_000_000));
+        assert_eq!(spread.percentile(100), Some(100_000_000));
+        assert_eq!(spread.longest_at(), Some(Place { frame: 100, at_ns: 100 }));
+        spread.add(5_123_456_789, PLACE);
+        assert_eq!((spread.percentile(100), spread.longest_ns()), (Some(5_100_000_000), Some(5_123_456_789)));
+    }
+}

@@ -1,0 +1,342 @@
+//! Runs made of frames, and what is said of them.
+
+use super::*;
+use crate::cia402::Mode;
+use crate::coe::{ObjectAddress, SdoSize};
+use crate::compare::TimedFrame;
+use crate::link::Dir;
+use crate::sk::{
+    CommandId, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand, SlaveCommand,
+    SlaveKind, SlotSize, StateByte,
+};
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+const MS: i64 = 1_000_000;
+
+/// A run that is being written.
+struct Run {
+    survey: Survey,
+    number: u64,
+    at_ns: i64,
+}
+
+impl Run {
+    fn new() -> Self {
+        Self { survey: Survey::new(SIZE), number: 0, at_ns: 0 }
+    }
+
+    /// With so many drives, brought to OP in that cycle.
+    fn in_op(drives: usize, cycle_us: u32) -> Self {
+        let mut run = Self::new();
+        run.report(StateByte::reached(MasterState::PreOp), 0);
+        for group in 0..drives.div_ceil(8) {
+            let kinds =
+                std::array::from_fn(|k| if group * 8 + k < drives { SlaveKind::Drive } else { SlaveKind::None });
+            run.master(MasterCommand::SetAxis { group: group as u8, kinds });
+        }
+        let cycle = CycleTime::from_us(cycle_us).expect("a cycle");
+        run.master(MasterCommand::SetDc { cycle, shift: crate::sk::DcShift::Auto });
+        run.master(MasterCommand::SetState(MasterState::Op));
+        run.pass(50 * MS).report(StateByte::reached(MasterState::Op), 160);
+        run
+    }
+
+    fn take(&mut self, dir: Dir, frame: Frame) -> &mut Self {
+        self.number += 1;
+        self.survey.frame(&TimedFrame { number: self.number, at_ns: self.at_ns, dir, frame });
+        self
+    }
+
+    fn pass(&mut self, ns: i64) -> &mut Self {
+        self.at_ns += ns;
+        self
+    }
+
+    fn report(&mut self, state: StateByte, fifo_free: u16) -> &mut Self {
+        let mut frame = Frame::new();
+        frame.put(SIZE, 0, &MasterResponse { state, fifo_free, ..MasterResponse::default() }.encode());
+        self.take(Dir::Read, frame)
+    }
+
+    fn op(&mut self, waiting: u16) -> &mut Self {
+        self.report(StateByte::reached(MasterState::Op), 160 - waiting)
+    }
+
+    fn master(&mut self, command: MasterCommand) -> &mut Self {
+        let mut frame = Frame::new();
+        frame.put_master(SIZE, &command);
+        self.take(Dir::Write, frame)
+    }
+
+    fn slave(&mut self, slave: usize, command: SlaveCommand) -> &mut Self {
+        let mut frame = Frame::new();
+        frame.put_slave(SIZE, slave, &command.into());
+        self.take(Dir::Write, frame)
+    }
+
+    fn csp(&mut self, target: i32) -> &mut Self {
+        self.slave(1, SlaveCommand::Csp(Motion::to(target)))
+    }
+
+    fn sdo(&mut self, command: SdoCommand) -> &mut Self {
+        let mut frame = Frame::new();
+        frame.put_sdo(SIZE, &command);
+        self.take(Dir::Write, frame)
+    }
+
+    /// A motion of so many targets, one a cycle, with so many sets waiting.
+    fn moves(&mut self, targets: std::ops::Range<i32>, waiting: u16, cycle_ns: i64) -> &mut Self {
+        for n in targets {
+            self.pass(cycle_ns / 2).op(waiting).pass(cycle_ns - cycle_ns / 2).csp(10 * n);
+        }
+        self
+    }
+
+    fn found(&self) -> Migration {
+        Migration::of(&self.survey, &Setting::default())
+    }
+}
+
+fn item(found: &Migration, subject: Subject) -> Item {
+    let item = found.items.iter().find(|item| item.count.subject == subject);
+    item.unwrap_or_else(|| panic!("{subject} is none of {:?}", found.items)).clone()
+}
+
+fn verdict(found: &Migration, subject: Subject) -> Verdict {
+    item(found, subject).verdict
+}
+
+/// TOOL-176 Each thing that is used stands there once, with how often and where first.
+#[test]
+fn what_is_used_is_counted() {
+    let homing = ObjectAddress::new(0x6098, 0);
+    let mut run = Run::in_op(3, 2000);
+    run.sdo(SdoCommand::Write { slave: 1, object: homing, size: SdoSize::One, value: 35 });
+    run.sdo(SdoCommand::Write { slave: 2, object: homing, size: SdoSize::One, value: 35 });
+    run.slave(1, SlaveCommand::GoHome).take(Dir::Write, Frame::new());
+    let found = run.found();
+    assert_eq!((found.commands, found.reports, found.op), (7, 2, Some(Stretch { from_ns: 50 * MS, to_ns: 50 * MS })));
+    let count = |subject| item(&found, subject).count;
+    assert_eq!(
+        (count(Subject::Kind(SlaveKind::Drive)).times, count(Subject::Mode(SlaveKind::Drive, Mode::Csp)).times),
+        (3, 3)
+    );
+    let cycle = CycleTime::from_us(2000).expect("a cycle");
+    assert_eq!((count(Subject::Cycle(cycle)).times, found.cycle), (1, cycle));
+    let homing = count(Subject::Write(homing));
+    assert_eq!((homing.times, homing.first), (2, Place { frame: 6, at_ns: 50 * MS }));
+    assert_eq!(count(Subject::Command(CommandId::SdoWrite)).times, 2);
+    assert_eq!(count(Subject::Command(CommandId::GoHome)).times, 1);
+    assert_eq!(count(Subject::Command(CommandId::GetStatus)).times, 1);
+    assert_eq!(count(Subject::State(MasterState::Op)).times, 1);
+    assert_eq!(Subject::Mode(SlaveKind::Drive, Mode::Csp).to_string(), "DRIVE in CSP");
+    assert!(found.runs_as_it_is(), "{:?}", found.items);
+}
+
+/// TOOL-177 A program that computes targets from the newest report differs by the latency; one that writes ahead does not.
+#[test]
+fn who_works_from_report_to_report_is_told() {
+    let csp = Subject::Command(CommandId::Csp);
+    let mut run = Run::in_op(1, 1000);
+    assert_eq!(verdict(run.moves(0..100, 0, MS).found_ref(), csp), Verdict::Differs(Row::Latency));
+    let mut run = Run::in_op(1, 1000);
+    assert_eq!(verdict(run.moves(0..100, 20, MS).found_ref(), csp), Verdict::Yes);
+}
+
+impl Run {
+    fn found_ref(&self) -> &'static Migration {
+        Box::leak(Box::new(self.found()))
+    }
+}
+
+/// TOOL-177 Commands differ where the circumstances of the recording make an ECM-XF differ, and only there.
+#[test]
+fn circumstances_decide() {
+    let read = SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x6041, 0) };
+    let mut run = Run::in_op(2, 1000);
+    run.sdo(read);
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::SdoRead)), Verdict::Yes);
+    run.master(MasterCommand::SetState(MasterState::SafeOp)).sdo(read);
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::SdoRead)), Verdict::Differs(Row::Sdo));
+    let mut run = Run::in_op(2, 1000);
+    run.slave(2, SlaveCommand::ServoOn);
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::ServoOn)), Verdict::Yes);
+    run.moves(0..20, 20, MS).slave(2, SlaveCommand::ServoOn);
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::ServoOn)), Verdict::Differs(Row::Hold));
+    let mut run = Run::in_op(2, 1000);
+    run.master(MasterCommand::SetFifo(FifoAction::Threshold(100)));
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::SetFifo)), Verdict::Yes);
+    run.master(MasterCommand::SetFifo(FifoAction::Clear));
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::SetFifo)), Verdict::Differs(Row::Clear));
+    run.master(MasterCommand::LocalRead);
+    assert_eq!(verdict(&run.found(), Subject::Command(CommandId::LocalRead)).row(), Some(Row::Lio));
+    assert_eq!(run.found().rows(), [Row::Clear, Row::Lio]);
+}
+
+/// TOOL-177 Slaves that are lost, and that come back, are told with the frame that shows it first.
+#[test]
+fn lost_slaves() {
+    let mut run = Run::in_op(2, 1000);
+    let failed = StateByte::failed(Some(MasterState::Op));
+    run.pass(MS).report(failed, 160).pass(MS).report(failed, 160);
+    run.master(MasterCommand::SetState(MasterState::Op)).pass(MS).op(0).pass(MS).report(failed, 160);
+    let found = run.found();
+    let lost = item(&found, Subject::Lost);
+    assert_eq!((lost.count.times, lost.count.first.frame, lost.verdict), (2, 6, Verdict::Differs(Row::Loss)));
+    let back = item(&found, Subject::Return);
+    assert_eq!((back.count.times, back.verdict), (1, Verdict::Differs(Row::Remap)));
+}
+
+/// TOOL-178 A cycle that no packet can hold is none that runs, with the sum and the next cycle that does.
+#[test]
+fn a_cycle_that_the_chip_cannot_hold() {
+    let found = Run::in_op(40, 250).found();
+    let Verdict::No { row, reason, next } = verdict(&found, Subject::Cycle(CycleTime::from_us(250).expect("a cycle")))
+    else {
+        panic!("{:?}", found.items)
+    };
+    assert_eq!(row, Row::Cycle);
+    // 432 bytes at 24 MHz, and 100 us, four times.
+    assert!(
+        reason.contains("432 bytes at 24000 kHz take 144 us each and 100 us of idle time, together 976 us"),
+        "{reason}"
+    );
+    assert!(next.starts_with("a cycle of 1000 us holds"), "{next}");
+    assert!(found.plan.expect("a plan").links.machine.contains("&speed=24M"));
+    // One that holds with INT0 alone.
+    let found = Run::in_op(40, 1000).found();
+    let plan = found.plan.as_ref().expect("a plan");
+    let packets = plan.needs.with_int0.expect("packets");
+    assert_eq!((packets.size.bytes(), packets.sets, packets.least_clock_hz), (400, 1, 23_040_000));
+    let packets = plan.needs.without_int0.expect("packets");
+    assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
+    // 640 bytes of a set both ways, in 16384.
+    assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 25));
+    assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=8&use_n=400&speed=24M");
+    assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=8&use_n=400&speed=24M");
+}
+
+/// TOOL-178 Small networks get packets in which commands are comfortable.
+#[test]
+fn small_packets() {
+    let found = Run::in_op(2, 1000).found();
+    let plan = found.plan.expect("a plan");
+    assert_eq!((plan.needs.output_bytes, plan.needs.input_bytes), (12, 20));
+    assert_eq!(plan.needs.least_size().expect("a size").bytes(), 32);
+    assert!(plan.links.machine.ends_with("&ahead=8&use_n=112&speed=24M"), "{}", plan.links.machine);
+    let packets = plan.needs.with_int0.expect("packets");
+    // 64 bytes in 150 us.
+    assert_eq!(packets.least_clock_hz, 3_414_000);
+    assert_eq!((plan.needs.entries, plan.needs.ahead_max), (64, 60));
+    let slow = Setting { clock_hz: 1_000_000, ..Setting::default() };
+    let found = Migration::of(&Run::in_op(2, 1000).survey, &slow);
+    // 64 bytes take 512 us there: too long for one set, and not for 20 bytes more each.
+    let packets = found.plan.expect("a plan").needs.with_int0.expect("packets");
+    assert!(packets.sets > 1 && packets.least_clock_hz <= 1_000_000, "{packets:?}");
+}
+
+/// TOOL-179 A pause of writes that is longer than the usual one is a stall if the program had more to say.
+#[test]
+fn late_writes() {
+    let stall = |run: &Run| run.found().timing.stall(MS);
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 20, MS);
+    assert_eq!(stall(&run), None);
+    // Reports go on for 12 ms more than usual, and targets still wait.
+    for waiting in (8..20).rev() {
+        run.pass(MS).op(waiting);
+    }
+    run.moves(100..200, 20, MS);
+    assert!(run.found().timing.longest_pause.is_some_and(|(ns, _)| ns == 13 * MS));
+    let found = stall(&run).expect("a stall");
+    assert_eq!((found.ns, found.seen_by), (12 * MS, SeenBy::LateWrite));
+    assert_eq!(run.found().plan.expect("a plan").ahead.stall_cycles, 12);
+    // The end of a motion is none: the FIFO has run empty, and the next target is another motion's.
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 20, MS);
+    for waiting in (0..20).rev() {
+        run.pass(MS).op(waiting);
+    }
+    for _ in 0..30 {
+        run.pass(MS).op(0);
+    }
+    run.csp(5000).moves(500..600, 20, MS);
+    assert_eq!(stall(&run), None);
+    assert_eq!(run.found().timing.gaps, 0);
+}
+
+/// TOOL-179 Cycles in which the FIFO was empty while an axis was on its way are counted; where no sets wait none would lie in a
+/// chip, so that the pause is no stall of more cycles than there were sets.
+#[test]
+fn repeated_outputs() {
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 0, MS);
+    for _ in 0..7 {
+        run.pass(MS).op(0);
+    }
+    run.moves(100..200, 0, MS);
+    let timing = run.found().timing;
+    let (longest_ns, _) = timing.longest_gap.expect("a gap");
+    assert_eq!((timing.gaps, timing.repeated_cycles, longest_ns), (1, 7, 6 * MS));
+    // One set was in the FIFO: a chip could have bridged one cycle of the pause.
+    assert_eq!((timing.longest_pause.expect("a pause").0, timing.stall(MS).expect("a stall").ns), (8 * MS, MS));
+}
+
+/// TOOL-179 Silence in both directions is a stall while sets wait, as far as it is longer than a cycle.
+#[test]
+fn silence() {
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 40, MS).pass(15 * MS).moves(100..200, 40, MS);
+    let timing = run.found().timing;
+    let stall = timing.stall(MS).expect("a stall");
+    // 15 ms and the half before the next report; the write is as late, by 15 ms.
+    assert_eq!((stall.ns, stall.seen_by), (15 * MS, SeenBy::LateWrite));
+    assert_eq!(timing.silences.longest_ns(), Some(15 * MS + MS / 2));
+    let mut run = Run::in_op(1, 1000);
+    for _ in 0..100 {
+        run.pass(MS).op(50);
+    }
+    run.pass(15 * MS).op(0).pass(500 * MS).op(0);
+    let stall = run.found().timing.stall(MS).expect("a stall");
+    assert_eq!((stall.ns, stall.seen_by), (14 * MS, SeenBy::Silence));
+}
+
+/// TOOL-180 `ahead=` is the stall and the transport, from the default on up to what the chip holds.
+#[test]
+fn sets_ahead() {
+    let stalled = |drives, ms: i64| {
+        let mut run = Run::in_op(drives, 1000);
+        run.moves(0..100, 100, MS);
+        for _ in 0..ms {
+            run.pass(MS).op(50);
+        }
+        run.moves(100..200, 100, MS).found().plan.expect("a plan").ahead
+    };
+    let ahead = stalled(2, 0);
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value, &ahead.verdict), (None, true, 8, &Verdict::Yes));
+    let transport = ahead.transport_sets;
+    let ahead = stalled(2, 20);
+    assert_eq!((ahead.stall_cycles, ahead.wanted, ahead.value), (20, 20 + u32::from(transport), 20 + transport));
+    assert_eq!(ahead.verdict, Verdict::Differs(Row::Stall));
+    let ahead = stalled(2, 90);
+    assert_eq!((ahead.stall_cycles, ahead.value), (90, 60));
+    assert!(matches!(ahead.verdict, Verdict::No { row: Row::Stall, .. }), "{ahead:?}");
+    let ahead = stalled(40, 30);
+    assert_eq!((ahead.value, ahead.verdict.word()), (25, "no"));
+    // On a virtual clock, and below OP, nothing is known.
+    let mut run = Run::in_op(2, 1000);
+    run.moves(0..100, 100, MS).pass(50 * MS).moves(100..200, 100, MS);
+    let setting = Setting { clock: Clock::Virtual, ..Setting::default() };
+    let ahead = Migration::of(&run.survey, &setting).plan.expect("a plan").ahead;
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value), (None, false, 8));
+}
+
+/// TOOL-176 A program that was never in OP was not seen to do what it is for.
+#[test]
+fn never_in_op() {
+    let mut run = Run::new();
+    run.report(StateByte::reached(MasterState::PreOp), 0).master(MasterCommand::SoftReset);
+    let found = run.found();
+    assert!(found.op.is_none() && !found.runs_as_it_is() && found.plan.is_none());
+    assert_eq!(found.timing.stall(MS), None);
+}

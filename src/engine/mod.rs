@@ -47,6 +47,7 @@ mod sdo;
 mod snapshot;
 mod state_failure;
 mod stepped;
+mod switch_off;
 mod sync;
 mod test_mode;
 mod threaded;
@@ -475,6 +476,17 @@ impl Engine {
     /// The state of the network.
     const fn network(&self) -> &network::Network {
         &self.volatile.network
+    }
+
+    /// Whether an axis of a slave has torque, or is about to have, by what was measured last.
+    fn has_torque(&self, slave: u8) -> bool {
+        use crate::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
+        let n = usize::from(slave) - 1;
+        let axes = self.volatile.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
+        axes.into_iter().any(|(axis, input)| {
+            let moves = [OperationEnabled, QuickStopActive, FaultReactionActive];
+            axis.is_on() || input.statusword.state().is_some_and(|state| moves.contains(&state))
+        })
     }
 
     /// The role of a slave (from 1) as the network was configured; unused if there is no slave with that number.

@@ -367,6 +367,15 @@ pub trait Fieldbus: Send {
     /// passed.
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
 
+    /// Uses the time until then. A bus whose exchanges take real time makes them here, in the runner's own thread, and in
+    /// [`Self::poll`] none that would end later than it was asked for.
+    fn work_until(&mut self, _until: Ns) {}
+
+    /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
+    fn is_down(&self) -> bool {
+        false
+    }
+
     /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
     /// has, or the bus does not know.
     fn reference_clock(&self) -> Option<u8> {

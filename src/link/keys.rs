@@ -27,17 +27,15 @@ pub enum Scheme {
     /// A simulated ECM-XF in this process: a board that reaches its slaves over the chip, or, by
     /// [`chip::open`](super::chip::open), the chip itself.
     XfSim,
-    /// A real ECM-XF on SPI: a chip, which [`chip::open`](super::chip::open) opens, and no board.
+    /// A real ECM-XF on SPI: in the same two ways.
     XfSpi,
-    /// A real ECM-XFU on USB: a chip, which [`chip::open`](super::chip::open) opens, and no board.
+    /// A real ECM-XFU on USB: in the same two ways.
     XfUsb,
 }
 
 impl Scheme {
     /// All schemes, including those that this build cannot open.
     pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb];
-    /// The schemes of links to a board with the protocol of the ECM-SK, which [`link::open`](super::open) opens.
-    pub const BOARDS: [Self; 5] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim];
 
     /// The word before the colon.
     pub const fn name(self) -> &'static str {
@@ -79,9 +77,14 @@ impl Scheme {
         }
     }
 
-    /// Whether the board is a model in this process, with simulated slaves and a clock that can be virtual.
+    /// Whether the network is a model in this process, with simulated slaves and a clock that can be virtual.
     pub const fn is_model(self) -> bool {
         matches!(self, Self::Sim | Self::XfSim)
+    }
+
+    /// Whether there is an ECM-XF, which [`chip::open`](super::chip::open) opens as such.
+    pub const fn has_chip(self) -> bool {
+        matches!(self, Self::XfSim | Self::XfSpi | Self::XfUsb)
     }
 
     /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
@@ -103,8 +106,8 @@ impl Scheme {
                 "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, without the \
                  keys of a board"
             }
-            Self::XfSpi => "a real ECM-XF on SPI, for `ecmsk xf` and `ecmsk::Xf`",
-            Self::XfUsb => "a real ECM-XFU on USB, for the same",
+            Self::XfSpi => "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
+            Self::XfUsb => "the same behind a real ECM-XFU on USB",
         }
     }
 }
@@ -296,7 +299,7 @@ pub fn help() -> String {
     text.push_str("\nKeys:\n");
     for key in KEYS {
         let form = format!("{}={}", key.name, key.syntax.placeholder());
-        let whose = if key.schemes == Scheme::BOARDS {
+        let whose = if key.schemes == Scheme::ALL {
             "any board".to_owned()
         } else {
             key.schemes.iter().map(|scheme| format!("{scheme}:")).collect::<Vec<_>>().join(" ")

@@ -440,10 +440,6 @@ pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkErro
 
 fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
-    if !keys::Scheme::BOARDS.contains(&uri.scheme()) {
-        let reason = "it is a chip ECM-XF and no ECM-SK; `ecmsk xf` and `ecmsk::Xf` speak to it".into();
-        return Err(LinkError::NoBoard { name: uri.to_string(), reason });
-    }
     let options = options::CommonOptions::from_uri(&uri)?;
     let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
     if options.fault.any() {
@@ -485,6 +481,8 @@ fn connect(
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(all(feature = "usb", any(unix, windows)))]
         keys::Scheme::Usb => usb::open(uri, options, uncounted),
+        #[cfg(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
+        keys::Scheme::XfSpi | keys::Scheme::XfUsb => Ok(Arc::new(chip::board::open(uri)?)),
         #[cfg(not(target_os = "linux"))]
         keys::Scheme::Spi => Err(LinkError::Unsupported {
             scheme: keys::Scheme::Spi.name().into(),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::boards::{self, Key};
 use super::chip::{SimChip, board};
-use super::engine::{EngineLink, Keeper, RunOptions};
+use super::engine::{EngineLink, Keeper};
 use super::manufacturer_objects::{self, ManufacturerObjectsError};
 use super::options::{Clock, CommonOptions, ModelledBus, SimOptions};
 use super::script::{self, Script};
@@ -13,7 +13,7 @@ use super::slaves::SlaveSpec;
 use super::travel::{PositionRange, TravelSpec};
 use super::uri::LinkUri;
 use super::{FAILED_OPEN, LinkError, Share};
-use crate::engine::{Board, EngineConfig, Rate, RealTime};
+use crate::engine::{Board, Rate};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{Fieldbus, MAX_AXES, Ns};
 use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel};
@@ -58,7 +58,12 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
             None => boards::forget(&key),
         }) as Keeper
     });
-    let link = EngineLink::open(&name, board, run_options(&options, common), keeper);
+    let link = EngineLink::open(
+        &name,
+        board,
+        options.board.run(common, options.clock == Clock::Virtual, rate(&options)),
+        keeper,
+    );
     if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {
         boards::forget(key);
     }
@@ -92,16 +97,8 @@ fn switch_on(
     options: &SimOptions,
     manufacturer_objects: Vec<Option<ManufacturerObjects>>,
 ) -> (Board, SimHandle) {
-    let config = EngineConfig {
-        slot: options.slot,
-        firmware: options.firmware,
-        state_timeout_ns: options.state_timeout.as_nanos() as Ns,
-        sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
-        test: options.test,
-        ..EngineConfig::default()
-    };
     let (bus, network) = bus(name, options, models(&options.slaves, manufacturer_objects));
-    let mut board = Board::new(config, bus);
+    let mut board = Board::new(options.board.engine(), bus);
     board.boot(BOOT_LIMIT_NS);
     (board, network)
 }
@@ -192,16 +189,4 @@ fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
 
 const fn rate(options: &SimOptions) -> Rate {
     Rate::billionths(options.rate.billionths())
-}
-
-fn run_options(options: &SimOptions, common: &CommonOptions) -> RunOptions {
-    RunOptions {
-        virtual_time: options.clock == Clock::Virtual,
-        host_ns: Ns::from(options.host_us) * 1000,
-        queue: common.queue,
-        read_wait: common.read_wait(),
-        write_wait: common.write_wait(),
-        real_time: RealTime { priority: options.priority, lock_memory: options.lock_memory },
-        rate: rate(options),
-    }
 }

@@ -39,7 +39,7 @@ fn expected() -> String {
     for (_, link, meaning) in off {
         text += &format!("# {meaning}\n{OFF}'{link}'\n");
     }
-    let of_all = |key: &&Key| key.schemes.len() == Scheme::BOARDS.len();
+    let of_all = |key: &&Key| key.schemes.len() == Scheme::ALL.len();
     text += "\n# ---- any board\n";
     text += &KEYS.iter().filter(of_all).map(|key| entry("sim:", key)).collect::<String>();
     for (scheme, link, meaning) in SCHEMES {

@@ -58,7 +58,8 @@ impl<W: Wires> XfBus<W> {
     /// The next cycle of the chip.
     pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
         let at = self.engine_time(self.answers.front()?.at);
-        if at > now {
+        // On a real clock what was received has passed, whatever the engine's time is.
+        if at > now && !self.options.real_time {
             return None;
         }
         let answer = self.answers.pop_front()?;

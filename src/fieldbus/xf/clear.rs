@@ -40,7 +40,7 @@ impl<W: Wires> XfBus<W> {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {
             Clearing::Idle | Clearing::Ended(_) => return,
-            _ if !self.runs || self.is_down() => {
+            _ if !self.runs || self.has_stopped() => {
                 let newest_sent = self.ledger.lost();
                 Clearing::Ended(self.dropped.or(newest_sent))
             }

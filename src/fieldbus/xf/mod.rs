@@ -49,6 +49,8 @@ const ANSWER_DELAY: u16 = 64;
 const ENTRIES: usize = 64;
 /// The memory of both FIFOs, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
+/// By so much a real clock of the wires may be before that of the engine, until the two are taken for one again. \[OURS]
+const SKEW_MAX_NS: Ns = 2_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -60,6 +62,8 @@ pub struct XfBusOptions {
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
+    /// The wires' clock passes by itself, and not only in exchanges and waits.
+    pub real_time: bool,
     /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
     /// process data or the cycle need it.
     pub size_is_fixed: bool,
@@ -69,7 +73,7 @@ impl XfBusOptions {
     /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
     pub const AHEAD_MAX: u16 = 60;
     /// 8 sets. \[OURS]
-    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None, size_is_fixed: false };
+    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None, real_time: false, size_is_fixed: false };
 }
 
 impl Default for XfBusOptions {
@@ -214,11 +218,17 @@ impl<W: Wires> XfBus<W> {
         self.counters
     }
 
-    /// The time of the wires at that time of the engine.
+    /// The time of the wires at that time of the engine. Where the wires' clock is a real one, the engine's may be another
+    /// second behind it whenever the runner has skipped time.
     fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
-        now.wrapping_sub(skew)
+        let time = now.wrapping_sub(skew);
+        if self.options.real_time && wires > time.saturating_add(SKEW_MAX_NS) {
+            self.skew = Some(now.wrapping_sub(wires));
+            return wires;
+        }
+        time
     }
 
     fn engine_time(&self, at: Ns) -> Ns {
@@ -261,9 +271,20 @@ impl<W: Wires> XfBus<W> {
         self.feed(now);
     }
 
-    /// The driver talks to the chip, or is about to.
-    fn is_down(&self) -> bool {
+    /// The driver has given up, and is started again some time later.
+    fn has_stopped(&self) -> bool {
         matches!(self.host.state(), HostState::Stopped(_))
+    }
+
+    /// Starts the driver, and waits until the chip has answered.
+    ///
+    /// # Errors
+    /// It does not answer, or the wires cannot be used.
+    pub fn start_up(&mut self) -> Result<(), StepError<W::Error>> {
+        while self.host.state() != HostState::Running {
+            self.host.step(&mut self.wires, Ns::MAX)?;
+        }
+        Ok(())
     }
 
     fn run_job(&mut self, now: Ns) {
@@ -399,7 +420,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn room(&self) -> u16 {
-        if self.is_down() || self.is_clearing() {
+        if self.has_stopped() || self.is_clearing() {
             return 0;
         }
         let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
@@ -416,7 +437,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        if self.is_down() {
+        if self.has_stopped() {
             return Err(BusError::Down);
         }
         if self.room() == 0 {
@@ -429,12 +450,20 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.advance(now);
-        if self.is_down() {
+        if self.has_stopped() {
             return None;
         }
         let done = if self.runs { self.next_answer(now) } else { self.next_tick(now) }?;
         self.fill(inputs);
         Some(done)
+    }
+
+    fn work_until(&mut self, until: Ns) {
+        self.advance(until);
+    }
+
+    fn is_down(&self) -> bool {
+        self.has_stopped()
     }
 
     fn reference_clock(&self) -> Option<u8> {

@@ -1,4 +1,4 @@
-//! How a host reaches one ECM-XF itself, which is a chip and no board: the trait [`ChipLink`] and every link to a chip there is.
+//! How a host reaches one ECM-XF, as the chip that it is or with a board over it: the trait [`ChipLink`] and every link to a chip there is.
 //!
 //! A chip has no frames. Its host clocks bytes both ways ([`Wires`]), and [`Host`](crate::xf::host::Host) makes packets
 //! of them. The URI is that of any link, with schemes of its own, for example `xf-sim:?slaves=drive*3,io`.
@@ -11,7 +11,6 @@
 //! - `spi.rs`: `xf-spi:`, a real chip on SPI
 //! - `usb.rs`: `xf-usb:`, a real ECM-XFU on USB
 
-#[cfg(feature = "sim")]
 pub(super) mod board;
 mod options;
 mod record;
@@ -22,6 +21,7 @@ mod spi;
 #[cfg(all(feature = "usb", unix))]
 mod usb;
 
+pub use board::ChipBoard;
 #[cfg(feature = "sim")]
 pub use options::SimChipOptions;
 pub use options::{ChipModel, ChipOptions, ModelledChip};

@@ -20,8 +20,8 @@ const USB: &[Scheme] = &[Scheme::Usb];
 const XF_SIM: &[Scheme] = &[Scheme::XfSim];
 const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
-/// Links to a chip ECM-XF that is no board.
-const XF_ALONE: &[Scheme] = &[Scheme::XfSpi, Scheme::XfUsb];
+/// Boards whose EC01M is the model in this process, over simulated slaves or behind a chip.
+const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip ECM-XF.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
@@ -52,7 +52,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "slot",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: SLOT,
         default: Some("12"),
         example: "16",
@@ -84,7 +84,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fw",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["1.7", "1.5"]),
         default: Some("1.7"),
         example: "1.5",
@@ -92,7 +92,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "test",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["0", "1"]),
         default: Some("0"),
         example: "1",
@@ -108,7 +108,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "host_us",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(0, 1_000_000),
         default: Some("125"),
         example: "0",
@@ -116,7 +116,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "state_timeout_ms",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("10000"),
         example: "2000",
@@ -124,7 +124,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "sdo_timeout_ms",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("1000"),
         example: "100",
@@ -132,7 +132,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "priority",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, 99),
         default: None,
         example: "50",
@@ -140,7 +140,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "lock_memory",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["no", "yes"]),
         default: Some("no"),
         example: "yes",
@@ -259,7 +259,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "ahead",
-        schemes: XF_SIM,
+        schemes: XF,
         syntax: Syntax::Number(1, XfBusOptions::AHEAD_MAX as u64),
         default: Some("8"),
         example: "16",
@@ -343,17 +343,8 @@ pub const KEYS: &[Key] = &[
                   be given",
     },
     Key {
-        name: "record",
-        schemes: XF_ALONE,
-        syntax: Syntax::File,
-        default: None,
-        example: "/tmp/chip.pcapng",
-        meaning: "write every exchange to that file, as xf-sim: does where it is the chip itself, for Wireshark and `ecmsk \
-                  dump`; not given: no recording",
-    },
-    Key {
         name: "queue",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, 65_536),
         default: Some("32"),
         example: "1",
@@ -361,15 +352,16 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::File,
         default: None,
         example: "/tmp/board.pcapng",
-        meaning: "write every frame to that file, for Wireshark and `ecmsk`; not given: no recording",
+        meaning: "write every frame to that file, for Wireshark and `ecmsk`; where a chip is opened and no board (`ecmsk xf`), \
+                  every exchange; not given: no recording",
     },
     Key {
         name: "read_timeout_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, DAY_MS),
         default: None,
         example: "100",
@@ -377,7 +369,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "write_timeout_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, DAY_MS),
         default: Some("5000"),
         example: "100",
@@ -461,7 +453,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.seed",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, u64::MAX),
         default: Some("1"),
         example: "7",
@@ -496,7 +488,7 @@ pub const KEYS: &[Key] = &[
     ),
     Key {
         name: "fault.delay_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("10"),
         example: "200",
@@ -504,7 +496,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_after",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, u64::MAX),
         default: None,
         example: "1000",
@@ -513,7 +505,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, DAY_MS),
         default: None,
         example: "2000",
@@ -524,11 +516,11 @@ pub const KEYS: &[Key] = &[
 /// A key for the fraction of frames, in both directions, that a fault affects.
 const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::BOARDS, syntax, default: Some("0"), example: "0.01", meaning }
+    Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
 /// As [`fault_rate`], for one direction; it replaces the value for both directions.
 const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::BOARDS, syntax, default: None, example: "0.01", meaning }
+    Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }
 }

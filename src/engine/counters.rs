@@ -210,6 +210,11 @@ pub enum Event {
         /// How many cycles in a row.
         cycles: u32,
     },
+    /// The hardware that runs the bus does not answer any more. Logged once, until it answers.
+    BusDown {
+        /// When it happened, in board time.
+        at: Ns,
+    },
     /// A bus that takes outputs ahead has given some up: targets in them may not have reached the slaves.
     OutputsLost {
         /// When it happened, in board time.
@@ -351,6 +356,12 @@ impl fmt::Display for Event {
                 f,
                 "the answers of {cycles} cycles before {} us are lost: this machine did not look in time; outputs were sent \
                  all the same",
+                at / 1000
+            ),
+            Self::BusDown { at } => write!(
+                f,
+                "the chip that runs the network does not answer at {} us: look at its wires and its power; when it answers \
+                 again, send SET_STATE to bring the slaves back",
                 at / 1000
             ),
             Self::OutputsLost { at, sets } => write!(

@@ -161,6 +161,8 @@ pub struct Engine {
     next_deadline: Option<Ns>,
     /// The working counter of the newest cycle was too low, and the bus names no lost slave.
     working_counter_short: bool,
+    /// The hardware that runs the bus did not answer in the cycle before.
+    bus_down: bool,
     local_inputs: u8,
     /// The outputs of the chip that the bus was told last.
     local_outputs_told: u8,
@@ -211,6 +213,7 @@ impl Engine {
             last_carried: 0,
             next_deadline: None,
             working_counter_short: false,
+            bus_down: false,
             local_inputs: 0,
             local_outputs_told: 0,
             reports_suppressed: false,
@@ -367,6 +370,7 @@ impl Engine {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
         }
+        self.note_bus_down(bus.is_down(), now);
         self.run_jobs(now, bus);
         self.run_clear(now, bus);
         if self.config.test {
@@ -405,6 +409,13 @@ impl Engine {
             bus.set_local_outputs(self.volatile.local_outputs);
         }
         passed
+    }
+
+    fn note_bus_down(&mut self, down: bool, at: Ns) {
+        if down && !self.bus_down {
+            self.log.push(Event::BusDown { at });
+        }
+        self.bus_down = down;
     }
 
     /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a

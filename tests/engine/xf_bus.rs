@@ -1,7 +1,9 @@
 //! The board over an ECM-XF: a program sees the same as on the simulated bus.
 
+use std::sync::atomic::Ordering;
+
 use ecmsk::cia402::DriveState;
-use ecmsk::engine::{EngineConfig, StateFailure};
+use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::fieldbus::{AlState, HardwareLimit};
@@ -165,4 +167,30 @@ fn what_was_taken_is_sent_before_slaves_leave_op() {
     });
     host.until("SafeOP", |host| host.state() == StateByte::reached(MasterState::SafeOp));
     assert_eq!(puppet.last().outputs, 0);
+}
+
+/// XF-19.8 Wires that are cut are told once, with what to do. When they are whole again all slaves are taken out of OP at
+/// once, since the chip still repeats its newest outputs, and count as lost; the next SET_STATE brings them back.
+#[test]
+fn cut_wires_are_told_and_heal() {
+    let puppet = Puppet::obedient();
+    let bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(1).servo_on(1).csp(1, 100).drained();
+    let mark = host.mark();
+    cut.store(true, Ordering::Relaxed);
+    host.cycles(20_000);
+    let told: Vec<_> = host.board.engine().events_since(mark).collect();
+    let down = told.iter().filter(|event| matches!(event, Event::BusDown { .. })).count();
+    assert!(down >= 1 && told.iter().any(|event| event.to_string().contains("look at its wires")), "{told:?}");
+    cut.store(false, Ordering::Relaxed);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    host.until("PreOP", |_| puppet.strings().al_state() == AlState::PreOp);
+    puppet.forget();
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("OP", |host| host.state() == StateByte::reached(MasterState::Op));
+    assert!(puppet.controlwords().iter().all(|word| *word == 0), "nothing starts by itself");
+    host.servo_on(1).csp(1, 200).drained().cycles(20);
+    assert_eq!(puppet.last().target, 200);
 }

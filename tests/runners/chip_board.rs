@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::cia402::Mode;
 use ecmsk::ethercat::{AlState, Ns};
+use ecmsk::link::LinkError;
 use ecmsk::link::chip::{ChipBoard, ChipError, ChipInfo, ChipLink, ModelledChip, SimChip};
 use ecmsk::link::options::Clock;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::LinkError;
 use ecmsk::sk::{DriveResponse, DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};

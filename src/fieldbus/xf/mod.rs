@@ -41,7 +41,7 @@ use ledger::Ledger;
 use level::FillLevel;
 use network::Network;
 use plan::IN_FLIGHT_MAX;
-use watch::Watch;
+use watch::{TakingDown, Watch};
 
 /// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
@@ -150,6 +150,7 @@ pub struct XfBus<W> {
     dropped: Option<u64>,
     newest_inputs: Vec<u8>,
     watch: Watch,
+    taking_down: TakingDown,
     stopped_at: Option<Ns>,
     counters: XfBusCounters,
 }
@@ -193,6 +194,7 @@ impl<W: Wires> XfBus<W> {
             dropped: None,
             newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
+            taking_down: TakingDown::No,
             stopped_at: None,
             counters: XfBusCounters::default(),
         }
@@ -246,6 +248,9 @@ impl<W: Wires> XfBus<W> {
                     let at = self.wires.now();
                     let since = *self.stopped_at.get_or_insert(at);
                     if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
+                        // The start switches the chip's FIFO off, whatever the slaves do.
+                        self.lose_all();
+                        self.taking_down = TakingDown::Due;
                         self.host.restart(at);
                         self.stopped_at = None;
                     }
@@ -264,6 +269,9 @@ impl<W: Wires> XfBus<W> {
         let now = self.wires.now();
         self.take_reports(now);
         self.look_at_header();
+        if self.take_down(now) {
+            return;
+        }
         self.run_job(now);
         self.run_sdo();
         self.clear_on(now);

@@ -8,7 +8,7 @@ use super::XfBus;
 use super::ask::{Ask, Asked};
 use super::jobs::state_of;
 use crate::ethercat::{AlState, Ns, SlaveSet};
-use crate::xf::host::{HostState, Wires};
+use crate::xf::host::{HostError, HostState, Wires};
 
 /// How often the states are read, if nothing else makes it necessary. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
@@ -39,13 +39,43 @@ pub(super) struct Watch {
     chip_resets: u64,
 }
 
+/// Whether slaves that were lost with the chip's answers are to leave OP, which they may still be in.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum TakingDown {
+    No,
+    /// As soon as the driver runs.
+    Due,
+    Asked(Asked),
+}
+
 impl<W: Wires> XfBus<W> {
+    /// A chip that has answered nothing for a while may still repeat its newest outputs, and nobody leads the axes: before
+    /// anything else all slaves go to PreOP. Whether that is under way.
+    pub(super) fn take_down(&mut self, now: Ns) -> bool {
+        self.taking_down = match self.taking_down {
+            TakingDown::No => return false,
+            TakingDown::Due if self.host.state() == HostState::Running => {
+                let asked = Ask::Enter(None, AlState::PreOp).submit(&mut self.host, now);
+                asked.map_or(TakingDown::Due, TakingDown::Asked)
+            }
+            TakingDown::Due => TakingDown::Due,
+            TakingDown::Asked(asked) => match asked.reply(&mut self.host) {
+                None => TakingDown::Asked(asked),
+                // A chip without a network refuses; one that did not answer is asked again.
+                Some(Ok(_) | Err(HostError::Refused { .. } | HostError::Failed { .. })) => TakingDown::No,
+                Some(Err(_)) => TakingDown::Due,
+            },
+        };
+        !matches!(self.taking_down, TakingDown::No)
+    }
+
     /// Takes the newest header, if it is new.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
             self.watch.chip_resets = counters.chip_resets;
-            self.chip_was_reset();
+            self.counters.chip_resets += 1;
+            self.lose_all();
         }
         if counters.answers == self.headers {
             return;
@@ -129,8 +159,7 @@ impl<W: Wires> XfBus<W> {
     }
 
     /// Nothing that the chip was told holds any more: all slaves are lost, and what lay in it is.
-    fn chip_was_reset(&mut self) {
-        self.counters.chip_resets += 1;
+    pub(super) fn lose_all(&mut self) {
         let in_op = self.network.in_op();
         let next = self.ledger.next_id();
         let all = SlaveSet::first(self.network.found);

@@ -141,6 +141,8 @@ pub enum Syntax {
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
+    /// 1 to 6 pins of a chip, the highest of which may be this one; each once, `-` for none.
+    Pins(u8),
 }
 
 /// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
@@ -178,6 +180,7 @@ impl Syntax {
                 .then(|| value.to_owned())
                 .filter(|value| !value.contains('\0')),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
+            Self::Pins(max) => pins(value, max).map(|_| value.to_owned()),
         };
         normal.ok_or_else(|| self.allowed())
     }
@@ -201,6 +204,9 @@ impl Syntax {
                 "allowed: CHIP/LINE, a GPIO chip and the number or name of its line, e.g. gpiochip0/25".to_owned()
             }
             Self::Slaves => format!("allowed: {}", slaves::form()),
+            Self::Pins(max) => format!(
+                "allowed: 1 to 6 GPIO numbers from 0 to {max}, or - for a line that is not wired, each number once, e.g. 0,1,-,3"
+            ),
         }
     }
 
@@ -217,8 +223,25 @@ impl Syntax {
             Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
             Self::Line => "CHIP/LINE".to_owned(),
             Self::Slaves => "LIST".to_owned(),
+            Self::Pins(_) => "GPIO,GPIO,..".to_owned(),
         }
     }
+}
+
+/// Parses a list of pins as links write it: place k is line k, `None` if that is not wired.
+pub(super) fn pins(value: &str, max: u8) -> Option<[Option<u8>; 6]> {
+    let mut pins = [None; 6];
+    for (place, pin) in value.split(',').enumerate() {
+        let number = match pin {
+            "-" => None,
+            digits => Some(decimal(digits).filter(|number| *number <= max.into())? as u8),
+        };
+        if number.is_some() && pins.contains(&number) {
+            return None;
+        }
+        *pins.get_mut(place)? = number;
+    }
+    Some(pins)
 }
 
 /// Parses a frequency as links write it, in Hz.

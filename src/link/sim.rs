@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use super::boards::{self, Key};
-use super::chip::{SimChip, board};
+use super::chip::SimChip;
 use super::engine::{EngineLink, Keeper};
 use super::manufacturer_objects::{self, ManufacturerObjectsError};
 use super::options::{Clock, CommonOptions, ModelledBus, SimOptions};
@@ -111,12 +111,12 @@ fn bus(name: &str, options: &SimOptions, slaves: Vec<Box<dyn Slave>>) -> (Box<dy
             let network = bus.handle();
             (Box::new(bus), network)
         }
-        ModelledBus::Chip { chip, driver, ahead } => {
+        ModelledBus::Chip { chip, used } => {
             let network = SimHandle::default();
             let slaves = SlaveModels::new(slaves).reached_by(network.clone());
             // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.
             let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
-            (Box::new(board::bus(chip, driver, *ahead)), network)
+            (Box::new(used.bus(chip)), network)
         }
     }
 }

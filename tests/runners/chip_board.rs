@@ -162,3 +162,26 @@ fn a_chip_that_is_reset_comes_back() {
     client.slave(1, SlaveCommand::ServoOn);
     client.until("servo on", |client| drive(client).statusword.is_enabled());
 }
+
+/// LINK-15 The board's local inputs and outputs are at the pins of the chip that the link names; a line that is not wired
+/// reads 0.
+#[test]
+fn local_io_is_at_the_chips_pins() {
+    let chip = Lasting::new(1, SimHandle::default());
+    let uri = LinkUri::parse("xf-sim:?int0=yes&local_in=4,5,-,7&local_out=0,-,10,3").expect("a link");
+    let options = ChipBoard::from_uri(&uri).expect("options");
+    let mut client = options.open_over(Box::new(chip.clone())).map(|link| Client::on(Arc::new(link))).expect("a board");
+    let level = |pin| chip.chip().chip().gpio_level(pin);
+    client.master(MasterCommand::LocalWrite(0b01_1111));
+    client.until("the outputs", |_| [0, 3, 10].iter().all(|pin| level(*pin)));
+    client.master(MasterCommand::LocalWrite(0b00_1000));
+    client.until("the outputs", |_| [0, 3, 10].map(level) == [false, true, false]);
+    let now = chip.now();
+    for (pin, is_high) in [(4, true), (5, false), (7, true), (6, true)] {
+        chip.chip().chip_mut().wire_gpio(now, pin, Some(is_high));
+    }
+    client.until("the inputs", |client| {
+        client.master(MasterCommand::LocalRead);
+        client.answer().result == 0b1001
+    });
+}

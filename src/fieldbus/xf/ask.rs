@@ -4,9 +4,9 @@ use crate::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, Reconfig,
-    ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet, SlaveInfoItem, SlaveNumber, Slaves,
-    StateGet, StateSet, StateUpdate,
+    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
+    GpioSetMode, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
+    SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
 /// How long the initialisation of the network may take. \[OURS]
@@ -45,6 +45,8 @@ pub(super) enum Ask {
         timeout_ns: Ns,
     },
     Reconfig,
+    /// These pins are outputs.
+    OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),
     BuildFifos,
@@ -93,6 +95,7 @@ impl Ask {
                 host.submit_within(now, &request, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Reconfig => host.submit_within(now, &Reconfig, COMMAND_NS),
+            Self::OutputPins(pins) => host.submit(now, &output_pins(pins)),
             Self::RxEntries(entries) => host.submit(now, &FifoSetRxCount { entries }),
             Self::TxEntries(entries) => host.submit(now, &FifoSetTxCount { entries }),
             Self::BuildFifos => host.submit_within(now, &FifoInit, COMMAND_NS),
@@ -104,6 +107,10 @@ impl Ask {
 const fn init(sync0_ns: u32) -> EcatInit {
     let dc = DcTiming { assign_activate: 0x0300, sync0_ns, sync1_ns: 0, shift_ns: 0 };
     EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }
+}
+
+const fn output_pins(pins: u16) -> GpioSetMode {
+    GpioSetMode { pins, mode: GpioMode::Output, pull: GpioPull::None }
 }
 
 fn enter(slave: Option<u8>, state: AlState) -> StateSet {
@@ -145,6 +152,7 @@ impl Asked {
                 done(host.take(ticket, &request)?)
             }
             Ask::Reconfig => done(host.take(ticket, &Reconfig)?),
+            Ask::OutputPins(pins) => done(host.take(ticket, &output_pins(pins))?),
             Ask::RxEntries(entries) => done(host.take(ticket, &FifoSetRxCount { entries })?),
             Ask::TxEntries(entries) => done(host.take(ticket, &FifoSetTxCount { entries })?),
             Ask::BuildFifos => done(host.take(ticket, &FifoInit)?),

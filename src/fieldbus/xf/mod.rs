@@ -11,6 +11,7 @@
 //! | `answers.rs` | what the cycles have sent back, until it is polled |
 //! | `clear.rs` | the chip's FIFO is emptied, and what it had sent by then |
 //! | `watch.rs` | which slaves are lost, and what a reset of the chip means |
+//! | `local_io.rs` | local inputs and outputs at pins of the chip |
 //! | `network.rs` | what is known of the network |
 //!
 //! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
@@ -23,6 +24,7 @@ mod flow;
 mod jobs;
 mod ledger;
 mod level;
+mod local_io;
 mod network;
 pub mod plan;
 mod watch;
@@ -39,6 +41,8 @@ use flow::{Flying, Set};
 use jobs::{Running, Todo};
 use ledger::Ledger;
 use level::FillLevel;
+pub use local_io::LocalPins;
+use local_io::PinSetup;
 use network::Network;
 use plan::IN_FLIGHT_MAX;
 use watch::{TakingDown, Watch};
@@ -62,6 +66,8 @@ pub struct XfBusOptions {
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
+    /// Which pins of the chip are the board's local inputs and outputs.
+    pub local_pins: LocalPins,
     /// The wires' clock passes by itself, and not only in exchanges and waits.
     pub real_time: bool,
     /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
@@ -73,7 +79,8 @@ impl XfBusOptions {
     /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
     pub const AHEAD_MAX: u16 = 60;
     /// 8 sets. \[OURS]
-    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None, real_time: false, size_is_fixed: false };
+    pub const DEFAULT: Self =
+        Self { ahead: 8, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
 }
 
 impl Default for XfBusOptions {
@@ -151,6 +158,9 @@ pub struct XfBus<W> {
     newest_inputs: Vec<u8>,
     watch: Watch,
     taking_down: TakingDown,
+    pins: PinSetup,
+    /// Levels of the chip's pins for the local outputs.
+    local_levels: u16,
     stopped_at: Option<Ns>,
     counters: XfBusCounters,
 }
@@ -195,6 +205,8 @@ impl<W: Wires> XfBus<W> {
             newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
             taking_down: TakingDown::No,
+            pins: PinSetup::Due,
+            local_levels: 0,
             stopped_at: None,
             counters: XfBusCounters::default(),
         }
@@ -272,6 +284,7 @@ impl<W: Wires> XfBus<W> {
         if self.take_down(now) {
             return;
         }
+        self.set_up_pins(now);
         self.run_job(now);
         self.run_sdo();
         self.clear_on(now);
@@ -472,6 +485,14 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
 
     fn is_down(&self) -> bool {
         self.has_stopped()
+    }
+
+    fn local_inputs(&self) -> Option<u8> {
+        self.take_local_inputs()
+    }
+
+    fn set_local_outputs(&mut self, bits: u8) {
+        self.put_local_outputs(bits);
     }
 
     fn reference_clock(&self) -> Option<u8> {

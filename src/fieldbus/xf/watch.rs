@@ -7,6 +7,7 @@
 use super::XfBus;
 use super::ask::{Ask, Asked};
 use super::jobs::state_of;
+use super::local_io::PinSetup;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::xf::host::{HostError, HostState, Wires};
 
@@ -171,6 +172,7 @@ impl<W: Wires> XfBus<W> {
             self.network.commanded[n] = AlState::Init;
         }
         self.network.lost = all;
+        self.pins = PinSetup::Due;
         (self.network.initialised, self.network.mapped) = (false, false);
         self.lose_sets(self.ledger.ahead());
         self.ledger.lost();

@@ -3,9 +3,10 @@
 use super::{ChipError, ChipLink, ChipOptions, host_config};
 use crate::engine::{Board, Rate};
 use crate::fieldbus::Ns;
-use crate::fieldbus::xf::{XfBus, XfBusOptions};
+use crate::fieldbus::xf::{LocalPins, XfBus, XfBusOptions};
 use crate::link::LinkError;
 use crate::link::engine::{EngineLink, Keeper};
+use crate::link::keys;
 use crate::link::options::{BoardOptions, CommonOptions};
 use crate::link::uri::{LinkUri, UriError};
 use crate::xf::host::StepError;
@@ -15,16 +16,46 @@ const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 /// For so long a network without a slave is scanned. \[OURS]
 const SCAN_NS: Ns = 3_000_000_000;
 
-/// The bus of a board over that link, with at most `ahead` sets of outputs in the chip.
-pub(in crate::link) fn bus<L: ChipLink>(link: L, driver: &ChipOptions, ahead: u16) -> XfBus<L> {
-    let info = link.info();
-    let options = XfBusOptions {
-        ahead,
-        clock_hz: info.clock_hz,
-        real_time: !info.virtual_time,
-        size_is_fixed: info.size.is_some(),
-    };
-    XfBus::new(link, host_config(&info, driver), options)
+/// How a board uses the chip that its slaves are behind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipUse {
+    /// How the driver uses it.
+    pub driver: ChipOptions,
+    /// How many sets of outputs may lie in it, see [`XfBusOptions::ahead`].
+    pub ahead: u16,
+    /// Which of its pins are the board's local inputs and outputs.
+    pub local_pins: LocalPins,
+}
+
+impl ChipUse {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if it is no link to a chip.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        let lines = |key, max| uri.typed(key, |value| keys::pins(value, max)).map(Option::unwrap_or_default);
+        Ok(Self {
+            driver: ChipOptions::from_uri(uri)?,
+            ahead: uri.required("ahead", |value| value.parse().ok())?,
+            local_pins: LocalPins {
+                inputs: lines("local_in", LocalPins::INPUT_MAX)?,
+                outputs: lines("local_out", LocalPins::OUTPUT_MAX)?,
+            },
+        })
+    }
+
+    /// The bus of the board over that link.
+    pub fn bus<L: ChipLink>(&self, link: L) -> XfBus<L> {
+        let info = link.info();
+        let options = XfBusOptions {
+            ahead: self.ahead,
+            clock_hz: info.clock_hz,
+            local_pins: self.local_pins,
+            real_time: !info.virtual_time,
+            size_is_fixed: info.size.is_some(),
+        };
+        XfBus::new(link, host_config(&info, &self.driver), options)
+    }
 }
 
 /// A board over a real chip: its EC01M is the model in this process.
@@ -32,10 +63,8 @@ pub(in crate::link) fn bus<L: ChipLink>(link: L, driver: &ChipOptions, ahead: u1
 pub struct ChipBoard {
     /// The board.
     pub board: BoardOptions,
-    /// How the driver uses the chip.
-    pub driver: ChipOptions,
-    /// How many sets of outputs may lie in the chip, see [`XfBusOptions::ahead`].
-    pub ahead: u16,
+    /// How it uses the chip.
+    pub used: ChipUse,
     /// What every link has.
     pub common: CommonOptions,
 }
@@ -48,8 +77,7 @@ impl ChipBoard {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
-            driver: ChipOptions::from_uri(uri)?,
-            ahead: uri.required("ahead", |value| value.parse().ok())?,
+            used: ChipUse::from_uri(uri)?,
             common: CommonOptions::from_uri(uri)?,
         })
     }
@@ -65,7 +93,7 @@ impl ChipBoard {
     pub fn open_over(&self, link: Box<dyn ChipLink>) -> Result<EngineLink, LinkError> {
         let name = link.info().name;
         let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
-        let mut bus = bus(link, &self.driver, self.ahead);
+        let mut bus = self.used.bus(link);
         bus.start_up().map_err(|error| match error {
             StepError::Host(error) => {
                 no_board(format!("the chip does not answer: {error}; look at its wires and power, try `ecmsk xf info`"))

@@ -11,7 +11,7 @@
 //! - `spi.rs`: `xf-spi:`, a real chip on SPI
 //! - `usb.rs`: `xf-usb:`, a real ECM-XFU on USB
 
-pub(super) mod board;
+pub(in crate::link) mod board;
 mod options;
 mod record;
 #[cfg(feature = "sim")]
@@ -21,7 +21,7 @@ mod spi;
 #[cfg(all(feature = "usb", unix))]
 mod usb;
 
-pub use board::ChipBoard;
+pub use board::{ChipBoard, ChipUse};
 #[cfg(feature = "sim")]
 pub use options::SimChipOptions;
 pub use options::{ChipModel, ChipOptions, ModelledChip};

@@ -1,7 +1,7 @@
 //! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
-use crate::fieldbus::xf::XfBusOptions;
+use crate::fieldbus::xf::{LocalPins, XfBusOptions};
 use crate::xf::DataSize;
 
 /// The largest values of keys in milliseconds: an hour, a day. \[OURS]
@@ -265,6 +265,24 @@ pub const KEYS: &[Key] = &[
         example: "16",
         meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
                   cycles stops nothing, but what lies there was computed so many cycles ago",
+    },
+    Key {
+        name: "local_in",
+        schemes: XF,
+        syntax: Syntax::Pins(LocalPins::INPUT_MAX),
+        default: None,
+        example: "4,5,6,7,8,9",
+        meaning: "the chip's GPIO numbers of the board's local inputs 0 to 5 (LIO_RD), - for one that is not wired; not given: \
+                  none is, and they read 0",
+    },
+    Key {
+        name: "local_out",
+        schemes: XF,
+        syntax: Syntax::Pins(LocalPins::OUTPUT_MAX),
+        default: None,
+        example: "0,1,2,-,10,11",
+        meaning: "the chip's GPIO numbers of the board's local outputs 0 to 5 (LIO_WR), - for one that is not wired; not given: \
+                  what is written goes nowhere",
     },
     Key {
         name: "int0",

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::{BoardOptions, millis};
-use crate::link::chip::{ChipOptions, ModelledChip};
+use crate::link::chip::{ChipUse, ModelledChip};
 use crate::link::fraction::Fraction;
 use crate::link::keys::Scheme;
 use crate::link::slaves::{self, SlaveSpec};
@@ -16,15 +16,12 @@ pub use crate::recording::Clock;
 pub enum ModelledBus {
     /// Nothing: a cycle of the board is a frame that passes the slaves (`sim:`).
     Direct,
-    /// An ECM-XF, whose driver the board uses (`xf-sim:`).
+    /// An ECM-XF, which the board uses (`xf-sim:`).
     Chip {
         /// The chip and the wires to it.
         chip: ModelledChip,
-        /// How the driver uses it.
-        driver: ChipOptions,
-        /// How many sets of outputs may lie in the chip, see
-        /// [`XfBusOptions::ahead`](crate::fieldbus::xf::XfBusOptions::ahead).
-        ahead: u16,
+        /// How the board uses it.
+        used: ChipUse,
     },
 }
 
@@ -56,11 +53,7 @@ impl SimOptions {
     /// [`UriError::OtherScheme`] if it is neither a `sim:` nor an `xf-sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let bus = match uri.scheme() {
-            Scheme::XfSim => ModelledBus::Chip {
-                chip: ModelledChip::from_uri(uri)?,
-                driver: ChipOptions::from_uri(uri)?,
-                ahead: uri.required("ahead", |value| value.parse().ok())?,
-            },
+            Scheme::XfSim => ModelledBus::Chip { chip: ModelledChip::from_uri(uri)?, used: ChipUse::from_uri(uri)? },
             _ => {
                 uri.expect_scheme(Scheme::Sim)?;
                 ModelledBus::Direct

@@ -210,7 +210,7 @@ impl Replay {
             Ok::<_, CompareError>(source)
         };
         let board = link::model(&self.link)?;
-        Ok((open()?, ModelRun::new(open()?, board, &self.start)))
+        Ok((open()?, ModelRun::new(open()?, open()?, board, &self.start)))
     }
 }
 

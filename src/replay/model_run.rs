@@ -1,35 +1,56 @@
 //! The run of the model, to which the command frames of a recording are played.
 
+use std::collections::VecDeque;
+
 use super::Start;
 use super::start::CYCLE_NS;
 use crate::compare::{RecordedRun, TimedFrame};
 use crate::engine::Board;
+use crate::fieldbus::Ns;
 use crate::link::Dir;
 use crate::sk::Frame;
 
 /// How long a recorded model may have run before its first frame. Its clock is taken over exactly up to this. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
+/// How long after its cycle a recorded model may have made a report. \[OURS]
+const LATE_MAX_NS: Ns = 1_000_000_000;
 
 /// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are those of
 /// the recording.
 ///
 /// Whenever the host has received a report in the recording, it receives the newest report of the model, unless it has
 /// received that already. \[OURS]
+///
+/// A model behind a chip makes a report some cycles after the one that it shows, with the time of that one, by which frames
+/// are ordered in a recording. If a model was recorded, the host receives the report of the same cycle, however late it was
+/// made.
 pub struct ModelRun {
     source: RecordedRun,
+    frames: u64,
+    writes: Writes,
     board: Board,
     /// The model's time minus the recording's time.
     offset_ns: i64,
-    /// The model's newest report, if the host has not received it yet.
-    newest: Option<Frame>,
+    unread: Unread,
     reports: u64,
     begun: bool,
     start: Start,
 }
 
 impl ModelRun {
-    pub(super) fn new(source: RecordedRun, board: Board, start: &Start) -> Self {
-        let mut model = Self { source, board, offset_ns: 0, newest: None, reports: 0, begun: false, start: *start };
+    /// The run of that board. `again` is the same recording as `source`, from the same frame on.
+    pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &Start) -> Self {
+        let mut model = Self {
+            source,
+            frames: 0,
+            writes: Writes::new(again),
+            board,
+            offset_ns: 0,
+            unread: Unread::default(),
+            reports: 0,
+            begun: false,
+            start: *start,
+        };
         model.offset_ns = time(model.board.next_cycle()).saturating_sub(start.tick_ns);
         model
     }
@@ -55,21 +76,109 @@ impl ModelRun {
         if !std::mem::replace(&mut self.begun, true) {
             self.begin(observed.at_ns);
         }
-        let Self { board, newest, offset_ns, .. } = self;
-        let mut keep = |frame: &Frame, _| *newest = Some(frame.clone());
-        let at = observed.at_ns.saturating_add(*offset_ns).max(0).unsigned_abs();
-        match observed.dir {
-            Dir::Write => {
-                board.host(&observed.frame, at, &mut keep);
-                Some(observed)
+        if observed.dir == Dir::Write {
+            let due = self.model_time(observed.at_ns);
+            while let Some(write) = self.writes.next_until(self.frames) {
+                self.write(&write, due);
             }
-            Dir::Read => {
-                board.advance(at, &mut keep);
-                let frame = newest.take()?;
-                self.reports += 1;
-                Some(TimedFrame { number: self.reports, frame, ..observed })
+            return Some(observed);
+        }
+        let at = self.model_time(observed.at_ns);
+        let Self { board, unread, .. } = self;
+        board.advance(at, &mut |frame, made| unread.push(frame, made, at));
+        if self.start.began.is_some() {
+            self.wait_for_report_of(at);
+        }
+        let frame = self.unread.pop(at)?;
+        self.reports += 1;
+        Some(TimedFrame { number: self.reports, frame, ..observed })
+    }
+
+    /// The model gets a command frame. The host receives no report any more that is older than the newest one of `due`.
+    fn write(&mut self, observed: &TimedFrame, due: Ns) {
+        let at = self.model_time(observed.at_ns);
+        let Self { board, unread, .. } = self;
+        board.host(&observed.frame, at, &mut |frame, made| unread.push(frame, made, due));
+    }
+
+    /// The model goes on, and gets what the host writes meanwhile, until it has made the report of the cycle at that time.
+    fn wait_for_report_of(&mut self, at: Ns) {
+        let end = at.saturating_add(LATE_MAX_NS);
+        while self.unread.newest().is_none_or(|made| made < at) && self.board.next_cycle() <= end {
+            // The host's frames that come before the next cycle.
+            let before_ns = time(self.board.next_cycle()).saturating_sub(self.offset_ns);
+            if let Some(write) = self.writes.next_if(|write| write.at_ns < before_ns) {
+                self.write(&write, at);
+            } else {
+                let Self { board, unread, .. } = self;
+                board.cycle(&mut |frame, made| unread.push(frame, made, at));
             }
         }
+    }
+
+    /// The model's time at a time of the recording.
+    fn model_time(&self, ns: i64) -> Ns {
+        ns.saturating_add(self.offset_ns).max(0).unsigned_abs()
+    }
+}
+
+/// The model's reports that the host has not received yet, with the times of their cycles.
+#[derive(Default)]
+struct Unread(VecDeque<(Frame, Ns)>);
+
+impl Unread {
+    /// Keeps a report. The host receives none of `due` or before any more but the newest.
+    fn push(&mut self, frame: &Frame, made: Ns, due: Ns) {
+        if made <= due {
+            self.0.clear();
+        }
+        self.0.push_back((frame.clone(), made));
+    }
+
+    fn newest(&self) -> Option<Ns> {
+        self.0.back().map(|(_, made)| *made)
+    }
+
+    /// The newest report of that time or before.
+    fn pop(&mut self, at: Ns) -> Option<Frame> {
+        let due = self.0.partition_point(|(_, made)| *made <= at);
+        self.0.drain(..due).next_back().map(|(frame, _)| frame)
+    }
+}
+
+/// The command frames of a recording, which the model may get before a report that was made earlier.
+struct Writes {
+    source: RecordedRun,
+    /// How many frames of the recording were looked at.
+    frames: u64,
+    /// The next command frame, with its number among all frames from 1.
+    next: Option<(u64, TimedFrame)>,
+}
+
+impl Writes {
+    const fn new(source: RecordedRun) -> Self {
+        Self { source, frames: 0, next: None }
+    }
+
+    fn look(&mut self) -> Option<&(u64, TimedFrame)> {
+        while self.next.is_none() {
+            let observed = self.source.next()?;
+            self.frames += 1;
+            self.next = (observed.dir == Dir::Write).then_some((self.frames, observed));
+        }
+        self.next.as_ref()
+    }
+
+    /// The next command frame, if it is one of the first `frames` frames.
+    fn next_until(&mut self, frames: u64) -> Option<TimedFrame> {
+        self.look().filter(|(number, _)| *number <= frames)?;
+        self.next.take().map(|(_, write)| write)
+    }
+
+    /// The next command frame, if it is such a one.
+    fn next_if(&mut self, wanted: impl FnOnce(&TimedFrame) -> bool) -> Option<TimedFrame> {
+        self.look().filter(|(_, write)| wanted(write))?;
+        self.next.take().map(|(_, write)| write)
     }
 }
 
@@ -83,6 +192,7 @@ impl Iterator for ModelRun {
     fn next(&mut self) -> Option<TimedFrame> {
         loop {
             let observed = self.source.next()?;
+            self.frames += 1;
             if let Some(played) = self.play(observed) {
                 return Some(played);
             }

@@ -55,17 +55,27 @@ mod needs_cxx {
     fn the_programs_of_the_guide_compile_and_print_what_it_shows() {
         let page = root().join("docs/GUIDE-CPP.md");
         let text = fs::read_to_string(&page).expect("the page");
-        let printed = |name: &str, link: &str| {
-            let source = root().join("examples/guide").join(name).with_extension("cpp");
-            let standard = if name.ends_with("threads") { "c++11" } else { "c++98" };
-            let program = support::compile(&source, Language::Cpp(standard));
-            // Paths of the page are those from the root.
-            let here = link.replace("script=examples", &format!("script={}/examples", root().display()));
-            let ended = program.run(&format!("{here}&clock=virtual"), [""; 0]);
-            assert_eq!(ended.stderr, "", "{name} on {link}");
-            ended.success()
-        };
         support::kept(&page, &again(&text, printed));
+    }
+
+    /// LINK-9 The same with the slaves behind an ECM-XF: they print the same.
+    #[test]
+    fn the_programs_of_the_guide_print_the_same_behind_a_chip() {
+        let text = fs::read_to_string(root().join("docs/GUIDE-CPP.md")).expect("the page");
+        let behind_chip = |name: &str, link: &str| printed(name, &link.replace("sim:", "xf-sim:"));
+        assert!(again(&text, behind_chip).replace("xf-sim:", "sim:") == text, "another output than the page's");
+    }
+
+    /// What a program prints on that link.
+    fn printed(name: &str, link: &str) -> String {
+        let source = root().join("examples/guide").join(name).with_extension("cpp");
+        let standard = if name.ends_with("threads") { "c++11" } else { "c++98" };
+        let program = support::compile(&source, Language::Cpp(standard));
+        // Paths of the page are those from the root.
+        let here = link.replace("script=examples", &format!("script={}/examples", root().display()));
+        let ended = program.run(&format!("{here}&clock=virtual"), [""; 0]);
+        assert_eq!(ended.stderr, "", "{name} on {link}");
+        ended.success()
     }
 }
 

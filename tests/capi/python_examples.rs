@@ -31,10 +31,10 @@ fn prints_the_same(name: &str, links: &[&str]) {
 mod needs_python {
     use super::*;
 
-    /// API-33 Two axes on a square, on both firmwares.
+    /// API-33 Two axes on a square, on both firmwares; LINK-9 and with the drives behind an ECM-XF.
     #[test]
     fn two_axes() {
-        prints_the_same("two_axes", &[DRIVES, &format!("{DRIVES}&fw=1.5")]);
+        prints_the_same("two_axes", &[DRIVES, &format!("{DRIVES}&fw=1.5"), &DRIVES.replace("sim:", "xf-sim:")]);
     }
 
     /// API-33 SK-7.24 Homing of two axes, and one that fails, on both firmwares.

@@ -48,7 +48,7 @@ pub struct Args {
     link: Option<LinkUri>,
 
     /// The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of drive, step, hsp, io, none, each with :csv or :cst
-    /// if it does not run in CSP [default: those of a sim: link]
+    /// if it does not run in CSP [default: those of a sim: or xf-sim: link]
     #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING)]
     slaves: Option<Network>,
 

@@ -40,7 +40,7 @@ use watched::{View, Watched};
 /// Show what a board and all its slaves say, live: states, positions, inputs, alarms, FIFO and counters
 ///
 /// Nothing is ever sent to the board: on `tcp:` the monitor is one of the readers, beside the program that moves. A
-/// `sim:` link is a board of this process alone, which nobody moves.
+/// simulated board is one of this process alone, which nobody moves.
 ///
 /// Keys: arrows, page up and down, home and end scroll; q or Ctrl-C ends.
 #[derive(clap::Args)]

@@ -34,7 +34,7 @@ pub struct Args {
     capture: PathBuf,
 
     /// The model, with the slaves that the board had, see `ecmsk link help`; its slot size is that of the capture
-    /// [default: of a recording of `sim:`, that link]
+    /// [default: of a recording of a model, that link]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 

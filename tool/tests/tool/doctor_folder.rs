@@ -188,6 +188,9 @@ fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
         assert_eq!(state, "wrong", "{text}");
         assert!(words.iter().all(|word| found.contains(word)) && !next.is_empty(), "{text}: {found}; {next}");
     }
+    for board in ["sim:", "xf-sim:?slaves=io"] {
+        assert_eq!(with(&format!("link = \"{board}\"")), ("ok".to_owned(), board.to_owned(), String::new()));
+    }
     let (_, _, next) = with("link = \"spi:/dev/spidev0.0\"");
     assert!(next.contains("ecmsk serve tcp"), "{next}");
     let (_, findings) = doctor(folder(&[("press.exe", program(X64)), ("NEXTWUSBLib.dll", ours(X64))]).path());

@@ -20,6 +20,8 @@ fn the_link_reaches_the_program() {
     let link = "sim:?clock=virtual&slaves=drive,drive,drive&slot=12";
     let out = place.run(&["--link", link], "echo \"$ECMSK_LINK\"").expect_quiet();
     assert_eq!(out, "sim:?slaves=drive*3&clock=virtual\n");
+    let out = place.run(&["--link", "xf-sim:?ahead=5&slaves=io"], "echo \"$ECMSK_LINK\"").expect_quiet();
+    assert_eq!(out, "xf-sim:?slaves=io&ahead=5\n");
 }
 
 /// Without --link the library looks for its link as always: the variable is neither set nor taken away.

@@ -14,10 +14,11 @@
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
-//! - `xf.rs`: `ecmsk xf`
+//! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
 
 mod bad_input;
+mod behind_chip;
 mod captures;
 mod command_line;
 mod common;

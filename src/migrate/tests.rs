@@ -141,6 +141,12 @@ fn who_works_from_report_to_report_is_told() {
     assert_eq!(verdict(run.moves(0..100, 0, MS).found_ref(), csp), Verdict::Differs(Row::Latency));
     let mut run = Run::in_op(1, 1000);
     assert_eq!(verdict(run.moves(0..100, 20, MS).found_ref(), csp), Verdict::Yes);
+    // One that says something now and then is no loop.
+    let mut run = Run::in_op(1, 1000);
+    for n in 0..100 {
+        run.csp(n).pass(20 * MS).op(0);
+    }
+    assert_eq!(verdict(run.found_ref(), csp), Verdict::Yes);
 }
 
 impl Run {

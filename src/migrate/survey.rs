@@ -174,6 +174,7 @@ impl Survey {
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
                 self.usage.add(Subject::State(state), 1, place, false);
+                self.gives_up(state, place);
                 if state == MasterState::Op && self.is_op() && self.state.is_failed() {
                     self.usage.add(Subject::Return, 1, place, true);
                 }
@@ -195,6 +196,16 @@ impl Survey {
         let is_clear = id == CommandId::SetFifo && slot.parm & 0xFF == 1;
         self.usage.add(Subject::Command(id), 1, place, is_clear && self.is_op());
         true
+    }
+
+    /// A request for a lower state while a higher one has not come yet: the program does not wait any longer.
+    fn gives_up(&mut self, state: MasterState, place: Place) {
+        if let Some(awaited) = self.changing_to
+            && state < awaited
+            && self.state.state().is_none_or(|present| present < awaited)
+        {
+            self.usage.expose(Subject::State(awaited), place);
+        }
     }
 
     /// The network is complete: its slaves are counted.
@@ -294,7 +305,8 @@ impl Survey {
         if has_failed || is_reached {
             self.changing_to = None;
         }
-        if matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
+        let is_up = |state: StateByte| matches!(state.state(), Some(MasterState::SafeOp | MasterState::Op));
+        if is_up(board.state) && !is_up(before) {
             self.came_up();
         }
         if !self.is_op() {

@@ -179,6 +179,19 @@ fn circumstances_decide() {
     assert_eq!(run.found().rows(), [Row::Clear, Row::Lio]);
 }
 
+/// TOOL-177 A program that gives a change of state up before it has come would do so sooner over a chip.
+#[test]
+fn a_program_that_gives_up() {
+    let op = Subject::State(MasterState::Op);
+    let mut run = Run::in_op(2, 1000);
+    run.master(MasterCommand::SetState(MasterState::PreOp)).pass(MS).report(StateByte::reached(MasterState::PreOp), 0);
+    assert_eq!(verdict(&run.found(), op), Verdict::Yes);
+    run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS);
+    run.report(StateByte::reached(MasterState::SafeOp), 0).master(MasterCommand::SetState(MasterState::Init));
+    let found = item(&run.found(), op);
+    assert_eq!((found.verdict, found.count.times, found.count.exposed), (Verdict::Differs(Row::Start), 2, 1));
+}
+
 /// TOOL-177 Slaves that are lost, and that come back, are told with the frame that shows it first.
 #[test]
 fn lost_slaves() {

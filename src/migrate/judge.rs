@@ -36,11 +36,10 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -
             Some(Needs { without_int0: Err(_), .. }) => Verdict::Differs(Row::Cycle),
             _ => Verdict::Yes,
         },
+        Subject::State(_) => differs(Row::Start, ever),
         Subject::Lost => Verdict::Differs(Row::Loss),
         Subject::Return => Verdict::Differs(Row::Remap),
-        Subject::Command(_) | Subject::Kind(_) | Subject::Mode(..) | Subject::State(_) | Subject::FifoFull => {
-            Verdict::Yes
-        }
+        Subject::Command(_) | Subject::Kind(_) | Subject::Mode(..) | Subject::FifoFull => Verdict::Yes,
     }
 }
 

@@ -17,6 +17,9 @@ use crate::summary::GapFinder;
 const SLAVES: usize = crate::fieldbus::MAX_SLAVES;
 /// A command is one of a program that works from report to report if at most so many sets wait when it is written. \[OURS]
 const CLOSED_LOOP_SETS: u16 = 1;
+/// And if the same command was written in a frame of so many cycles before. \[OURS] Where it was not, some cycles more are no
+/// matter.
+const CLOSED_LOOP_CYCLES: i64 = 10;
 /// An axis moves if its target has changed within so many cycles. \[OURS]
 const MOVING_CYCLES: i64 = 10;
 
@@ -50,6 +53,9 @@ pub struct Survey {
     /// The sets that waited at the newest report, and the frames written since then.
     waiting: u16,
     sent_since: u16,
+    /// Of each code of a command the newest frame that had it, and whether it is one of a program that works from report to
+    /// report.
+    newest_uses: [(i64, bool); 256],
     /// Each slave's target, and when it changed last.
     targets: [Option<(i32, i64)>; SLAVES],
     gaps: [GapFinder; SLAVES],
@@ -77,6 +83,7 @@ impl Survey {
             full_count: None,
             waiting: 0,
             sent_since: 0,
+            newest_uses: [(i64::MIN, false); 256],
             targets: [None; SLAVES],
             gaps: std::array::from_fn(|_| GapFinder::default()),
             idle_reports: 0,
@@ -167,6 +174,7 @@ impl Survey {
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
                 self.usage.add(Subject::State(state), 1, place, false);
+                self.gives_up(state, place);
                 if state == MasterState::Op && self.is_op() && self.state.is_failed() {
                     self.usage.add(Subject::Return, 1, place, true);
                 }
@@ -188,6 +196,16 @@ impl Survey {
         let is_clear = id == CommandId::SetFifo && slot.parm & 0xFF == 1;
         self.usage.add(Subject::Command(id), 1, place, is_clear && self.is_op());
         true
+    }
+
+    /// A request for a lower state while a higher one has not come yet: the program does not wait any longer.
+    fn gives_up(&mut self, state: MasterState, place: Place) {
+        if let Some(awaited) = self.changing_to
+            && state < awaited
+            && self.state.state().is_none_or(|present| present < awaited)
+        {
+            self.usage.expose(Subject::State(awaited), place);
+        }
     }
 
     /// The network is complete: its slaves are counted.
@@ -223,9 +241,11 @@ impl Survey {
             Ok(SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion)) => {
                 self.network.second_channels[slave - 1] |= motion.second != Default::default();
                 self.note_target(place, slave, motion.first.target, matches!(command, Ok(SlaveCommand::Csv(_))));
-                waiting <= CLOSED_LOOP_SETS
+                self.is_closed_loop(place, id, waiting)
             }
-            Ok(SlaveCommand::Cst(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_)) => waiting <= CLOSED_LOOP_SETS,
+            Ok(SlaveCommand::Cst(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_)) => {
+                self.is_closed_loop(place, id, waiting)
+            }
             Ok(SlaveCommand::ServoOn) => {
                 let rises = self.network.modes[slave - 1] == Mode::Csp;
                 rises && (1..=SLAVES).any(|other| other != slave && self.moves(other, place.at_ns))
@@ -233,6 +253,17 @@ impl Survey {
             _ => false,
         };
         self.usage.add(Subject::Command(id), 1, place, exposed && in_op);
+    }
+
+    fn is_closed_loop(&mut self, place: Place, id: CommandId, waiting: u16) -> bool {
+        let recent_ns = CLOSED_LOOP_CYCLES * self.cycle_ns();
+        let newest = &mut self.newest_uses[usize::from(id.code())];
+        // Slots of one frame are one use.
+        if newest.0 != place.at_ns {
+            let is_recent = place.at_ns.saturating_sub(newest.0) <= recent_ns;
+            *newest = (place.at_ns, is_recent && waiting <= CLOSED_LOOP_SETS);
+        }
+        newest.1
     }
 
     fn note_target(&mut self, place: Place, slave: usize, target: i32, is_velocity: bool) {
@@ -274,7 +305,8 @@ impl Survey {
         if has_failed || is_reached {
             self.changing_to = None;
         }
-        if matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
+        let is_up = |state: StateByte| matches!(state.state(), Some(MasterState::SafeOp | MasterState::Op));
+        if is_up(board.state) && !is_up(before) {
             self.came_up();
         }
         if !self.is_op() {

@@ -141,6 +141,12 @@ fn who_works_from_report_to_report_is_told() {
     assert_eq!(verdict(run.moves(0..100, 0, MS).found_ref(), csp), Verdict::Differs(Row::Latency));
     let mut run = Run::in_op(1, 1000);
     assert_eq!(verdict(run.moves(0..100, 20, MS).found_ref(), csp), Verdict::Yes);
+    // One that says something now and then is no loop.
+    let mut run = Run::in_op(1, 1000);
+    for n in 0..100 {
+        run.csp(n).pass(20 * MS).op(0);
+    }
+    assert_eq!(verdict(run.found_ref(), csp), Verdict::Yes);
 }
 
 impl Run {
@@ -171,6 +177,19 @@ fn circumstances_decide() {
     run.master(MasterCommand::LocalRead);
     assert_eq!(verdict(&run.found(), Subject::Command(CommandId::LocalRead)).row(), Some(Row::Lio));
     assert_eq!(run.found().rows(), [Row::Clear, Row::Lio]);
+}
+
+/// TOOL-177 A program that gives a change of state up before it has come would do so sooner over a chip.
+#[test]
+fn a_program_that_gives_up() {
+    let op = Subject::State(MasterState::Op);
+    let mut run = Run::in_op(2, 1000);
+    run.master(MasterCommand::SetState(MasterState::PreOp)).pass(MS).report(StateByte::reached(MasterState::PreOp), 0);
+    assert_eq!(verdict(&run.found(), op), Verdict::Yes);
+    run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS);
+    run.report(StateByte::reached(MasterState::SafeOp), 0).master(MasterCommand::SetState(MasterState::Init));
+    let found = item(&run.found(), op);
+    assert_eq!((found.verdict, found.count.times, found.count.exposed), (Verdict::Differs(Row::Start), 2, 1));
 }
 
 /// TOOL-177 Slaves that are lost, and that come back, are told with the frame that shows it first.

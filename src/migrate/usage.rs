@@ -123,6 +123,14 @@ impl Usage {
         }
     }
 
+    /// What was used before turns out to be so in circumstances in which an ECM-XF differs.
+    pub(super) fn expose(&mut self, subject: Subject, place: Place) {
+        if let Some(count) = self.0.get_mut(&subject.order()) {
+            count.exposed = (count.exposed + 1).min(count.times);
+            count.first_exposed = count.first_exposed.or(Some(place));
+        }
+    }
+
     /// So many of it there are at the most.
     pub(super) fn at_most(&mut self, subject: Subject, times: u64, place: Place) {
         let known = self.0.get(&subject.order()).map_or(0, |count| count.times);

@@ -73,3 +73,4 @@ mod step;
 mod test_mode;
 mod watch;
 mod xf_bus;
+mod xf_packets;

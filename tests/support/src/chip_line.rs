@@ -11,15 +11,14 @@ use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, ChipPort, Network, Profile, SlaveModels};
 use ecmsk::xf::host::{HostConfig, Wires};
 
-/// The clock of SPI.
+/// The clock of SPI if none is given.
 const CLOCK_HZ: u32 = 24_000_000;
-/// How long a byte takes.
-const BYTE_PS: u64 = 8_000_000_000_000 / CLOCK_HZ as u64;
 
 /// The wires to a chip, and the chip.
 pub struct ChipLine<N: Network> {
     port: ChipPort<N>,
     now: Ns,
+    clock_hz: u32,
     /// They are cut: no byte reaches the chip, and what comes is zeros.
     pub cut: Arc<AtomicBool>,
 }
@@ -27,7 +26,13 @@ pub struct ChipLine<N: Network> {
 impl<N: Network> ChipLine<N> {
     /// A chip that gets its power at time 0.
     pub fn new(chip: Chip<N>) -> Self {
-        Self { port: ChipPort::new(chip), now: 0, cut: Arc::default() }
+        Self { port: ChipPort::new(chip), now: 0, clock_hz: CLOCK_HZ, cut: Arc::default() }
+    }
+
+    /// With another clock than 24 MHz.
+    #[must_use]
+    pub fn at(self, clock_hz: u32) -> Self {
+        Self { clock_hz, ..self }
     }
 
     pub fn chip(&mut self) -> &mut Chip<N> {
@@ -45,7 +50,7 @@ impl<N: Network> Wires for ChipLine<N> {
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Infallible> {
         let Some(last) = to_chip.len().checked_sub(1) else { return Ok(()) };
         let from = self.now;
-        self.now += to_chip.len() as u64 * BYTE_PS / 1000;
+        self.now += to_chip.len() as u64 * 8_000_000_000 / u64::from(self.clock_hz);
         if self.cut.load(Ordering::Relaxed) {
             from_chip.fill(0);
             return Ok(());
@@ -69,6 +74,18 @@ impl<N: Network> Wires for ChipLine<N> {
 /// A bus over a chip with these slaves.
 pub fn xf_bus(slaves: Vec<Box<dyn Slave>>, options: XfBusOptions) -> XfBus<ChipLine<SlaveModels>> {
     xf_bus_reached_by(slaves, SimHandle::default(), options)
+}
+
+/// A bus over a chip with these slaves at the end of an SPI with that clock.
+pub fn xf_bus_at(
+    clock_hz: u32,
+    slaves: Vec<Box<dyn Slave>>,
+    config: HostConfig,
+    options: XfBusOptions,
+) -> XfBus<ChipLine<SlaveModels>> {
+    let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves));
+    let config = HostConfig { size: Some(Profile::NEW.size), ..config };
+    XfBus::new(ChipLine::new(chip).at(clock_hz), config, options)
 }
 
 /// The same, on the cable of this handle.

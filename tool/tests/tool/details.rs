@@ -95,6 +95,7 @@ fn with_json_an_error_is_an_object_on_standard_error() {
         (&["state", "--json", "--frobnicate"], 2, "unexpected argument '--frobnicate'"),
         (&["summary", "--json", "no such file"], 1, "no such file"),
         (&["compare", "--json", "no such file", "nor this"], 2, "no such file"),
+        (&["migrate", "--json", "no such file"], 2, "no such file"),
     ] {
         let ran = run(words);
         let last = ran.err.lines().last().expect("a line");

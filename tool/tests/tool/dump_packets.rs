@@ -72,7 +72,9 @@ fn other_verbs_say_what_it_is() {
     let file = folder.path().join("run.pcapng");
     drop(Xf::open(&link(&file)).expect("it starts"));
     let file = file.to_str().expect("UTF-8");
-    for words in [&["plot", file][..], &["summary", file], &["replay", file], &["compare", file, file]] {
+    for words in
+        [&["plot", file][..], &["summary", file], &["replay", file], &["compare", file, file], &["migrate", file]]
+    {
         let ran = run(words);
         assert!(ran.code != Some(0) && ran.err.contains("the recording of a chip ECM-XF"), "{words:?}: {ran:?}");
         assert!(ran.err.contains("`ecmsk dump`"), "{words:?}: {ran:?}");

@@ -64,6 +64,8 @@ fn text_of_a_recording_is_shown() {
         &["compare", file, CONTROLS],
         &["replay", file],
         &["replay", file, "--json"],
+        &["migrate", file],
+        &["migrate", file, "--json"],
         &["monitor", "--recording", file, "--once"],
         &["monitor", "--recording", file, "--json"],
         &["exec", "--record", file, "--link", "sim:", "--", CONTROLS],

@@ -6,8 +6,8 @@
 //!   command line
 //! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`: the pages of `docs/` and README show what the tool prints
 //! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, what went wrong
-//! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`: recordings and captures, shown, drawn,
-//!   compared and replayed
+//! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
+//!   captures, shown, drawn, compared, replayed, and judged
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and those of others
 //! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
 //!   signals, scripts, the shell
@@ -37,6 +37,7 @@ mod foreign_recording;
 mod list;
 mod machine;
 mod man;
+mod migrate;
 mod monitor;
 mod monitor_tcp;
 mod monitor_terminal;

@@ -17,6 +17,7 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
         &["dump", file, "--slots", "12"],
         &["compare", file, file, "--slot-size", "12"],
         &["replay", file, "--slot-size", "12"],
+        &["migrate", file, "--allow-incomplete", "--slot-size", "12"],
         &["monitor", "--recording", file, "--once", "--slot-size", "12"],
         &["info", "--link", LINK, "--slot-size", "12"],
     ] {

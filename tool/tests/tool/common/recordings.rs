@@ -49,6 +49,11 @@ impl Script {
         self
     }
 
+    /// How many frames there are.
+    pub fn frames(&self) -> usize {
+        self.0.len()
+    }
+
     /// Frames without CRC.
     pub fn leave_crc_out(&mut self) -> &mut Self {
         self.0.iter_mut().for_each(|(_, _, frame)| frame.bytes_mut()[3] = 0);

@@ -179,8 +179,18 @@ impl Plot {
 }
 
 /// How names of panels begin.
-const PANELS: [&str; 9] =
-    ["Axis ", "Torque ", "FIFO:", "Following ", "Difference:", "Target velocity", "Velocity ", "IO ", "Plane "];
+const PANELS: [&str; 10] = [
+    "Axis ",
+    "Torque ",
+    "FIFO:",
+    "Following ",
+    "Difference:",
+    "Target velocity",
+    "Velocity ",
+    "IO ",
+    "Plane ",
+    "Pauses ",
+];
 
 /// One of the diagrams.
 pub struct Panel<'a> {

@@ -1,0 +1,52 @@
+//! Any run, judged for an ECM-XF: each thing has a verdict and a place in the run, what differs has its row, `ahead=` is what a
+//! chip holds, and packets that are named hold the cycle.
+
+#![no_main]
+
+#[path = "support/frames.rs"]
+mod frames;
+
+use ecmsk::migrate::{INT0_IDLE_NS, Migration, PACKETS_A_TURN, Setting, Survey, Verdict};
+use ecmsk::recording::Clock;
+use ecmsk::sk::SlotSize;
+use ecmsk::xf::host::Budget;
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((&[choice, speed], rest)) = bytes.split_first_chunk() else { return };
+    let size = if choice & 1 == 0 { SlotSize::Bytes12 } else { SlotSize::Bytes16 };
+    let clock = if choice & 2 == 0 { Clock::Real } else { Clock::Virtual };
+    let setting = Setting { clock_hz: 100_000 + u32::from(speed) * 376_000, clock, slot: size };
+    let run = frames::run(rest, size);
+    let mut survey = Survey::new(size);
+    for observed in &run {
+        let seen = survey.frame(observed);
+        assert!(seen.level.is_none_or(|level| level <= 160));
+        for stretch in [seen.pause, seen.gap].into_iter().flatten() {
+            assert!(stretch.from_ns <= stretch.to_ns, "{stretch:?}");
+        }
+    }
+    let found = Migration::of(&survey, &setting);
+    assert_eq!(found.commands + found.reports, run.len() as u64);
+    for item in &found.items {
+        assert!(item.count.times > 0 && item.count.exposed <= item.count.times, "{item:?}");
+        assert!(run.iter().any(|observed| observed.number == item.count.first.frame), "{item:?}");
+        assert!(!item.count.subject.to_string().is_empty());
+    }
+    let rows = found.rows();
+    assert!(found.verdicts().filter_map(Verdict::row).all(|row| rows.contains(&row)));
+    assert!(!found.runs_as_it_is() || rows.is_empty());
+    let Some(plan) = found.plan else { return };
+    assert!((1..=60).contains(&plan.ahead.value) && plan.ahead.value <= plan.needs.ahead_max, "{:?}", plan.ahead);
+    assert_eq!(plan.ahead.verdict == Verdict::Yes, plan.ahead.wanted <= 8, "{:?}", plan.ahead);
+    if let Ok(packets) = plan.needs.with_int0 {
+        let budget = Budget {
+            process_bytes: usize::from(packets.sets) * plan.needs.set_bytes(),
+            clock_hz: packets.least_clock_hz,
+            idle_ns: INT0_IDLE_NS,
+            cycle_ns: plan.needs.cycle.ns() * u64::from(packets.sets),
+            exchanges: PACKETS_A_TURN,
+        };
+        assert!(budget.check(packets.size).is_ok(), "{packets:?}");
+    }
+});

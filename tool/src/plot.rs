@@ -51,6 +51,7 @@ use chosen::{Asked, Chosen, Diagram};
 pub use error::PlotError;
 use file::Format;
 pub use file::{check, save};
+use layout::Beside;
 use series::{Series, Subject};
 use survey::Survey;
 
@@ -73,7 +74,8 @@ Examples:
   ecmsk plot run.pcapng
   ecmsk plot run.pcapng --axes 1,2 --from 3.5 --to 4 --difference -o start.svg
   ecmsk plot run.pcapng --counts-per-unit 10000 --unit mm --xy 1,2 --title 'The square' -o square.png
-  ecmsk plot run.pcapng --panels velocity,io")]
+  ecmsk plot run.pcapng --panels velocity,io
+  ecmsk plot board.pcapng --beside chip.pcapng -o both.svg")]
 pub struct Args {
     /// The recording (pcapng), as the key `record` of a link writes it, or a capture of usbmon or USBPcap (pcapng, pcap)
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
@@ -109,6 +111,11 @@ pub struct Args {
     #[arg(long)]
     difference: bool,
 
+    /// Draw the positions of another recording too: of the same program on another board, with its OP beginning where that of
+    /// FILE does
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    beside: Option<PathBuf>,
+
     /// Show the way of two axes in their plane too, the first from left to right, as 1,2
     #[arg(long, value_name = "X,Y", value_parser = chosen::plane)]
     xy: Option<[u8; 2]>,
@@ -134,6 +141,9 @@ pub struct Args {
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
 }
+
+/// Pixels for the name of another recording in a legend.
+const BESIDE_WIDTH: u32 = 330;
 
 /// Makes the plot.
 pub fn run(args: &Args) -> Result<(), CliError> {
@@ -243,6 +253,37 @@ impl Args {
         Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
     }
 
+    /// The positions of these axes in another recording, with its times moved so that its OP begins with that of the first.
+    fn beside(&self, file: &Path, axes: &[(u8, Scale)], first: &Survey, window: Window) -> Result<Beside, CliError> {
+        let mut survey = Survey::default();
+        let device = recording::board(file, None)?;
+        let open = || Frames::open(file, self.slot_size, device);
+        let Walked { frames, damage, .. } = walk(&mut open()?.quiet(), |framed| survey.frame(framed))?;
+        let (Some(here), Some(there)) = (first.op(), survey.op()) else {
+            let no_op = PlotError::NoOp { file: file.to_owned(), frames };
+            return Err(damage.map_or(no_op.into(), CliError::from));
+        };
+        let later_ns = here.from_ns - there.from_ns;
+        let mut series = Series::new(&Subject {
+            window: Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns),
+            axes,
+            ios: &[],
+            plane: None,
+            board: survey.board(),
+            cycle_ns: survey.cycle_ns(),
+            commands: Vec::new(),
+        });
+        walk(&mut open()?.quiet(), |framed| series.frame(framed))?;
+        let moved = |(at, position)| (at + seconds(later_ns), position);
+        let positions = series.finish().axes.into_iter().map(|axis| {
+            let pieces = axis.position.into_iter().map(|piece| piece.into_iter().map(moved).collect()).collect();
+            (axis.axis, pieces)
+        });
+        let link = survey.link().and_then(|link| link.split('?').next().map(str::to_owned));
+        let name = link.unwrap_or_else(|| file.display().to_string());
+        Ok(Beside { name: style::fitting(&name, style::TEXT, BESIDE_WIDTH), positions: positions.collect() })
+    }
+
     /// Makes the panels, for which the recording is read a second time.
     fn panels(
         &self,
@@ -276,7 +317,9 @@ impl Args {
             (Some(_), None) => "units",
             (Some(_), Some(unit)) => unit,
         };
-        let panels = layout::panels(lines, asked, chosen.plane, &style::fitting(unit, style::TEXT, 100));
+        let beside = self.beside.as_deref().map(|file| self.beside(file, &axes, survey, window)).transpose()?;
+        let unit = style::fitting(unit, style::TEXT, 100);
+        let panels = layout::panels(lines, asked, chosen.plane, &unit, beside.unwrap_or_default());
         if panels.is_empty() {
             let names = asked.diagrams.iter().filter_map(ValueEnum::to_possible_value);
             let asked = names.map(|name| name.get_name().to_owned()).collect::<Vec<_>>().join(", ");

@@ -1,5 +1,5 @@
 //! `cargo xtask demo`: runs a C++ program for the board on a simulated one, on which a drive has an alarm, and plots
-//! it.
+//! it; with `--link` on another board too, and plots both runs in one picture.
 
 use std::env;
 use std::fs;
@@ -14,11 +14,22 @@ use crate::{command, needs, stage};
 
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
+/// What happens on the way, for simulated slaves whose link says nothing else.
+const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
 
 /// The cost of building the optimised library and tool.
 const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
 
-pub fn run(project: &Project) -> Result<(), Error> {
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Run the same program on this board too, such as 'xf-sim:?slaves=drive*2', whose slaves are behind an ECM-XF, and draw
+    /// both runs in one picture. It has the two drives and the alarm of the first run, if its slaves are simulated and the
+    /// link says nothing else
+    #[arg(long)]
+    link: Option<String>,
+}
+
+pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
     SPEND.announce(project);
     needs::require(project, &[CXX])?;
@@ -26,8 +37,9 @@ pub fn run(project: &Project) -> Result<(), Error> {
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
     let target = project.relative(&project.target);
     let folder = target.join("demo");
-    let [staged, program, recording, plot] =
-        ["stage", "alarm_recovery", "two_axes.pcapng", "two_axes.svg"].map(|name| folder.join(name));
+    let [staged, program, recording, plot, other, both] =
+        ["stage", "alarm_recovery", "two_axes.pcapng", "two_axes.svg", "other_board.pcapng", "both.svg"]
+            .map(|name| folder.join(name));
     let ecmsk = target.join("release/ecmsk");
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 
@@ -40,23 +52,43 @@ pub fn run(project: &Project) -> Result<(), Error> {
     compile.args(["-lNEXTWUSBLib", "-Wl,--enable-new-dtags,-rpath,$ORIGIN/stage/lib", "-o"]).arg(&program);
     show_and_run(&mut compile)?;
 
-    let mut exec = Command::new(&ecmsk);
-    exec.args(["exec", "--link", LINK, "--record"]).arg(&recording).arg("--").arg(&program);
-    show_and_run(&mut exec)?;
-
+    let exec = |link: &str, recording: &Path| {
+        // A recording of before would be continued.
+        let _ = fs::remove_file(recording);
+        let mut exec = Command::new(&ecmsk);
+        show_and_run(exec.args(["exec", "--link", link, "--record"]).arg(recording).arg("--").arg(&program))
+    };
+    exec(LINK, &recording)?;
     show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
+    if let Some(link) = &arguments.link {
+        exec(&with_script(link), &other)?;
+        let mut draw = Command::new(&ecmsk);
+        draw.arg("plot").arg(&recording).arg("--beside").arg(&other).arg("-o").arg(&both);
+        show_and_run(&mut draw)?;
+    }
 
-    println!("{}", end(&folder));
+    println!("{}", end(&folder, arguments.link.is_some()));
     Ok(())
 }
 
+/// The link, with the alarm of the first run if its slaves are simulated and it has no script.
+fn with_script(link: &str) -> String {
+    let is_model = ["sim:", "xf-sim:"].iter().any(|scheme| link.starts_with(scheme));
+    if !is_model || link.contains("script=") {
+        return link.to_owned();
+    }
+    let between = if link.contains('?') { '&' } else { '?' };
+    format!("{link}{between}{SCRIPT}")
+}
+
 /// The text at the end: what was made, and what to do with it.
-fn end(folder: &Path) -> String {
+fn end(folder: &Path, has_both: bool) -> String {
     let folder = folder.display();
+    let both = if has_both { format!("\nboth runs:     {folder}/both.svg, the other one in black") } else { String::new() };
     format!(
         "
 the recording: {folder}/two_axes.pcapng
-the plot:      {folder}/two_axes.svg (a browser shows it)
+the plot:      {folder}/two_axes.svg (a browser shows it){both}
 
 next, in this folder:
   export PATH=$PWD/{folder}/stage/bin:$PATH PKG_CONFIG_PATH=$PWD/{folder}/stage/lib/pkgconfig
@@ -80,12 +112,27 @@ mod tests {
     /// The demo ends with what it has made and with commands to go on; the pages that it names exist.
     #[test]
     fn a_next_step() {
-        let text = end(Path::new("target/demo"));
+        let text = end(Path::new("target/demo"), true);
         assert!(text.contains("target/demo/two_axes.svg"), "{text}");
         assert!(text.contains("export PATH=$PWD/target/demo/stage/bin:$PATH"), "{text}");
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
         let pages: Vec<&str> = text.split([' ', ',', '\n']).filter(|word| word.starts_with("docs/")).collect();
         assert_eq!(pages.len(), 4, "{text}");
         assert!(pages.iter().all(|page| root.join(page).is_file()), "{pages:?}");
+        assert!(text.contains("target/demo/both.svg"), "{text}");
+        assert!(!end(Path::new("target/demo"), false).contains("both"));
+    }
+
+    /// The other board has the alarm too, unless its link says otherwise or its slaves are real.
+    #[test]
+    fn the_alarm_of_the_other_board() {
+        for (link, expected) in [
+            ("xf-sim:", format!("xf-sim:?{SCRIPT}")),
+            ("xf-sim:?ahead=4", format!("xf-sim:?ahead=4&{SCRIPT}")),
+            ("sim:?script=a", "sim:?script=a".to_owned()),
+            ("usb:", "usb:".to_owned()),
+        ] {
+            assert_eq!(with_script(link), expected);
+        }
     }
 }

@@ -64,7 +64,7 @@ enum Verb {
     /// Look at spelling, licences and sources of dependencies, and dependencies that nothing uses
     Tidy,
     /// Run the C++ program of README on a simulated board and plot what it did
-    Demo,
+    Demo(demo::Arguments),
     /// Install the library, its headers and the tool into a folder
     Stage(stage::Arguments),
     /// Compile the .NET assemblies and the C# programs
@@ -103,7 +103,7 @@ fn run(verb: Verb, project: &Project) -> Result<(), Error> {
         Verb::Test(arguments) => test::run(project, &arguments),
         Verb::Ci(arguments) => ci::run(project, &arguments),
         Verb::Tidy => tidy::run(project),
-        Verb::Demo => demo::run(project),
+        Verb::Demo(arguments) => demo::run(project, &arguments),
         Verb::Stage(arguments) => stage::run(project, &arguments),
         Verb::Dotnet(arguments) => dotnet::run(project, &arguments),
         Verb::Windows(arguments) => windows::run(project, &arguments),

@@ -12,9 +12,18 @@ use super::style;
 /// The height of a diagram of all axes together.
 const SHARED: u32 = 130;
 
+/// What is drawn of another recording.
+#[derive(Default)]
+pub struct Beside {
+    /// Its name in legends.
+    pub name: String,
+    /// Positions of axes, in units.
+    pub positions: Vec<(u8, Pieces)>,
+}
+
 /// Makes the panels; there is none for lines without data. `plane` are the axes of the plane, `unit` is that of
 /// positions.
-pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str) -> Vec<Panel> {
+pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, mut beside: Beside) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
     // With many axes each gets less height, so that the plot fits on a screen.
     let height = match axes.len() {
@@ -49,7 +58,13 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str) -
                 legend.push((state.look(), state.name().to_owned()));
             }
         }
-        let strokes = vec![Stroke { pieces: axis.target, look: pale }, Stroke { pieces: axis.position, look: solid }];
+        let mut strokes =
+            vec![Stroke { pieces: axis.target, look: pale }, Stroke { pieces: axis.position, look: solid }];
+        if let Some((_, pieces)) = beside.positions.extract_if(.., |(slave, _)| *slave == axis.axis).next() {
+            let look = Look::Solid(style::BESIDE);
+            legend.push((look, format!("actual, {}", beside.name)));
+            strokes.push(Stroke { pieces, look });
+        }
         let name = format!("Axis {}: position ({unit})", axis.axis);
         let panel = Panel::of(name, height, least, strokes, legend);
         all.extend(panel.map(|panel| Panel { spans: axis.states, ..panel }));

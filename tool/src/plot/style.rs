@@ -61,6 +61,8 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
     taken
 }
 
+/// The positions of another recording.
+pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
 /// The FIFO's level.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
 /// A lost command.

@@ -3,22 +3,48 @@
 
 mod needs_cxx {
     use std::os::unix::fs::symlink;
+    use std::path::Path;
 
     use support::examples::VIRTUAL;
     use support::{Language, root};
+    use tempfile::TempDir;
 
     use crate::common::ecmsk;
+
+    /// Records that program as the demo runs it, on virtual time, on a board with that link.
+    fn record(folder: &Path, link: &str, recording: &str) {
+        let link = format!("{link}&script=examples/scripts/alarm_on_the_way.ecmscript&record={recording}");
+        let program = support::compile(&root().join("examples/cpp/alarm_recovery.cpp"), Language::Cpp("c++17"));
+        support::succeed(program.command(&link).current_dir(folder));
+    }
+
+    fn folder() -> TempDir {
+        let folder = tempfile::tempdir().expect("a folder");
+        symlink(root().join("examples"), folder.path().join("examples")).expect("a symbolic link");
+        folder
+    }
+
+    fn plot(folder: &Path, arguments: &[&str]) -> String {
+        support::succeed(ecmsk([&["plot"], arguments, &["-o", "-"]].concat()).current_dir(folder))
+    }
 
     /// The picture of README is a recording of that program as the demo makes it, on virtual time, drawn by the tool.
     #[test]
     fn the_picture_of_readme_is_what_the_demo_draws() {
-        let folder = tempfile::tempdir().expect("a folder");
-        symlink(root().join("examples"), folder.path().join("examples")).expect("a symbolic link");
-        let link = format!("{VIRTUAL}&script=examples/scripts/alarm_on_the_way.ecmscript&record=two_axes.pcapng");
-        let program = support::compile(&root().join("examples/cpp/alarm_recovery.cpp"), Language::Cpp("c++17"));
-        support::succeed(program.command(&link).current_dir(folder.path()));
-        let mut plot = ecmsk(["plot", "two_axes.pcapng", "-o", "-"]);
-        let picture = support::succeed(plot.current_dir(folder.path()));
-        support::kept(&root().join("docs/two_axes.svg"), &picture);
+        let folder = folder();
+        record(folder.path(), VIRTUAL, "two_axes.pcapng");
+        support::kept(&root().join("docs/two_axes.svg"), &plot(folder.path(), &["two_axes.pcapng"]));
+    }
+
+    /// TOOL-190 XF-19.1 So is the one of the same program on a board behind an ECM-XF, drawn beside it, with both to the same
+    /// OP.
+    #[test]
+    fn the_picture_of_both_boards_is_what_the_demo_draws() {
+        let folder = folder();
+        record(folder.path(), VIRTUAL, "two_axes.pcapng");
+        record(folder.path(), &VIRTUAL.replace("sim:", "xf-sim:"), "behind_chip.pcapng");
+        let picture = plot(folder.path(), &["two_axes.pcapng", "--beside", "behind_chip.pcapng"]);
+        assert!(picture.contains("actual, xf-sim:"), "{picture}");
+        support::kept(&root().join("docs/both_boards.svg"), &picture);
     }
 }

@@ -6,14 +6,13 @@ use super::Start;
 use super::start::CYCLE_NS;
 use crate::compare::{RecordedRun, TimedFrame};
 use crate::engine::Board;
-use crate::fieldbus::Ns;
 use crate::link::Dir;
 use crate::sk::Frame;
 
 /// How long a recorded model may have run before its first frame. Its clock is taken over exactly up to this. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
 /// How long after its cycle a recorded model may have made a report. \[OURS]
-const LATE_MAX_NS: Ns = 1_000_000_000;
+const LATE_MAX_NS: u64 = 1_000_000_000;
 
 /// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are those of
 /// the recording.
@@ -95,14 +94,14 @@ impl ModelRun {
     }
 
     /// The model gets a command frame. The host receives no report any more that is older than the newest one of `due`.
-    fn write(&mut self, observed: &TimedFrame, due: Ns) {
+    fn write(&mut self, observed: &TimedFrame, due: u64) {
         let at = self.model_time(observed.at_ns);
         let Self { board, unread, .. } = self;
         board.host(&observed.frame, at, &mut |frame, made| unread.push(frame, made, due));
     }
 
     /// The model goes on, and gets what the host writes meanwhile, until it has made the report of the cycle at that time.
-    fn wait_for_report_of(&mut self, at: Ns) {
+    fn wait_for_report_of(&mut self, at: u64) {
         let end = at.saturating_add(LATE_MAX_NS);
         while self.unread.newest().is_none_or(|made| made < at) && self.board.next_cycle() <= end {
             // The host's frames that come before the next cycle.
@@ -117,30 +116,30 @@ impl ModelRun {
     }
 
     /// The model's time at a time of the recording.
-    fn model_time(&self, ns: i64) -> Ns {
+    fn model_time(&self, ns: i64) -> u64 {
         ns.saturating_add(self.offset_ns).max(0).unsigned_abs()
     }
 }
 
 /// The model's reports that the host has not received yet, with the times of their cycles.
 #[derive(Default)]
-struct Unread(VecDeque<(Frame, Ns)>);
+struct Unread(VecDeque<(Frame, u64)>);
 
 impl Unread {
     /// Keeps a report. The host receives none of `due` or before any more but the newest.
-    fn push(&mut self, frame: &Frame, made: Ns, due: Ns) {
+    fn push(&mut self, frame: &Frame, made: u64, due: u64) {
         if made <= due {
             self.0.clear();
         }
         self.0.push_back((frame.clone(), made));
     }
 
-    fn newest(&self) -> Option<Ns> {
+    fn newest(&self) -> Option<u64> {
         self.0.back().map(|(_, made)| *made)
     }
 
     /// The newest report of that time or before.
-    fn pop(&mut self, at: Ns) -> Option<Frame> {
+    fn pop(&mut self, at: u64) -> Option<Frame> {
         let due = self.0.partition_point(|(_, made)| *made <= at);
         self.0.drain(..due).next_back().map(|(frame, _)| frame)
     }

@@ -7,7 +7,6 @@ use std::time::Duration;
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
-use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Dir, LinkError, Share, Wait, chip};
 use ecmsk::recording::Recording;
 use ecmsk::recording::exchanges::{Exchanges, is_of_chip};
@@ -243,14 +242,4 @@ fn the_same_link_is_the_chip_itself() {
     drop(xf);
     let exchanges = Exchanges::new(File::open(&of_chip).expect("a file"), "chip").expect("a recording");
     assert!(is_of_chip(&of_chip) && exchanges.count() > 20);
-}
-
-/// LINK-10 Links to a chip that is no board are refused as a board, with what to do.
-#[test]
-fn a_real_chip_is_no_board() {
-    for uri in ["xf-spi:/dev/spidev0.0", "xf-usb:"] {
-        assert!(LinkUri::parse(uri).is_ok());
-        let error = open(uri, Share::ByName).err().expect(uri).to_string();
-        assert!(error.contains("it is a chip ECM-XF and no ECM-SK; `ecmsk xf`"), "{error}");
-    }
 }

@@ -73,7 +73,7 @@ fn what_is_wrong_with_a_link_is_named() {
     rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
     fails(&format!("xf-spi:{}", file.path().display()), &["is in use by another program", "end what uses it"]);
     assert!(matches!(fails("spi:/dev/spidev0.0", &["xf-sim:"]), ChipError::NotAChip { .. }));
-    for chip in ["xf-spi:/dev/spidev0.0", "xf-sim:"] {
+    for chip in ["xf-spi:/dev/spidev0.0", "xf-usb:"] {
         let board = ecmsk::link::open(chip, ecmsk::link::Share::ByName).err().expect("no board");
         assert!(board.to_string().contains("is a chip ECM-XF and no ECM-SK"), "{board}");
     }

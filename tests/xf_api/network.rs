@@ -42,7 +42,7 @@ fn a_wrong_link_is_an_error() {
         ("xf-sim:?slave=io", &["no key `slave`", "did you mean `slaves`", "chip_fw"]),
         ("xf-sim:?n=31", &["key `n`", "32 to 1408"]),
         ("xf-sim:?chip_fw=9", &["new, old, xfu"]),
-        ("xf-sim:?slot=12", &["no key `slot`"]),
+        ("xf-sim:?serial=12", &["no key `serial`"]),
         ("xf-sim:?slaves=drives", &["did you mean `drive`"]),
         ("xf-sim:?slaves=drive:objects@/none", &["/none"]),
     ] {
@@ -51,11 +51,13 @@ fn a_wrong_link_is_an_error() {
     }
 }
 
-/// XF-17.2 A chip is no board, and `link::open` says who speaks to it.
+/// XF-17.2 A real chip is no board, and `link::open` says who speaks to it.
 #[test]
 fn a_chip_is_no_board() {
-    let error = ecmsk::link::open("xf-sim:", ecmsk::link::Share::ByUri).err().expect("no board").to_string();
-    assert!(error.contains("`xf-sim:`") && error.contains("ecmsk xf"), "{error}");
+    for link in ["xf-spi:/dev/spidev0.0", "xf-usb:"] {
+        let error = ecmsk::link::open(link, ecmsk::link::Share::ByUri).err().expect("no board").to_string();
+        assert!(error.contains(&format!("`{link}`")) && error.contains("ecmsk xf"), "{error}");
+    }
 }
 
 /// XF-17.3 The start of a network counts its slaves, whose descriptions are there, and can be repeated in any state.

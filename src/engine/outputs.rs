@@ -61,7 +61,7 @@ impl Engine {
         }
         let most = self.ahead_max();
         for _ in 0..bus.room() {
-            let ahead = self.estimated_ahead(now);
+            let ahead = bus.held_estimate().unwrap_or_else(|| self.estimated_ahead(now));
             if ahead >= most || self.unconfirmed() >= self.unconfirmed_max {
                 return;
             }

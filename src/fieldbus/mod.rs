@@ -350,6 +350,13 @@ pub trait Fieldbus: Send {
     /// [`Pacing::Runner`] 1, or 0 while the bus is down.
     fn room(&self) -> u16;
 
+    /// How many sets of outputs the bus holds that it could have sent sooner, by estimate; those on their way do not count.
+    /// `None`: it does not know, and the engine estimates it from the cycles that have passed. This never says which outputs
+    /// were sent.
+    fn held_estimate(&self) -> Option<u64> {
+        None
+    }
+
     /// Starts to discard the outputs that were taken and not sent. Until it has ended cycles may go on sending them, and
     /// nothing may be pushed.
     fn clear_ahead(&mut self, now: Ns);

@@ -194,3 +194,21 @@ fn cut_wires_are_told_and_heal() {
     host.servo_on(1).csp(1, 200).drained().cycles(20);
     assert_eq!(puppet.last().target, 200);
 }
+
+/// XF-19.9 A program that sends a frame with each report while it waits for SV_ON finds hardly any of them in the FIFO
+/// afterwards: what it sends then is not late for ever.
+#[test]
+fn waiting_for_servo_on_fills_no_fifo() {
+    let mut host = over_xf(drives(2));
+    host.op(2).slave(1, SlaveCommand::ServoOn).slave(2, SlaveCommand::ServoOn);
+    let mut reports = host.reports;
+    while !(host.drive(1).statusword.is_enabled() && host.drive(2).statusword.is_enabled()) {
+        host.cycle();
+        while reports < host.reports {
+            host.idle();
+            reports += 1;
+        }
+    }
+    host.cycles(10);
+    assert!(host.answer().fifo_free > 150, "{}", host.answer().fifo_free);
+}

@@ -84,7 +84,8 @@ fn with_script(link: &str) -> String {
 /// The text at the end: what was made, and what to do with it.
 fn end(folder: &Path, has_both: bool) -> String {
     let folder = folder.display();
-    let both = if has_both { format!("\nboth runs:     {folder}/both.svg, the other one in black") } else { String::new() };
+    let both =
+        if has_both { format!("\nboth runs:     {folder}/both.svg, the other one in black") } else { String::new() };
     format!(
         "
 the recording: {folder}/two_axes.pcapng

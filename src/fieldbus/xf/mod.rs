@@ -53,6 +53,9 @@ const ANSWER_DELAY: u16 = 64;
 const ENTRIES: usize = 64;
 /// The memory of both FIFOs, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
+/// So many sets are on their way where one follows another: one waits for its exchange, one is under way in it, and one
+/// lies in the chip until its next cycle. \[OURS]
+const ON_THE_WAY: u64 = 3;
 /// By so much a real clock of the wires may be before that of the engine, until the two are taken for one again. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
@@ -446,6 +449,11 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         }
         let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
         self.options.ahead.saturating_sub(held.min(u16::MAX.into()) as u16)
+    }
+
+    fn held_estimate(&self) -> Option<u64> {
+        let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
+        Some(held.saturating_sub(ON_THE_WAY))
     }
 
     fn clear_ahead(&mut self, _now: Ns) {

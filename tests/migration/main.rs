@@ -3,7 +3,7 @@
 //!
 //! - `machine.rs`, `tap.rs`: the machine twice, with a tap on each slave; `judge.rs`: what slaves were sent, held against
 //!   each other
-//! - `plan.rs`, `play.rs`, `random.rs`: generated programs
+//! - `plan.rs`, `play.rs`, `play/`, `random.rs`: generated programs
 //! - `vendor.rs`: programs with the vendor's own habits
 //! - `rows.rs`: the table is that of the document. `latency.rs`, `stall.rs`, `hold.rs`, `clear.rs`, `loss.rs`, `remap.rs`,
 //!   `sdo.rs`, `lio.rs`, `start.rs`: each measures the row that it is named after; `drives.rs` is what they share

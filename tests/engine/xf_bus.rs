@@ -195,7 +195,7 @@ fn cut_wires_are_told_and_heal() {
     assert_eq!(puppet.last().target, 200);
 }
 
-/// XF-19.9 A program that sends a frame with each report while it waits for SV_ON finds hardly any of them in the FIFO
+/// XF-19.10 A program that sends a frame with each report while it waits for SV_ON finds hardly any of them in the FIFO
 /// afterwards: what it sends then is not late for ever.
 #[test]
 fn waiting_for_servo_on_fills_no_fifo() {
@@ -211,4 +211,45 @@ fn waiting_for_servo_on_fills_no_fifo() {
     }
     host.cycles(10);
     assert!(host.answer().fifo_free > 150, "{}", host.answer().fifo_free);
+}
+
+/// XF-19.6 More sets than the chip's RxFIFO has entries are kept by the bus, also where packets of another size were set up
+/// behind the entries: 25 of 40 drives.
+#[test]
+fn more_ahead_than_the_chip_has_entries() {
+    let puppet = Puppet::obedient();
+    let mut slaves = drives(39);
+    slaves.push(puppet.boxed());
+    let options = XfBusOptions { ahead: 60, ..XfBusOptions::DEFAULT };
+    let mut host = Host::new(EngineConfig::default(), xf_bus(slaves, options));
+    host.op(40).servo_on(40).drained();
+    puppet.forget();
+    for n in 1..=150 {
+        host.csp(40, n);
+    }
+    host.drained().cycles(20);
+    assert_eq!(puppet.targets(), (0..=150).collect::<Vec<_>>());
+    assert_eq!((host.counters().full, host.counters().outputs_lost), (0, 0));
+}
+
+/// XF-19.9 A slave that is lost again and again is named as soon as the first time, when the chip's count of wrong working
+/// counters is at its end.
+#[test]
+fn the_tenth_loss_is_named_as_soon_as_the_first() {
+    let handle = SimHandle::default();
+    let bus = xf_bus_reached_by(drives(2), handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2);
+    for loss in 1..=10 {
+        handle.lose(2);
+        let mut cycles = 0;
+        while !host.state().is_failed() {
+            host.cycle();
+            cycles += 1;
+        }
+        assert!(cycles <= 12, "loss {loss}: {cycles}");
+        host.cycles(100);
+        handle.find(2);
+        host.go(MasterState::Op).cycles(17 * loss);
+    }
 }

@@ -1,13 +1,16 @@
 //! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
 //! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
-//! network of tests/engine, all of tests/engine over a bus that takes outputs ahead, and the schedules of faults between the
-//! ECM-XF's driver and its model in tests/xf.
+//! network of tests/engine, all of tests/engine over a bus that takes outputs ahead, the schedules of faults between the
+//! ECM-XF's driver and its model in tests/xf, and programs on a board and behind a chip in tests/migration.
 
 use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
 use crate::project::Project;
+
+/// A program of tests/migration runs twice, each time for some seconds of the board: for so many schedules there is one.
+const PER_MIGRATION: u64 = 25;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -30,9 +33,15 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
     frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
     command::run(&mut frames)?;
-    for (group, filter) in [("invariants", &[][..]), ("xf", &["schedules::"])] {
+    let few = arguments.schedules.div_ceil(PER_MIGRATION);
+    let groups = [
+        ("invariants", &[][..], arguments.schedules),
+        ("xf", &["schedules::"], arguments.schedules),
+        ("migration", &["generated_programs"], few),
+    ];
+    for (group, filter, count) in groups {
         let mut schedules = test(project, group, filter);
-        schedules.env("ECMSK_SOAK_SCHEDULES", arguments.schedules.to_string());
+        schedules.env("ECMSK_SOAK_SCHEDULES", count.to_string());
         schedules.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
         schedules.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
         command::run(&mut schedules)?;

@@ -189,10 +189,10 @@ impl<W: Wires> XfBus<W> {
             if self.fly(Load::Cycles(sets), ProcessData::Exchange { count: sets as u8, outputs }) {
                 (self.wrote_last, self.next_read) = (true, now.saturating_add(cycle.ns()));
             }
-        } else if now >= self.next_read || backlog >= BACKLOG {
-            if self.fly(Load::Cycles(0), ProcessData::Read { count: cycles_fit as u8 }) {
-                (self.wrote_last, self.next_read) = (false, now.saturating_add(cycle.ns() / 2));
-            }
+        } else if (now >= self.next_read || backlog >= BACKLOG)
+            && self.fly(Load::Cycles(0), ProcessData::Read { count: cycles_fit as u8 })
+        {
+            (self.wrote_last, self.next_read) = (false, now.saturating_add(cycle.ns() / 2));
         }
     }
 

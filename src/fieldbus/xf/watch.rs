@@ -1,14 +1,15 @@
 //! Which slaves are lost, and what a reset of the chip means.
 //!
-//! The chip says that the working counter of some cycle was wrong and not whose fault it was: the states of all slaves
-//! are read then. They are also read from time to time, since below SafeOP no cycle tells that a slave is gone. A slave
-//! stays lost until a change of state brings it back.
+//! The chip says that the working counter of some cycle was wrong and not whose fault it was, by a count that stays at 255
+//! and by an interrupt flag: the states of all slaves are read then. They are also read from time to time, since below
+//! SafeOP no cycle tells that a slave is gone. A slave stays lost until a change of state brings it back.
 
 use super::XfBus;
 use super::ask::{Ask, Asked};
 use super::jobs::state_of;
 use super::local_io::PinSetup;
 use crate::ethercat::{AlState, Ns, SlaveSet};
+use crate::xf::Interrupts;
 use crate::xf::host::{HostError, HostState, Wires};
 
 /// How often the states are read, if nothing else makes it necessary. \[OURS]
@@ -86,10 +87,16 @@ impl<W: Wires> XfBus<W> {
         self.ledger.header(header.rx_fifo, header.tx_fifo);
         let cycle_ns = self.network.cycle.ns();
         self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);
-        let errors = header.wkc_errors;
+        let (errors, is_flagged) = (header.wkc_errors, header.interrupts.contains(Interrupts::WORKING_COUNTER));
         let unsent = Some(self.ledger.next_id());
+        // A count that can grow no more says nothing; its interrupt flag still does. While a slave is lost every cycle is
+        // wrong.
+        let is_full = errors == u8::MAX && self.network.lost.is_empty();
+        if is_flagged {
+            self.host.clear_interrupts(Interrupts::WORKING_COUNTER, 0);
+        }
         let watch = &mut self.watch;
-        if errors != watch.wkc_errors {
+        if errors != watch.wkc_errors || is_full && is_flagged {
             watch.wkc_errors = errors;
             watch.is_suspicious = true;
             watch.suspect_from = watch.suspect_from.or(watch.unsent);

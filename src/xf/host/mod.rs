@@ -284,10 +284,12 @@ impl Host {
     }
 
     /// Starts anew with another n, to which the chip is set (SPI_RECONFIG_OP). As with every start, the RxFIFO is off and
-    /// empty afterwards; an ECM-XFU refuses.
+    /// empty afterwards, with the entries that it had; an ECM-XFU refuses.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
+        let entries = self.room.entries;
         self.restart(now);
+        self.room = RxRoom::new(entries);
     }
 
     /// The configuration, as it is now.

@@ -94,7 +94,17 @@ pub fn xf_bus_reached_by(
     handle: SimHandle,
     options: XfBusOptions,
 ) -> XfBus<ChipLine<SlaveModels>> {
+    xf_bus_with(slaves, handle, HostConfig::DEFAULT, options)
+}
+
+/// The same with a driver that is set up so.
+pub fn xf_bus_with(
+    slaves: Vec<Box<dyn Slave>>,
+    handle: SimHandle,
+    config: HostConfig,
+    options: XfBusOptions,
+) -> XfBus<ChipLine<SlaveModels>> {
     let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves).reached_by(handle));
-    let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
+    let config = HostConfig { size: Some(Profile::NEW.size), ..config };
     XfBus::new(ChipLine::new(chip), config, XfBusOptions { clock_hz: Some(CLOCK_HZ), ..options })
 }

@@ -75,6 +75,15 @@ impl Images {
         self.mapped.map(|(_, data)| data.take_outputs(image)).unwrap_or_default()
     }
 
+    /// What it has sent.
+    pub fn inputs(&self, image: &[u8]) -> SlaveIn {
+        let mut inputs = SlaveIn::default();
+        if let Some((_, data)) = &self.mapped {
+            data.take_inputs(image, &mut inputs);
+        }
+        inputs
+    }
+
     /// What it sends.
     pub fn put_inputs(&self, inputs: &SlaveIn, image: &mut [u8]) {
         if let Some((_, data)) = &self.mapped {

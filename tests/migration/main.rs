@@ -1,0 +1,28 @@
+//! Old programs on an ECM-XF: one program runs on a board with slaves of its own (`sim:`) and on the same board whose
+//! slaves are behind the model of a chip (`xf-sim:`), and what is different is a row of the table in docs/MIGRATION.md.
+//!
+//! - `machine.rs`, `tap.rs`: the machine twice, with a tap on each slave; `judge.rs`: what slaves were sent, held against
+//!   each other
+//! - `plan.rs`, `play.rs`, `play/`, `random.rs`: generated programs
+//! - `vendor.rs`: programs with the vendor's own habits
+//! - `rows.rs`: the table is that of the document. `latency.rs`, `stall.rs`, `hold.rs`, `clear.rs`, `loss.rs`, `remap.rs`,
+//!   `sdo.rs`, `lio.rs`, `start.rs`: each measures the row that it is named after; `drives.rs` is what they share
+
+mod clear;
+mod drives;
+mod hold;
+mod judge;
+mod latency;
+mod lio;
+mod loss;
+mod machine;
+mod plan;
+mod play;
+mod random;
+mod remap;
+mod rows;
+mod sdo;
+mod stall;
+mod start;
+mod tap;
+mod vendor;

@@ -1,0 +1,171 @@
+//! Slaves with taps: what each of them was sent in each cycle of the network, whoever drives it.
+
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::fieldbus::{AlState, AxisOut, MAX_AXES, Ns};
+use ecmsk::slave::{AlStatus, Fault, Slave};
+use support::images::{Images, number};
+
+/// What a slave was sent in a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Took {
+    pub axes: [AxisOut; MAX_AXES],
+    /// Of each axis whether it acts on its target: it is enabled, and not in homing mode.
+    pub follows: [bool; MAX_AXES],
+}
+
+/// What all slaves were sent in a cycle; `None`: the slave took nothing.
+pub type Row = Vec<Option<Took>>;
+
+/// A fault that an axis has when it takes a target.
+#[derive(Clone, Copy, Debug)]
+struct Trap {
+    place: usize,
+    axis: usize,
+    target: i32,
+    fault: Fault,
+}
+
+#[derive(Default)]
+struct Journal {
+    slaves: usize,
+    rows: Vec<Row>,
+    /// The place of the slave that was served last in this cycle.
+    newest: Option<usize>,
+    trap: Option<Trap>,
+}
+
+/// The account of all taps of a network; clones are the same one.
+#[derive(Clone, Default)]
+pub struct Log(Arc<Mutex<Journal>>);
+
+impl Log {
+    fn lock(&self) -> MutexGuard<'_, Journal> {
+        self.0.lock().expect("no panic")
+    }
+
+    /// Puts a tap on each slave of a network.
+    pub fn tapped(&self, slaves: Vec<Box<dyn Slave>>) -> Vec<Box<dyn Slave>> {
+        self.lock().slaves = slaves.len();
+        let tap = |(place, inner)| Box::new(Tap::new(place, inner, self.clone())) as Box<dyn Slave>;
+        slaves.into_iter().enumerate().map(tap).collect()
+    }
+
+    /// All cycles since it was asked last in which a slave took outputs. The first row holds what each slave had taken
+    /// before.
+    pub fn take(&self) -> Vec<Row> {
+        let mut journal = self.lock();
+        let newest = |place: usize| journal.rows.iter().rev().find_map(|row| row[place]);
+        let before = (0..journal.slaves).map(newest).collect();
+        journal.newest = None;
+        std::mem::replace(&mut journal.rows, vec![before])
+    }
+
+    /// What a slave was sent last.
+    pub fn newest(&self, slave: usize) -> Option<Took> {
+        self.lock().rows.iter().rev().find_map(|row| row[slave - 1])
+    }
+
+    /// An axis has that fault when it takes that target and follows it.
+    pub fn trap(&self, slave: usize, axis: usize, target: i32, fault: Fault) {
+        self.lock().trap = Some(Trap { place: slave - 1, axis, target, fault });
+    }
+
+    /// Whether a fault still waits for its target.
+    pub fn is_armed(&self) -> bool {
+        self.lock().trap.is_some()
+    }
+
+    /// The fault that comes with what was taken.
+    fn note(&self, place: usize, took: Took) -> Option<Fault> {
+        let mut journal = self.lock();
+        if journal.newest.is_none_or(|newest| place <= newest) {
+            let row = vec![None; journal.slaves];
+            journal.rows.push(row);
+        }
+        journal.newest = Some(place);
+        if let Some(row) = journal.rows.last_mut() {
+            row[place] = Some(took);
+        }
+        let springs = |trap: &mut Trap| {
+            trap.place == place && took.follows[trap.axis] && took.axes[trap.axis].target == trap.target
+        };
+        journal.trap.take_if(springs).map(|trap| trap.fault)
+    }
+}
+
+/// A slave with its tap.
+struct Tap {
+    place: usize,
+    inner: Box<dyn Slave>,
+    images: Images,
+    /// Mode of operation of each axis, 0x6060.
+    modes: [u8; MAX_AXES],
+    log: Log,
+}
+
+impl Tap {
+    fn new(place: usize, inner: Box<dyn Slave>, log: Log) -> Self {
+        Self { place, inner, images: Images::default(), modes: [0; MAX_AXES], log }
+    }
+}
+
+const HOMING: u8 = 6;
+
+impl Slave for Tap {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn state(&self) -> AlState {
+        self.inner.state()
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        self.inner.enter(target)
+    }
+
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        self.inner.read(object, scope, value)
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.inner.write(object, scope, value)?;
+        self.images.take(object, number(value));
+        if object.index & !0x0800 == 0x6060 {
+            self.modes[usize::from(object.index & 0x0800 != 0)] = number(value) as u8;
+        }
+        Ok(())
+    }
+
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        self.inner.set_sync_managers(outputs, inputs);
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        self.inner.exchange(outputs, inputs);
+        let Some(outputs) = outputs else { return };
+        let shown = self.images.inputs(inputs);
+        let follows = std::array::from_fn(|axis| shown[axis].statusword.is_enabled() && self.modes[axis] != HOMING);
+        if let Some(fault) = self.log.note(self.place, Took { axes: self.images.outputs(outputs), follows }) {
+            self.inner.apply_fault(fault);
+        }
+    }
+
+    fn step(&mut self, dt_ns: Ns) {
+        self.inner.step(dt_ns);
+    }
+
+    fn apply_fault(&mut self, fault: Fault) -> bool {
+        self.inner.apply_fault(fault)
+    }
+
+    fn has_dc(&self) -> bool {
+        self.inner.has_dc()
+    }
+
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        self.inner.shaft(axis)
+    }
+}

@@ -19,10 +19,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
-use ecmsk::engine::Board;
-use ecmsk::sk::{Frame, MasterResponse, MasterState, Motion, SlaveCommand, StateByte, crc::frame_crc};
+use ecmsk::sk::{Frame, crc::frame_crc};
 use ecmsk::slave::plant::{Motor, Servo, Setpoint};
-use host::{Path, SIZE, drives_in_op, drives_in_op_ahead};
+use host::{Path, Program, SIZE, drives_in_op, drives_in_op_ahead};
 use places::Places;
 use support::ahead_bus::Ahead;
 
@@ -33,9 +32,9 @@ fn main() {
     let mut board = drives_in_op(DRIVES);
     common::fact("memory_40_drives_op", resident_kib() - memory_before, "KiB");
 
-    let mut host = Host::new(&mut board);
+    let mut host = Program::new(&mut board, DRIVES);
     let mut ahead = drives_in_op_ahead(DRIVES, Ahead::kind(64, 2, 333_333, 0));
-    let mut host_ahead = Host::new(&mut ahead);
+    let mut host_ahead = Program::new(&mut ahead, DRIVES);
     (0..8).for_each(|_| host_ahead.send());
     let mut plain = PlainLoop::new();
     common::pair("cycle_40_csp", 2.3, || host.cycle(), || plain.cycle());
@@ -52,45 +51,6 @@ fn main() {
         busy.end();
     }
     host.assert_well();
-}
-
-/// A program that sends every drive a target in every cycle.
-struct Host<'a> {
-    board: &'a mut Board,
-    command: Frame,
-    report: Frame,
-    path: Path,
-}
-
-impl<'a> Host<'a> {
-    fn new(board: &'a mut Board) -> Self {
-        Self { board, command: Frame::new(), report: Frame::new(), path: Path::default() }
-    }
-
-    fn send(&mut self) {
-        self.path.advance();
-        for slave in 1..=DRIVES {
-            self.command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(self.path.target)).into());
-        }
-        self.command.fill_crc(SIZE);
-        let at = self.board.next_cycle() - 1;
-        self.board.host(black_box(&self.command), at, &mut |_, _| {});
-    }
-
-    fn cycle(&mut self) {
-        self.send();
-        let Self { board, report, .. } = self;
-        board.cycle(&mut |frame, _| report.clone_from(frame));
-        black_box(&self.report);
-    }
-
-    fn assert_well(&self) {
-        let answer = MasterResponse::decode(&self.report.slot(SIZE, 0));
-        let expected = (StateByte::reached(MasterState::Op), 0);
-        assert_eq!((answer.state, answer.full_count), expected, "the bench's board ran well");
-        let counters = self.board.engine().counters();
-        assert!(counters.idle_cycles < 3000, "it had a target for every cycle: {counters:?}");
-    }
 }
 
 /// A program that keeps another processor and the caches busy.

@@ -2,14 +2,19 @@
 
 #![allow(dead_code, reason = "each bench takes what it needs")]
 
+use std::hint::black_box;
+
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::sk::{
-    DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, SlaveCommand, SlaveKind, SlotSize, StateByte,
+    DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
+    StateByte,
 };
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use support::ahead_bus::{Ahead, AheadBus};
+use support::chip_line::xf_bus_reached_by;
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
 /// Counts in a cycle: the axes move all the time.
@@ -33,6 +38,49 @@ impl Path {
     }
 }
 
+/// A program that sends every drive a target in every cycle.
+pub struct Program<'a> {
+    board: &'a mut Board,
+    drives: usize,
+    command: Frame,
+    report: Frame,
+    path: Path,
+}
+
+impl<'a> Program<'a> {
+    pub fn new(board: &'a mut Board, drives: usize) -> Self {
+        Self { board, drives, command: Frame::new(), report: Frame::new(), path: Path::default() }
+    }
+
+    /// A frame with the next target arrives.
+    pub fn send(&mut self) {
+        self.path.advance();
+        for slave in 1..=self.drives {
+            self.command.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(self.path.target)).into());
+        }
+        self.command.fill_crc(SIZE);
+        let at = self.board.next_cycle() - 1;
+        self.board.host(black_box(&self.command), at, &mut |_, _| {});
+    }
+
+    /// A frame, and the next cycle.
+    pub fn cycle(&mut self) {
+        self.send();
+        let Self { board, report, .. } = self;
+        board.cycle(&mut |frame, _| report.clone_from(frame));
+        black_box(&self.report);
+    }
+
+    /// The board is in OP, and had a target for every cycle.
+    pub fn assert_well(&self) {
+        let answer = MasterResponse::decode(&self.report.slot(SIZE, 0));
+        let expected = (StateByte::reached(MasterState::Op), 0);
+        assert_eq!((answer.state, answer.full_count), expected, "the bench's board ran well");
+        let counters = self.board.engine().counters();
+        assert!(counters.idle_cycles < 3000, "it had a target for every cycle: {counters:?}");
+    }
+}
+
 fn drives(n: usize) -> impl Iterator<Item = (SlaveKind, Box<dyn Slave>)> {
     (0..n).map(|_| (SlaveKind::Drive, Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>))
 }
@@ -45,6 +93,14 @@ pub fn drives_in_op(n: usize) -> Board {
 /// The same over a bus that takes outputs ahead.
 pub fn drives_in_op_ahead(n: usize, how: Ahead) -> Board {
     board_in_op_over(drives(n), |bus| Box::new(AheadBus::new(bus, how)))
+}
+
+/// The same behind the model of an ECM-XF.
+pub fn drives_in_op_behind_xf(n: usize) -> Board {
+    board_in_op_over(drives(n), |bus| {
+        let (slaves, handle) = bus.into_parts();
+        Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT))
+    })
 }
 
 /// A board with these slaves.

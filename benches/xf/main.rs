@@ -6,7 +6,12 @@
 //!
 //! `xf_chip_40`: an exchange with the process data of 40 drives, a cycle after the one before, through the model of the
 //! chip; the baseline is the same cycle of the same drives on the simulated bus.
+//!
+//! `xf_cycle_40`: a cycle of the modelled board with 40 drives in CSP behind the model of the chip, driver and all; the
+//! baseline is the same program on the board over the simulated bus.
 
+#[path = "../common/board.rs"]
+mod board;
 #[path = "../common/mod.rs"]
 mod common;
 mod drives;
@@ -21,6 +26,7 @@ fn main() {
     host("xf_host_1440", DataSize::MAX, Some(1.5));
     host("xf_host_144", DataSize::MANUAL, None);
     chip();
+    cycle();
 }
 
 fn check_word() {
@@ -54,4 +60,15 @@ fn chip() {
     common::pair("xf_chip_40", 2.0, || chip.cycle(), || bus.cycle());
     chip.assert_well();
     bus.assert_well();
+}
+
+fn cycle() {
+    const DRIVES: usize = 40;
+    let (mut behind, mut direct) = (board::drives_in_op_behind_xf(DRIVES), board::drives_in_op(DRIVES));
+    let mut behind = board::Program::new(&mut behind, DRIVES);
+    let mut direct = board::Program::new(&mut direct, DRIVES);
+    (0..8).for_each(|_| behind.send());
+    common::pair("xf_cycle_40", 2.5, || behind.cycle(), || direct.cycle());
+    behind.assert_well();
+    direct.assert_well();
 }

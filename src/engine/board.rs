@@ -188,6 +188,11 @@ impl Board {
         }
     }
 
+    /// The bus uses the time until then, before the next cycle is due.
+    pub(super) fn work_until(&mut self, until: Ns) {
+        self.bus.work_until(until);
+    }
+
     /// Boots the board: time passes until the host interface answers, at most `limit_ns`. Whether it answers then.
     pub fn boot(&mut self, limit_ns: Ns) -> bool {
         let end = self.now + limit_ns;

@@ -141,6 +141,9 @@ pub struct Counters {
     pub sdo_repeated: u64,
     /// Cycles that made no report because a bus that takes outputs ahead has lost their answers.
     pub answers_lost: u64,
+    /// Sets of outputs that a bus which takes outputs ahead had taken and has given up: what they held was not sent for all
+    /// that is known.
+    pub outputs_lost: u64,
     /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
@@ -206,6 +209,18 @@ pub enum Event {
         at: Ns,
         /// How many cycles in a row.
         cycles: u32,
+    },
+    /// The hardware that runs the bus does not answer any more. Logged once, until it answers.
+    BusDown {
+        /// When it happened, in board time.
+        at: Ns,
+    },
+    /// A bus that takes outputs ahead has given some up: targets in them may not have reached the slaves.
+    OutputsLost {
+        /// When it happened, in board time.
+        at: Ns,
+        /// How many sets of outputs, each of a cycle.
+        sets: u32,
     },
     /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs
     /// off (SK-4 \[OURS]).
@@ -341,6 +356,18 @@ impl fmt::Display for Event {
                 f,
                 "the answers of {cycles} cycles before {} us are lost: this machine did not look in time; outputs were sent \
                  all the same",
+                at / 1000
+            ),
+            Self::BusDown { at } => write!(
+                f,
+                "the chip that runs the network does not answer at {} us: look at its wires and its power; when it answers \
+                 again, send SET_STATE to bring the slaves back",
+                at / 1000
+            ),
+            Self::OutputsLost { at, sets } => write!(
+                f,
+                "the outputs of {sets} cycles before {} us may not have reached the slaves: exchanges with the chip fail; look \
+                 at its wires",
                 at / 1000
             ),
             Self::SlaveDisturbed { at, slave } => write!(

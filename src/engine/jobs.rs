@@ -308,6 +308,12 @@ impl Engine {
                 self.volatile.network.recovery_failed(refusal.slave, silent);
                 self.volatile.failure = Some(self.failure_of(step, refusal));
             }
+            (Step::RecoverConfigure, JobDone::Beyond(limit)) => {
+                let slave = self.network().recovering().iter().next().unwrap_or(1);
+                self.volatile.network.recovery_failed(slave, false);
+                self.volatile.failure = Some(StateFailure::Hardware(limit));
+            }
+            (_, JobDone::Beyond(limit)) => self.fail_state(StateFailure::Hardware(limit), now),
             // A new request has given the change more time meanwhile: the step starts again.
             (Step::Move(_), JobDone::State(Err(_)))
                 if now >= until && self.network().deadline().is_some_and(|deadline| deadline > until) => {}

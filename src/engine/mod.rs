@@ -47,6 +47,7 @@ mod sdo;
 mod snapshot;
 mod state_failure;
 mod stepped;
+mod switch_off;
 mod sync;
 mod test_mode;
 mod threaded;
@@ -160,6 +161,8 @@ pub struct Engine {
     next_deadline: Option<Ns>,
     /// The working counter of the newest cycle was too low, and the bus names no lost slave.
     working_counter_short: bool,
+    /// The hardware that runs the bus did not answer in the cycle before.
+    bus_down: bool,
     local_inputs: u8,
     /// The outputs of the chip that the bus was told last.
     local_outputs_told: u8,
@@ -210,6 +213,7 @@ impl Engine {
             last_carried: 0,
             next_deadline: None,
             working_counter_short: false,
+            bus_down: false,
             local_inputs: 0,
             local_outputs_told: 0,
             reports_suppressed: false,
@@ -366,6 +370,7 @@ impl Engine {
         if let Some(bits) = bus.local_inputs() {
             self.set_local_inputs(bits);
         }
+        self.note_bus_down(bus.is_down(), now);
         self.run_jobs(now, bus);
         self.run_clear(now, bus);
         if self.config.test {
@@ -404,6 +409,13 @@ impl Engine {
             bus.set_local_outputs(self.volatile.local_outputs);
         }
         passed
+    }
+
+    fn note_bus_down(&mut self, down: bool, at: Ns) {
+        if down && !self.bus_down {
+            self.log.push(Event::BusDown { at });
+        }
+        self.bus_down = down;
     }
 
     /// When the cycle after the one at `now` is due: a period later, or when the bus has asked for it, at most half a
@@ -475,6 +487,17 @@ impl Engine {
     /// The state of the network.
     const fn network(&self) -> &network::Network {
         &self.volatile.network
+    }
+
+    /// Whether an axis of a slave has torque, or is about to have, by what was measured last.
+    fn has_torque(&self, slave: u8) -> bool {
+        use crate::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
+        let n = usize::from(slave) - 1;
+        let axes = self.volatile.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
+        axes.into_iter().any(|(axis, input)| {
+            let moves = [OperationEnabled, QuickStopActive, FaultReactionActive];
+            axis.is_on() || input.statusword.state().is_some_and(|state| moves.contains(&state))
+        })
     }
 
     /// The role of a slave (from 1) as the network was configured; unused if there is no slave with that number.

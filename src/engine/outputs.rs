@@ -190,6 +190,10 @@ impl Engine {
         if entries == 0 && self.network().in_op() {
             self.counters.idle_cycles += 1;
         }
+        if done.outputs_lost > 0 {
+            self.counters.outputs_lost += u64::from(done.outputs_lost);
+            self.log.push(Event::OutputsLost { at: done.at, sets: done.outputs_lost });
+        }
         if done.answers_lost > 0 && self.network().in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);
             self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });

@@ -4,7 +4,7 @@
 use std::fmt;
 
 use crate::coe::{AbortCode, ObjectAddress};
-use crate::fieldbus::Refusal;
+use crate::fieldbus::{HardwareLimit, Refusal};
 use crate::sk::{MasterState, SlaveKind, StateByte};
 
 /// Why a change of state has failed, or which slave has left its state. The wire does not show it.
@@ -46,6 +46,8 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
+    /// The hardware between the board and the slaves cannot do what SET_AXIS and SET_DC ask for.
+    Hardware(HardwareLimit),
     /// The change of state took too long.
     Late {
         /// The state that was to be reached next.
@@ -77,7 +79,7 @@ impl StateFailure {
             | Self::Refused { slave, .. }
             | Self::Silent { slave }
             | Self::Lost { slave } => Some(slave),
-            Self::NoSlave | Self::Late { .. } => None,
+            Self::NoSlave | Self::Hardware(_) | Self::Late { .. } => None,
         }
     }
 
@@ -132,6 +134,7 @@ impl fmt::Display for StateFailure {
             Self::Silent { slave } => {
                 write!(f, "slave {slave} does not answer; look at its power and its cable, then SET_STATE again")
             }
+            Self::Hardware(limit) => limit.fmt(f),
             Self::Late { target } => {
                 write!(f, "{target} was not reached in time; look at the slaves, then SET_STATE again")
             }

@@ -250,7 +250,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
-        clock.sleep_until(due.min(now + between_visits));
+        let wake = due.min(now + between_visits);
+        board.work_until(zero + wake.saturating_sub(skipped).as_nanos() as Ns);
+        clock.sleep_until(wake);
         now = clock.now();
         let late = now.saturating_sub(due);
         if late > catch_up_max {

@@ -147,6 +147,8 @@ pub enum JobDone {
     },
     /// The slaves are configured, or the error names the first one that refused.
     Configure(Result<Configured, Refusal>),
+    /// The slaves could not be configured, since the hardware that runs the bus cannot do what was asked for.
+    Beyond(HardwareLimit),
     /// The slaves are in the requested state, or the error names the first one that is not.
     State(Result<(), Refusal>),
     /// The value that was read, zero-extended, or written, or the abort code.
@@ -172,6 +174,32 @@ pub struct Refusal {
     pub al_status: u16,
     /// The SDO that the slave has aborted; `None`: the refusal was no SDO abort.
     pub abort: Option<(ObjectAddress, AbortCode)>,
+}
+
+/// What the hardware that runs a bus cannot do, whatever its slaves can.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum HardwareLimit {
+    /// Its exchanges with the chip take longer than the cycle.
+    #[error(
+        "a cycle of {} us cannot be held: the exchanges with the chip take {} us for each; take a longer cycle (SET_DC), a \
+         faster clock (speed=), INT0 (int0=) or fewer slaves",
+        .cycle_ns / 1000,
+        .needed_ns.div_ceil(1000)
+    )]
+    Cycle {
+        /// The cycle that was asked for, in nanoseconds.
+        cycle_ns: Ns,
+        /// The least that the exchanges of a cycle take, in nanoseconds.
+        needed_ns: Ns,
+    },
+    /// No packet holds the process data of one cycle.
+    #[error("{bytes} bytes of process data in a cycle do not fit into a packet, which holds {most}; use fewer slaves")]
+    ProcessData {
+        /// Bytes of all outputs or of all inputs, whichever are more.
+        bytes: usize,
+        /// What a packet holds.
+        most: usize,
+    },
 }
 
 /// Another job is under way, beside which the new one cannot run.
@@ -267,6 +295,9 @@ pub struct CycleDone {
     /// with a lower id were sent before. `None`: none were sent yet, or the cycle repeated outputs on a bus that loses no
     /// answers.
     pub outputs: Option<u64>,
+    /// How many sets of outputs that were taken, since the cycle polled before, have been given up: they reach no slave for
+    /// all that the bus knows. The ids of later ones are higher all the same.
+    pub outputs_lost: u32,
     /// How many cycles right before this one have lost answers, because they were not polled in time.
     pub answers_lost: u32,
     /// The working counter of the process data.
@@ -335,6 +366,15 @@ pub trait Fieldbus: Send {
     /// The next cycle that has passed by `now`, and in `inputs` what the slaves sent in it; `None`: no further cycle has
     /// passed.
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
+
+    /// Uses the time until then. A bus whose exchanges take real time makes them here, in the runner's own thread, and in
+    /// [`Self::poll`] none that would end later than it was asked for.
+    fn work_until(&mut self, _until: Ns) {}
+
+    /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
+    fn is_down(&self) -> bool {
+        false
+    }
 
     /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
     /// has, or the bus does not know.

@@ -166,6 +166,7 @@ impl SimBus {
         CycleDone {
             at: self.clock,
             outputs,
+            outputs_lost: 0,
             answers_lost: 0,
             working_counter,
             expected_working_counter,

@@ -1,6 +1,6 @@
 //! The schemes and keys of a link's URI. The parser, the defaults and [`help`] are all made from one table,
 //! `keys/table.rs`. A new key is a row there and a field of the options that use it: `options.rs` has those of every link,
-//! `options/sim.rs` those of `sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
+//! `options/sim.rs` those of `sim:` and `xf-sim:`, and `usb/`, `spi/`, `tcp/` and `fault/` each have an `options.rs` of their own.
 
 mod table;
 
@@ -24,19 +24,18 @@ pub enum Scheme {
     Spi,
     /// A board that another process or machine serves.
     Tcp,
-    /// A simulated ECM-XF in this process: a chip, which [`chip::open`](super::chip::open) opens, and no board.
+    /// A simulated ECM-XF in this process: a board that reaches its slaves over the chip, or, by
+    /// [`chip::open`](super::chip::open), the chip itself.
     XfSim,
-    /// A real ECM-XF on SPI, which [`chip::open`](super::chip::open) opens too.
+    /// A real ECM-XF on SPI: in the same two ways.
     XfSpi,
-    /// A real ECM-XFU on USB, which [`chip::open`](super::chip::open) opens too.
+    /// A real ECM-XFU on USB: in the same two ways.
     XfUsb,
 }
 
 impl Scheme {
     /// All schemes, including those that this build cannot open.
     pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb];
-    /// The schemes of links to an ECM-SK, which [`link::open`](super::open) opens.
-    pub const BOARDS: [Self; 4] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp];
 
     /// The word before the colon.
     pub const fn name(self) -> &'static str {
@@ -78,6 +77,16 @@ impl Scheme {
         }
     }
 
+    /// Whether the network is a model in this process, with simulated slaves and a clock that can be virtual.
+    pub const fn is_model(self) -> bool {
+        matches!(self, Self::Sim | Self::XfSim)
+    }
+
+    /// Whether there is an ECM-XF, which [`chip::open`](super::chip::open) opens as such.
+    pub const fn has_chip(self) -> bool {
+        matches!(self, Self::XfSim | Self::XfSpi | Self::XfUsb)
+    }
+
     /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
     pub const fn path(self) -> Option<&'static str> {
         match self {
@@ -93,9 +102,12 @@ impl Scheme {
             Self::Usb => "a real ECM-SK on USB",
             Self::Spi => "a real ECM-SK on SPI",
             Self::Tcp => "a board that another process or machine serves (`ecmsk serve tcp`)",
-            Self::XfSim => "a simulated ECM-XF in this process, for `ecmsk xf` and `ecmsk::Xf`",
-            Self::XfSpi => "a real ECM-XF on SPI, for the same",
-            Self::XfUsb => "a real ECM-XFU on USB, for the same",
+            Self::XfSim => {
+                "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, without the \
+                 keys of a board"
+            }
+            Self::XfSpi => "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
+            Self::XfUsb => "the same behind a real ECM-XFU on USB",
         }
     }
 }
@@ -129,6 +141,8 @@ pub enum Syntax {
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
+    /// 1 to 6 pins of a chip, the highest of which may be this one; each once, `-` for none.
+    Pins(u8),
 }
 
 /// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
@@ -166,6 +180,7 @@ impl Syntax {
                 .then(|| value.to_owned())
                 .filter(|value| !value.contains('\0')),
             Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
+            Self::Pins(max) => pins(value, max).map(|_| value.to_owned()),
         };
         normal.ok_or_else(|| self.allowed())
     }
@@ -189,6 +204,9 @@ impl Syntax {
                 "allowed: CHIP/LINE, a GPIO chip and the number or name of its line, e.g. gpiochip0/25".to_owned()
             }
             Self::Slaves => format!("allowed: {}", slaves::form()),
+            Self::Pins(max) => format!(
+                "allowed: 1 to 6 GPIO numbers from 0 to {max}, or - for a line that is not wired, each number once, e.g. 0,1,-,3"
+            ),
         }
     }
 
@@ -205,8 +223,25 @@ impl Syntax {
             Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
             Self::Line => "CHIP/LINE".to_owned(),
             Self::Slaves => "LIST".to_owned(),
+            Self::Pins(_) => "GPIO,GPIO,..".to_owned(),
         }
     }
+}
+
+/// Parses a list of pins as links write it: place k is line k, `None` if that is not wired.
+pub(super) fn pins(value: &str, max: u8) -> Option<[Option<u8>; 6]> {
+    let mut pins = [None; 6];
+    for (place, pin) in value.split(',').enumerate() {
+        let number = match pin {
+            "-" => None,
+            digits => Some(decimal(digits).filter(|number| *number <= max.into())? as u8),
+        };
+        if number.is_some() && pins.contains(&number) {
+            return None;
+        }
+        *pins.get_mut(place)? = number;
+    }
+    Some(pins)
 }
 
 /// Parses a frequency as links write it, in Hz.
@@ -287,7 +322,7 @@ pub fn help() -> String {
     text.push_str("\nKeys:\n");
     for key in KEYS {
         let form = format!("{}={}", key.name, key.syntax.placeholder());
-        let whose = if key.schemes == Scheme::BOARDS {
+        let whose = if key.schemes == Scheme::ALL {
             "any board".to_owned()
         } else {
             key.schemes.iter().map(|scheme| format!("{scheme}:")).collect::<Vec<_>>().join(" ")

@@ -1,8 +1,9 @@
 //! How a host program reaches one ECM-SK board: the trait [`Link`], the URI that names a link, and every link there is.
 //!
 //! A link exchanges whole 512-byte frames with one board: command frames out, reports in. The same trait covers a
-//! simulated board in this process (`sim:`), a real board on USB (`usb:`) or SPI (`spi:`), and a board that another
-//! process or machine serves (`tcp:`). Links that change or record the traffic wrap another link ([`Layer`]).
+//! simulated board in this process (`sim:`, and with an ECM-XF before its slaves `xf-sim:`), a real board on USB (`usb:`)
+//! or SPI (`spi:`), and a board that another process or machine serves (`tcp:`). Links that change or record the traffic
+//! wrap another link ([`Layer`]).
 //!
 //! Files, in the order in which to read them:
 //!
@@ -12,15 +13,16 @@
 //!   `usb:`, `spi:`, `tcp:` or `fault.*` has are in an `options.rs` of that folder
 //! - `slaves.rs` with `slaves/kinds.rs`: the list of simulated slaves, and the kinds of them that there are
 //! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
-//! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:`, the link to a board in this process, and the boards that outlive their
-//!   links
+//! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:` and `xf-sim:`, the links to a board in this process, and the boards that
+//!   outlive their links
 //! - `manufacturer_objects.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events
 //!   (`script=`)
 //! - `rejections.rs`, `episodes.rs`: what the log says of commands that a simulated board did not execute
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
-//! - `chip/`: links to an ECM-XF, which is a chip and no board: its trait, its errors, `xf-sim:`, `xf-spi:`
+//! - `chip/`: links to an ECM-XF itself, which is a chip and no board: its trait, its errors, `xf-sim:`, `xf-spi:`; and the
+//!   bus of a board over such a link
 //! - `call_counts.rs`: the counters of a program's calls, which every link has
 //! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
 
@@ -438,10 +440,6 @@ pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkErro
 
 fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
     let uri = uri::LinkUri::parse(uri)?;
-    if !keys::Scheme::BOARDS.contains(&uri.scheme()) {
-        let reason = "it is a chip ECM-XF and no ECM-SK; `ecmsk xf` and `ecmsk::Xf` speak to it".into();
-        return Err(LinkError::NoBoard { name: uri.to_string(), reason });
-    }
     let options = options::CommonOptions::from_uri(&uri)?;
     let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
     if options.fault.any() {
@@ -454,7 +452,7 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
-/// The simulated board of a `sim:` link without a link around it. It has just been switched on, and its time advances
+/// The simulated board of a `sim:` or `xf-sim:` link without a link around it. It has just been switched on, and its time advances
 /// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
 ///
 /// # Errors
@@ -476,13 +474,15 @@ fn connect(
 ) -> Result<Arc<dyn Link>, LinkError> {
     match uri.scheme() {
         #[cfg(feature = "sim")]
-        keys::Scheme::Sim => Ok(Arc::new(sim::open(uri, options, share)?)),
+        keys::Scheme::Sim | keys::Scheme::XfSim => Ok(Arc::new(sim::open(uri, options, share)?)),
         #[cfg(all(feature = "spi", target_os = "linux"))]
         keys::Scheme::Spi => spi::open(uri, options),
         #[cfg(all(feature = "tcp", any(unix, windows)))]
         keys::Scheme::Tcp => tcp::open(uri, options),
         #[cfg(all(feature = "usb", any(unix, windows)))]
         keys::Scheme::Usb => usb::open(uri, options, uncounted),
+        #[cfg(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
+        keys::Scheme::XfSpi | keys::Scheme::XfUsb => Ok(Arc::new(chip::board::open(uri)?)),
         #[cfg(not(target_os = "linux"))]
         keys::Scheme::Spi => Err(LinkError::Unsupported {
             scheme: keys::Scheme::Spi.name().into(),

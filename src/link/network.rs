@@ -27,7 +27,7 @@ impl KnownNetwork {
         self.slaves.is_empty() && self.counts_per_unit.is_empty()
     }
 
-    /// The slaves in the URI of a `sim:` link; unknown for any other link.
+    /// The slaves in the URI of a `sim:` or `xf-sim:` link; unknown for any other link.
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let options = LinkUri::parse(name).ok().and_then(|uri| SimOptions::from_uri(&uri).ok());
@@ -51,6 +51,7 @@ mod tests {
     fn a_known_network_has_the_syntax_of_the_slaves_option() {
         let of_sim = |name| KnownNetwork::of_sim(name).slaves;
         assert_eq!(of_sim("sim:?slaves=drive*2,drive:start@5,io,hsp2,step&clock=virtual"), "drive*3,io,hsp2,step");
+        assert_eq!(of_sim("xf-sim:?slaves=drive,io"), "drive,io");
         assert_eq!((of_sim("usb:"), of_sim("puppet:")), (String::new(), String::new()));
         let slaves = [Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSV), Slave::Drive(Axis::CSV), Slave::Unused];
         let words = slaves.iter().map(Slave::to_string);

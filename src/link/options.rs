@@ -1,12 +1,14 @@
-//! The keys of a link's URI as Rust types: those of any board, and in `sim.rs` those of `sim:`. The other schemes have theirs in
-//! an `options.rs` of their own. The row of a key, with its default and help, is in `keys/table.rs`.
+//! The keys of a link's URI as Rust types: those of any board, in `board.rs` those of boards that are modelled in this
+//! process, and in `sim.rs` those of simulated networks. The other schemes have theirs in an `options.rs` of their own. The row of a key, with its default and help, is in `keys/table.rs`.
 
+mod board;
 mod sim;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-pub use sim::{Clock, SimOptions};
+pub use board::BoardOptions;
+pub use sim::{Clock, ModelledBus, SimOptions};
 
 use super::fault::FaultOptions;
 use super::uri::{LinkUri, UriError, slot_size};

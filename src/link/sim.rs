@@ -1,20 +1,23 @@
-//! The link `sim:`: the model of an EC01M with simulated slaves in this process.
+//! The links `sim:` and `xf-sim:`: the model of an EC01M with simulated slaves in this process, which are its own or behind
+//! the model of an ECM-XF.
 
 use std::time::Duration;
 
 use super::boards::{self, Key};
-use super::engine::{EngineLink, Keeper, RunOptions};
+use super::chip::SimChip;
+use super::engine::{EngineLink, Keeper};
 use super::manufacturer_objects::{self, ManufacturerObjectsError};
-use super::options::{Clock, CommonOptions, SimOptions};
+use super::options::{Clock, CommonOptions, ModelledBus, SimOptions};
 use super::script::{self, Script};
 use super::slaves::SlaveSpec;
 use super::travel::{PositionRange, TravelSpec};
 use super::uri::LinkUri;
 use super::{FAILED_OPEN, LinkError, Share};
-use crate::engine::{Board, EngineConfig, Rate, RealTime};
+use crate::engine::{Board, Rate};
 use crate::fieldbus::sim::{SimBus, SimHandle};
-use crate::fieldbus::{MAX_AXES, Ns};
+use crate::fieldbus::{Fieldbus, MAX_AXES, Ns};
 use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel};
+use crate::xf::chip::SlaveModels;
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -37,7 +40,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         None => None,
     };
     let (mut board, network) = match found {
-        None => switch_on(&options, objects),
+        None => switch_on(&name, &options, objects),
         Some(parked) => {
             let (mut board, network, since) = *parked;
             if script.is_some() {
@@ -55,7 +58,12 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
             None => boards::forget(&key),
         }) as Keeper
     });
-    let link = EngineLink::open(&name, board, run_options(&options, common), keeper);
+    let link = EngineLink::open(
+        &name,
+        board,
+        options.board.run(common, options.clock == Clock::Virtual, rate(&options)),
+        keeper,
+    );
     if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {
         boards::forget(key);
     }
@@ -66,12 +74,13 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
-    let (mut board, network) = switch_on(&options, manufacturer_objects::of_slaves(&options.slaves)?);
+    let name = uri.to_string();
+    let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?);
     start(script, &mut board, &network);
     if board.engine().talks() {
         return Ok(board);
     }
-    Err(LinkError::NoBoard { name: uri.to_string(), reason: "it finds no slave; give it some with `slaves=`".into() })
+    Err(LinkError::NoBoard { name, reason: "it finds no slave; give it some with `slaves=`".into() })
 }
 
 /// Starts a script, if there is one, on a board and its network.
@@ -82,20 +91,34 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
     }
 }
 
-fn switch_on(options: &SimOptions, manufacturer_objects: Vec<Option<ManufacturerObjects>>) -> (Board, SimHandle) {
-    let config = EngineConfig {
-        slot: options.slot,
-        firmware: options.firmware,
-        state_timeout_ns: options.state_timeout.as_nanos() as Ns,
-        sdo_timeout_ns: options.sdo_timeout.as_nanos() as Ns,
-        test: options.test,
-        ..EngineConfig::default()
-    };
-    let bus = SimBus::new(models(&options.slaves, manufacturer_objects));
-    let network = bus.handle();
-    let mut board = Board::new(config, Box::new(bus));
+/// A board that has just started up, and the network behind it. `name` is the name of its link.
+fn switch_on(
+    name: &str,
+    options: &SimOptions,
+    manufacturer_objects: Vec<Option<ManufacturerObjects>>,
+) -> (Board, SimHandle) {
+    let (bus, network) = bus(name, options, models(&options.slaves, manufacturer_objects));
+    let mut board = Board::new(options.board.engine(), bus);
     board.boot(BOOT_LIMIT_NS);
     (board, network)
+}
+
+/// The bus with these slaves, and the handle on them.
+fn bus(name: &str, options: &SimOptions, slaves: Vec<Box<dyn Slave>>) -> (Box<dyn Fieldbus>, SimHandle) {
+    match &options.bus {
+        ModelledBus::Direct => {
+            let bus = SimBus::new(slaves);
+            let network = bus.handle();
+            (Box::new(bus), network)
+        }
+        ModelledBus::Chip { chip, used } => {
+            let network = SimHandle::default();
+            let slaves = SlaveModels::new(slaves).reached_by(network.clone());
+            // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.
+            let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
+            (Box::new(used.bus(chip)), network)
+        }
+    }
 }
 
 /// The slaves as a link describes them, with their manufacturer-specific objects.
@@ -166,16 +189,4 @@ fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
 
 const fn rate(options: &SimOptions) -> Rate {
     Rate::billionths(options.rate.billionths())
-}
-
-fn run_options(options: &SimOptions, common: &CommonOptions) -> RunOptions {
-    RunOptions {
-        virtual_time: options.clock == Clock::Virtual,
-        host_ns: Ns::from(options.host_us) * 1000,
-        queue: common.queue,
-        read_wait: common.read_wait(),
-        write_wait: common.write_wait(),
-        real_time: RealTime { priority: options.priority, lock_memory: options.lock_memory },
-        rate: rate(options),
-    }
 }

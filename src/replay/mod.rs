@@ -33,7 +33,7 @@ pub use model_run::ModelRun;
 pub use start::Start;
 
 use crate::compare::{CompareError, Options, RecordedRun};
-use crate::link::keys::{Key, Scheme, Syntax};
+use crate::link::keys::{Key, Syntax};
 use crate::link::uri::{LinkUri, UriError};
 use crate::link::{self, LinkError};
 use crate::recording::{Address, RecordError, RecordMeta};
@@ -75,7 +75,7 @@ pub enum ReplayError {
         /// The file that it names.
         file: String,
     },
-    /// The link is not one of a model (`sim:`).
+    /// The link is not one of a model (`sim:`, `xf-sim:`).
     #[error(
         "`{link}` is no model, and a real board cannot be told what time it is; name one with --link 'sim:?slaves=..'"
     )]
@@ -167,7 +167,7 @@ impl Replay {
             }
             (None, None) => return Err(ReplayError::NoModel { name }),
         };
-        if link.scheme() != Scheme::Sim {
+        if !link.scheme().is_model() {
             return Err(ReplayError::NotAModel { link: link.to_string() });
         }
         let (size, link) = with_slot_size(&name, &source, &link)?;
@@ -234,11 +234,11 @@ fn model_size(link: &LinkUri) -> SlotSize {
 
 /// The link in a recording, if it is one of a model, without the keys that only concerned the recorded program.
 fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
-    let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme() == Scheme::Sim)?;
+    let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme().is_model())?;
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));
     let encode = |text| percent_encoding::utf8_percent_encode(text, percent_encoding::NON_ALPHANUMERIC).to_string();
     let keys: Vec<String> = kept.map(|(key, value)| format!("{key}={}", encode(value))).collect();
-    LinkUri::parse(format!("sim:?{}", keys.join("&")).trim_end_matches('?')).ok()
+    LinkUri::parse(format!("{}:?{}", link.scheme(), keys.join("&")).trim_end_matches('?')).ok()
 }
 
 /// The first file that a link names, with its key. \[OURS] In a list of slaves everything after `objects@` but the word `any`

@@ -7,8 +7,9 @@ use ecmsk::link::keys::{KEYS, Key, Scheme, Syntax};
 use ecmsk::link::uri::LinkUri;
 
 /// What the DLL can open, and the shortest link of each.
-const SCHEMES: [(Scheme, &str, &str); 3] = [
+const SCHEMES: [(Scheme, &str, &str); 4] = [
     (Scheme::Sim, "sim:", "a simulated board in the program"),
+    (Scheme::XfSim, "xf-sim:", "a simulated board whose slaves are behind an ECM-XF"),
     (Scheme::Usb, "usb:", "a real board on USB"),
     (Scheme::Tcp, "tcp://192.168.0.10:4711", "a board that another machine serves (`ecmsk serve tcp`)"),
 ];
@@ -33,16 +34,21 @@ fn file() -> std::path::PathBuf {
 
 /// What the file has to be, from the table that the reader of links uses.
 fn expected() -> String {
-    let mut text = format!("{HEAD}# {}\n{ON}'{DEFAULT_LINK}'\n", SCHEMES[1].2);
-    for (_, link, meaning) in SCHEMES.iter().filter(|(scheme, ..)| *scheme != Scheme::Usb) {
+    let (on, off): (Vec<_>, Vec<_>) = SCHEMES.into_iter().partition(|(scheme, ..)| *scheme == Scheme::Usb);
+    let mut text = format!("{HEAD}# {}\n{ON}'{DEFAULT_LINK}'\n", on[0].2);
+    for (_, link, meaning) in off {
         text += &format!("# {meaning}\n{OFF}'{link}'\n");
     }
-    let of_all = |key: &&Key| key.schemes.len() == Scheme::BOARDS.len();
+    let of_all = |key: &&Key| key.schemes.len() == Scheme::ALL.len();
     text += "\n# ---- any board\n";
     text += &KEYS.iter().filter(of_all).map(|key| entry("sim:", key)).collect::<String>();
     for (scheme, link, meaning) in SCHEMES {
-        text += &format!("\n# ---- {scheme}: {meaning}\n");
-        text += &Key::of(scheme).filter(|key| !of_all(key)).map(|key| entry(link, key)).collect::<String>();
+        let is_over_sim = scheme != Scheme::Sim && scheme.is_model();
+        let and = if is_over_sim { "; the keys of sim:, and" } else { "" };
+        text += &format!("\n# ---- {scheme}: {meaning}{and}\n");
+        let of_sim = |key: &&Key| is_over_sim && key.schemes.contains(&Scheme::Sim);
+        let own = Key::of(scheme).filter(|key| !of_all(key) && !of_sim(key));
+        text += &own.map(|key| entry(link, key)).collect::<String>();
     }
     text
 }

@@ -6,10 +6,10 @@ use ecmsk::engine::{Board, EngineConfig, Stepped};
 use ecmsk::fieldbus::Fieldbus;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::link::engine::{EngineLink, RunOptions};
-use ecmsk::link::{Link, Wait};
+use ecmsk::link::{self, Link, Share, Wait};
 use ecmsk::sk::{
-    FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand, SlotSize,
-    StateByte,
+    DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::slave::{DeviceFault, Drive, DriveConfig, Fault, Slave};
 
@@ -140,6 +140,44 @@ fn outputs_ahead_allocate_nothing() {
     });
     assert_eq!(host.answer().fifo_free, FIFO_ENTRIES);
     assert!(host.counters().cleared > 0);
+}
+
+/// LINK-11 SK-9.8 Writing to and reading from a board that a link has opened allocate nothing, with the slaves behind a chip
+/// either: the way to OP, targets, and the way back.
+#[test]
+fn a_board_of_a_link_allocates_nothing() {
+    let all = |command: SlaveCommand| {
+        let mut frame = Frame::new();
+        (1..=8).for_each(|slave| frame.put_slave(SlotSize::Bytes12, slave, &command.into()));
+        frame
+    };
+    let master = |command: MasterCommand| {
+        let mut frame = Frame::new();
+        frame.put_master(SlotSize::Bytes12, &command);
+        frame
+    };
+    let declared = master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
+    let [op, pre_op] = [MasterState::Op, MasterState::PreOp].map(|state| master(MasterCommand::SetState(state)));
+    let (on, targets) = (all(SlaveCommand::ServoOn), all(SlaveCommand::Csp(Motion::to(500))));
+    for keys in ["sim:?slaves=drive*8", "xf-sim:?slaves=drive*8", "xf-sim:?slaves=drive*8&chip_fw=old&int0=yes"] {
+        let link = link::open(&format!("{keys}&clock=virtual"), Share::ByName).expect(keys);
+        let mut report = Frame::new();
+        let mut until = |frame: &Frame, so: &dyn Fn(&Frame) -> bool| {
+            link.write(frame, Wait::Forever).unwrap();
+            while !so(&report) {
+                link.read(&mut report, Wait::Forever).unwrap();
+            }
+        };
+        let is = |state| move |report: &Frame| report.bytes()[2] == StateByte::reached(state).0;
+        let drive = |report: &Frame| DriveResponse::decode(&report.slot(SlotSize::Bytes12, 8));
+        allocates_nothing(keys, || {
+            until(&declared, &|_| true);
+            until(&op, &is(MasterState::Op));
+            until(&on, &|report| drive(report).statusword.is_enabled());
+            until(&targets, &|report| drive(report).position == 500);
+            until(&pre_op, &is(MasterState::PreOp));
+        });
+    }
 }
 
 /// SK-9.8 Writing and reading on the virtual clock allocate nothing, by the runner and by the link.

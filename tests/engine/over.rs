@@ -87,20 +87,15 @@ const CANNOT: [(&str, &str); 37] = [
 
 const ONE_SLAVE_AT_A_TIME: &str =
     "the chip moves one slave or all: many that come back beside others in OP take longer than SET_STATE waits";
-const OPEN: &str = "the bus over an ECM-XF does not do this yet";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 9] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 5] = [
     (
         "homing_at_once::an_old_result_that_comes_up_late_is_none",
         "what settles there takes longer than the 20 ms it is about",
     ),
-    ("io_slaves::the_image_is_what_is_output", OPEN),
-    ("left_behind::outputs_are_off", OPEN),
     ("lost::lost_slaves_allocate_nothing", ONE_SLAVE_AT_A_TIME),
-    ("lost::no_output_comes_on_when_a_slave_comes_back", OPEN),
     ("lost_together::many_at_once", ONE_SLAVE_AT_A_TIME),
-    ("partial_frames::cycles_are_those_of_op", "250 us are shorter than two exchanges of its longest packets"),
     ("full_table_run::", "it takes as long as all others"),
     ("xf_bus::", "it has such a bus"),
 ];

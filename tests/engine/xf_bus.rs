@@ -1,11 +1,13 @@
 //! The board over an ECM-XF: a program sees the same as on the simulated bus.
 
+use std::sync::atomic::Ordering;
+
 use ecmsk::cia402::DriveState;
-use ecmsk::engine::EngineConfig;
-use ecmsk::fieldbus::AlState;
+use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::XfBusOptions;
-use ecmsk::sk::{CycleTime, DcShift, MasterCommand, MasterState, SlaveCommand, StateByte};
+use ecmsk::fieldbus::{AlState, HardwareLimit};
+use ecmsk::sk::{CycleTime, DcShift, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use support::chip_line::{xf_bus, xf_bus_reached_by};
@@ -77,4 +79,118 @@ fn who_comes_back_disturbs_nobody() {
     host.drained().cycles(30);
     assert_eq!(puppets[0].targets(), (0..=targets).collect::<Vec<_>>());
     assert!(puppets[0].strings().al_state() == AlState::Op && puppets[1].strings().al_state() == AlState::Op);
+}
+
+/// XF-19.5 Forty drives get a target in every cycle, for as long as the program sends one: the chip is set to packets that
+/// carry more than one set of outputs.
+#[test]
+fn forty_drives_are_led_in_every_cycle() {
+    let puppets: Vec<Puppet> = (0..40).map(|_| Puppet::obedient()).collect();
+    let mut host = over_xf(puppets.iter().map(Puppet::boxed).collect());
+    host.op(40);
+    for slave in 1..=40 {
+        host.servo_on(slave);
+    }
+    host.drained();
+    let target = |host: &mut Host, n| {
+        host.build(|frame, size| {
+            (1..=40).for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::Csp(Motion::to(n)).into()));
+        });
+    };
+    (1..=8).for_each(|n| target(&mut host, n));
+    for n in 9..=3000 {
+        target(&mut host, n);
+        host.cycle();
+    }
+    host.drained().cycles(20);
+    assert_eq!((host.counters().full, host.counters().outputs_lost), (0, 0));
+    for (n, puppet) in puppets.iter().enumerate() {
+        let sent = puppet.strings().sent.clone();
+        let moves =
+            sent.iter().map(|out| out.target).skip_while(|target| *target < 1).take_while(|target| *target < 3000);
+        assert!(moves.eq(1..3000), "slave {}: each target once and in order, without a pause", n + 1);
+    }
+}
+
+/// XF-19.5 A cycle that the packets of 40 drives are too slow for is refused, with the time that they take; a longer one
+/// is held then.
+#[test]
+fn a_cycle_that_cannot_be_held_is_refused() {
+    let mut host = over_xf(drives(40));
+    host.declare_drives(40);
+    let set_dc = |us| MasterCommand::SetDc { cycle: CycleTime::from_us(us).unwrap(), shift: DcShift::Auto };
+    host.master(set_dc(250)).master(MasterCommand::SetState(MasterState::Op));
+    host.until("the refusal", |host| host.state().is_failed());
+    let failure = host.board.engine().state_failure().expect("it says why");
+    let StateFailure::Hardware(HardwareLimit::Cycle { cycle_ns: 250_000, needed_ns }) = failure else {
+        panic!("{failure:?}")
+    };
+    assert!((250_001..1_000_000).contains(&needed_ns), "{needed_ns}");
+    let said = failure.to_string();
+    assert!(said.contains("a cycle of 250 us") && said.contains("SET_DC") && said.contains("speed="), "{said}");
+    host.master(set_dc(1000)).go(MasterState::Op);
+}
+
+/// XF-19.6 A program that sends more than the chip is to hold has at most that many sets in it.
+#[test]
+fn no_more_than_ahead_lie_in_the_chip() {
+    for ahead in [1, 4, 8, 20] {
+        let puppet = Puppet::obedient();
+        let options = XfBusOptions { ahead, ..XfBusOptions::DEFAULT };
+        let mut host = Host::new(EngineConfig::default(), xf_bus(vec![puppet.boxed()], options));
+        host.op(1).servo_on(1).drained();
+        for n in 1..=150 {
+            host.csp(1, n);
+        }
+        host.cycles(40);
+        puppet.forget();
+        // The board is held, so that it hands over nothing more: what comes now lies in the chip.
+        host.board.handle().hold_fifo(true);
+        host.cycles(60);
+        let first = puppet.strings().sent[0].target;
+        let last = puppet.last().target;
+        assert!((0..=i32::from(ahead)).contains(&(last - first)), "ahead {ahead}: {first} to {last}");
+        assert!(last - first >= i32::from(ahead) - 4, "ahead {ahead}: {first} to {last}");
+    }
+}
+
+/// XF-19.7 A frame that switches outputs off and asks for a lower state: the outputs go off first.
+#[test]
+fn what_was_taken_is_sent_before_slaves_leave_op() {
+    let puppet = Puppet::new();
+    let mut host = over_xf(vec![puppet.boxed()]);
+    host.go(MasterState::Op).slave(1, SlaveCommand::IoWrite(0xFFFF)).drained();
+    assert_eq!(puppet.last().outputs, 0xFFFF);
+    host.build(|frame, size| {
+        frame.put_master(size, &MasterCommand::SetState(MasterState::SafeOp));
+        frame.put_slave(size, 1, &SlaveCommand::IoWrite(0).into());
+    });
+    host.until("SafeOP", |host| host.state() == StateByte::reached(MasterState::SafeOp));
+    assert_eq!(puppet.last().outputs, 0);
+}
+
+/// XF-19.8 Wires that are cut are told once, with what to do. When they are whole again all slaves are taken out of OP at
+/// once, since the chip still repeats its newest outputs, and count as lost; the next SET_STATE brings them back.
+#[test]
+fn cut_wires_are_told_and_heal() {
+    let puppet = Puppet::obedient();
+    let bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(1).servo_on(1).csp(1, 100).drained();
+    let mark = host.mark();
+    cut.store(true, Ordering::Relaxed);
+    host.cycles(20_000);
+    let told: Vec<_> = host.board.engine().events_since(mark).collect();
+    let down = told.iter().filter(|event| matches!(event, Event::BusDown { .. })).count();
+    assert!(down >= 1 && told.iter().any(|event| event.to_string().contains("look at its wires")), "{told:?}");
+    cut.store(false, Ordering::Relaxed);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    host.until("PreOP", |_| puppet.strings().al_state() == AlState::PreOp);
+    puppet.forget();
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("OP", |host| host.state() == StateByte::reached(MasterState::Op));
+    assert!(puppet.controlwords().iter().all(|word| *word == 0), "nothing starts by itself");
+    host.servo_on(1).csp(1, 200).drained().cycles(20);
+    assert_eq!(puppet.last().target, 200);
 }

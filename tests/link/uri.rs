@@ -7,7 +7,7 @@ use ecmsk::engine::Firmware;
 use ecmsk::link::chip::ChipOptions;
 use ecmsk::link::fault::{FaultOptions, FaultRates};
 use ecmsk::link::keys::{KEYS, Scheme, help};
-use ecmsk::link::options::{Clock, CommonOptions, SimOptions};
+use ecmsk::link::options::{BoardOptions, Clock, CommonOptions, SimOptions};
 use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::link::{Fraction, LinkError, Wait};
@@ -51,15 +51,15 @@ fn defaults_are_those_of_the_specification() {
 
     let sim = sim("sim:");
     assert_eq!(sim.slaves.iter().map(|slave| slave.model).collect::<Vec<_>>(), [SlaveModel::Drive; 2]);
-    assert_eq!(sim.slot, SlotSize::Bytes12);
+    assert_eq!(sim.board.slot, SlotSize::Bytes12);
     assert_eq!(sim.clock, Clock::Real);
-    assert_eq!(sim.firmware, Firmware::V17);
+    assert_eq!(sim.board.firmware, Firmware::V17);
     assert_eq!(sim.name, None);
-    assert_eq!(sim.host_us, 125);
-    assert_eq!(sim.state_timeout, Duration::from_secs(10));
-    assert_eq!(sim.sdo_timeout, Duration::from_secs(1));
-    assert_eq!(sim.priority, None);
-    assert!(!sim.lock_memory && !sim.test);
+    assert_eq!(sim.board.host_us, 125);
+    assert_eq!(sim.board.state_timeout, Duration::from_secs(10));
+    assert_eq!(sim.board.sdo_timeout, Duration::from_secs(1));
+    assert_eq!(sim.board.priority, None);
+    assert!(!sim.board.lock_memory && !sim.board.test);
     assert_eq!(sim.catch_up, Duration::from_secs(60));
 }
 
@@ -80,17 +80,17 @@ fn every_key_reaches_its_option() {
 
     let sim = sim(text);
     assert_eq!(sim.slaves.len(), 3);
-    assert_eq!(sim.slot, SlotSize::Bytes16);
+    assert_eq!(sim.board.slot, SlotSize::Bytes16);
     assert_eq!(sim.clock, Clock::Real);
     assert_eq!(self::sim("sim:?clock=virtual").clock, Clock::Virtual);
-    assert_eq!(sim.firmware, Firmware::V15);
-    assert!(sim.test);
+    assert_eq!(sim.board.firmware, Firmware::V15);
+    assert!(sim.board.test);
     assert_eq!(sim.name.as_deref(), Some("left-arm.1"));
-    assert_eq!(sim.host_us, 0);
-    assert_eq!(sim.state_timeout, Duration::from_millis(20));
-    assert_eq!(sim.sdo_timeout, Duration::from_millis(30));
-    assert_eq!(sim.priority, Some(99));
-    assert!(sim.lock_memory);
+    assert_eq!(sim.board.host_us, 0);
+    assert_eq!(sim.board.state_timeout, Duration::from_millis(20));
+    assert_eq!(sim.board.sdo_timeout, Duration::from_millis(30));
+    assert_eq!(sim.board.priority, Some(99));
+    assert!(sim.board.lock_memory);
     assert_eq!(sim.catch_up, Duration::ZERO);
     assert_eq!(sim.rate, Fraction::from_billionths(250_000_000));
     assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
@@ -395,10 +395,10 @@ proptest! {
         let again = LinkUri::parse(&normal).map_err(|error| TestCaseError::fail(format!("{normal}: {error}")))?;
         prop_assert_eq!(&again, &parsed);
         prop_assert_eq!(again.to_string(), normal);
-        let is_board = Scheme::BOARDS.contains(&scheme);
-        prop_assert_eq!(CommonOptions::from_uri(&parsed).is_ok(), is_board);
-        prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), !is_board);
-        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim);
+        prop_assert!(CommonOptions::from_uri(&parsed).is_ok());
+        prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), scheme.has_chip());
+        prop_assert_eq!(BoardOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim || scheme.has_chip());
+        prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme.is_model());
     }
 
     #[test]

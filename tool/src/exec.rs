@@ -236,7 +236,7 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
 }
 
 fn in_build() -> String {
-    let names: Vec<_> = Scheme::BOARDS.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
+    let names: Vec<_> = Scheme::ALL.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
     names.join(": or ")
 }
 

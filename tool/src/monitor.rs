@@ -24,7 +24,6 @@ use std::time::{Duration, Instant};
 use clap::ValueHint;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::Firmware;
-use ecmsk::link::keys::Scheme;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{KnownNetwork, LinkError};
@@ -237,7 +236,7 @@ fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
     if let Some(list) = &args.slaves {
         return Some(list.kinds().to_vec());
     }
-    let uri = uri.filter(|uri| uri.scheme() == Scheme::Sim)?;
+    let uri = uri.filter(|uri| uri.scheme().is_model())?;
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 

@@ -4,9 +4,9 @@ use crate::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
-    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, Reconfig,
-    ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet, SlaveInfoItem, SlaveNumber, Slaves,
-    StateGet, StateSet, StateUpdate,
+    DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
+    GpioSetMode, Reconfig, ReferenceClock, SdoGet, SdoOperation, SdoRequest, SlaveCountGet, SlaveInfoGet,
+    SlaveInfoItem, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate,
 };
 
 /// How long the initialisation of the network may take. \[OURS]
@@ -28,6 +28,8 @@ pub(super) enum Ask {
     /// `None`: all slaves.
     Enter(Option<u8>, AlState),
     UpdateStates,
+    /// The lowest state of all slaves.
+    StateOfAll,
     StateOf(u8),
     Info(u8, SlaveInfoItem),
     Upload {
@@ -43,6 +45,8 @@ pub(super) enum Ask {
         timeout_ns: Ns,
     },
     Reconfig,
+    /// These pins are outputs.
+    OutputPins(u16),
     RxEntries(u8),
     TxEntries(u8),
     BuildFifos,
@@ -78,6 +82,7 @@ impl Ask {
             Self::Count => host.submit(now, &SlaveCountGet),
             Self::Enter(slave, state) => host.submit_within(now, &enter(slave, state), COMMAND_NS),
             Self::UpdateStates => host.submit_within(now, &StateUpdate, COMMAND_NS),
+            Self::StateOfAll => host.submit(now, &StateGet { slaves: Slaves::All }),
             Self::StateOf(slave) => host.submit(now, &state_of(slave)),
             Self::Info(slave, item) => host.submit(now, &SlaveInfoGet { slave: number(slave), item }),
             Self::Upload { slave, object, timeout_ns } => {
@@ -90,6 +95,7 @@ impl Ask {
                 host.submit_within(now, &request, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Reconfig => host.submit_within(now, &Reconfig, COMMAND_NS),
+            Self::OutputPins(pins) => host.submit(now, &output_pins(pins)),
             Self::RxEntries(entries) => host.submit(now, &FifoSetRxCount { entries }),
             Self::TxEntries(entries) => host.submit(now, &FifoSetTxCount { entries }),
             Self::BuildFifos => host.submit_within(now, &FifoInit, COMMAND_NS),
@@ -101,6 +107,10 @@ impl Ask {
 const fn init(sync0_ns: u32) -> EcatInit {
     let dc = DcTiming { assign_activate: 0x0300, sync0_ns, sync1_ns: 0, shift_ns: 0 };
     EcatInit { special_slaves: false, reference_clock: ReferenceClock::Chip, lrw: true, fifo_on: false, dc }
+}
+
+const fn output_pins(pins: u16) -> GpioSetMode {
+    GpioSetMode { pins, mode: GpioMode::Output, pull: GpioPull::None }
 }
 
 fn enter(slave: Option<u8>, state: AlState) -> StateSet {
@@ -129,6 +139,7 @@ impl Asked {
             Ask::Count => host.take(ticket, &SlaveCountGet)?.map(u32::from),
             Ask::Enter(slave, state) => done(host.take(ticket, &enter(slave, state))?),
             Ask::UpdateStates => done(host.take(ticket, &StateUpdate)?),
+            Ask::StateOfAll => host.take(ticket, &StateGet { slaves: Slaves::All })?.map(|state| state.0.into()),
             Ask::StateOf(slave) => host.take(ticket, &state_of(slave))?.map(|state| state.0.into()),
             Ask::Info(slave, item) => {
                 let info = host.take(ticket, &SlaveInfoGet { slave: number(slave), item })?;
@@ -141,6 +152,7 @@ impl Asked {
                 done(host.take(ticket, &request)?)
             }
             Ask::Reconfig => done(host.take(ticket, &Reconfig)?),
+            Ask::OutputPins(pins) => done(host.take(ticket, &output_pins(pins))?),
             Ask::RxEntries(entries) => done(host.take(ticket, &FifoSetRxCount { entries })?),
             Ask::TxEntries(entries) => done(host.take(ticket, &FifoSetTxCount { entries })?),
             Ask::BuildFifos => done(host.take(ticket, &FifoInit)?),

@@ -36,6 +36,10 @@ pub(super) struct Running {
     keeps_layout: bool,
     /// All were asked together to enter this state.
     all_tried: Option<AlState>,
+    /// The id of the newest outputs that are to be sent before slaves leave OP, and how long that may take.
+    sent_first: Option<(u64, Ns)>,
+    /// All slaves have left OP, and its last cycles were told.
+    has_told_op: bool,
     second_axes: SlaveSet,
     /// The process data that are being mapped.
     mapping: Option<ProcessData>,
@@ -55,6 +59,8 @@ enum Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Begin,
+    /// Outputs that the bus has taken are sent before slaves leave OP.
+    SendFirst,
     FifoOff,
     ClearFifos,
     Init,
@@ -118,6 +124,8 @@ impl Running {
             disturbed: SlaveSet::EMPTY,
             keeps_layout: false,
             all_tried: None,
+            sent_first: None,
+            has_told_op: false,
             second_axes: SlaveSet::EMPTY,
             mapping: None,
             output_bytes: 0,
@@ -177,7 +185,8 @@ impl<W: Wires> XfBus<W> {
     /// What the job needs next; `reply` is the answer to what it needed last.
     pub(super) fn go_on(&mut self, job: &mut Running, reply: Reply, now: Ns) -> Todo {
         match job.stage {
-            Stage::Begin => self.begin(job),
+            Stage::Begin => self.begin(job, now),
+            Stage::SendFirst => self.send_first(job, now),
             Stage::FifoOff => job.ask(Stage::ClearFifos, Ask::Clear(Fifos::Both)),
             Stage::ClearFifos => job.ask(Stage::Init, Ask::Init { sync0_ns: self.wanted_cycle(job).ns() as u32 }),
             Stage::Init => match reply {
@@ -198,10 +207,10 @@ impl<W: Wires> XfBus<W> {
                 self.network.commanded[..usize::from(self.network.found)].fill(AlState::PreOp);
                 self.read_states(job)
             }
-            Stage::UpdateStates => self.ask_state(job, 1),
+            Stage::UpdateStates => self.ask_state(job, 1, now),
             Stage::StateOf(slave) => {
                 job.states[usize::from(slave) - 1] = state_of(reply);
-                self.ask_state(job, slave + 1)
+                self.ask_state(job, slave + 1, now)
             }
             Stage::Leave(slave) => {
                 if reply.is_ok() {
@@ -262,9 +271,10 @@ impl<W: Wires> XfBus<W> {
         }
     }
 
-    fn begin(&mut self, job: &mut Running) -> Todo {
+    fn begin(&mut self, job: &mut Running, now: Ns) -> Todo {
         let known = self.network.initialised && self.network.cycle == self.wanted_cycle(job);
         match job.kind {
+            Kind::State { target, .. } if known && self.runs && target < AlState::Op => self.send_first(job, now),
             Kind::Configure(_) | Kind::State { .. } if known => self.read_states(job),
             _ => {
                 self.leave_op();
@@ -312,13 +322,13 @@ impl<W: Wires> XfBus<W> {
         job.ask(Stage::UpdateStates, Ask::UpdateStates)
     }
 
-    fn ask_state(&mut self, job: &mut Running, slave: u8) -> Todo {
+    fn ask_state(&mut self, job: &mut Running, slave: u8, now: Ns) -> Todo {
         if slave <= self.network.found {
             return job.ask(Stage::StateOf(slave), Ask::StateOf(slave));
         }
         match job.kind {
             Kind::Configure(_) => self.check_before_leaving(job),
-            _ => self.move_on(job),
+            _ => self.move_on(job, now),
         }
     }
 }

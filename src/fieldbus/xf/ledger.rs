@@ -154,6 +154,16 @@ impl Ledger {
         self.ids.front().copied().unwrap_or(behind)
     }
 
+    /// How many of the newest sets the level of a header may not show.
+    pub(super) fn unseen(&self) -> u64 {
+        self.newest().written - self.states[0].written
+    }
+
+    /// The id of the newest set that may lie in the RxFIFO.
+    pub(super) fn newest_unsent(&self) -> Option<u64> {
+        self.ids.back().copied()
+    }
+
     /// The id of the newest set that has been sent for sure.
     pub(super) const fn newest_sent(&self) -> Option<u64> {
         self.newest_sent

@@ -5,31 +5,47 @@
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
+//! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
+//! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
 //! | `ledger.rs` | which outputs each cycle carried |
+//! | `answers.rs` | what the cycles have sent back, until it is polled |
+//! | `clear.rs` | the chip's FIFO is emptied, and what it had sent by then |
 //! | `watch.rs` | which slaves are lost, and what a reset of the chip means |
+//! | `local_io.rs` | local inputs and outputs at pins of the chip |
 //! | `network.rs` | what is known of the network |
 //!
 //! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
 //! engine polls. It starts no thread.
 
+mod answers;
 mod ask;
+mod clear;
 mod flow;
 mod jobs;
 mod ledger;
+mod level;
+mod local_io;
 mod network;
+pub mod plan;
 mod watch;
 
 use std::collections::VecDeque;
 
 use super::{BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
 use crate::sk::CycleTime;
-use crate::xf::host::{BudgetError, Host, HostConfig, HostState, StepError, Wires};
+use crate::xf::host::{Host, HostConfig, HostState, StepError, Wires};
+use answers::{ANSWERS, Answer, IMAGE_MAX};
 use ask::{Ask, Asked};
-use flow::{Answer, Clearing, Flying, Set};
+use clear::Clearing;
+use flow::{Flying, Set};
 use jobs::{Running, Todo};
 use ledger::Ledger;
+use level::FillLevel;
+pub use local_io::LocalPins;
+use local_io::PinSetup;
 use network::Network;
-use watch::Watch;
+use plan::IN_FLIGHT_MAX;
+use watch::{TakingDown, Watch};
 
 /// The most cycles by which an answer is polled late: so many TxPDOs the chip keeps (XF EN 1236). \[OURS]
 const ANSWER_DELAY: u16 = 64;
@@ -37,6 +53,8 @@ const ANSWER_DELAY: u16 = 64;
 const ENTRIES: usize = 64;
 /// The memory of both FIFOs, bytes (XF EN 1236).
 const FIFO_MEMORY: usize = 0x4000;
+/// By so much a real clock of the wires may be before that of the engine, until the two are taken for one again. \[OURS]
+const SKEW_MAX_NS: Ns = 2_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -48,13 +66,21 @@ pub struct XfBusOptions {
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
+    /// Which pins of the chip are the board's local inputs and outputs.
+    pub local_pins: LocalPins,
+    /// The wires' clock passes by itself, and not only in exchanges and waits.
+    pub real_time: bool,
+    /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
+    /// process data or the cycle need it.
+    pub size_is_fixed: bool,
 }
 
 impl XfBusOptions {
     /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
     pub const AHEAD_MAX: u16 = 60;
     /// 8 sets. \[OURS]
-    pub const DEFAULT: Self = Self { ahead: 8, clock_hz: None };
+    pub const DEFAULT: Self =
+        Self { ahead: 8, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
 }
 
 impl Default for XfBusOptions {
@@ -99,11 +125,17 @@ pub struct XfBus<W> {
     pending: Option<Ask>,
     sdo: Option<(SdoRequest, Asked)>,
     ended: VecDeque<JobDone>,
-    /// Why the newest configuration was refused, if it was the cycle.
-    refused_cycle: Option<BudgetError>,
     /// Sets that are to be written.
     queue: VecDeque<Set>,
-    flying: Option<Flying>,
+    /// The set that the chip repeats when it has no other; `None`: none was written in this OP.
+    newest_written: Option<Set>,
+    /// A slave was lost since the last set was written.
+    hold_is_due: bool,
+    /// What was handed to the driver, the oldest first.
+    flying: VecDeque<Flying>,
+    /// The newest exchange of cycles wrote some.
+    wrote_last: bool,
+    level: FillLevel,
     ledger: Ledger,
     clearing: Clearing,
     answers: VecDeque<Answer>,
@@ -117,12 +149,18 @@ pub struct XfBus<W> {
     /// Inputs may have been lost since then.
     gap: bool,
     lost_cycles: u32,
+    /// Sets that were given up since the newest cycle was polled.
+    outputs_lost: u32,
     /// The newest cycle that was polled, engine time.
     told_at: Ns,
     /// The id of the newest outputs that were taken while the chip had no network.
     dropped: Option<u64>,
     newest_inputs: Vec<u8>,
     watch: Watch,
+    taking_down: TakingDown,
+    pins: PinSetup,
+    /// Levels of the chip's pins for the local outputs.
+    local_levels: u16,
     stopped_at: Option<Ns>,
     counters: XfBusCounters,
 }
@@ -132,7 +170,7 @@ impl<W: Wires> XfBus<W> {
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let ahead = options.ahead.clamp(1, XfBusOptions::AHEAD_MAX);
         let depth = usize::from(ahead);
-        let host = Host::new(wires.now(), config);
+        let host = Host::new(wires.now(), HostConfig { pipelined_writes: true, ..config });
         Self {
             wires,
             host,
@@ -145,22 +183,30 @@ impl<W: Wires> XfBus<W> {
             pending: None,
             sdo: None,
             ended: VecDeque::with_capacity(4),
-            refused_cycle: None,
-            queue: VecDeque::with_capacity(depth),
-            flying: None,
-            ledger: Ledger::new(2 * depth),
+            // One more for a set of our own.
+            queue: VecDeque::with_capacity(depth + 1),
+            newest_written: None,
+            hold_is_due: false,
+            flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
+            wrote_last: false,
+            level: FillLevel::default(),
+            ledger: Ledger::new(2 * depth + 1),
             clearing: Clearing::Idle,
-            answers: VecDeque::with_capacity(flow::ANSWERS),
-            spare: (0..flow::ANSWERS).map(|_| Answer::default()).collect(),
+            answers: VecDeque::with_capacity(ANSWERS),
+            spare: (0..ANSWERS).map(|_| Answer::default()).collect(),
             headers: 0,
             next_read: 0,
             newest_cycle: 0,
             gap: false,
             lost_cycles: 0,
+            outputs_lost: 0,
             told_at: 0,
             dropped: None,
-            newest_inputs: vec![0; flow::IMAGE_MAX],
+            newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
+            taking_down: TakingDown::No,
+            pins: PinSetup::Due,
+            local_levels: 0,
             stopped_at: None,
             counters: XfBusCounters::default(),
         }
@@ -186,16 +232,17 @@ impl<W: Wires> XfBus<W> {
         self.counters
     }
 
-    /// Why the newest configuration was refused, if the chip cannot hold the cycle.
-    pub const fn refused_cycle(&self) -> Option<BudgetError> {
-        self.refused_cycle
-    }
-
-    /// The time of the wires at that time of the engine.
+    /// The time of the wires at that time of the engine. Where the wires' clock is a real one, the engine's may be another
+    /// second behind it whenever the runner has skipped time.
     fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
-        now.wrapping_sub(skew)
+        let time = now.wrapping_sub(skew);
+        if self.options.real_time && wires > time.saturating_add(SKEW_MAX_NS) {
+            self.skew = Some(now.wrapping_sub(wires));
+            return wires;
+        }
+        time
     }
 
     fn engine_time(&self, at: Ns) -> Ns {
@@ -213,6 +260,9 @@ impl<W: Wires> XfBus<W> {
                     let at = self.wires.now();
                     let since = *self.stopped_at.get_or_insert(at);
                     if at.saturating_sub(since) >= RESTART_NS && matches!(error, StepError::Host(_)) {
+                        // The start switches the chip's FIFO off, whatever the slaves do.
+                        self.lose_all();
+                        self.taking_down = TakingDown::Due;
                         self.host.restart(at);
                         self.stopped_at = None;
                     }
@@ -231,6 +281,10 @@ impl<W: Wires> XfBus<W> {
         let now = self.wires.now();
         self.take_reports(now);
         self.look_at_header();
+        if self.take_down(now) {
+            return;
+        }
+        self.set_up_pins(now);
         self.run_job(now);
         self.run_sdo();
         self.clear_on(now);
@@ -238,9 +292,20 @@ impl<W: Wires> XfBus<W> {
         self.feed(now);
     }
 
-    /// The driver talks to the chip, or is about to.
-    fn is_down(&self) -> bool {
+    /// The driver has given up, and is started again some time later.
+    fn has_stopped(&self) -> bool {
         matches!(self.host.state(), HostState::Stopped(_))
+    }
+
+    /// Starts the driver, and waits until the chip has answered.
+    ///
+    /// # Errors
+    /// It does not answer, or the wires cannot be used.
+    pub fn start_up(&mut self) -> Result<(), StepError<W::Error>> {
+        while self.host.state() != HostState::Running {
+            self.host.step(&mut self.wires, Ns::MAX)?;
+        }
+        Ok(())
     }
 
     fn run_job(&mut self, now: Ns) {
@@ -264,7 +329,7 @@ impl<W: Wires> XfBus<W> {
             Todo::Ask(ask) => self.ask(ask, now),
             Todo::Wait(until) => job.wait_until = Some(until),
             Todo::Resize(size) => self.host.resize(now, size),
-            Todo::Hold => self.flying = Some(Flying::hold()),
+            Todo::Hold => self.send_holding(),
             Todo::Done(done) => {
                 self.ended.push_back(done);
                 return;
@@ -293,10 +358,6 @@ impl<W: Wires> XfBus<W> {
         !matches!(self.host.state(), HostState::Running)
     }
 
-    fn is_holding(&self) -> bool {
-        self.flying.as_ref().is_some_and(Flying::is_hold)
-    }
-
     fn abandon_asked(&mut self) {
         self.pending = None;
         if let Some(asked) = self.asked.take() {
@@ -317,6 +378,7 @@ impl<W: Wires> XfBus<W> {
         self.runs = false;
         self.drop_queue();
         self.dropped = None;
+        self.hold_is_due = false;
         while let Some(answer) = self.answers.pop_front() {
             self.spare.push(answer);
         }
@@ -325,8 +387,10 @@ impl<W: Wires> XfBus<W> {
     /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
     fn enter_op(&mut self) {
         self.ledger.lost();
+        self.level.clear();
         self.newest_cycle = self.wires.now();
         (self.runs, self.gap, self.dropped) = (true, false, None);
+        self.newest_written = None;
     }
 }
 
@@ -377,10 +441,10 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn room(&self) -> u16 {
-        if self.is_down() || self.is_clearing() {
+        if self.has_stopped() || self.is_clearing() {
             return 0;
         }
-        let held = self.queue.len() as u64 + self.ledger.ahead();
+        let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
         self.options.ahead.saturating_sub(held.min(u16::MAX.into()) as u16)
     }
 
@@ -394,24 +458,41 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
-        if self.is_down() {
+        if self.has_stopped() {
             return Err(BusError::Down);
         }
         if self.room() == 0 {
             return Err(BusError::Full);
         }
-        self.queue.push_back(Set::of(outputs, &self.network));
+        let set = self.set_of(outputs);
+        self.queue.push_back(set);
         Ok(())
     }
 
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         self.advance(now);
-        if self.is_down() {
+        if self.has_stopped() {
             return None;
         }
         let done = if self.runs { self.next_answer(now) } else { self.next_tick(now) }?;
         self.fill(inputs);
         Some(done)
+    }
+
+    fn work_until(&mut self, until: Ns) {
+        self.advance(until);
+    }
+
+    fn is_down(&self) -> bool {
+        self.has_stopped()
+    }
+
+    fn local_inputs(&self) -> Option<u8> {
+        self.take_local_inputs()
+    }
+
+    fn set_local_outputs(&mut self, bits: u8) {
+        self.put_local_outputs(bits);
     }
 
     fn reference_clock(&self) -> Option<u8> {

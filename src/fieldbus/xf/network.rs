@@ -35,6 +35,8 @@ pub(super) struct Network {
     pub tx_bytes: usize,
     /// Entries of each FIFO.
     pub entries: u8,
+    /// How many exchanges of process data may be under way, 1 or 2.
+    pub in_flight: usize,
     pub lost: SlaveSet,
     /// The first outputs that a lost slave may not have got.
     pub lost_from: [Option<u64>; MAX_SLAVES],
@@ -54,6 +56,7 @@ impl Network {
             rx_bytes: 0,
             tx_bytes: 0,
             entries: 0,
+            in_flight: 1,
             lost: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
         }

@@ -7,18 +7,29 @@
 use super::XfBus;
 use super::ask::{Ask, Asked};
 use super::jobs::state_of;
+use super::local_io::PinSetup;
 use crate::ethercat::{AlState, Ns, SlaveSet};
-use crate::xf::host::{HostState, Wires};
+use crate::xf::host::{HostError, HostState, Wires};
 
 /// How often the states are read, if nothing else makes it necessary. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
+
+/// What is asked for in the reading of the states.
+#[derive(Clone, Copy, Debug, Default)]
+enum Step {
+    /// The chip reads the states of all slaves.
+    #[default]
+    Renew,
+    /// The lowest of them: in OP it says at once that nobody is lost.
+    All,
+    One(u8),
+}
 
 /// The reading of all states, and what gives rise to it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Watch {
     asked: Option<Asked>,
-    /// The slave whose state was asked for; 0: the chip reads them.
-    slave: u8,
+    step: Step,
     next_at: Ns,
     wkc_errors: u8,
     is_suspicious: bool,
@@ -29,13 +40,43 @@ pub(super) struct Watch {
     chip_resets: u64,
 }
 
+/// Whether slaves that were lost with the chip's answers are to leave OP, which they may still be in.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum TakingDown {
+    No,
+    /// As soon as the driver runs.
+    Due,
+    Asked(Asked),
+}
+
 impl<W: Wires> XfBus<W> {
+    /// A chip that has answered nothing for a while may still repeat its newest outputs, and nobody leads the axes: before
+    /// anything else all slaves go to PreOP. Whether that is under way.
+    pub(super) fn take_down(&mut self, now: Ns) -> bool {
+        self.taking_down = match self.taking_down {
+            TakingDown::No => return false,
+            TakingDown::Due if self.host.state() == HostState::Running => {
+                let asked = Ask::Enter(None, AlState::PreOp).submit(&mut self.host, now);
+                asked.map_or(TakingDown::Due, TakingDown::Asked)
+            }
+            TakingDown::Due => TakingDown::Due,
+            TakingDown::Asked(asked) => match asked.reply(&mut self.host) {
+                None => TakingDown::Asked(asked),
+                // A chip without a network refuses; one that did not answer is asked again.
+                Some(Ok(_) | Err(HostError::Refused { .. } | HostError::Failed { .. })) => TakingDown::No,
+                Some(Err(_)) => TakingDown::Due,
+            },
+        };
+        !matches!(self.taking_down, TakingDown::No)
+    }
+
     /// Takes the newest header, if it is new.
     pub(super) fn look_at_header(&mut self) {
         let counters = self.host.counters();
         if counters.chip_resets != self.watch.chip_resets {
             self.watch.chip_resets = counters.chip_resets;
-            self.chip_was_reset();
+            self.counters.chip_resets += 1;
+            self.lose_all();
         }
         if counters.answers == self.headers {
             return;
@@ -43,6 +84,8 @@ impl<W: Wires> XfBus<W> {
         self.headers = counters.answers;
         let Some(header) = self.host.header() else { return };
         self.ledger.header(header.rx_fifo, header.tx_fifo);
+        let cycle_ns = self.network.cycle.ns();
+        self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);
         let errors = header.wkc_errors;
         let unsent = Some(self.ledger.next_id());
         let watch = &mut self.watch;
@@ -58,17 +101,22 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn watch_on(&mut self, now: Ns) {
         if let Some(asked) = self.watch.asked {
             let Some(reply) = asked.reply(&mut self.host) else { return };
-            let slave = self.watch.slave;
             self.watch.asked = None;
-            if slave > 0 && self.job.is_none() {
-                self.note_state(slave, state_of(reply));
+            let next = match self.watch.step {
+                // A change of state reads them itself; without an answer nothing is known of any slave.
+                _ if reply.is_err() || self.job.is_some() => None,
+                Step::Renew => Some(Step::All),
+                Step::All if self.are_all_in_op(state_of(reply)) => None,
+                Step::All => Some(Step::One(1)),
+                Step::One(slave) => {
+                    self.note_state(slave, state_of(reply));
+                    (slave < self.network.found).then_some(Step::One(slave + 1))
+                }
+            };
+            match next {
+                Some(step) => self.watch_step(step, now),
+                None => self.watch.suspect_from = None,
             }
-            if reply.is_err() || slave >= self.network.found || self.job.is_some() {
-                self.watch.suspect_from = None;
-                return;
-            }
-            self.watch.slave = slave + 1;
-            self.watch.asked = Ask::StateOf(slave + 1).submit(&mut self.host, now).ok();
             return;
         }
         let is_due = self.watch.is_suspicious || now >= self.watch.next_at;
@@ -76,9 +124,24 @@ impl<W: Wires> XfBus<W> {
         if is_due && is_free && self.network.initialised {
             self.watch.next_at = now.saturating_add(INTERVAL_NS);
             self.watch.is_suspicious = false;
-            self.watch.slave = 0;
-            self.watch.asked = Ask::UpdateStates.submit(&mut self.host, now).ok();
+            self.watch_step(Step::Renew, now);
         }
+    }
+
+    fn watch_step(&mut self, step: Step, now: Ns) {
+        let ask = match step {
+            Step::Renew => Ask::UpdateStates,
+            Step::All => Ask::StateOfAll,
+            Step::One(slave) => Ask::StateOf(slave),
+        };
+        self.watch.step = step;
+        self.watch.asked = ask.submit(&mut self.host, now).ok();
+    }
+
+    /// Whether the lowest state of all slaves shows that each is where it was brought to.
+    fn are_all_in_op(&self, lowest: Option<AlState>) -> bool {
+        let network = &self.network;
+        lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
     }
 
     /// What a slave's state means: one below the state to which it was brought is lost.
@@ -88,16 +151,16 @@ impl<W: Wires> XfBus<W> {
             if !self.network.lost.contains(slave) {
                 let from = if commanded == AlState::Op { self.watch.suspect_from.or(self.watch.unsent) } else { None };
                 self.network.lost_from[usize::from(slave) - 1] = from;
+                self.network.lost.insert(slave);
+                self.hold_lost(self.network.lost);
             }
-            self.network.lost.insert(slave);
         } else if commanded < AlState::SafeOp {
             self.network.lost.remove(slave);
         }
     }
 
     /// Nothing that the chip was told holds any more: all slaves are lost, and what lay in it is.
-    fn chip_was_reset(&mut self) {
-        self.counters.chip_resets += 1;
+    pub(super) fn lose_all(&mut self) {
         let in_op = self.network.in_op();
         let next = self.ledger.next_id();
         let all = SlaveSet::first(self.network.found);
@@ -109,11 +172,13 @@ impl<W: Wires> XfBus<W> {
             self.network.commanded[n] = AlState::Init;
         }
         self.network.lost = all;
+        self.pins = PinSetup::Due;
         (self.network.initialised, self.network.mapped) = (false, false);
-        self.counters.sets_lost += self.ledger.ahead();
+        self.lose_sets(self.ledger.ahead());
         self.ledger.lost();
-        self.flying = None;
-        self.runs = false;
+        self.level.clear();
+        self.flying.clear();
+        (self.runs, self.hold_is_due) = (false, false);
         self.gap = true;
     }
 }

@@ -1,4 +1,4 @@
-//! How a host reaches one ECM-XF, which is a chip and no board: the trait [`ChipLink`] and every link to a chip there is.
+//! How a host reaches one ECM-XF, as the chip that it is or with a board over it: the trait [`ChipLink`] and every link to a chip there is.
 //!
 //! A chip has no frames. Its host clocks bytes both ways ([`Wires`]), and [`Host`](crate::xf::host::Host) makes packets
 //! of them. The URI is that of any link, with schemes of its own, for example `xf-sim:?slaves=drive*3,io`.
@@ -6,10 +6,12 @@
 //! - `mod.rs`: [`ChipLink`], [`ChipError`], [`open`]
 //! - `options.rs`: the keys of the URI as Rust types
 //! - `record.rs`: a link around a link that records (`record=`)
+//! - `board.rs`: the EC01M over the wires to a chip
 //! - `sim.rs`: `xf-sim:`, the model of the chip in this process
 //! - `spi.rs`: `xf-spi:`, a real chip on SPI
 //! - `usb.rs`: `xf-usb:`, a real ECM-XFU on USB
 
+pub(in crate::link) mod board;
 mod options;
 mod record;
 #[cfg(feature = "sim")]
@@ -19,9 +21,10 @@ mod spi;
 #[cfg(all(feature = "usb", unix))]
 mod usb;
 
-pub use options::ChipOptions;
+pub use board::{ChipBoard, ChipUse};
 #[cfg(feature = "sim")]
 pub use options::SimChipOptions;
+pub use options::{ChipModel, ChipOptions, ModelledChip};
 pub use record::RecordedChip;
 #[cfg(feature = "sim")]
 pub use sim::SimChip;
@@ -140,21 +143,24 @@ pub enum ChipError {
 pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     let uri = LinkUri::parse(uri)?;
     let link = connect(&uri)?;
-    let (info, options) = (link.info(), ChipOptions::from_uri(&uri)?);
-    let pacing = if info.has_int0 { Pacing::Int0 } else { Pacing::Idle };
-    let config = HostConfig {
-        size: info.size,
-        wanted_size: options.use_n.filter(|_| info.size.is_none()),
-        idle_ns: options.idle_ns,
-        pacing,
-        deadlines: deadlines(info.clock_hz),
-        ..HostConfig::DEFAULT
-    };
-    let link: Box<dyn ChipLink> = match &options.record {
-        Some(path) => Box::new(RecordedChip::new(link, path)?),
+    let config = host_config(&link.info(), &ChipOptions::from_uri(&uri)?);
+    let link: Box<dyn ChipLink> = match options::record(&uri) {
+        Some(path) => Box::new(RecordedChip::new(link, &path)?),
         None => link,
     };
     Ok((link, config))
+}
+
+/// How the driver uses a chip behind that link.
+fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
+    HostConfig {
+        size: info.size,
+        wanted_size: options.use_n.filter(|_| info.size.is_none()),
+        idle_ns: options.idle_ns,
+        pacing: if info.has_int0 { Pacing::Int0 } else { Pacing::Idle },
+        deadlines: deadlines(info.clock_hz),
+        ..HostConfig::DEFAULT
+    }
 }
 
 /// How many exchanges an answer may take. \[OURS]

@@ -7,8 +7,9 @@ use crate::ethercat::Ns;
 use crate::io::hid::PacketPlace;
 #[cfg(all(feature = "spi", target_os = "linux"))]
 use crate::io::spi::{EdgeSettings, GpioLine, Level};
+use crate::link::keys;
 #[cfg(any(feature = "sim", all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
-use crate::link::keys::{self, Scheme};
+use crate::link::keys::Scheme;
 #[cfg(feature = "sim")]
 use crate::link::options::Clock;
 #[cfg(feature = "sim")]
@@ -27,8 +28,6 @@ pub struct ChipOptions {
     pub idle_ns: Ns,
     /// The n that the chip is set to at the start (`use_n=`); `None`: it keeps what it has.
     pub use_n: Option<DataSize>,
-    /// The file to which exchanges are recorded (`record=`); `None`: there is no recording.
-    pub record: Option<PathBuf>,
 }
 
 impl ChipOptions {
@@ -40,7 +39,6 @@ impl ChipOptions {
         Ok(Self {
             idle_ns: uri.required("idle_us", |value| Some(value.parse::<Ns>().ok()? * 1000))?,
             use_n: uri.typed("use_n", data_size)?,
-            record: uri.value("record").map(PathBuf::from),
         })
     }
 }
@@ -50,7 +48,63 @@ fn data_size(value: &str) -> Option<DataSize> {
     DataSize::new(value.parse().ok()?)
 }
 
-/// Options of `xf-sim:`.
+/// The file to which the exchanges of a link are recorded (`record=`); `None`: there is no recording.
+pub(super) fn record(uri: &LinkUri) -> Option<PathBuf> {
+    uri.value("record").map(PathBuf::from)
+}
+
+/// The chips that can be modelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChipModel {
+    /// An ECM-XF with firmware 0x22.
+    New,
+    /// An ECM-XF with firmware 0x0E.
+    Old,
+    /// An ECM-XFU.
+    Xfu,
+}
+
+/// The chip that `xf-sim:` models, and the wires to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ModelledChip {
+    /// Which chip it is.
+    pub model: ChipModel,
+    /// Its n when it has got its power; `None`: that of the model.
+    pub size: Option<DataSize>,
+    /// The clock of SPI in Hz, 1 and more.
+    pub speed_hz: u32,
+    /// Whether INT0 is wired.
+    pub int0: bool,
+}
+
+impl ModelledChip {
+    /// The chip in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        let models = [("old", ChipModel::Old), ("new", ChipModel::New), ("xfu", ChipModel::Xfu)];
+        Ok(Self {
+            model: uri.choice("chip_fw", models)?,
+            size: uri.typed("n", data_size)?,
+            speed_hz: speed_hz(uri)?,
+            int0: uri.choice("int0", [("no", false), ("yes", true)])?,
+        })
+    }
+
+    /// The properties of the chip.
+    #[cfg(feature = "sim")]
+    pub fn profile(&self) -> Profile {
+        let profile = match self.model {
+            ChipModel::New => Profile::NEW,
+            ChipModel::Old => Profile::OLD,
+            ChipModel::Xfu => Profile::XFU,
+        };
+        Profile { size: self.size.unwrap_or(profile.size), ..profile }
+    }
+}
+
+/// Options of `xf-sim:`, opened as a chip.
 #[cfg(feature = "sim")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimChipOptions {
@@ -58,12 +112,8 @@ pub struct SimChipOptions {
     pub slaves: Vec<SlaveSpec>,
     /// Real or virtual time.
     pub clock: Clock,
-    /// The chip and its firmware.
-    pub profile: Profile,
-    /// The clock of SPI in Hz, 1 and more.
-    pub speed_hz: u32,
-    /// Whether INT0 is wired.
-    pub int0: bool,
+    /// The chip and the wires to it.
+    pub chip: ModelledChip,
 }
 
 #[cfg(feature = "sim")]
@@ -74,20 +124,15 @@ impl SimChipOptions {
     /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
-        let profiles = [("old", Profile::OLD), ("new", Profile::NEW), ("xfu", Profile::XFU)];
-        let profile = uri.choice("chip_fw", profiles)?;
         Ok(Self {
             slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
             clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
-            profile: Profile { size: uri.typed("n", data_size)?.unwrap_or(profile.size), ..profile },
-            speed_hz: speed_hz(uri)?,
-            int0: uri.choice("int0", [("no", false), ("yes", true)])?,
+            chip: ModelledChip::from_uri(uri)?,
         })
     }
 }
 
 /// The frequency of the clock of SPI.
-#[cfg(any(feature = "sim", all(feature = "spi", target_os = "linux")))]
 fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
     uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::{ChipError, ChipInfo, ChipLink, SimChipOptions};
+use super::{ChipError, ChipInfo, ChipLink, ModelledChip, SimChipOptions};
 use crate::ethercat::Ns;
 use crate::link::options::Clock;
 use crate::link::sim;
@@ -55,22 +55,28 @@ impl SimChip {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let options = SimChipOptions::from_uri(uri)?;
         let network = SlaveModels::new(sim::slaves(&options.slaves)?);
-        let clock = match options.clock {
+        Ok(Self::over(&uri.to_string(), options.chip, options.clock, network))
+    }
+
+    /// The chip with that network; `name` is the name of the link in messages.
+    pub fn over(name: &str, chip: ModelledChip, clock: Clock, network: SlaveModels) -> Self {
+        let profile = chip.profile();
+        let size = profile.size_is_fixed.then_some(profile.size);
+        let clock_hz = size.is_none().then_some(chip.speed_hz);
+        let byte_ps = clock_hz.map_or(USB_BYTE_PS, |hertz| 8_000_000_000_000 / u64::from(hertz));
+        let info = ChipInfo {
+            name: name.to_owned(),
+            size,
+            clock_hz,
+            has_int0: chip.int0,
+            virtual_time: clock == Clock::Virtual,
+        };
+        let clock = match clock {
             Clock::Virtual => ChipClock::Virtual(0),
             Clock::Real => ChipClock::Real(Instant::now()),
         };
-        let size = options.profile.size_is_fixed.then_some(options.profile.size);
-        let clock_hz = size.is_none().then_some(options.speed_hz);
-        let byte_ps = clock_hz.map_or(USB_BYTE_PS, |hertz| 8_000_000_000_000 / u64::from(hertz));
-        let info = ChipInfo {
-            name: uri.to_string(),
-            size,
-            clock_hz,
-            has_int0: options.int0,
-            virtual_time: options.clock == Clock::Virtual,
-        };
-        let port = ChipPort::new(Chip::new(options.profile, network));
-        Ok(Self { info, port, clock, byte_ps, edge_to_come: false })
+        let port = ChipPort::new(Chip::new(profile, network));
+        Self { info, port, clock, byte_ps, edge_to_come: false }
     }
 
     /// The chip, to look at.

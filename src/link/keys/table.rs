@@ -1,6 +1,7 @@
 //! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
+use crate::fieldbus::xf::{LocalPins, XfBusOptions};
 use crate::xf::DataSize;
 
 /// The largest values of keys in milliseconds: an hour, a day. \[OURS]
@@ -11,21 +12,22 @@ const DAY_MS: u64 = 24 * HOUR_MS;
 const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
 /// The slowest rate of a board's clock: a cycle of 250 us then takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
-const SIM: &[Scheme] = &[Scheme::Sim];
+/// Boards that are modelled in this process, with simulated slaves.
+const SIM: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
 const SPI: &[Scheme] = &[Scheme::Spi];
 const TCP: &[Scheme] = &[Scheme::Tcp];
 const USB: &[Scheme] = &[Scheme::Usb];
 const XF_SIM: &[Scheme] = &[Scheme::XfSim];
 const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
+/// Boards whose EC01M is the model in this process, over simulated slaves or behind a chip.
+const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip ECM-XF.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
 const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];
 /// The number of an endpoint of USB.
 const ENDPOINT: Syntax = Syntax::Number(1, 15);
-/// What simulates slaves.
-const WITH_SLAVES: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
 /// The bytes of data in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
@@ -39,7 +41,7 @@ const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
 pub const KEYS: &[Key] = &[
     Key {
         name: "slaves",
-        schemes: WITH_SLAVES,
+        schemes: SIM,
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
@@ -50,7 +52,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "slot",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: SLOT,
         default: Some("12"),
         example: "16",
@@ -74,7 +76,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "clock",
-        schemes: WITH_SLAVES,
+        schemes: SIM,
         syntax: Syntax::Choice(&["real", "virtual"]),
         default: Some("real"),
         example: "virtual",
@@ -82,7 +84,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fw",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["1.7", "1.5"]),
         default: Some("1.7"),
         example: "1.5",
@@ -90,7 +92,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "test",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["0", "1"]),
         default: Some("0"),
         example: "1",
@@ -106,7 +108,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "host_us",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(0, 1_000_000),
         default: Some("125"),
         example: "0",
@@ -114,7 +116,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "state_timeout_ms",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("10000"),
         example: "2000",
@@ -122,7 +124,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "sdo_timeout_ms",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("1000"),
         example: "100",
@@ -130,7 +132,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "priority",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Number(1, 99),
         default: None,
         example: "50",
@@ -138,7 +140,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "lock_memory",
-        schemes: SIM,
+        schemes: MODELLED,
         syntax: Syntax::Choice(&["no", "yes"]),
         default: Some("no"),
         example: "yes",
@@ -256,6 +258,33 @@ pub const KEYS: &[Key] = &[
         meaning: "how long nothing is sent after a packet, in us, while INT0 does not say when the chip is ready",
     },
     Key {
+        name: "ahead",
+        schemes: XF,
+        syntax: Syntax::Number(1, XfBusOptions::AHEAD_MAX as u64),
+        default: Some("8"),
+        example: "16",
+        meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
+                  cycles stops nothing, but what lies there was computed so many cycles ago",
+    },
+    Key {
+        name: "local_in",
+        schemes: XF,
+        syntax: Syntax::Pins(LocalPins::INPUT_MAX),
+        default: None,
+        example: "4,5,6,7,8,9",
+        meaning: "the chip's GPIO numbers of the board's local inputs 0 to 5 (LIO_RD), - for one that is not wired; not given: \
+                  none is, and they read 0",
+    },
+    Key {
+        name: "local_out",
+        schemes: XF,
+        syntax: Syntax::Pins(LocalPins::OUTPUT_MAX),
+        default: None,
+        example: "0,1,2,-,10,11",
+        meaning: "the chip's GPIO numbers of the board's local outputs 0 to 5 (LIO_WR), - for one that is not wired; not given: \
+                  what is written goes nowhere",
+    },
+    Key {
         name: "int0",
         schemes: XF_SIM,
         syntax: Syntax::Choice(&["no", "yes"]),
@@ -332,16 +361,8 @@ pub const KEYS: &[Key] = &[
                   be given",
     },
     Key {
-        name: "record",
-        schemes: XF,
-        syntax: Syntax::File,
-        default: None,
-        example: "/tmp/chip.pcapng",
-        meaning: "write every exchange to that file, for Wireshark and `ecmsk dump`; not given: no recording",
-    },
-    Key {
         name: "queue",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, 65_536),
         default: Some("32"),
         example: "1",
@@ -349,15 +370,16 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "record",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::File,
         default: None,
         example: "/tmp/board.pcapng",
-        meaning: "write every frame to that file, for Wireshark and `ecmsk`; not given: no recording",
+        meaning: "write every frame to that file, for Wireshark and `ecmsk`; where a chip is opened and no board (`ecmsk xf`), \
+                  every exchange; not given: no recording",
     },
     Key {
         name: "read_timeout_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, DAY_MS),
         default: None,
         example: "100",
@@ -365,7 +387,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "write_timeout_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, DAY_MS),
         default: Some("5000"),
         example: "100",
@@ -449,7 +471,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.seed",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(0, u64::MAX),
         default: Some("1"),
         example: "7",
@@ -484,7 +506,7 @@ pub const KEYS: &[Key] = &[
     ),
     Key {
         name: "fault.delay_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, HOUR_MS),
         default: Some("10"),
         example: "200",
@@ -492,7 +514,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_after",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, u64::MAX),
         default: None,
         example: "1000",
@@ -501,7 +523,7 @@ pub const KEYS: &[Key] = &[
     },
     Key {
         name: "fault.disconnect_ms",
-        schemes: &Scheme::BOARDS,
+        schemes: &Scheme::ALL,
         syntax: Syntax::Number(1, DAY_MS),
         default: None,
         example: "2000",
@@ -512,11 +534,11 @@ pub const KEYS: &[Key] = &[
 /// A key for the fraction of frames, in both directions, that a fault affects.
 const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::BOARDS, syntax, default: Some("0"), example: "0.01", meaning }
+    Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
 /// As [`fault_rate`], for one direction; it replaces the value for both directions.
 const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
-    Key { name, schemes: &Scheme::BOARDS, syntax, default: None, example: "0.01", meaning }
+    Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }
 }

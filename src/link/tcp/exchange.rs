@@ -28,6 +28,7 @@ pub(super) struct Request {
 }
 
 /// The server's answer to a request.
+#[allow(clippy::large_enum_variant, reason = "there is one at a time, taken as soon as it is there")]
 pub(super) enum Answer {
     Written(Stamp),
     /// The report is in [`Exchange::got`].

@@ -152,8 +152,8 @@ impl Host {
                 self.busy |= !code.is_immediate(self.slots.all[slot].arguments.parameter);
             }
             Purpose::Process { sequence, written, .. } => {
-                self.settle_unknown(sequence, written);
                 self.settle_overtaken(None);
+                self.settle_unknown(sequence, written);
             }
         }
     }

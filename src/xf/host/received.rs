@@ -226,12 +226,13 @@ impl Host {
 
     /// Ends all that waits or is under way, and knows nothing of the chip any more but n.
     pub(super) fn forget_all(&mut self) {
+        // Reports come in the order of the process data.
+        self.settle_overtaken(None);
         if let Some(flight) = self.flight.take()
             && let Purpose::Process { sequence, written, .. } = flight.purpose
         {
             self.settle_unknown(sequence, written);
         }
-        self.settle_overtaken(None);
         if let Some(sequence) = self.process.waiting() {
             self.process.sent();
             self.report(sequence, ProcessOutcome::NotWritten);

@@ -1,6 +1,8 @@
 //! Wires in this process to the model of an ECM-XF, on a clock that passes only in exchanges and waits.
 
 use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
@@ -17,12 +19,14 @@ pub struct ChipLine<N: Network> {
     port: ChipPort<N>,
     now: Ns,
     clock_hz: u32,
+    /// They are cut: no byte reaches the chip, and what comes is zeros.
+    pub cut: Arc<AtomicBool>,
 }
 
 impl<N: Network> ChipLine<N> {
     /// A chip that gets its power at time 0.
     pub fn new(chip: Chip<N>) -> Self {
-        Self { port: ChipPort::new(chip), now: 0, clock_hz: CLOCK_HZ }
+        Self { port: ChipPort::new(chip), now: 0, clock_hz: CLOCK_HZ, cut: Arc::default() }
     }
 
     /// With another clock than 24 MHz.
@@ -45,8 +49,13 @@ impl<N: Network> Wires for ChipLine<N> {
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Infallible> {
         let Some(last) = to_chip.len().checked_sub(1) else { return Ok(()) };
-        self.port.transfer(self.now, &to_chip[..last], &mut from_chip[..last]);
+        let from = self.now;
         self.now += to_chip.len() as u64 * 8_000_000_000 / u64::from(self.clock_hz);
+        if self.cut.load(Ordering::Relaxed) {
+            from_chip.fill(0);
+            return Ok(());
+        }
+        self.port.transfer(from, &to_chip[..last], &mut from_chip[..last]);
         self.port.transfer(self.now, &to_chip[last..], &mut from_chip[last..]);
         Ok(())
     }
@@ -87,5 +96,5 @@ pub fn xf_bus_reached_by(
 ) -> XfBus<ChipLine<SlaveModels>> {
     let chip = Chip::new(Profile::NEW, SlaveModels::new(slaves).reached_by(handle));
     let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
-    XfBus::new(ChipLine::new(chip), config, options)
+    XfBus::new(ChipLine::new(chip), config, XfBusOptions { clock_hz: Some(CLOCK_HZ), ..options })
 }

@@ -19,6 +19,8 @@ pub const BEFORE: u64 = 4;
 
 /// A program: two drives go some way, an IO slave gets outputs. Runs of it differ as a test likes.
 pub struct Program {
+    /// The scheme of the link.
+    pub scheme: &'static str,
     /// Keys of the link behind `clock=virtual`.
     pub keys: String,
     /// Lines of a script of the board.
@@ -40,6 +42,7 @@ pub struct Program {
 impl Default for Program {
     fn default() -> Self {
         Self {
+            scheme: "sim",
             keys: String::new(),
             script: String::new(),
             polls: 0,
@@ -128,8 +131,8 @@ impl Program {
 
     /// The same to files of the caller's: the recording, and the script if it has one.
     pub fn record_to(&self, file: &Path, script: &Path) {
-        let Self { keys, polls, repeats, .. } = self;
-        let mut uri = format!("sim:?slaves=drive*2,io&clock=virtual&record={}{keys}", file.display());
+        let Self { scheme, keys, polls, repeats, .. } = self;
+        let mut uri = format!("{scheme}:?slaves=drive*2,io&clock=virtual&record={}{keys}", file.display());
         if !self.script.is_empty() {
             std::fs::write(script, &self.script).expect("a file");
             uri += &format!("&script={}", script.display());

@@ -49,7 +49,7 @@ impl Network {
         Ok(Self(slaves))
     }
 
-    /// The slaves of a `sim:` link; `None` for any other link.
+    /// The slaves of a `sim:` or `xf-sim:` link; `None` for any other link.
     pub fn of_link(link: &LinkUri) -> Option<Self> {
         let options = SimOptions::from_uri(link).ok()?;
         let slaves = options.slaves.iter().map(|slave| Slave::of_kind(slave.model.kind()));

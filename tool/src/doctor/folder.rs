@@ -98,16 +98,10 @@ fn configuration(folder: &Path, inside: &str) -> Finding {
         return Finding::fine(CHECK, found).of(&name);
     }
     match LinkUri::parse(&configured.link) {
-        Ok(link) if link.scheme() == Scheme::Spi => Finding::wrong(
+        Ok(link) if matches!(link.scheme(), Scheme::Spi | Scheme::XfSpi | Scheme::XfUsb) => Finding::wrong(
             CHECK,
-            format!("{}: Windows has no spi: links", configured.link),
+            format!("{}: Windows has no {}: links", configured.link, link.scheme()),
             "serve the board by `ecmsk serve tcp` on the machine it is wired to, and name it by tcp://HOST:PORT",
-        )
-        .of(&name),
-        Ok(link) if !Scheme::BOARDS.contains(&link.scheme()) => Finding::wrong(
-            CHECK,
-            format!("{}: a chip ECM-XF, and {LIBRARY} opens boards", configured.link),
-            "name a board, such as usb: or sim:",
         )
         .of(&name),
         Ok(_) => Finding::fine(CHECK, configured.link).of(&name),

@@ -5,7 +5,6 @@ use std::fmt::Write;
 use ecmsk::cia402::error_name;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{EcmError, Slave, SlaveView, Snapshot};
-use ecmsk::link::keys::Scheme;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use serde_json::{Value, json};
 
@@ -61,7 +60,7 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
     let mut text = String::new();
     line(&mut text, "link", format_args!("{}", board.uri));
     line(&mut text, "slots", format_args!("of {} bytes, for up to {} slaves", slot.bytes(), slot.max_slaves()));
-    let firmware = (board.uri.scheme() == Scheme::Sim).then(|| board.uri.value("fw")).flatten();
+    let firmware = board.uri.scheme().is_model().then(|| board.uri.value("fw")).flatten();
     match firmware {
         Some(firmware) => line(&mut text, "firmware", format_args!("{firmware}, simulated")),
         None => line(&mut text, "firmware", format_args!("not known: the wire does not say")),

@@ -7,9 +7,10 @@ use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
 use crate::fieldbus::xf::fifo_entries;
-use crate::fieldbus::xf::network::Place;
-use crate::fieldbus::{BusConfig, Configured, JobDone, Refusal, Role};
-use crate::xf::host::{Budget, HostError, Wires};
+use crate::fieldbus::xf::network::{Network, Place};
+use crate::fieldbus::xf::plan::{CycleDemand, CyclePlan};
+use crate::fieldbus::{BusConfig, Configured, HardwareLimit, JobDone, Refusal, Role};
+use crate::xf::host::{HostError, Wires};
 
 /// How long a slave may take for an SDO of a configuration. \[OURS]
 const SDO_NS: Ns = 1_000_000_000;
@@ -163,34 +164,35 @@ impl<W: Wires> XfBus<W> {
         self.configured(job)
     }
 
-    /// The packets hold the process data, or the chip is set to an n that does.
+    /// The packets hold the process data and the exchanges the cycle, or the chip is set to an n with which they do.
     pub(super) fn choose_size(&mut self, job: &mut Running) -> Todo {
         self.network.entries = self.entries();
-        let bytes = self.network.rx_bytes.max(self.network.tx_bytes);
-        let size = self.host.size();
-        if bytes <= size.bytes() {
-            return self.configured(job);
-        }
-        let config = self.host.config();
-        let budget = Budget {
-            process_bytes: bytes,
-            clock_hz: self.options.clock_hz.unwrap_or(u32::MAX),
-            idle_ns: config.idle_ns,
-            cycle_ns: self.network.cycle.ns(),
-            exchanges: 1,
-        };
-        match budget.choose_size() {
-            Ok(size) => {
+        match self.plan_cycle() {
+            Ok(CyclePlan { size, in_flight }) => {
+                self.network.in_flight = in_flight;
+                if size == self.host.size() {
+                    return self.configured(job);
+                }
                 job.stage = Stage::Resize;
                 Todo::Resize(size)
             }
-            Err(error) => {
-                self.refused_cycle = Some(error);
-                let slave = self.first_selected(job);
-                let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-                job.failed(Refusal { slave, al_status, abort: None })
-            }
+            Err(limit) => Todo::Done(JobDone::Beyond(limit)),
         }
+    }
+
+    fn plan_cycle(&self) -> Result<CyclePlan, HardwareLimit> {
+        let Network { rx_bytes, tx_bytes, cycle, .. } = self.network;
+        let demand = CycleDemand {
+            process_bytes: rx_bytes.max(tx_bytes),
+            fifo_entries: self.network.entries,
+            cycle_ns: cycle.ns(),
+            ahead: self.options.ahead,
+            clock_hz: self.options.clock_hz,
+            idle_ns: self.host.config().idle_ns,
+            present: self.host.size(),
+            size_is_fixed: self.options.size_is_fixed,
+        };
+        demand.plan()
     }
 
     pub(super) fn configured(&mut self, job: &mut Running) -> Todo {

@@ -1,16 +1,38 @@
 //! A change of state: slaves that are behind move by one state, until all are there.
 
 use super::{Kind, Running, Stage, Todo, no_answer};
-use crate::ethercat::{AlState, SlaveSet};
+use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::JobDone;
 use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 
+/// After so many cycles it is known that a set was sent, and told: levels lag three exchanges of two packets each. The same
+/// holds for what the last cycles in OP sent. \[OURS]
+const TOLD_LATE: Ns = 6;
+
 impl<W: Wires> XfBus<W> {
+    /// Waits until the outputs that were taken when the change began are known to be sent: a frame that asks for a lower
+    /// state may switch outputs off too, and the board executes it first. What is taken later is not waited for.
+    pub(super) fn send_first(&mut self, job: &mut Running, now: Ns) -> Todo {
+        let cycle_ns = self.network.cycle.ns();
+        let newest = self.newest_taken();
+        let most = now.saturating_add((u64::from(self.options.ahead) + 2 * TOLD_LATE) * cycle_ns);
+        let Some((id, until)) = job.sent_first.or(newest.map(|id| (id, most))) else {
+            return self.read_states(job);
+        };
+        if now >= until || self.ledger.newest_sent() >= Some(id) || self.is_clearing() {
+            job.sent_first = None;
+            return self.read_states(job);
+        }
+        job.sent_first = Some((id, until));
+        job.stage = Stage::SendFirst;
+        Todo::Wait(now.saturating_add(cycle_ns))
+    }
+
     /// The next step of a change of state, when the states are known.
-    pub(super) fn move_on(&mut self, job: &mut Running) -> Todo {
+    pub(super) fn move_on(&mut self, job: &mut Running, now: Ns) -> Todo {
         let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
         let found = SlaveSet::first(self.network.found);
         let slaves = slaves.intersection(found);
@@ -21,6 +43,11 @@ impl<W: Wires> XfBus<W> {
             self.network.lost_from[usize::from(slave) - 1] = None;
         }
         if self.network.in_op().is_empty() {
+            if self.runs && !job.has_told_op {
+                job.has_told_op = true;
+                job.stage = Stage::Retry;
+                return Todo::Wait(now.saturating_add(TOLD_LATE * self.network.cycle.ns()));
+            }
             self.leave_op();
         } else if !self.runs {
             return job.ask(Stage::EmptyTxFifo, Ask::Clear(Fifos::Tx));

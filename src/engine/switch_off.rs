@@ -1,0 +1,55 @@
+//! A board that is switched off: what it drives is brought to a standstill first.
+
+use super::Board;
+use crate::fieldbus::{Ns, SlaveSet};
+use crate::sk::{FifoAction, Frame, MasterCommand, MasterState, SlaveCommand};
+
+/// How long all axes together may take to a standstill. \[OURS]
+const STANDSTILL_NS: Ns = 3_000_000_000;
+/// How long the network may take to PreOP. \[OURS]
+const PRE_OP_NS: Ns = 5_000_000_000;
+
+impl Board {
+    /// Brings the board to where nothing moves, before it is switched off: what waits in the FIFO is cleared, every axis is
+    /// switched off as by SV_OFF, which makes it brake (0x605C of the drive), and the network goes to PreOP, so that no
+    /// output holds. Time passes meanwhile, some seconds at most. The slaves with an axis that was on to the end; they
+    /// have left OP all the same, unless the bus is down.
+    pub fn switch_off(&mut self) -> SlaveSet {
+        if !self.engine().network().in_op() {
+            return SlaveSet::EMPTY;
+        }
+        let size = self.engine().config().slot;
+        let with_axes: SlaveSet =
+            (1..=self.engine().slaves_found()).filter(|slave| self.engine().axes((*slave).into()) > 0).collect();
+        let mut frame = Frame::new();
+        frame.put_master(size, &MasterCommand::SetFifo(FifoAction::Clear));
+        for slave in with_axes.iter() {
+            frame.put_slave(size, slave.into(), &SlaveCommand::ServoOff.into());
+        }
+        self.tell(&mut frame);
+        self.pass_until(STANDSTILL_NS, |board| board.still_on(with_axes).is_empty());
+        let still_on = self.still_on(with_axes);
+        let mut frame = Frame::new();
+        frame.put_master(size, &MasterCommand::SetState(MasterState::PreOp));
+        self.tell(&mut frame);
+        self.pass_until(PRE_OP_NS, |board| !board.engine().network().in_op());
+        still_on
+    }
+
+    fn tell(&mut self, frame: &mut Frame) {
+        frame.fill_crc(self.engine().config().slot);
+        let now = self.now();
+        self.host(frame, now, &mut |_, _| {});
+    }
+
+    fn pass_until(&mut self, limit_ns: Ns, done: impl Fn(&Self) -> bool) {
+        let end = self.now().saturating_add(limit_ns);
+        while !done(self) && self.now() < end {
+            self.cycle(&mut |_, _| {});
+        }
+    }
+
+    fn still_on(&self, slaves: SlaveSet) -> SlaveSet {
+        slaves.difference(self.engine().lost()).iter().filter(|slave| self.engine().has_torque(*slave)).collect()
+    }
+}

@@ -1,0 +1,121 @@
+//! What the chip's cycles have sent back: kept until the engine polls, with the time of each and what it had sent.
+
+use super::{XfBus, tick_ns};
+use crate::ethercat::{AlState, Ns, SlaveSet};
+use crate::fieldbus::{CycleDone, Inputs};
+use crate::xf::DataSize;
+use crate::xf::host::Wires;
+
+/// The most bytes of process data in a direction.
+pub(super) const IMAGE_MAX: usize = DataSize::MAX.bytes();
+/// Cycles that are kept until they are polled; then the oldest is lost. \[OURS]
+pub(super) const ANSWERS: usize = 128;
+
+/// A cycle of the chip.
+#[derive(Clone, Debug)]
+pub(super) struct Answer {
+    /// When it ran, in time of the wires.
+    at: Ns,
+    sent: Option<u64>,
+    cycles_lost: u32,
+    image: Vec<u8>,
+}
+
+impl Default for Answer {
+    fn default() -> Self {
+        Self { at: 0, sent: None, cycles_lost: 0, image: vec![0; IMAGE_MAX] }
+    }
+}
+
+impl<W: Wires> XfBus<W> {
+    /// Keeps a cycle behind which so many others were read in the same exchange.
+    pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
+        let period_ns = self.network.cycle.ns();
+        let estimate = now.saturating_sub(behind * period_ns);
+        let due = self.newest_cycle.saturating_add(period_ns);
+        let cycles_lost =
+            if std::mem::take(&mut self.gap) { (estimate.saturating_sub(due) / period_ns) as u32 } else { 0 };
+        let at = due.clamp(estimate.saturating_sub(period_ns), estimate).max(self.newest_cycle + 1).min(now);
+        self.newest_cycle = at;
+        self.counters.cycles_lost += u64::from(cycles_lost);
+        let sent = self.ledger.sent_in(cycle);
+        let mut answer = match self.spare.pop() {
+            Some(answer) => answer,
+            None => {
+                // Nobody polls: the oldest goes.
+                let Some(oldest) = self.answers.pop_front() else { return };
+                self.lost_cycles += oldest.cycles_lost + 1;
+                self.counters.cycles_lost += 1;
+                oldest
+            }
+        };
+        let tx_bytes = self.network.tx_bytes;
+        answer.image[..tx_bytes].copy_from_slice(&self.host.inputs()[from..from + tx_bytes]);
+        (answer.at, answer.sent, answer.cycles_lost) = (at, sent, cycles_lost);
+        self.answers.push_back(answer);
+    }
+
+    /// The next cycle of the chip.
+    pub(super) fn next_answer(&mut self, now: Ns) -> Option<CycleDone> {
+        let at = self.engine_time(self.answers.front()?.at);
+        // On a real clock what was received has passed, whatever the engine's time is.
+        if at > now && !self.options.real_time {
+            return None;
+        }
+        let answer = self.answers.pop_front()?;
+        let tx_bytes = self.network.tx_bytes;
+        self.newest_inputs[..tx_bytes].copy_from_slice(&answer.image[..tx_bytes]);
+        let answers_lost = answer.cycles_lost + std::mem::take(&mut self.lost_cycles);
+        let at = at.max(self.told_at + 1).min(now);
+        let done = self.done(at, answer.sent, answers_lost);
+        self.spare.push(answer);
+        Some(done)
+    }
+
+    /// A cycle while the chip has none to tell.
+    pub(super) fn next_tick(&mut self, now: Ns) -> Option<CycleDone> {
+        let at = self.told_at.saturating_add(tick_ns());
+        if at > now {
+            return None;
+        }
+        // A network that has been lost takes outputs, and nobody gets them.
+        if let Some(set) = self.queue.pop_front() {
+            self.lose_sets(1);
+            self.dropped = Some(set.id);
+        }
+        let newest = self.dropped.or(self.ledger.newest_sent());
+        let lost = std::mem::take(&mut self.lost_cycles);
+        Some(self.done(at, newest, lost))
+    }
+
+    fn done(&mut self, at: Ns, outputs: Option<u64>, answers_lost: u32) -> CycleDone {
+        self.told_at = at;
+        CycleDone {
+            at,
+            outputs,
+            outputs_lost: std::mem::take(&mut self.outputs_lost),
+            answers_lost,
+            working_counter: 0,
+            expected_working_counter: 0,
+            next_deadline: None,
+        }
+    }
+
+    /// What the slaves sent in the newest cycle.
+    pub(super) fn fill(&self, inputs: &mut Inputs) {
+        let network = &self.network;
+        let in_safe_op = network.at_least(AlState::SafeOp);
+        for (n, slave) in (1..=network.found).enumerate() {
+            if let Some(data) = &network.process_data[n]
+                && in_safe_op.contains(slave)
+                && !network.lost.contains(slave)
+            {
+                data.take_inputs(&self.newest_inputs[network.places[n].inputs_at..], &mut inputs.slaves[n]);
+            }
+        }
+        let found = SlaveSet::first(network.found);
+        (inputs.lost, inputs.lost_from) = (network.lost, network.lost_from);
+        inputs.without_outputs = found.difference(network.in_op());
+        inputs.without_inputs = found.difference(in_safe_op);
+    }
+}

@@ -1,0 +1,95 @@
+//! SET_FIFO 1 and leaving OP: the chip's RxFIFO is emptied, and how many of its sets were sent by then is found out.
+
+use super::XfBus;
+use super::ask::{Ask, Asked};
+use crate::ethercat::Ns;
+use crate::fieldbus::Cleared;
+use crate::xf::host::Wires;
+use crate::xf::request::Fifos;
+
+/// Answers of the chip after which a header tells the fill levels behind a command (OBS: they lag two exchanges).
+const SETTLED: u64 = 3;
+
+/// How far a clear is.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Clearing {
+    Idle,
+    /// The sets under way are to be known first.
+    Begun,
+    /// The chip is told to stop taking sets out of its FIFO.
+    Stopping(Asked),
+    /// So many answers are to be there, so that the fill level of the stopped FIFO is known.
+    Settling(u64),
+    /// The FIFO is emptied; it had that level.
+    Emptying(Asked, u8),
+    /// The chip is told to go on, or is to be told; it had sent the outputs with that id.
+    SwitchingOn(Option<Asked>, Option<u64>),
+    Ended(Option<u64>),
+}
+
+impl<W: Wires> XfBus<W> {
+    pub(super) fn begin_clear(&mut self) {
+        self.drop_queue();
+        // What was to hold lost slaves may be among what is dropped.
+        self.hold_is_due = self.runs && !self.network.lost.is_empty();
+        self.clearing = Clearing::Begun;
+    }
+
+    /// A clear goes on. Whatever fails, a chip whose slaves are in OP puts its FIFO out again in the end.
+    pub(super) fn clear_on(&mut self, now: Ns) {
+        let answers = self.host.counters().answers;
+        self.clearing = match self.clearing {
+            Clearing::Idle | Clearing::Ended(_) => return,
+            _ if !self.runs || self.has_stopped() => {
+                let newest_sent = self.ledger.lost();
+                Clearing::Ended(self.dropped.or(newest_sent))
+            }
+            Clearing::Begun if self.sets_under_way() == 0 => {
+                match (Ask::Fifo { on: false }).submit(&mut self.host, now) {
+                    Ok(asked) => Clearing::Stopping(asked),
+                    Err(_) => Clearing::Begun,
+                }
+            }
+            Clearing::Stopping(asked) => match asked.reply(&mut self.host) {
+                None => Clearing::Stopping(asked),
+                Some(Ok(_)) => Clearing::Settling(answers + SETTLED),
+                Some(Err(_)) => Clearing::SwitchingOn(None, self.ledger.lost()),
+            },
+            Clearing::Settling(until) if answers >= until && self.flying.is_empty() => {
+                let level = self.host.header().map_or(0, |header| header.rx_fifo);
+                match Ask::Clear(Fifos::Rx).submit(&mut self.host, now) {
+                    Ok(asked) => Clearing::Emptying(asked, level),
+                    Err(_) => Clearing::Settling(until),
+                }
+            }
+            Clearing::Emptying(asked, level) => match asked.reply(&mut self.host) {
+                None => Clearing::Emptying(asked, level),
+                Some(Ok(_)) => {
+                    self.level.clear();
+                    Clearing::SwitchingOn(None, self.ledger.cleared(level))
+                }
+                Some(Err(_)) => Clearing::SwitchingOn(None, self.ledger.lost()),
+            },
+            Clearing::SwitchingOn(None, newest_sent) => {
+                let asked = (Ask::Fifo { on: true }).submit(&mut self.host, now).ok();
+                Clearing::SwitchingOn(asked, newest_sent)
+            }
+            Clearing::SwitchingOn(Some(asked), newest_sent) => match asked.reply(&mut self.host) {
+                None => Clearing::SwitchingOn(Some(asked), newest_sent),
+                Some(Ok(_)) => Clearing::Ended(newest_sent),
+                Some(Err(_)) => Clearing::SwitchingOn(None, newest_sent),
+            },
+            other @ (Clearing::Begun | Clearing::Settling(_)) => other,
+        };
+    }
+
+    pub(super) fn is_clearing(&self) -> bool {
+        !matches!(self.clearing, Clearing::Idle)
+    }
+
+    pub(super) fn take_cleared(&mut self) -> Option<Cleared> {
+        let Clearing::Ended(newest_sent) = self.clearing else { return None };
+        self.clearing = Clearing::Idle;
+        Some(Cleared { newest_sent })
+    }
+}

@@ -1,0 +1,71 @@
+//! How many sets of outputs lie in the chip, by estimate.
+//!
+//! Which sets were sent is known some cycles late ([`Ledger`](super::ledger::Ledger)). How many to write next cannot wait
+//! for that: with eight in hand hardly any would lie in the chip. So the time is kept at which its RxFIFO runs empty, a set
+//! a cycle, and each header sets it right, since the two clocks differ.
+
+use crate::ethercat::Ns;
+
+/// A header's fill level may be so many cycles old: three exchanges of two packets each. \[OURS]
+const OLD: u64 = 4;
+
+/// The estimate.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FillLevel {
+    /// When the RxFIFO runs empty, in time of the wires.
+    empty_at: Ns,
+}
+
+impl FillLevel {
+    /// The RxFIFO is empty.
+    pub(super) const fn clear(&mut self) {
+        self.empty_at = 0;
+    }
+
+    /// So many sets were written.
+    pub(super) fn wrote(&mut self, now: Ns, sets: u64, cycle_ns: Ns) {
+        self.empty_at = self.empty_at.max(now).saturating_add(sets * cycle_ns);
+    }
+
+    /// A header has this fill level, in which the newest `unseen` sets may be missing.
+    pub(super) fn header(&mut self, now: Ns, level: u8, unseen: u64, cycle_ns: Ns) {
+        let level = u64::from(level);
+        let least = now.saturating_add(level.saturating_sub(OLD) * cycle_ns);
+        let most = now.saturating_add((level + unseen) * cycle_ns);
+        self.empty_at = self.empty_at.clamp(least, most);
+    }
+
+    /// Sets that lie in the RxFIFO now.
+    pub(super) const fn sets(&self, now: Ns, cycle_ns: Ns) -> u64 {
+        self.empty_at.saturating_sub(now).div_ceil(cycle_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CYCLE: Ns = 1_000_000;
+
+    /// XF-19.6 Without a header a set leaves in each cycle; an empty RxFIFO stays empty.
+    #[test]
+    fn a_set_leaves_in_each_cycle() {
+        let mut level = FillLevel::default();
+        level.wrote(10 * CYCLE, 3, CYCLE);
+        assert_eq!([10, 11, 12, 13, 50].map(|at| level.sets(at * CYCLE, CYCLE)), [3, 2, 1, 0, 0]);
+        level.wrote(50 * CYCLE, 1, CYCLE);
+        assert_eq!(level.sets(50 * CYCLE, CYCLE), 1);
+    }
+
+    /// XF-19.6 Headers keep the estimate near the chip's own count, whichever clock is faster.
+    #[test]
+    fn headers_set_it_right() {
+        let mut level = FillLevel::default();
+        level.wrote(0, 8, CYCLE);
+        level.header(20 * CYCLE, 8, 0, CYCLE);
+        assert_eq!(level.sets(20 * CYCLE, CYCLE), 4, "the chip is slow: at least what the oldest header leaves");
+        level.wrote(20 * CYCLE, 30, CYCLE);
+        level.header(21 * CYCLE, 2, 1, CYCLE);
+        assert_eq!(level.sets(21 * CYCLE, CYCLE), 3, "the chip is fast: at most what it has and may have got since");
+    }
+}

@@ -1,0 +1,95 @@
+//! The board's six local inputs and outputs (SK-8) at pins of the chip.
+//!
+//! The outputs go out with the header of every packet, the inputs come with the header of every answer, so that neither
+//! takes an exchange of its own. Which pins are outputs is told to the chip once after each start of it.
+
+use super::XfBus;
+use super::ask::{Ask, Asked};
+use crate::ethercat::Ns;
+use crate::xf::host::{HostState, Wires};
+
+/// Local inputs and outputs of a board.
+const LINES: usize = 6;
+
+/// Which pins of the chip are local inputs and outputs of the board; a line that is not wired has none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LocalPins {
+    /// Input k is at GPIO `inputs[k]`, 0 to 15.
+    pub inputs: [Option<u8>; LINES],
+    /// Output k is at GPIO `outputs[k]`, 0 to 11: the header of a packet drives those on every firmware.
+    pub outputs: [Option<u8>; LINES],
+}
+
+impl LocalPins {
+    /// The highest GPIO that can be an input.
+    pub const INPUT_MAX: u8 = 15;
+    /// The highest GPIO that can be an output.
+    pub const OUTPUT_MAX: u8 = 11;
+
+    /// No line is wired.
+    pub const NONE: Self = Self { inputs: [None; LINES], outputs: [None; LINES] };
+
+    fn mask(pins: &[Option<u8>; LINES]) -> u16 {
+        pins.iter().flatten().fold(0, |mask, pin| mask | 1 << pin)
+    }
+
+    /// Bit k of `bits` at the place of pin k.
+    fn spread(pins: &[Option<u8>; LINES], bits: u8) -> u16 {
+        let set = pins.iter().enumerate().filter(|(line, _)| bits & 1 << line != 0);
+        set.filter_map(|(_, pin)| *pin).fold(0, |mask, pin| mask | 1 << pin)
+    }
+
+    /// The level of pin k as bit k.
+    fn gather(pins: &[Option<u8>; LINES], levels: u16) -> u8 {
+        let lines = pins.iter().enumerate().filter_map(|(line, pin)| pin.map(|pin| (line, pin)));
+        lines.fold(0, |bits, (line, pin)| bits | u8::from(levels & 1 << pin != 0) << line)
+    }
+}
+
+/// How far the chip knows its pins.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) enum PinSetup {
+    /// It was started, or is to be.
+    #[default]
+    Due,
+    Asked(Asked),
+    Done,
+}
+
+impl<W: Wires> XfBus<W> {
+    /// Tells the chip which pins are outputs, once it runs.
+    pub(super) fn set_up_pins(&mut self, now: Ns) {
+        let outputs = LocalPins::mask(&self.options.local_pins.outputs);
+        if outputs == 0 {
+            return;
+        }
+        self.pins = match self.pins {
+            _ if self.host.state() != HostState::Running => PinSetup::Due,
+            PinSetup::Due => {
+                // Their levels are right from the first moment on.
+                self.host.set_gpio_outputs(Some(self.local_levels));
+                Ask::OutputPins(outputs).submit(&mut self.host, now).map_or(PinSetup::Due, PinSetup::Asked)
+            }
+            PinSetup::Asked(asked) => match asked.reply(&mut self.host) {
+                None => PinSetup::Asked(asked),
+                Some(Ok(_)) => PinSetup::Done,
+                Some(Err(_)) => PinSetup::Due,
+            },
+            PinSetup::Done => PinSetup::Done,
+        };
+    }
+
+    pub(super) fn put_local_outputs(&mut self, bits: u8) {
+        let pins = &self.options.local_pins.outputs;
+        self.local_levels = LocalPins::spread(pins, bits);
+        if LocalPins::mask(pins) != 0 {
+            self.host.set_gpio_outputs(Some(self.local_levels));
+        }
+    }
+
+    pub(super) fn take_local_inputs(&self) -> Option<u8> {
+        let pins = &self.options.local_pins.inputs;
+        let header = self.host.header().filter(|_| pins.iter().any(Option::is_some))?;
+        Some(LocalPins::gather(pins, header.gpio_inputs))
+    }
+}

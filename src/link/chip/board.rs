@@ -1,0 +1,157 @@
+//! The EC01M over the wires to a chip: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board.
+
+use super::{ChipError, ChipLink, ChipOptions, host_config};
+use crate::engine::{Board, Rate};
+use crate::fieldbus::Ns;
+use crate::fieldbus::xf::{LocalPins, XfBus, XfBusOptions};
+use crate::link::LinkError;
+use crate::link::engine::{EngineLink, Keeper};
+use crate::link::keys;
+use crate::link::options::{BoardOptions, CommonOptions};
+use crate::link::uri::{LinkUri, UriError};
+use crate::xf::host::StepError;
+
+/// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
+const BOOT_LIMIT_NS: Ns = 60_000_000_000;
+/// For so long a network without a slave is scanned. \[OURS]
+const SCAN_NS: Ns = 3_000_000_000;
+
+/// How a board uses the chip that its slaves are behind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipUse {
+    /// How the driver uses it.
+    pub driver: ChipOptions,
+    /// How many sets of outputs may lie in it, see [`XfBusOptions::ahead`].
+    pub ahead: u16,
+    /// Which of its pins are the board's local inputs and outputs.
+    pub local_pins: LocalPins,
+}
+
+impl ChipUse {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if it is no link to a chip.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        let lines = |key, max| uri.typed(key, |value| keys::pins(value, max)).map(Option::unwrap_or_default);
+        Ok(Self {
+            driver: ChipOptions::from_uri(uri)?,
+            ahead: uri.required("ahead", |value| value.parse().ok())?,
+            local_pins: LocalPins {
+                inputs: lines("local_in", LocalPins::INPUT_MAX)?,
+                outputs: lines("local_out", LocalPins::OUTPUT_MAX)?,
+            },
+        })
+    }
+
+    /// The bus of the board over that link.
+    pub fn bus<L: ChipLink>(&self, link: L) -> XfBus<L> {
+        let info = link.info();
+        let options = XfBusOptions {
+            ahead: self.ahead,
+            clock_hz: info.clock_hz,
+            local_pins: self.local_pins,
+            real_time: !info.virtual_time,
+            size_is_fixed: info.size.is_some(),
+        };
+        XfBus::new(link, host_config(&info, &self.driver), options)
+    }
+}
+
+/// A board over a real chip: its EC01M is the model in this process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipBoard {
+    /// The board.
+    pub board: BoardOptions,
+    /// How it uses the chip.
+    pub used: ChipUse,
+    /// What every link has.
+    pub common: CommonOptions,
+}
+
+impl ChipBoard {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if it is no link to a chip.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        Ok(Self {
+            board: BoardOptions::from_uri(uri)?,
+            used: ChipUse::from_uri(uri)?,
+            common: CommonOptions::from_uri(uri)?,
+        })
+    }
+
+    /// Opens the board over that link to a chip: the chip is started, and the network behind it scanned.
+    ///
+    /// The board is gone with this process. When the link is closed, its axes are brought to a standstill and the network to
+    /// PreOP ([`Board::switch_off`]), which takes some seconds at most. A process that is killed cannot do that: the chip
+    /// repeats its newest outputs for ever, so that in CSP an axis stands, and in CSV and CST it goes on.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
+    pub fn open_over(&self, link: Box<dyn ChipLink>) -> Result<EngineLink, LinkError> {
+        let name = link.info().name;
+        let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
+        let mut bus = self.used.bus(link);
+        bus.start_up().map_err(|error| match error {
+            StepError::Host(error) => {
+                no_board(format!("the chip does not answer: {error}; look at its wires and power, try `ecmsk xf info`"))
+            }
+            StepError::Wires(error) => refused(&name, error),
+        })?;
+        let mut board = Board::new(self.board.engine(), Box::new(bus));
+        if !boots(&mut board) {
+            let next = "look at the network cable and at the slaves' power, and try `ecmsk xf scan`";
+            return Err(no_board(format!("the chip finds no slave; {next}")));
+        }
+        let run = self.board.run(&self.common, false, Rate::default());
+        EngineLink::open(&name, board, run, Some(switching_off()))
+    }
+}
+
+/// Whether the board comes up: it has found slaves, and they have come to PreOP.
+fn boots(board: &mut Board) -> bool {
+    let end = board.now() + BOOT_LIMIT_NS;
+    while board.now() < end {
+        if board.boot(SCAN_NS) {
+            return true;
+        }
+        if board.engine().state().is_failed() {
+            break;
+        }
+    }
+    false
+}
+
+/// What becomes of a board whose link is closed.
+fn switching_off() -> Keeper {
+    Box::new(|board| {
+        let Some(mut board) = board else { return };
+        for slave in board.switch_off().iter() {
+            log::error!("the axis of slave {slave} was still on when its board was closed: stop it by hand");
+        }
+    })
+}
+
+/// Opens the board that the URI describes.
+#[cfg_attr(
+    not(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix))),
+    allow(dead_code, reason = "no link to a real chip is in the build")
+)]
+pub(in crate::link) fn open(uri: &LinkUri) -> Result<EngineLink, LinkError> {
+    let options = ChipBoard::from_uri(uri)?;
+    let link = super::connect(uri).map_err(|error| refused(&uri.to_string(), error))?;
+    options.open_over(link)
+}
+
+fn refused(name: &str, error: ChipError) -> LinkError {
+    match error {
+        ChipError::Uri(error) => error.into(),
+        ChipError::Unsupported { scheme, hint } => {
+            LinkError::Unsupported { scheme: scheme.name().to_owned(), hint: hint.to_owned() }
+        }
+        ChipError::Wires { message, .. } => LinkError::NoBoard { name: name.to_owned(), reason: message },
+        other => LinkError::NoBoard { name: name.to_owned(), reason: other.to_string() },
+    }
+}

@@ -16,13 +16,7 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -
     let ever = count.exposed > 0;
     let differs = |row: Row, so: bool| if so { Verdict::Differs(row) } else { Verdict::Yes };
     match count.subject {
-        Subject::Command(CommandId::LocalRead | CommandId::LocalWrite) => Verdict::No {
-            row: Row::Lio,
-            reason:
-                "the board's own six inputs and outputs have no counterpart: the inputs read 0, the outputs go nowhere"
-                    .to_owned(),
-            next: "wire them to an IO slave and use IO_RD and IO_WR".to_owned(),
-        },
+        Subject::Command(CommandId::LocalRead | CommandId::LocalWrite) => Verdict::Differs(Row::Lio),
         Subject::Command(CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::IoRead | CommandId::IoWrite) => {
             differs(Row::Latency, often)
         }
@@ -33,8 +27,10 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -
         }
         Subject::Cycle(cycle) => match network.map(|network| Needs::of(&Network { cycle, ..*network }, clock_hz)) {
             Some(Needs { with_int0: Err(refused), .. }) => no_cycle(&refused),
-            Some(Needs { without_int0: Err(_), .. }) => Verdict::Differs(Row::Cycle),
-            _ => Verdict::Yes,
+            Some(Needs { with_int0: Ok(packets), without_int0, .. }) => {
+                differs(Row::Cycle, packets.in_flight > 1 || without_int0.is_err())
+            }
+            None => Verdict::Yes,
         },
         Subject::State(_) => differs(Row::Start, ever),
         Subject::Lost => Verdict::Differs(Row::Loss),
@@ -48,5 +44,5 @@ fn no_cycle(refused: &Refused) -> Verdict {
         Some(cycle) => format!("a cycle of {} us holds (SET_DC); or use fewer slaves", cycle.us()),
         None => "no cycle holds with this clock; use a faster one".to_owned(),
     };
-    Verdict::No { row: Row::Cycle, reason: refused.sum.to_string(), next }
+    Verdict::No { row: Row::Cycle, reason: refused.limit.to_string(), next }
 }

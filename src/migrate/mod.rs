@@ -27,7 +27,7 @@
 //! survey.frame(&TimedFrame { number: 1, at_ns: 0, dir: Dir::Write, frame });
 //! let found = Migration::of(&survey, &Setting::default());
 //! assert_eq!(found.items[0].verdict.row(), Some(Row::Lio));
-//! assert_eq!(found.items[0].verdict.word(), "no");
+//! assert_eq!(found.items[0].verdict.word(), "differs");
 //! ```
 
 mod chip;
@@ -42,7 +42,7 @@ mod tests;
 mod timing;
 mod usage;
 
-pub use chip::{IDLE_NS, INT0_IDLE_NS, Needs, PACKETS_A_TURN, Packets, Refused};
+pub use chip::{IDLE_NS, INT0_IDLE_NS, Needs, Packets, Refused};
 pub use network::Network;
 pub use plan::{Ahead, Links, Plan};
 pub use row::{Row, Verdict};
@@ -136,7 +136,7 @@ impl Migration {
             op: survey.op,
             items: items.collect(),
             cycle: survey.cycle(),
-            plan: network.map(|network| Plan::of(network, &timing, setting)),
+            plan: network.map(|network| Plan::of(network, &timing, &survey.usage, setting)),
             timing,
         }
     }

@@ -5,9 +5,15 @@ use super::chip::Needs;
 use super::network::Network;
 use super::row::{Row, Verdict};
 use super::timing::{HostTiming, Stall};
+use super::usage::{Subject, Usage};
 use crate::fieldbus::xf::XfBusOptions;
 use crate::recording::Clock;
-use crate::sk::SlotSize;
+use crate::sk::{CommandId, SlotSize};
+
+/// Pins of the chip, as an example, for the board's own inputs, if the program uses them.
+const LOCAL_IN: &str = "&local_in=6,7,8,9,10,11";
+/// And for its outputs.
+const LOCAL_OUT: &str = "&local_out=0,1,2,3,4,5";
 
 /// How many sets of outputs have to lie in the chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,7 +37,8 @@ pub struct Ahead {
 /// The links to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Links {
-    /// The chip on the machine; INT0 as an example at line 24.
+    /// The chip on the machine; INT0 at line 24 as an example, and so the pins of the board's own
+    /// inputs and outputs, if the program uses those.
     pub machine: String,
     /// The model of a chip with the same slaves.
     pub model: String,
@@ -51,10 +58,10 @@ pub struct Plan {
 }
 
 impl Plan {
-    pub(super) fn of(network: &Network, timing: &HostTiming, setting: &Setting) -> Self {
+    pub(super) fn of(network: &Network, timing: &HostTiming, usage: &Usage, setting: &Setting) -> Self {
         let needs = Needs::of(network, setting.clock_hz);
         let ahead = Ahead::of(&needs, timing, setting);
-        let links = links(network, &needs, &ahead, setting);
+        let links = links(network, &needs, &ahead, usage, setting);
         Self { network: *network, needs, ahead, links }
     }
 }
@@ -65,7 +72,7 @@ impl Ahead {
         let is_known = setting.clock == Clock::Real && timing.op_ns > 0;
         let stall = if is_known { timing.stall(cycle_ns) } else { None };
         let stall_cycles = stall.map_or(0, |stall| (stall.ns + cycle_ns - 1) / cycle_ns);
-        let transport_sets = needs.chosen_size().map_or(0, |size| needs.transport_sets(size));
+        let transport_sets = needs.with_int0.map_or(0, |packets| packets.transport_sets);
         let wanted = u32::try_from(stall_cycles).unwrap_or(u32::MAX).saturating_add(transport_sets.into());
         let default = XfBusOptions::DEFAULT.ahead;
         let value = u16::try_from(wanted).unwrap_or(u16::MAX).max(default).min(needs.ahead_max);
@@ -98,10 +105,13 @@ impl Ahead {
     }
 }
 
-fn links(network: &Network, needs: &Needs, ahead: &Ahead, setting: &Setting) -> Links {
-    let use_n = needs.chosen_size().map_or_else(String::new, |size| format!("&use_n={}", size.bytes()));
+fn links(network: &Network, needs: &Needs, ahead: &Ahead, usage: &Usage, setting: &Setting) -> Links {
+    let use_n = needs.with_int0.map_or_else(|_| String::new(), |packets| format!("&use_n={}", packets.size.bytes()));
+    let pins = [(CommandId::LocalRead, LOCAL_IN), (CommandId::LocalWrite, LOCAL_OUT)];
+    let pins: String =
+        pins.into_iter().filter(|(id, _)| usage.has(Subject::Command(*id))).map(|(_, key)| key).collect();
     let slot = if setting.slot == SlotSize::Bytes16 { "&slot=16" } else { "" };
-    let keys = format!("ahead={}{use_n}&speed={}{slot}", ahead.value, hertz(needs.clock_hz));
+    let keys = format!("ahead={}{use_n}&speed={}{pins}{slot}", ahead.value, hertz(needs.clock_hz));
     Links {
         machine: format!("xf-spi:/dev/spidev0.0?int0=gpiochip0/24&{keys}"),
         model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),

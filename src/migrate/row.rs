@@ -89,7 +89,8 @@ impl Row {
             Self::Sdo => "an SDO that is asked for while the network changes its state waits for the end of the change",
             Self::Cycle => "the packets of a cycle have to pass the SPI in it: not every cycle holds",
             Self::Lio => {
-                "the six inputs of the board read 0 and its six outputs go nowhere: the chip's own pins are not used"
+                "the six inputs and outputs of the board are at pins of the chip, which local_in= and local_out= name; \
+                 without these the inputs read 0 and the outputs go nowhere"
             }
             Self::Start => "the way to OP takes longer, since each SDO of the configuration is a command of the chip",
         }

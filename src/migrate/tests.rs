@@ -215,18 +215,21 @@ fn a_cycle_that_the_chip_cannot_hold() {
         panic!("{:?}", found.items)
     };
     assert_eq!(row, Row::Cycle);
-    // 432 bytes at 24 MHz, and 100 us, four times.
+    // Two of three sets in 1232 bytes at 24 MHz, and 100 us, for each three cycles.
     assert!(
-        reason.contains("432 bytes at 24000 kHz take 144 us each and 100 us of idle time, together 976 us"),
+        reason.contains("a cycle of 250 us cannot be held: the exchanges with the chip take 341 us for each"),
         "{reason}"
     );
     assert!(next.starts_with("a cycle of 1000 us holds"), "{next}");
     assert!(found.plan.expect("a plan").links.machine.contains("&speed=24M"));
-    // One that holds with INT0 alone.
+    // One that holds, with larger packets where INT0 is not wired.
     let found = Run::in_op(40, 1000).found();
     let plan = found.plan.as_ref().expect("a plan");
     let packets = plan.needs.with_int0.expect("packets");
-    assert_eq!((packets.size.bytes(), packets.sets, packets.least_clock_hz), (400, 1, 23_040_000));
+    assert_eq!(
+        (packets.size.bytes(), packets.sets, packets.in_flight, packets.least_clock_hz),
+        (400, 1, 1, 17_141_000)
+    );
     let packets = plan.needs.without_int0.expect("packets");
     assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
     // 640 bytes of a set both ways, in 16384.
@@ -244,12 +247,12 @@ fn small_packets() {
     assert_eq!(plan.needs.least_size().expect("a size").bytes(), 32);
     assert!(plan.links.machine.ends_with("&ahead=8&use_n=112&speed=24M"), "{}", plan.links.machine);
     let packets = plan.needs.with_int0.expect("packets");
-    // 64 bytes in 150 us.
-    assert_eq!(packets.least_clock_hz, 3_414_000);
+    // Eight sets in 192 bytes, in 1700 us.
+    assert_eq!((packets.sets, packets.least_clock_hz), (5, 904_000));
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (64, 60));
     let slow = Setting { clock_hz: 1_000_000, ..Setting::default() };
     let found = Migration::of(&Run::in_op(2, 1000).survey, &slow);
-    // 64 bytes take 512 us there: too long for one set, and not for 20 bytes more each.
+    // 144 bytes take 1152 us there: too long for a cycle, and not for five.
     let packets = found.plan.expect("a plan").needs.with_int0.expect("packets");
     assert!(packets.sets > 1 && packets.least_clock_hz <= 1_000_000, "{packets:?}");
 }

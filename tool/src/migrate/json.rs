@@ -120,11 +120,12 @@ fn packets(packets: &Result<Packets, Refused>) -> Value {
             "holds": true,
             "n": packets.size.bytes(),
             "sets": packets.sets,
+            "in_flight": packets.in_flight,
             "least_clock_hz": packets.least_clock_hz,
         }),
         Err(refused) => json!({
             "holds": false,
-            "reason": refused.sum.to_string(),
+            "reason": refused.limit.to_string(),
             "next_cycle_us": refused.next_cycle.map(|cycle| cycle.us()),
         }),
     }

@@ -192,11 +192,6 @@ fn chip(text: &mut String, needs: &Needs) {
     }
     line(
         text,
-        "",
-        "in a cycle pass two packets of process data and two of a command beside them, as when states are read",
-    );
-    line(
-        text,
         "FIFOs",
         &format!("{} entries in their memory: ahead= can be {} at most", needs.entries, needs.ahead_max),
     );
@@ -204,13 +199,15 @@ fn chip(text: &mut String, needs: &Needs) {
 
 fn held(packets: &Packets, cycle_us: u32) -> String {
     let sets = plural(packets.sets.into(), "set");
-    format!("n={} with {sets} holds {cycle_us} us from {} on", packets.size.bytes(), clock(packets.least_clock_hz))
+    let (n, least) = (packets.size.bytes(), clock(packets.least_clock_hz));
+    let two = if packets.in_flight > 1 { ", two under way" } else { "" };
+    format!("n={n} ({sets}{two}) holds {cycle_us} us; the least clock that does: {least}")
 }
 
 fn not_held(refused: &Refused) -> String {
     let next =
         refused.next_cycle.map_or_else(|| "no cycle holds".to_owned(), |cycle| format!("{} us hold", cycle.us()));
-    format!("{}; {next}", refused.sum)
+    format!("{}; {next}", refused.limit)
 }
 
 fn links(text: &mut String, report: &Report, plan: &Plan) {
@@ -220,6 +217,8 @@ fn links(text: &mut String, report: &Report, plan: &Plan) {
     let _ = writeln!(text, "the same on the model, and held against this recording");
     let _ = writeln!(text, "  ecmsk exec --link '{model}' --record model.pcapng -- PROGRAM");
     let _ = writeln!(text, "  ecmsk compare {file} model.pcapng --ignore-repeats");
+    let _ = writeln!(text, "its frames alone, without the program");
+    let _ = writeln!(text, "  ecmsk replay {file} --link '{model}' --ignore-repeats");
     if plan.needs.with_int0.is_err() {
         let _ = writeln!(text, "  (not before the cycle holds: {})", Row::Cycle);
     }

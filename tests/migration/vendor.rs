@@ -14,7 +14,6 @@ const DIFFER: [(&str, &str, Row); 12] = [
     ("cpp", "habit_sdo_retry", Row::Latency),
     ("cpp", "habit_set_axis_burst", Row::Start),
     ("cpp", "habit_tight_writer", Row::Latency),
-    ("cpp", "habit_two_writes_fifo_mark", Row::Latency),
     ("cpp", "hsp_16b", Row::Latency),
     ("cpp", "operator_panel", Row::Start),
     ("c", "csv_cst", Row::Latency),

@@ -51,15 +51,6 @@ fn a_wrong_link_is_an_error() {
     }
 }
 
-/// XF-17.2 A real chip is no board, and `link::open` says who speaks to it.
-#[test]
-fn a_chip_is_no_board() {
-    for link in ["xf-spi:/dev/spidev0.0", "xf-usb:"] {
-        let error = ecmsk::link::open(link, ecmsk::link::Share::ByUri).err().expect("no board").to_string();
-        assert!(error.contains(&format!("`{link}`")) && error.contains("ecmsk xf"), "{error}");
-    }
-}
-
 /// XF-17.3 The start of a network counts its slaves, whose descriptions are there, and can be repeated in any state.
 #[test]
 fn a_network_is_started_again_and_again() {

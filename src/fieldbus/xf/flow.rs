@@ -124,8 +124,9 @@ impl<W: Wires> XfBus<W> {
                 self.flying[0].sequence = sequence;
             }
             Some(Flying { load: Load::Hold | Load::Inputs, .. }) => {}
-            _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
+            // The chip's cycles go on while its slaves leave OP, to whatever state.
             _ if self.runs && self.flying.len() < self.network.in_flight => self.feed_cycles(now),
+            _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
                 self.next_read = now.saturating_add(tick_ns());
                 self.fly(Load::Inputs, ProcessData::DirectRead);

@@ -109,9 +109,12 @@ impl<W: Wires> XfBus<W> {
         if let Some(asked) = self.watch.asked {
             let Some(reply) = asked.reply(&mut self.host) else { return };
             self.watch.asked = None;
+            // The chip has answered that it could not read a slave; without an answer nothing is known of any.
+            let unreadable = matches!(reply, Err(HostError::Refused { .. } | HostError::Failed { .. }));
             let next = match self.watch.step {
-                // A change of state reads them itself; without an answer nothing is known of any slave.
-                _ if reply.is_err() || self.job.is_some() => None,
+                // A change of state reads them itself.
+                _ if self.job.is_some() || reply.is_err() && !unreadable => None,
+                Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),
                 Step::All if self.are_all_in_op(state_of(reply)) => None,
                 Step::All => Some(Step::One(1)),

@@ -130,7 +130,7 @@ fn the_native_api_runs_on_it() {
 /// that is cut before the first slave and plugged again.
 #[test]
 fn scripts_act_behind_the_chip() {
-    let file = script_client::file("behind-chip", "at 3s alarm 1 0x7500\nat 4s lose 2 for 1s\nat 6s cut 1 for 1s\n");
+    let file = script_client::file("behind-chip", "at 3s alarm 1 0x7500\nat 4s lose 2 for 1s\nat 10s cut 1 for 1s\n");
     let uri = format!("xf-sim:?slaves=drive*2,io&clock=virtual&script={}", file.display());
     let mut client = opened(&uri, Share::ByName);
     start(&mut client);

@@ -14,8 +14,9 @@ use crate::{command, needs, stage};
 
 const SOURCE: &str = "examples/cpp/alarm_recovery.cpp";
 const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm_on_the_way.ecmscript";
-/// What happens on the way, for simulated slaves whose link says nothing else.
+/// What happens on the way, for simulated slaves whose link says nothing else: by themselves, and behind an ECM-XF.
 const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
+const SCRIPT_BEHIND_CHIP: &str = "script=examples/scripts/alarm_on_the_way_behind_chip.ecmscript";
 
 /// The cost of building the optimised library and tool.
 const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
@@ -73,12 +74,14 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 
 /// The link, with the alarm of the first run if its slaves are simulated and it has no script.
 fn with_script(link: &str) -> String {
-    let is_model = ["sim:", "xf-sim:"].iter().any(|scheme| link.starts_with(scheme));
-    if !is_model || link.contains("script=") {
-        return link.to_owned();
+    let scripts = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIND_CHIP)];
+    match scripts.into_iter().find(|(scheme, _)| link.starts_with(scheme)) {
+        Some((_, script)) if !link.contains("script=") => {
+            let between = if link.contains('?') { '&' } else { '?' };
+            format!("{link}{between}{script}")
+        }
+        _ => link.to_owned(),
     }
-    let between = if link.contains('?') { '&' } else { '?' };
-    format!("{link}{between}{SCRIPT}")
 }
 
 /// The text at the end: what was made, and what to do with it.
@@ -128,8 +131,8 @@ mod tests {
     #[test]
     fn the_alarm_of_the_other_board() {
         for (link, expected) in [
-            ("xf-sim:", format!("xf-sim:?{SCRIPT}")),
-            ("xf-sim:?ahead=4", format!("xf-sim:?ahead=4&{SCRIPT}")),
+            ("xf-sim:", format!("xf-sim:?{SCRIPT_BEHIND_CHIP}")),
+            ("xf-sim:?ahead=4", format!("xf-sim:?ahead=4&{SCRIPT_BEHIND_CHIP}")),
             ("sim:?script=a", "sim:?script=a".to_owned()),
             ("usb:", "usb:".to_owned()),
         ] {

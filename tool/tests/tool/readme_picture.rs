@@ -12,8 +12,8 @@ mod needs_cxx {
     use crate::common::ecmsk;
 
     /// Records that program as the demo runs it, on virtual time, on a board with that link.
-    fn record(folder: &Path, link: &str, recording: &str) {
-        let link = format!("{link}&script=examples/scripts/alarm_on_the_way.ecmscript&record={recording}");
+    fn record(folder: &Path, link: &str, script: &str, recording: &str) {
+        let link = format!("{link}&script=examples/scripts/{script}.ecmscript&record={recording}");
         let program = support::compile(&root().join("examples/cpp/alarm_recovery.cpp"), Language::Cpp("c++17"));
         support::succeed(program.command(&link).current_dir(folder));
     }
@@ -32,7 +32,7 @@ mod needs_cxx {
     #[test]
     fn the_picture_of_readme_is_what_the_demo_draws() {
         let folder = folder();
-        record(folder.path(), VIRTUAL, "two_axes.pcapng");
+        record(folder.path(), VIRTUAL, "alarm_on_the_way", "two_axes.pcapng");
         support::kept(&root().join("docs/two_axes.svg"), &plot(folder.path(), &["two_axes.pcapng"]));
     }
 
@@ -41,8 +41,9 @@ mod needs_cxx {
     #[test]
     fn the_picture_of_both_boards_is_what_the_demo_draws() {
         let folder = folder();
-        record(folder.path(), VIRTUAL, "two_axes.pcapng");
-        record(folder.path(), &VIRTUAL.replace("sim:", "xf-sim:"), "behind_chip.pcapng");
+        record(folder.path(), VIRTUAL, "alarm_on_the_way", "two_axes.pcapng");
+        let behind = VIRTUAL.replace("sim:", "xf-sim:");
+        record(folder.path(), &behind, "alarm_on_the_way_behind_chip", "behind_chip.pcapng");
         let picture = plot(folder.path(), &["two_axes.pcapng", "--beside", "behind_chip.pcapng"]);
         assert!(picture.contains("actual, xf-sim:"), "{picture}");
         support::kept(&root().join("docs/both_boards.svg"), &picture);

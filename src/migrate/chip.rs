@@ -115,7 +115,8 @@ impl Needs {
 /// The packets with which a cycle holds: those of 112 bytes, in which commands are comfortable, or as much larger ones as it
 /// takes.
 fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
-    let plan = demand.plan().map_err(|limit| Refused { limit, next_cycle: next_cycle(demand) })?;
+    let refused = |limit| Refused { limit, next_cycle: next_cycle(demand) };
+    let plan = demand.plan().map_err(refused)?;
     let turn = Budget {
         process_bytes: demand.process_bytes,
         clock_hz,
@@ -125,6 +126,11 @@ fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     };
     let known_ns = turn.needed_ns(plan.size).saturating_mul(HALF_TURNS_KNOWN) / 2;
     let sets = (plan.size.bytes() / demand.process_bytes.max(1)).min(demand.ahead.into());
+    if plan.in_flight > 1 && sets > 1 {
+        // [OURS] The bus would take it, and the model of the chip does not come to OP with it.
+        let needed_ns = turn.needed_ns(plan.size) / sets as Ns;
+        return Err(refused(HardwareLimit::Cycle { cycle_ns: demand.cycle_ns, needed_ns }));
+    }
     Ok(Packets {
         size: plan.size,
         sets: sets as u16,

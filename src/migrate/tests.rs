@@ -238,6 +238,24 @@ fn a_cycle_that_the_chip_cannot_hold() {
     assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=8&use_n=400&speed=24M");
 }
 
+/// TOOL-178 Two exchanges under way count where each carries one set, and not where each carries several: the model does not come
+/// to OP with these.
+#[test]
+fn two_exchanges_under_way() {
+    let at = |clock_hz| {
+        let run = Run::in_op(40, 1000);
+        let setting = Setting { clock_hz, ..Setting::default() };
+        Migration::of(&run.survey, &setting)
+    };
+    let cycle = Subject::Cycle(CycleTime::from_us(1000).expect("a cycle"));
+    let found = at(12_000_000);
+    let packets = found.plan.as_ref().expect("a plan").needs.with_int0.expect("packets");
+    assert_eq!((packets.in_flight, packets.sets, packets.size.bytes()), (2, 1, 400));
+    assert_eq!(verdict(&found, cycle), Verdict::Differs(Row::Cycle));
+    let found = at(8_000_000);
+    assert!(matches!(verdict(&found, cycle), Verdict::No { row: Row::Cycle, .. }), "{:?}", found.items);
+}
+
 /// TOOL-178 Small networks get packets in which commands are comfortable.
 #[test]
 fn small_packets() {

@@ -79,3 +79,14 @@ fn fewer_sets_ahead_repeat_outputs() {
     assert!(packets.transport_sets > 4, "{packets:?}");
     assert!(repeats(&needs, 20, packets.size, IDLE_NS, 4) > 20);
 }
+
+/// TOOL-178 Two exchanges under way, each with one set.
+#[test]
+fn two_exchanges_under_way_hold() {
+    for (cycle_us, clock_hz) in [(500, 24_000_000), (1000, 12_000_000)] {
+        let needs = needs(40, cycle_us, clock_hz);
+        let packets = needs.with_int0.expect("packets");
+        assert_eq!((packets.in_flight, packets.sets), (2, 1), "{packets:?}");
+        assert_eq!(repeats(&needs, 40, packets.size, INT0_IDLE_NS, packets.transport_sets), 0, "{packets:?}");
+    }
+}

@@ -217,8 +217,6 @@ fn links(text: &mut String, report: &Report, plan: &Plan) {
     let _ = writeln!(text, "the same on the model, and held against this recording");
     let _ = writeln!(text, "  ecmsk exec --link '{model}' --record model.pcapng -- PROGRAM");
     let _ = writeln!(text, "  ecmsk compare {file} model.pcapng --ignore-repeats");
-    let _ = writeln!(text, "its frames alone, without the program");
-    let _ = writeln!(text, "  ecmsk replay {file} --link '{model}' --ignore-repeats");
     if plan.needs.with_int0.is_err() {
         let _ = writeln!(text, "  (not before the cycle holds: {})", Row::Cycle);
     }

@@ -286,8 +286,13 @@ struct AxisHoming {
     slave: u8,
     /// The board has taken GO_HOME.
     taken: bool,
-    /// Some report has shown neither "homing attained" nor "homing error": what is shown later is of this homing.
+    /// "Homing attained" and "homing error" in the first report behind GO_HOME: those of an earlier homing.
+    first: Option<(bool, bool)>,
+    /// Some report has shown neither of them since: what is shown later is of this homing.
     seen_clear: bool,
+    /// "Homing error" was shown where it had not been, be it before the answer to GO_HOME: on a bus that answers late the
+    /// effect may come first. The board sets the mode back soon, and in that bit 12 means something else.
+    failed: bool,
     /// Time of the first report that was looked at, nanoseconds.
     since: Option<u64>,
     /// Home is found. The board may have set the mode back since, and the bits mean something else.
@@ -296,7 +301,7 @@ struct AxisHoming {
 
 impl AxisHoming {
     const fn of(slave: u8) -> Self {
-        Self { slave, taken: false, seen_clear: false, since: None, home: false }
+        Self { slave, taken: false, first: None, seen_clear: false, failed: false, since: None, home: false }
     }
 
     /// Reads the newest report; says whether home is found. `ran`: the frame with GO_HOME was executed for sure, or never
@@ -305,6 +310,10 @@ impl AxisHoming {
         let slave = self.slave;
         let failed = |why| Err(EcmError::HomingFailed { slave, why });
         let word = session.statusword(slave);
+        let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
+        let first = *self.first.get_or_insert((attained, error));
+        self.failed |= error && !self.home && (self.seen_clear || !first.1);
+        self.seen_clear |= !attained && !error;
         if !self.taken && !ran {
             return Ok(false);
         }
@@ -322,15 +331,15 @@ impl AxisHoming {
         if !self.taken {
             return failed("the board did not take GO_HOME, or its frame was lost");
         }
-        let (attained, error) = (word.0 & Statusword::BIT12 != 0, word.0 & Statusword::BIT13 != 0);
-        self.seen_clear |= !attained && !error;
         let now = session.reports.at().0;
         let is_valid = Duration::from_nanos(now - *self.since.get_or_insert(now)) >= OLD_RESULT_MAX;
+        // An earlier error that no report has shown cleared is this homing's too, whatever is shown instead of it.
+        let still_failed = first.1 && !self.seen_clear && (is_valid || !error);
+        if (self.failed || still_failed) && !self.home {
+            return failed("the drive reports a homing error (statusword bit 13)");
+        }
         if !self.seen_clear && !is_valid {
             return Ok(false);
-        }
-        if error && !self.home {
-            return failed("the drive reports a homing error (statusword bit 13)");
         }
         self.home |= attained && word.0 & Statusword::TARGET_REACHED != 0;
         Ok(self.home)

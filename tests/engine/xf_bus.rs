@@ -7,7 +7,7 @@ use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::fieldbus::{AlState, HardwareLimit};
-use ecmsk::sk::{CycleTime, DcShift, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::sk::{CycleTime, DcShift, FifoAction, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use support::chip_line::{xf_bus, xf_bus_reached_by};
@@ -251,5 +251,28 @@ fn the_tenth_loss_is_named_as_soon_as_the_first() {
         host.cycles(100);
         handle.find(2);
         host.go(MasterState::Op).cycles(17 * loss);
+    }
+}
+
+/// XF-19.2 A clear stops the chip's FIFO while cycles go on: what lay in it then counts as cleared, and not as executed by
+/// those cycles.
+#[test]
+fn what_a_clear_has_stopped_counts_as_cleared() {
+    for (ahead, cycles) in [(8, 5), (20, 12), (60, 40), (60, 63)] {
+        let puppet = Puppet::obedient();
+        let options = XfBusOptions { ahead, ..XfBusOptions::DEFAULT };
+        let mut host = Host::new(EngineConfig::default(), xf_bus(vec![puppet.boxed()], options));
+        host.op(1).servo_on(1).drained();
+        puppet.forget();
+        let before = host.counters();
+        for n in 1..=150 {
+            host.csp(1, n);
+        }
+        host.cycles(cycles).master(MasterCommand::SetFifo(FifoAction::Clear)).drained().cycles(80);
+        // The frame that clears is one of those that are executed.
+        let executed = (host.counters().executed - before.executed) as i32 - 1;
+        let newest = puppet.last().target;
+        assert_eq!(newest, executed, "ahead {ahead}, cleared after {cycles} cycles");
+        assert_eq!(host.counters().cleared - before.cleared, 150 - newest as u64);
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoSize};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, Slave};
 use ecmsk::link::{self, Dir, LinkError, Share, Wait, chip};
 use ecmsk::recording::Recording;
 use ecmsk::recording::exchanges::{Exchanges, is_of_chip};
@@ -123,6 +123,25 @@ fn the_native_api_runs_on_it() {
         ecm.set_outputs(2, 0x0F0F).expect(clock);
         assert_eq!(ecm.sdo_read::<u32>(1, ObjectAddress::new(0x1018, 1)).expect(clock), 0x4543_4D53);
         ecm.close(Close::ServoOff).expect(clock);
+    }
+}
+
+/// API-20 A homing that the drive refuses fails, behind a chip too, where the board shows its effect before the answer to
+/// GO_HOME: as the first one, behind one that was well, and behind one that failed. One that is well is well after each.
+#[test]
+fn a_homing_that_is_refused_fails_behind_a_chip() {
+    for keys in ["", "&use_n=112", "&ahead=1", "&ahead=30"] {
+        let ecm = Ecm::open(&format!("xf-sim:?slaves=drive&clock=virtual{keys}")).expect(keys);
+        ecm.configure(&Config { slaves: vec![Slave::Drive(Axis::CSP)], ..Config::default() }).expect(keys);
+        ecm.set_state(MasterState::Op).expect(keys);
+        ecm.servo_on(&[1]).expect(keys);
+        for (method, is_well) in
+            [(99, false), (35, true), (99, false), (99, false), (35, true), (35, true), (36, false)]
+        {
+            let ended = ecm.home(1, &Homing::method(method), |_| {});
+            assert_eq!(ended.is_ok(), is_well, "{keys}: method {method}: {ended:?}");
+        }
+        ecm.close(Close::ServoOff).expect(keys);
     }
 }
 

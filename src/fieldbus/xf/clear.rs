@@ -46,7 +46,10 @@ impl<W: Wires> XfBus<W> {
             }
             Clearing::Begun if self.sets_under_way() == 0 => {
                 match (Ask::Fifo { on: false }).submit(&mut self.host, now) {
-                    Ok(asked) => Clearing::Stopping(asked),
+                    Ok(asked) => {
+                        self.ledger.stop();
+                        Clearing::Stopping(asked)
+                    }
                     Err(_) => Clearing::Begun,
                 }
             }

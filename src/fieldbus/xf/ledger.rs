@@ -56,6 +56,8 @@ pub(super) struct Ledger {
     milestones: VecDeque<(u64, u64)>,
     /// Sets that may lie in the RxFIFO beside those that are known, until it was empty.
     doubtful: u64,
+    /// The RxFIFO is stopped, or about to be: cycles that pass send nothing of it for all that is known.
+    stopped: bool,
     /// Sets that have been sent for sure.
     sent: u64,
     /// The id of the newest set among them.
@@ -72,6 +74,7 @@ impl Ledger {
             samples: [[Some(Moment::default()); LAG]; SAMPLES],
             milestones: VecDeque::with_capacity(MILESTONES),
             doubtful: 0,
+            stopped: false,
             sent: 0,
             newest_sent: None,
             ids: VecDeque::with_capacity(depth),
@@ -106,11 +109,15 @@ impl Ledger {
         if rx_fifo == 0 {
             self.doubtful = 0;
         }
-        let doubtful = self.doubtful;
+        let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
             // More than was written by then cannot lie there.
             let sent = if doubtful > 0 { Some(written.saturating_sub(rx_fifo)) } else { written.checked_sub(rx_fifo) };
-            Some(Moment { sent: sent?, cycles: read + tx_fifo, waiting: rx_fifo.saturating_sub(doubtful) })
+            Some(Moment {
+                sent: sent?,
+                cycles: read + tx_fifo,
+                waiting: if stopped { 0 } else { rx_fifo.saturating_sub(doubtful) },
+            })
         };
         self.samples.rotate_left(1);
         let sample = self.states.map(moment);
@@ -169,6 +176,13 @@ impl Ledger {
         self.newest_sent
     }
 
+    /// The RxFIFO is about to be stopped. Cycles go on and their inputs come, but from an unknown one on they send nothing.
+    pub(super) fn stop(&mut self) {
+        self.stopped = true;
+        self.samples.iter_mut().flatten().flatten().for_each(|moment| moment.waiting = 0);
+        self.milestones.clear();
+    }
+
     /// The RxFIFO was stopped at this fill level, which has come in a header taken since, and emptied then.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
@@ -186,7 +200,7 @@ impl Ledger {
         self.ids.clear();
         self.states = [state; LAG];
         self.samples = [[Some(Moment { sent: state.written, cycles: state.read, waiting: 0 }); LAG]; SAMPLES];
-        self.doubtful = 0;
+        (self.doubtful, self.stopped) = (0, false);
         self.milestones.clear();
         self.newest_sent
     }

@@ -78,6 +78,8 @@ impl CycleDemand {
             let others = others.map(|sets| (sets, self.budget(sets, in_flight).choose_size()));
             for (sets, tried) in as_it_is.map(|tried| (sets, tried)).into_iter().chain(others) {
                 match tried {
+                    // [OURS] Two under way with several sets in each were not seen to hold.
+                    Ok(size) if in_flight > 1 && size.bytes() >= 2 * bytes => {}
                     Ok(size) => return Ok(CyclePlan { size, in_flight }),
                     Err(BudgetError::CycleTooShort { needed_ns: together_ns, .. }) => {
                         needed_ns = needed_ns.min(together_ns.div_ceil(sets as Ns));

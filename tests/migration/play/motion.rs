@@ -7,10 +7,10 @@ impl Player<'_> {
     /// Axes that an end of a motion has left somewhere go where the program thinks they are.
     pub(super) fn back(&mut self, slaves: &[usize]) {
         const FRAMES: i64 = 150;
-        let froms: Vec<_> = slaves.iter().map(|slave| self.position(*slave)).collect();
+        let starts: Vec<_> = slaves.iter().map(|slave| self.position(*slave)).collect();
         for n in 1..=FRAMES {
             let mut frame = Frame::new();
-            for (slave, from) in slaves.iter().zip(&froms) {
+            for (slave, from) in slaves.iter().zip(&starts) {
                 let goal = self.goals[slave - 1];
                 let at = std::array::from_fn(|axis| {
                     let (from, goal) = (i64::from(from[axis]), i64::from(goal[axis]));

@@ -3,6 +3,7 @@
 use std::sync::atomic::Ordering;
 
 use ecmsk::cia402::DriveState;
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::XfBusOptions;
@@ -274,5 +275,104 @@ fn what_a_clear_has_stopped_counts_as_cleared() {
         let newest = puppet.last().target;
         assert_eq!(newest, executed, "ahead {ahead}, cleared after {cycles} cycles");
         assert_eq!(host.counters().cleared - before.cleared, 150 - newest as u64);
+    }
+}
+
+/// XF-19.11 A slave that is lost while another one is being brought back is named all the same, and what it has not got is
+/// counted.
+#[test]
+fn who_is_lost_meanwhile_is_named() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let handle = SimHandle::default();
+    let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1).servo_on(2);
+    handle.lose(2);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    // It does not answer, so that the change lasts.
+    host.master(MasterCommand::SetState(MasterState::Op)).cycles(200);
+    let mut targets = 0;
+    for cycle in 0..400 {
+        if cycle == 100 {
+            handle.lose(1);
+        }
+        targets += 1;
+        host.csp(1, targets).cycle();
+    }
+    assert!(host.board.engine().lost().contains(1), "{:?}", host.board.engine().lost());
+    host.drained().cycles(100);
+    let got = puppets[0].targets().last().copied().expect("some have come");
+    // What was sent since the states were read last, and may have come, counts as well.
+    let (missing, counted) = (targets - got, host.counters().for_lost as i32);
+    assert!((missing..missing + 20).contains(&counted), "{got} of {targets} have come, {counted} counted");
+}
+
+/// Every slave is lost with its chip, whose wires were cut for a while; the second one cannot be mapped, so that the first
+/// comes back alone.
+fn one_of_two_back(puppets: &[Puppet; 2], handle: &SimHandle) -> Host {
+    let slaves = puppets.iter().map(Puppet::boxed).collect();
+    let bus = xf_bus_reached_by(slaves, handle.clone(), XfBusOptions { ahead: 30, ..XfBusOptions::DEFAULT });
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2);
+    cut.store(true, Ordering::Relaxed);
+    host.cycles(4000);
+    cut.store(false, Ordering::Relaxed);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    handle.abort_object(2, Some((ObjectAddress::new(0x1600, 0), AbortCode::VALUE_RANGE)));
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("slave 1 is back", |host| !host.board.engine().lost().contains(1));
+    host.cycles(15_000);
+    host
+}
+
+/// XF-19.11 What lies in the chip when the last slave leaves OP for the configuration of another one is lost, and counted:
+/// the FIFO runs empty without another command.
+#[test]
+fn what_nobody_gets_any_more_is_counted() {
+    let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+    let mut host = one_of_two_back(&puppets, &handle);
+    host.servo_on(1).drained();
+    handle.abort_object(2, None);
+    let before = host.counters();
+    host.master(MasterCommand::SetState(MasterState::Op));
+    let mut targets = 0;
+    while puppets[0].strings().al_state() == AlState::Op {
+        assert!(targets < 2000, "slave 1 stays in OP");
+        targets += 1;
+        host.csp(1, targets);
+        host.csp(1, targets + 1).cycle();
+        targets += 1;
+    }
+    host.drained().until("OP", |host| host.state() == StateByte::reached(MasterState::Op)).cycles(100);
+    let got = puppets[0].targets().iter().filter(|target| **target > 0).count() as u64;
+    let after = host.counters();
+    let counted = [
+        after.for_lost - before.for_lost,
+        after.outputs_lost - before.outputs_lost,
+        after.discarded_before_enabled - before.discarded_before_enabled,
+        after.cleared - before.cleared,
+        after.full - before.full,
+    ];
+    let missing = targets as u64 - got;
+    assert!(missing > 0 && counted.iter().sum::<u64>() >= missing, "{missing} are missing: {counted:?}");
+}
+
+/// XF-19.13 A chip that was started anew while the cable was cut finds all slaves once it is whole, and a board whose chip
+/// has found none knows all the same how many there are.
+#[test]
+fn a_network_that_was_found_in_part_is_found_whole() {
+    for reach in [0, 1] {
+        let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+        let mut host = one_of_two_back(&puppets, &handle);
+        handle.cut_after(reach);
+        host.master(MasterCommand::SetState(MasterState::PreOp));
+        host.until("PreOP or not", |host| host.board.engine().state().state() == Some(MasterState::PreOp));
+        host.master(MasterCommand::SetDc { cycle: CycleTime::from_us(2000).unwrap(), shift: DcShift::Auto });
+        host.master(MasterCommand::SetState(MasterState::Op));
+        host.until("the failure", |host| host.state() == StateByte::failed(Some(MasterState::PreOp)));
+        handle.heal();
+        handle.abort_object(2, None);
+        host.go(MasterState::Op).servo_on(1).servo_on(2);
     }
 }

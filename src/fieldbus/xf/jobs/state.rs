@@ -10,7 +10,7 @@ use crate::xf::request::{Fifos, SlaveInfoItem};
 
 /// After so many cycles it is known that a set was sent, and told: levels lag three exchanges of two packets each. The same
 /// holds for what the last cycles in OP sent. \[OURS]
-const TOLD_LATE: Ns = 6;
+pub(super) const TOLD_LATE: Ns = 6;
 
 impl<W: Wires> XfBus<W> {
     /// Waits until the outputs that were taken when the change began are known to be sent: a frame that asks for a lower

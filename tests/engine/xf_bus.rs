@@ -2,16 +2,21 @@
 
 use std::sync::atomic::Ordering;
 
-use ecmsk::cia402::DriveState;
+use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::xf::XfBusOptions;
-use ecmsk::fieldbus::{AlState, HardwareLimit};
-use ecmsk::sk::{CycleTime, DcShift, FifoAction, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
+use ecmsk::fieldbus::{
+    AlState, BusConfig, Fieldbus, HardwareLimit, Job, JobDone, MAX_SLAVES, Role, SlaveConfig, SlaveSet,
+};
+use ecmsk::sk::{
+    CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand, SlaveCommand, StateByte,
+};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use support::chip_line::{xf_bus, xf_bus_reached_by};
+use ecmsk::xf::chip::SlaveModels;
+use support::chip_line::{ChipLine, xf_bus, xf_bus_reached_by};
 
 use crate::host::Host;
 use crate::puppet::Puppet;
@@ -375,4 +380,72 @@ fn a_network_that_was_found_in_part_is_found_whole() {
         handle.abort_object(2, None);
         host.go(MasterState::Op).servo_on(1).servo_on(2);
     }
+}
+
+/// XF-19.11 A slave that misses some cycles and is there again before its state is read is not lost, and the cycles count.
+#[test]
+fn cycles_that_somebody_has_missed_are_counted() {
+    let (puppet, handle) = (Puppet::obedient(), SimHandle::default());
+    let bus = xf_bus_reached_by(vec![puppet.boxed()], handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(1).servo_on(1).cycles(100);
+    for n in 1..=200 {
+        handle.silence(1, (100..103).contains(&n));
+        host.csp(1, n).cycle();
+    }
+    host.drained().cycles(100);
+    assert!(host.board.engine().lost().is_empty());
+    let got = puppet.targets().iter().filter(|target| **target > 0).count() as u64;
+    assert!(got < 200 && host.counters().outputs_lost >= 200 - got, "{got} have come, {:?}", host.counters());
+}
+
+/// XF-19.11 A slave that has left OP by itself while an SDO was under way is lost, though a change of all slaves begins before
+/// that is seen.
+#[test]
+fn who_was_lost_before_a_change_is_counted() {
+    let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+    let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1).cycles(100);
+    handle.delay_sdo(2, 300_000_000);
+    host.sdo(SdoCommand::Read { slave: 2, object: ObjectAddress::new(0x1018, 1) }).cycles(20);
+    handle.lose(1);
+    for n in 1..=200 {
+        host.csp(1, n).cycle();
+    }
+    host.master(MasterCommand::SetState(MasterState::PreOp));
+    host.until("PreOP", |host| host.board.engine().state().state() == Some(MasterState::PreOp));
+    let got = puppets[0].targets().iter().filter(|target| **target > 0).count() as u64;
+    let counters = host.counters();
+    assert!(counters.for_lost + counters.cleared >= 200 - got, "{got} have come, {counters:?}");
+}
+
+/// XF-19.12 A chip that was reset between a configuration and the change of state behind it has no process data any more: the
+/// change fails, and no slave is brought to OP without them.
+#[test]
+fn no_slave_goes_to_op_without_process_data() {
+    let puppet = Puppet::obedient();
+    let mut bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let (mut now, cut) = (0, bus.wires().cut.clone());
+    let mut pass = |bus: &mut XfBus<ChipLine<SlaveModels>>, cycles| {
+        (0..cycles).find_map(|_| {
+            now += 1_000_000;
+            bus.poll_job(now)
+        })
+    };
+    let config = SlaveConfig { role: Role::Drive(Mode::Csp), sync: DriveSync::DcSync };
+    let config = BusConfig { cycle: CycleTime::DEFAULT, selected: SlaveSet::first(1), slaves: [config; MAX_SLAVES] };
+    let state = |target| Job::State { target, slaves: SlaveSet::first(1), timeout_ns: 10_000_000_000 };
+    for job in [Job::Scan, state(AlState::PreOp), Job::Configure(config)] {
+        bus.start(job, 0).unwrap();
+        pass(&mut bus, 20_000).expect("it ends");
+    }
+    cut.store(true, Ordering::Relaxed);
+    pass(&mut bus, 5000);
+    cut.store(false, Ordering::Relaxed);
+    pass(&mut bus, 5000);
+    bus.start(state(AlState::SafeOp), 0).unwrap();
+    let done = pass(&mut bus, 20_000);
+    assert!(matches!(done, Some(JobDone::State(Err(_)))), "{done:?}");
+    assert_eq!(puppet.strings().al_state(), AlState::PreOp);
 }

@@ -332,7 +332,7 @@ impl<W: Wires> XfBus<W> {
         if slave <= self.network.found {
             return job.ask(Stage::StateOf(slave), Ask::StateOf(slave));
         }
-        self.note_others(job);
+        self.note_read(job);
         match job.kind {
             Kind::Configure(_) => self.check_before_leaving(job, now),
             _ => self.move_on(job, now),
@@ -341,14 +341,9 @@ impl<W: Wires> XfBus<W> {
 }
 
 impl<W: Wires> XfBus<W> {
-    /// Slaves that the job does not move may get lost meanwhile.
-    fn note_others(&mut self, job: &Running) {
-        let moved = match &job.kind {
-            Kind::Scan => return,
-            Kind::Configure(config) => config.selected,
-            Kind::State { slaves, .. } => *slaves,
-        };
-        for slave in SlaveSet::first(self.network.found).difference(moved).iter() {
+    /// Slaves may have left their states by themselves, those that the job is about to move, too.
+    fn note_read(&mut self, job: &Running) {
+        for slave in 1..=self.network.found {
             self.note_state(slave, job.state(slave));
         }
         self.end_reading();

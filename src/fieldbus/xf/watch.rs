@@ -39,6 +39,9 @@ pub(super) struct Watch {
     suspect_from: Option<u64>,
     /// It was wrong, or may have been, since the newest reading began.
     has_new_errors: bool,
+    /// Cycles whose working counter was wrong while nobody was lost, before and since the newest reading began.
+    wrong_before: u64,
+    wrong_cycles: u64,
     /// The first outputs that were not sent when the newest header came, and when the newest reading began.
     unsent: Option<u64>,
     unsent_before: Option<u64>,
@@ -102,6 +105,9 @@ impl<W: Wires> XfBus<W> {
         }
         let watch = &mut self.watch;
         let is_wrong = errors != watch.wkc_errors || is_full && is_flagged;
+        if is_wrong && self.runs && self.job.is_none() && self.network.lost.is_empty() {
+            watch.wrong_cycles += u64::from(errors.saturating_sub(watch.wkc_errors).max(1));
+        }
         watch.wkc_errors = errors;
         watch.is_suspicious |= is_wrong;
         if is_wrong || says_nothing {
@@ -112,13 +118,19 @@ impl<W: Wires> XfBus<W> {
     }
 
     /// The states of all slaves are about to be read.
-    pub(super) const fn begin_reading(&mut self) {
+    pub(super) fn begin_reading(&mut self) {
+        self.watch.wrong_before = std::mem::take(&mut self.watch.wrong_cycles);
         self.watch.has_new_errors = false;
         self.watch.unsent_before = self.watch.unsent;
     }
 
-    /// All states were read: who is not lost has got what was sent before that began.
+    /// All states were read: who is not lost has got what was sent before that began, but for cycles that somebody has missed
+    /// who is still there. Whose outputs were lost in them the chip does not say.
     pub(super) fn end_reading(&mut self) {
+        let missed = std::mem::take(&mut self.watch.wrong_before);
+        if self.network.lost.is_empty() && self.job.is_none() {
+            self.lose_sets(missed);
+        }
         self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
     }
 

@@ -85,7 +85,11 @@ impl<W: Wires> XfBus<W> {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
         let found = self.network.found;
         let Some(slave) = (from..=found).find(|slave| config.selected.contains(*slave)) else {
-            return if job.keeps_layout { self.check_layout(job) } else { job.ask(Stage::Reconfig, Ask::Reconfig) };
+            if job.keeps_layout {
+                return self.check_layout(job);
+            }
+            self.network.mapped = false;
+            return job.ask(Stage::Reconfig, Ask::Reconfig);
         };
         let role = config.slaves[usize::from(slave) - 1].role;
         self.network.process_data[usize::from(slave) - 1] = None;

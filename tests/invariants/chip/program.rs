@@ -11,6 +11,7 @@ use ecmsk::sk::{
     CycleTime, DcShift, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, SdoCommand,
     SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
+use ecmsk::slave::al::WATCHDOG_NS;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{AlStatus, Slave};
 use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
@@ -341,6 +342,7 @@ impl Program {
     fn fault(&mut self) {
         self.quiet = false;
         let slave = 1 + self.dice.below(self.followers.len() as u64) as u8;
+        let long = self.long();
         let mut trouble = self.trouble.lock().expect("no panic");
         let network = &self.network;
         let what = self.dice.below(16);
@@ -358,11 +360,11 @@ impl Program {
             }
             9 => {
                 network.silence(slave, true);
-                self.broken = 1 + self.dice.below(200);
+                self.broken = long;
             }
             10 => {
                 network.cut_after(slave - 1);
-                self.broken = 1 + self.dice.below(200);
+                self.broken = long;
             }
             11 => {
                 let state = self.dice.pick(&[AlState::SafeOp, AlState::Op, AlState::PreOp]);
@@ -372,6 +374,12 @@ impl Program {
             12 => network.delay_sdo(slave, self.dice.pick(&[50 * MS, 300 * MS])),
             _ => trouble.rarely = self.dice.pick(&[None, None, Some(10), Some(40), Some(200)]),
         }
+    }
+
+    /// Cycles for longer than a slave stays in OP without outputs: one that is back sooner has missed cycles, and while
+    /// another one is lost nobody sees that.
+    fn long(&mut self) -> u64 {
+        WATCHDOG_NS / (Ns::from(self.how.cycle_us) * US) + 10 + self.dice.below(200)
     }
 
     fn repair(&mut self) {
@@ -422,15 +430,14 @@ impl Program {
             let mut trouble = self.trouble.lock().expect("no panic");
             *trouble = Trouble { mended: true, faults: std::mem::take(&mut trouble.faults), ..Trouble::default() };
         }
-        self.broken = 0;
-        self.mend_network();
         let end = self.board.now() + AT_REST_WITHIN;
         let mut still = 0;
         while still < 300 {
             assert!(self.board.now() < end, "never at rest: {:?}", self.board.engine().state());
             self.cycle();
             self.repair();
-            still = if self.board.engine().fifo_free() == FIFO_ENTRIES { still + 1 } else { 0 };
+            let is_still = self.board.engine().fifo_free() == FIFO_ENTRIES && self.broken == 0;
+            still = if is_still { still + 1 } else { 0 };
         }
         self.books.compare(self.board.engine().counters(), self.quiet);
         self.quiet = true;

@@ -366,8 +366,8 @@ impl fmt::Display for Event {
             ),
             Self::OutputsLost { at, sets } => write!(
                 f,
-                "the outputs of {sets} cycles before {} us may not have reached the slaves: exchanges with the chip fail; look \
-                 at its wires",
+                "the outputs of {sets} cycles before {} us may not have reached the slaves: exchanges with the chip fail, or \
+                 frames on the cable are lost; look at its wires and at the cable",
                 at / 1000
             ),
             Self::SlaveDisturbed { at, slave } => write!(

@@ -36,7 +36,7 @@ impl Engine {
         let newly_lost = lost.difference(lost_before);
         let starts = newly_lost.iter().map(|slave| self.inputs.lost_from[usize::from(slave) - 1]);
         let oldest = starts.flatten().fold(unanswered, u64::min);
-        let kept = self.next_output_id.saturating_sub(self.records.len());
+        let kept = self.next_output_id.saturating_sub(self.commanded_by.len());
         for id in oldest.max(kept)..carried.map_or(unanswered, |id| id + 1) {
             let is_newest = Some(id) == carried;
             let was_lost = |slave| match self.inputs.lost_from[usize::from(slave) - 1] {
@@ -44,7 +44,7 @@ impl Engine {
                 Some(from) => from <= id,
                 None => is_newest,
             };
-            let missed = self.records.of(id).commanded.intersection(unreached);
+            let missed = self.commanded_by.of(id).intersection(unreached);
             let missed =
                 missed.iter().filter(|slave| was_lost(*slave) || is_newest && without_outputs.contains(*slave));
             self.counters.for_lost += missed.count() as u64;

@@ -77,7 +77,7 @@ use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use axis::Axis;
 use counters::EventLog;
 use fifo::CommandFifo;
-use outputs_record::{OutputsHistory, OutputsRecord};
+use outputs_record::{CommandedHistory, OutputsHistory, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
 
 /// The configuration of a board: its pins and its firmware, and not what programs tell it.
@@ -143,6 +143,8 @@ pub struct Engine {
     homing_before: SlaveSet,
     /// The state behind the outputs that are not known to be sent, and behind the newest that were sent.
     records: OutputsHistory,
+    /// The slaves that those sets, and many before them, have a command for.
+    commanded_by: CommandedHistory,
     /// The state when OP was reached, for a clear before any outputs of this OP were sent.
     op_start: Box<OutputsRecord>,
     /// FIFO entries whose outputs are not known to be sent.
@@ -204,6 +206,7 @@ impl Engine {
             lost_before: SlaveSet::EMPTY,
             homing_before: SlaveSet::EMPTY,
             records: OutputsHistory::new(unconfirmed_max + answered + 1),
+            commanded_by: CommandedHistory::new(unconfirmed_max + answered + 1),
             op_start: Box::new(OutputsRecord::new()),
             entries_ahead: VecDeque::with_capacity(unconfirmed_max + 1),
             unconfirmed_max: unconfirmed_max as u64,

@@ -19,8 +19,6 @@ pub(super) struct OutputsRecord {
     pub(super) homing_active: SlaveSet,
     /// The homing of the axes of those slaves. The entries of all other slaves are out of date.
     pub(super) homing: [[AxisHoming; MAX_AXES]; MAX_SLAVES],
-    /// Slaves that a command carried by this set is for.
-    pub(super) commanded: SlaveSet,
     /// When this set was handed to the bus.
     pub(super) pushed_at: Ns,
     /// The phase of the output test.
@@ -34,7 +32,6 @@ impl OutputsRecord {
             axes: [[AxisCheckpoint::default(); MAX_SLAVES]; MAX_AXES],
             homing_active: SlaveSet::EMPTY,
             homing: [[AxisHoming::default(); MAX_AXES]; MAX_SLAVES],
-            commanded: SlaveSet::EMPTY,
             pushed_at: 0,
             test: TestPhase::default(),
         }
@@ -65,5 +62,37 @@ impl OutputsHistory {
     pub(super) fn of_mut(&mut self, id: u64) -> &mut OutputsRecord {
         let place = (id % self.len()) as usize;
         &mut self.0[place]
+    }
+}
+
+/// How many sets are remembered with the slaves that they have a command for, at least, on a bus that names lost slaves late: it
+/// may be busy with another one for a second, and a cycle takes 250 us. \[OURS]
+const COMMANDED_SETS: usize = 4096;
+
+/// The slaves that a command carried by a set is for, of more sets than have a record: a slave may be named long after it
+/// was lost.
+#[derive(Debug)]
+pub(super) struct CommandedHistory(Vec<SlaveSet>);
+
+impl CommandedHistory {
+    /// Room for more sets than that many, which have a record. Allocates once.
+    pub(super) fn new(records: usize) -> Self {
+        Self(vec![SlaveSet::EMPTY; if records > 2 { records + COMMANDED_SETS } else { records }])
+    }
+
+    /// How many sets it remembers.
+    pub(super) const fn len(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    /// The slaves of a set, which has to be one of the newest [`Self::len`].
+    pub(super) fn of(&self, id: u64) -> SlaveSet {
+        self.0[(id % self.len()) as usize]
+    }
+
+    /// The set with that id is made.
+    pub(super) fn put(&mut self, id: u64, slaves: SlaveSet) {
+        let place = (id % self.len()) as usize;
+        self.0[place] = slaves;
     }
 }

@@ -2,15 +2,21 @@
 
 use std::sync::atomic::Ordering;
 
-use ecmsk::cia402::DriveState;
+use ecmsk::cia402::{DriveState, Mode};
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::fieldbus::xf::XfBusOptions;
-use ecmsk::fieldbus::{AlState, HardwareLimit};
-use ecmsk::sk::{CycleTime, DcShift, FifoAction, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
+use ecmsk::fieldbus::{
+    AlState, BusConfig, Fieldbus, HardwareLimit, Job, JobDone, MAX_SLAVES, Role, SlaveConfig, SlaveSet,
+};
+use ecmsk::sk::{
+    CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand, SlaveCommand, StateByte,
+};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use support::chip_line::{xf_bus, xf_bus_reached_by};
+use ecmsk::xf::chip::SlaveModels;
+use support::chip_line::{ChipLine, xf_bus, xf_bus_reached_by};
 
 use crate::host::Host;
 use crate::puppet::Puppet;
@@ -275,4 +281,171 @@ fn what_a_clear_has_stopped_counts_as_cleared() {
         assert_eq!(newest, executed, "ahead {ahead}, cleared after {cycles} cycles");
         assert_eq!(host.counters().cleared - before.cleared, 150 - newest as u64);
     }
+}
+
+/// XF-19.11 A slave that is lost while another one is being brought back is named all the same, and what it has not got is
+/// counted.
+#[test]
+fn who_is_lost_meanwhile_is_named() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let handle = SimHandle::default();
+    let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1).servo_on(2);
+    handle.lose(2);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    // It does not answer, so that the change lasts.
+    host.master(MasterCommand::SetState(MasterState::Op)).cycles(200);
+    let mut targets = 0;
+    for cycle in 0..400 {
+        if cycle == 100 {
+            handle.lose(1);
+        }
+        targets += 1;
+        host.csp(1, targets).cycle();
+    }
+    assert!(host.board.engine().lost().contains(1), "{:?}", host.board.engine().lost());
+    host.drained().cycles(100);
+    let got = puppets[0].targets().last().copied().expect("some have come");
+    // What was sent since the states were read last, and may have come, counts as well.
+    let (missing, counted) = (targets - got, host.counters().for_lost as i32);
+    assert!((missing..missing + 20).contains(&counted), "{got} of {targets} have come, {counted} counted");
+}
+
+/// Every slave is lost with its chip, whose wires were cut for a while; the second one cannot be mapped, so that the first
+/// comes back alone.
+fn one_of_two_back(puppets: &[Puppet; 2], handle: &SimHandle) -> Host {
+    let slaves = puppets.iter().map(Puppet::boxed).collect();
+    let bus = xf_bus_reached_by(slaves, handle.clone(), XfBusOptions { ahead: 30, ..XfBusOptions::DEFAULT });
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2);
+    cut.store(true, Ordering::Relaxed);
+    host.cycles(4000);
+    cut.store(false, Ordering::Relaxed);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    handle.abort_object(2, Some((ObjectAddress::new(0x1600, 0), AbortCode::VALUE_RANGE)));
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("slave 1 is back", |host| !host.board.engine().lost().contains(1));
+    host.cycles(15_000);
+    host
+}
+
+/// XF-19.11 What lies in the chip when the last slave leaves OP for the configuration of another one is lost, and counted:
+/// the FIFO runs empty without another command.
+#[test]
+fn what_nobody_gets_any_more_is_counted() {
+    let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+    let mut host = one_of_two_back(&puppets, &handle);
+    host.servo_on(1).drained();
+    handle.abort_object(2, None);
+    let before = host.counters();
+    host.master(MasterCommand::SetState(MasterState::Op));
+    let mut targets = 0;
+    while puppets[0].strings().al_state() == AlState::Op {
+        assert!(targets < 2000, "slave 1 stays in OP");
+        targets += 1;
+        host.csp(1, targets);
+        host.csp(1, targets + 1).cycle();
+        targets += 1;
+    }
+    host.drained().until("OP", |host| host.state() == StateByte::reached(MasterState::Op)).cycles(100);
+    let got = puppets[0].targets().iter().filter(|target| **target > 0).count() as u64;
+    let after = host.counters();
+    let counted = [
+        after.for_lost - before.for_lost,
+        after.outputs_lost - before.outputs_lost,
+        after.discarded_before_enabled - before.discarded_before_enabled,
+        after.cleared - before.cleared,
+        after.full - before.full,
+    ];
+    let missing = targets as u64 - got;
+    assert!(missing > 0 && counted.iter().sum::<u64>() >= missing, "{missing} are missing: {counted:?}");
+}
+
+/// XF-19.13 A chip that was started anew while the cable was cut finds all slaves once it is whole, and a board whose chip
+/// has found none knows all the same how many there are.
+#[test]
+fn a_network_that_was_found_in_part_is_found_whole() {
+    for reach in [0, 1] {
+        let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+        let mut host = one_of_two_back(&puppets, &handle);
+        handle.cut_after(reach);
+        host.master(MasterCommand::SetState(MasterState::PreOp));
+        host.until("PreOP or not", |host| host.board.engine().state().state() == Some(MasterState::PreOp));
+        host.master(MasterCommand::SetDc { cycle: CycleTime::from_us(2000).unwrap(), shift: DcShift::Auto });
+        host.master(MasterCommand::SetState(MasterState::Op));
+        host.until("the failure", |host| host.state() == StateByte::failed(Some(MasterState::PreOp)));
+        handle.heal();
+        handle.abort_object(2, None);
+        host.go(MasterState::Op).servo_on(1).servo_on(2);
+    }
+}
+
+/// XF-19.11 A slave that misses some cycles and is there again before its state is read is not lost, and the cycles count.
+#[test]
+fn cycles_that_somebody_has_missed_are_counted() {
+    let (puppet, handle) = (Puppet::obedient(), SimHandle::default());
+    let bus = xf_bus_reached_by(vec![puppet.boxed()], handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(1).servo_on(1).cycles(100);
+    for n in 1..=200 {
+        handle.silence(1, (100..103).contains(&n));
+        host.csp(1, n).cycle();
+    }
+    host.drained().cycles(100);
+    assert!(host.board.engine().lost().is_empty());
+    let got = puppet.targets().iter().filter(|target| **target > 0).count() as u64;
+    assert!(got < 200 && host.counters().outputs_lost >= 200 - got, "{got} have come, {:?}", host.counters());
+}
+
+/// XF-19.11 A slave that has left OP by itself while an SDO was under way is lost, though a change of all slaves begins before
+/// that is seen.
+#[test]
+fn who_was_lost_before_a_change_is_counted() {
+    let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+    let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1).cycles(100);
+    handle.delay_sdo(2, 300_000_000);
+    host.sdo(SdoCommand::Read { slave: 2, object: ObjectAddress::new(0x1018, 1) }).cycles(20);
+    handle.lose(1);
+    for n in 1..=200 {
+        host.csp(1, n).cycle();
+    }
+    host.master(MasterCommand::SetState(MasterState::PreOp));
+    host.until("PreOP", |host| host.board.engine().state().state() == Some(MasterState::PreOp));
+    let got = puppets[0].targets().iter().filter(|target| **target > 0).count() as u64;
+    let counters = host.counters();
+    assert!(counters.for_lost + counters.cleared >= 200 - got, "{got} have come, {counters:?}");
+}
+
+/// XF-19.12 A chip that was reset between a configuration and the change of state behind it has no process data any more: the
+/// change fails, and no slave is brought to OP without them.
+#[test]
+fn no_slave_goes_to_op_without_process_data() {
+    let puppet = Puppet::obedient();
+    let mut bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let (mut now, cut) = (0, bus.wires().cut.clone());
+    let mut pass = |bus: &mut XfBus<ChipLine<SlaveModels>>, cycles| {
+        (0..cycles).find_map(|_| {
+            now += 1_000_000;
+            bus.poll_job(now)
+        })
+    };
+    let config = SlaveConfig { role: Role::Drive(Mode::Csp), sync: DriveSync::DcSync };
+    let config = BusConfig { cycle: CycleTime::DEFAULT, selected: SlaveSet::first(1), slaves: [config; MAX_SLAVES] };
+    let state = |target| Job::State { target, slaves: SlaveSet::first(1), timeout_ns: 10_000_000_000 };
+    for job in [Job::Scan, state(AlState::PreOp), Job::Configure(config)] {
+        bus.start(job, 0).unwrap();
+        pass(&mut bus, 20_000).expect("it ends");
+    }
+    cut.store(true, Ordering::Relaxed);
+    pass(&mut bus, 5000);
+    cut.store(false, Ordering::Relaxed);
+    pass(&mut bus, 5000);
+    bus.start(state(AlState::SafeOp), 0).unwrap();
+    let done = pass(&mut bus, 20_000);
+    assert!(matches!(done, Some(JobDone::State(Err(_)))), "{done:?}");
+    assert_eq!(puppet.strings().al_state(), AlState::PreOp);
 }

@@ -4,11 +4,13 @@
 //! - `program.rs`, `path.rs`, `machine.rs`: a random program with its faults, what it wants of a slave, the board it runs on
 //! - `paced.rs` with `books.rs`, `watch.rs`, `tap.rs`: what must hold on a bus that our runner paces, and how it is seen
 //! - `late.rs`, `late/`: the same over a bus that takes outputs ahead and answers late
+//! - `chip.rs`, `chip/`: a board behind an ECM-XF, with every fault of that chip and its wires
 //! - `ends.rs`, `day.rs`: writers that die, and the long day
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
 mod books;
+mod chip;
 mod day;
 mod ends;
 mod late;

@@ -1,7 +1,7 @@
 //! The driver and the model over a wire on which anything goes wrong, by seeds: no command runs twice, each ends once and
 //! as it is told, no RxPDO and no TxPDO is lost uncounted, and the driver goes on.
 //!
-//! - `wire.rs`: what goes wrong; `network.rs`: what reached the slaves
+//! - `support::faulty_wire`: what goes wrong; `network.rs`: what reached the slaves
 //! - `rig.rs`: driver and chip with a clock; `books.rs`: what must hold
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
@@ -9,17 +9,16 @@
 mod books;
 mod network;
 mod rig;
-mod wire;
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
 
 use ecmsk::xf::request::FifoEnable;
+use support::faulty_wire::Fault;
 use support::schedules::run_all;
 
 use books::End;
 use rig::Rig;
-use wire::Fault;
 
 /// Schedules of the test; `cargo xtask soak` asks for 10,000.
 const SCHEDULES: u64 = 200;

@@ -80,6 +80,7 @@ impl<W: Wires> XfBus<W> {
         }
         // A network that has been lost takes outputs, and nobody gets them.
         if let Some(set) = self.queue.pop_front() {
+            self.lose_left_behind();
             self.lose_sets(1);
             self.dropped = Some(set.id);
         }

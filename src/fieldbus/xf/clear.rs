@@ -20,8 +20,8 @@ pub(super) enum Clearing {
     Stopping(Asked),
     /// So many answers are to be there, so that the fill level of the stopped FIFO is known.
     Settling(u64),
-    /// The FIFO is emptied; it had that level.
-    Emptying(Asked, u8),
+    /// The FIFO is emptied, or is to be; it had that level.
+    Emptying(Option<Asked>, u8),
     /// The chip is told to go on, or is to be told; it had sent the outputs with that id.
     SwitchingOn(Option<Asked>, Option<u64>),
     Ended(Option<u64>),
@@ -35,13 +35,15 @@ impl<W: Wires> XfBus<W> {
         self.clearing = Clearing::Begun;
     }
 
-    /// A clear goes on. Whatever fails, a chip whose slaves are in OP puts its FIFO out again in the end.
+    /// A clear goes on. What fails is tried again as long as slaves are in OP \[OURS]: else sets that the board takes for
+    /// cleared would still be sent, and newer ones behind them.
     pub(super) fn clear_on(&mut self, now: Ns) {
         let answers = self.host.counters().answers;
         self.clearing = match self.clearing {
             Clearing::Idle | Clearing::Ended(_) => return,
             _ if !self.runs || self.has_stopped() => {
                 let newest_sent = self.ledger.lost();
+                (self.left_behind, self.newest_left_behind) = (0, None);
                 Clearing::Ended(self.dropped.or(newest_sent))
             }
             Clearing::Begun if self.sets_under_way() == 0 => {
@@ -56,22 +58,21 @@ impl<W: Wires> XfBus<W> {
             Clearing::Stopping(asked) => match asked.reply(&mut self.host) {
                 None => Clearing::Stopping(asked),
                 Some(Ok(_)) => Clearing::Settling(answers + SETTLED),
-                Some(Err(_)) => Clearing::SwitchingOn(None, self.ledger.lost()),
+                Some(Err(_)) => Clearing::Begun,
             },
             Clearing::Settling(until) if answers >= until && self.flying.is_empty() => {
-                let level = self.host.header().map_or(0, |header| header.rx_fifo);
-                match Ask::Clear(Fifos::Rx).submit(&mut self.host, now) {
-                    Ok(asked) => Clearing::Emptying(asked, level),
-                    Err(_) => Clearing::Settling(until),
-                }
+                Clearing::Emptying(None, self.host.header().map_or(0, |header| header.rx_fifo))
             }
-            Clearing::Emptying(asked, level) => match asked.reply(&mut self.host) {
-                None => Clearing::Emptying(asked, level),
+            Clearing::Emptying(None, level) => {
+                Clearing::Emptying(Ask::Clear(Fifos::Rx).submit(&mut self.host, now).ok(), level)
+            }
+            Clearing::Emptying(Some(asked), level) => match asked.reply(&mut self.host) {
+                None => Clearing::Emptying(Some(asked), level),
                 Some(Ok(_)) => {
                     self.level.clear();
                     Clearing::SwitchingOn(None, self.ledger.cleared(level))
                 }
-                Some(Err(_)) => Clearing::SwitchingOn(None, self.ledger.lost()),
+                Some(Err(_)) => Clearing::Emptying(None, level),
             },
             Clearing::SwitchingOn(None, newest_sent) => {
                 let asked = (Ask::Fifo { on: true }).submit(&mut self.host, now).ok();

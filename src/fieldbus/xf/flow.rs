@@ -221,9 +221,9 @@ impl<W: Wires> XfBus<W> {
                     self.exchanged(now, sets, false);
                 }
                 (Load::Cycles(sets), ProcessOutcome::Unknown) => {
-                    self.give_up(sets);
                     self.gap = true;
-                    self.ledger.doubt(sets as u64);
+                    self.ledger.doubt(self.queue.iter().take(sets).map(|set| set.id));
+                    self.give_up(sets);
                 }
                 (Load::Cycles(sets), _) => {
                     if self.sets_under_way() > 0 {

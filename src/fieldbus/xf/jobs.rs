@@ -71,6 +71,8 @@ enum Stage {
     StateOf(u8),
     /// The other slaves leave OP or SafeOP, from this one on.
     Leave(u8),
+    /// They have, and the last cycles of OP are told.
+    Left,
     SecondAxis(u8),
     Download(u8, usize),
     Reconfig,
@@ -192,7 +194,7 @@ impl<W: Wires> XfBus<W> {
             Stage::Init => match reply {
                 Ok(_) => job.ask(Stage::Count, Ask::Count),
                 Err(_) => {
-                    self.network.forget();
+                    self.network.stop();
                     job.failed(no_answer(1))
                 }
             },
@@ -216,8 +218,9 @@ impl<W: Wires> XfBus<W> {
                 if reply.is_ok() {
                     self.network.commanded[usize::from(slave) - 1] = AlState::PreOp;
                 }
-                self.leave(job, slave + 1)
+                self.leave(job, slave + 1, now)
             }
+            Stage::Left => self.left(job),
             Stage::SecondAxis(slave) => self.map(job, slave, reply.is_ok()),
             Stage::Download(slave, place) => self.downloaded(job, slave, place, reply),
             Stage::Reconfig => match reply {
@@ -300,8 +303,10 @@ impl<W: Wires> XfBus<W> {
         match job.kind {
             Kind::Scan => self.ask_dc(job, 1),
             // Slaves that a scan did not find, or that are gone now.
+            // What the chip has not found it cannot reach: the next job starts the network anew.
             _ if found < before => {
                 self.network.found = before;
+                self.network.stop();
                 job.failed(no_answer(found + 1))
             }
             _ => {
@@ -318,7 +323,8 @@ impl<W: Wires> XfBus<W> {
         job.ask(Stage::HasDc(slave), Ask::Info(slave, SlaveInfoItem::HasDc))
     }
 
-    fn read_states(&self, job: &mut Running) -> Todo {
+    fn read_states(&mut self, job: &mut Running) -> Todo {
+        self.begin_reading();
         job.ask(Stage::UpdateStates, Ask::UpdateStates)
     }
 
@@ -326,10 +332,21 @@ impl<W: Wires> XfBus<W> {
         if slave <= self.network.found {
             return job.ask(Stage::StateOf(slave), Ask::StateOf(slave));
         }
+        self.note_read(job);
         match job.kind {
-            Kind::Configure(_) => self.check_before_leaving(job),
+            Kind::Configure(_) => self.check_before_leaving(job, now),
             _ => self.move_on(job, now),
         }
+    }
+}
+
+impl<W: Wires> XfBus<W> {
+    /// Slaves may have left their states by themselves, those that the job is about to move, too.
+    fn note_read(&mut self, job: &Running) {
+        for slave in 1..=self.network.found {
+            self.note_state(slave, job.state(slave));
+        }
+        self.end_reading();
     }
 }
 

@@ -56,6 +56,12 @@ pub(super) struct Ledger {
     milestones: VecDeque<(u64, u64)>,
     /// Sets that may lie in the RxFIFO beside those that are known, until it was empty.
     doubtful: u64,
+    /// Of each of them how many sets that are known were written before it, and its id.
+    doubts: VecDeque<(u64, u64)>,
+    /// The id of the newest of them that has been sent since, if it came to lie there.
+    settled_doubt: Option<u64>,
+    /// So many exchanges more may have headers from before the newest of them.
+    doubt_lag: usize,
     /// The RxFIFO is stopped, or about to be: cycles that pass send nothing of it for all that is known.
     stopped: bool,
     /// Sets that have been sent for sure.
@@ -74,6 +80,9 @@ impl Ledger {
             samples: [[Some(Moment::default()); LAG]; SAMPLES],
             milestones: VecDeque::with_capacity(MILESTONES),
             doubtful: 0,
+            doubts: VecDeque::with_capacity(depth),
+            settled_doubt: None,
+            doubt_lag: 0,
             stopped: false,
             sent: 0,
             newest_sent: None,
@@ -93,21 +102,32 @@ impl Ledger {
             newest.written += 1;
         }
         newest.read += read;
+        self.doubt_lag = self.doubt_lag.saturating_sub(1);
         self.states.rotate_left(1);
         self.states[LAG - 1] = newest;
     }
 
-    /// Whether so many sets came to lie in the RxFIFO is not known.
-    pub(super) fn doubt(&mut self, sets: u64) {
-        self.doubtful += sets;
+    /// Whether the sets with these ids came to lie in the RxFIFO is not known.
+    pub(super) fn doubt(&mut self, ids: impl Iterator<Item = u64>) {
+        let written = self.newest().written;
+        for id in ids {
+            self.doubtful += 1;
+            if self.doubts.len() == self.doubts.capacity() {
+                self.doubts.pop_front();
+            }
+            self.doubts.push_back((written, id));
+        }
         self.exchanged(std::iter::empty(), 0);
+        self.doubt_lag = LAG;
     }
 
     /// A header has these fill levels.
     pub(super) fn header(&mut self, rx_fifo: u8, tx_fifo: u8) {
         let (rx_fifo, tx_fifo) = (u64::from(rx_fifo), u64::from(tx_fifo));
-        if rx_fifo == 0 {
+        if rx_fifo == 0 && self.doubt_lag == 0 {
             self.doubtful = 0;
+            let newest = self.doubts.drain(..).next_back().map(|(_, id)| id);
+            self.settled_doubt = self.settled_doubt.max(newest);
         }
         let (doubtful, stopped) = (self.doubtful, self.stopped);
         let moment = |State { written, read }: State| {
@@ -184,9 +204,24 @@ impl Ledger {
     }
 
     /// The RxFIFO was stopped at this fill level, which has come in a header taken since, and emptied then.
+    ///
+    /// Where it is not known whether a set came to lie there, it counts as if it did \[OURS]: what is told as the newest that
+    /// was sent may be by so many sets too new, and never too old. An axis goes one target on then, and never back to one
+    /// that it has left.
     pub(super) fn cleared(&mut self, rx_fifo: u8) -> Option<u64> {
         let State { written, read } = self.newest();
-        self.send_until(written.saturating_sub(rx_fifo.into()));
+        let (mut sent, mut doubts) = (written, self.doubts.len());
+        let newest_is_doubt = |sent, doubts: usize| doubts > 0 && self.doubts[doubts - 1].0 >= sent;
+        for _ in 0..rx_fifo {
+            if newest_is_doubt(sent, doubts) {
+                doubts -= 1;
+            } else {
+                sent = sent.saturating_sub(1);
+            }
+        }
+        let doubt = newest_is_doubt(sent, doubts).then(|| self.doubts[doubts - 1].1);
+        self.send_until(sent);
+        self.newest_sent = self.newest_sent.max(doubt).max(self.settled_doubt);
         self.forget_unsent(State { written: self.sent, read })
     }
 
@@ -196,11 +231,19 @@ impl Ledger {
         self.forget_unsent(State { written: self.sent, read })
     }
 
+    /// The same, and that set, which was dropped, is not to come either.
+    pub(super) fn lost_until(&mut self, newest: Option<u64>) {
+        self.lost();
+        self.newest_sent = self.newest_sent.max(newest);
+    }
+
     fn forget_unsent(&mut self, state: State) -> Option<u64> {
         self.ids.clear();
         self.states = [state; LAG];
         self.samples = [[Some(Moment { sent: state.written, cycles: state.read, waiting: 0 }); LAG]; SAMPLES];
-        (self.doubtful, self.stopped) = (0, false);
+        (self.doubtful, self.doubt_lag, self.stopped) = (0, 0, false);
+        self.settled_doubt = None;
+        self.doubts.clear();
         self.milestones.clear();
         self.newest_sent
     }
@@ -293,6 +336,33 @@ mod tests {
             let truth = fifos.seen.iter().position(|(truth, _)| *truth == Some(5)).expect("it was sent");
             assert!(first - truth <= 3, "lag {lag}: {first} and {truth}");
         }
+    }
+
+    /// XF-19.11 Where nobody knows whether a set came to lie in the FIFO that a clear has stopped, it counts as if it did.
+    #[test]
+    fn a_clear_with_a_doubtful_set_goes_not_back() {
+        let cleared = |behind: u64, level| {
+            let mut ledger = Ledger::new(8);
+            ledger.exchanged([1, 2].into_iter(), 0);
+            ledger.doubt([3].into_iter());
+            ledger.exchanged(4..4 + behind, 0);
+            // It may be from before the doubtful set.
+            ledger.header(0, 0);
+            ledger.stop();
+            ledger.cleared(level)
+        };
+        assert_eq!([cleared(0, 0), cleared(0, 1), cleared(0, 2)], [Some(3), Some(2), Some(1)]);
+        assert_eq!([cleared(2, 0), cleared(2, 1), cleared(2, 2), cleared(2, 3)], [Some(5), Some(4), Some(3), Some(2)]);
+        // Once the FIFO was empty it has been sent, if ever.
+        let mut ledger = Ledger::new(8);
+        ledger.doubt([3].into_iter());
+        for _ in 0..LAG {
+            ledger.exchanged(std::iter::empty(), 1);
+            ledger.header(0, 0);
+        }
+        ledger.exchanged([4].into_iter(), 0);
+        ledger.stop();
+        assert_eq!(ledger.cleared(1), Some(3));
     }
 
     /// XF-19.2 Whatever is written and read when, no cycle is said to have sent what it had not.

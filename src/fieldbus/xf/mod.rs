@@ -158,6 +158,10 @@ pub struct XfBus<W> {
     told_at: Ns,
     /// The id of the newest outputs that were taken while the chip had no network.
     dropped: Option<u64>,
+    /// Sets that were dropped when the last slave left OP, and the id of the newest of them. The board takes them back with a
+    /// clear, unless for it the network stays in OP.
+    left_behind: u64,
+    newest_left_behind: Option<u64>,
     newest_inputs: Vec<u8>,
     watch: Watch,
     taking_down: TakingDown,
@@ -205,6 +209,8 @@ impl<W: Wires> XfBus<W> {
             outputs_lost: 0,
             told_at: 0,
             dropped: None,
+            left_behind: 0,
+            newest_left_behind: None,
             newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
             taking_down: TakingDown::No,
@@ -379,7 +385,14 @@ impl<W: Wires> XfBus<W> {
     /// No slave is in OP any more.
     fn leave_op(&mut self) {
         self.runs = false;
+        let newest = self.newest_taken();
+        let waited = self.queue.len();
         self.drop_queue();
+        let dropped = waited - self.queue.len();
+        if dropped > 0 {
+            self.left_behind += dropped as u64;
+            self.newest_left_behind = newest;
+        }
         self.dropped = None;
         self.hold_is_due = false;
         while let Some(answer) = self.answers.pop_front() {
@@ -389,11 +402,20 @@ impl<W: Wires> XfBus<W> {
 
     /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
     fn enter_op(&mut self) {
-        self.ledger.lost();
+        self.lose_left_behind();
         self.level.clear();
         self.newest_cycle = self.wires.now();
         (self.runs, self.gap, self.dropped) = (true, false, None);
         self.newest_written = None;
+    }
+
+    /// What lay in the chip and what waited for it when the last slave left OP reaches nobody, and the board has not taken
+    /// it back.
+    fn lose_left_behind(&mut self) {
+        let newest = self.newest_left_behind.take().max(self.ledger.newest_unsent());
+        let sets = std::mem::take(&mut self.left_behind) + self.ledger.ahead();
+        self.lose_sets(sets);
+        self.ledger.lost_until(newest);
     }
 }
 

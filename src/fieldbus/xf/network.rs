@@ -62,9 +62,10 @@ impl Network {
         }
     }
 
-    /// Nothing is known any more, as before the first scan.
-    pub(super) fn forget(&mut self) {
-        *self = Self { cycle: self.cycle, ..Self::new() };
+    /// The chip runs no network any more. How many slaves there are stays known: a scan alone counts them anew.
+    pub(super) fn stop(&mut self) {
+        let Self { cycle, found, with_dc, lost, lost_from, .. } = *self;
+        *self = Self { cycle, found, with_dc, lost, lost_from, ..Self::new() };
     }
 
     /// The chip has found so many slaves, which are in Init.

@@ -34,10 +34,17 @@ pub(super) struct Watch {
     next_at: Ns,
     wkc_errors: u8,
     is_suspicious: bool,
-    /// The first outputs that may not have reached everybody.
+    /// The first outputs that may not have reached everybody who is not lost; `None`: the working counter was right since the
+    /// newest reading.
     suspect_from: Option<u64>,
-    /// The first outputs that were not sent when the newest header came.
+    /// It was wrong, or may have been, since the newest reading began.
+    has_new_errors: bool,
+    /// Cycles whose working counter was wrong while nobody was lost, before and since the newest reading began.
+    wrong_before: u64,
+    wrong_cycles: u64,
+    /// The first outputs that were not sent when the newest header came, and when the newest reading began.
     unsent: Option<u64>,
+    unsent_before: Option<u64>,
     chip_resets: u64,
 }
 
@@ -91,17 +98,40 @@ impl<W: Wires> XfBus<W> {
         let unsent = Some(self.ledger.next_id());
         // A count that can grow no more says nothing; its interrupt flag still does. While a slave is lost every cycle is
         // wrong.
-        let is_full = errors == u8::MAX && self.network.lost.is_empty();
+        let says_nothing = errors == u8::MAX && !self.network.lost.is_empty();
+        let is_full = errors == u8::MAX && !says_nothing;
         if is_flagged {
             self.host.clear_interrupts(Interrupts::WORKING_COUNTER, 0);
         }
         let watch = &mut self.watch;
-        if errors != watch.wkc_errors || is_full && is_flagged {
-            watch.wkc_errors = errors;
-            watch.is_suspicious = true;
+        let is_wrong = errors != watch.wkc_errors || is_full && is_flagged;
+        if is_wrong && self.runs && self.job.is_none() && self.network.lost.is_empty() {
+            watch.wrong_cycles += u64::from(errors.saturating_sub(watch.wkc_errors).max(1));
+        }
+        watch.wkc_errors = errors;
+        watch.is_suspicious |= is_wrong;
+        if is_wrong || says_nothing {
             watch.suspect_from = watch.suspect_from.or(watch.unsent);
+            watch.has_new_errors = true;
         }
         watch.unsent = unsent;
+    }
+
+    /// The states of all slaves are about to be read.
+    pub(super) fn begin_reading(&mut self) {
+        self.watch.wrong_before = std::mem::take(&mut self.watch.wrong_cycles);
+        self.watch.has_new_errors = false;
+        self.watch.unsent_before = self.watch.unsent;
+    }
+
+    /// All states were read: who is not lost has got what was sent before that began, but for cycles that somebody has missed
+    /// who is still there. Whose outputs were lost in them the chip does not say.
+    pub(super) fn end_reading(&mut self) {
+        let missed = std::mem::take(&mut self.watch.wrong_before);
+        if self.network.lost.is_empty() && self.job.is_none() {
+            self.lose_sets(missed);
+        }
+        self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
     }
 
     /// Reads the states on, or begins to.
@@ -116,16 +146,21 @@ impl<W: Wires> XfBus<W> {
                 _ if self.job.is_some() || reply.is_err() && !unreadable => None,
                 Step::Renew if unreadable => Some(Step::One(1)),
                 Step::Renew => Some(Step::All),
-                Step::All if self.are_all_in_op(state_of(reply)) => None,
+                Step::All if self.are_all_in_op(state_of(reply)) => {
+                    self.end_reading();
+                    None
+                }
                 Step::All => Some(Step::One(1)),
                 Step::One(slave) => {
                     self.note_state(slave, state_of(reply));
+                    if slave == self.network.found {
+                        self.end_reading();
+                    }
                     (slave < self.network.found).then_some(Step::One(slave + 1))
                 }
             };
-            match next {
-                Some(step) => self.watch_step(step, now),
-                None => self.watch.suspect_from = None,
+            if let Some(step) = next {
+                self.watch_step(step, now);
             }
             return;
         }
@@ -134,6 +169,7 @@ impl<W: Wires> XfBus<W> {
         if is_due && is_free && self.network.initialised {
             self.watch.next_at = now.saturating_add(INTERVAL_NS);
             self.watch.is_suspicious = false;
+            self.begin_reading();
             self.watch_step(Step::Renew, now);
         }
     }

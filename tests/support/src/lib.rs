@@ -1,7 +1,7 @@
 //! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `ahead_bus`, `swift`, `images`
-//! - behind an ECM-XF: `chip_line` with the chip, `chip_axis` an axis
+//! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `chip_axis` an axis
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
@@ -18,6 +18,7 @@ pub mod dice;
 #[cfg(unix)]
 pub mod dotnet;
 pub mod examples;
+pub mod faulty_wire;
 pub mod fieldbus_rig;
 pub mod guide;
 pub mod heard;

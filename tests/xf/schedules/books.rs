@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use ecmsk::xf::CommandCode;
 use ecmsk::xf::host::{Counters, HostError, ProcessOutcome, ProcessReport, Ticket};
 
-use super::network::Log;
-use super::wire::Wire;
+use support::faulty_wire::Wire;
+
+use super::network::{Log, Logged};
 
 /// A command with a number that no other has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -153,14 +154,14 @@ impl Books {
     }
 
     /// All that must hold when everything has ended.
-    pub fn close(&self, wire: &Wire, counters: &Counters, begun_anew: u64) {
+    pub fn close(&self, wire: &Wire<Logged>, counters: &Counters, begun_anew: u64) {
         let log = &wire.port.chip().network().log;
         self.commands_ran_once(wire, log);
         self.targets_arrived_once(log);
         self.counters_agree(counters, begun_anew);
     }
 
-    fn commands_ran_once(&self, wire: &Wire, log: &Log) {
+    fn commands_ran_once(&self, wire: &Wire<Logged>, log: &Log) {
         let times = |numbers: &mut dyn Iterator<Item = u32>| {
             let mut times = BTreeMap::<u32, usize>::new();
             numbers.for_each(|n| *times.entry(n).or_default() += 1);

@@ -2,7 +2,7 @@
 
 use ecmsk::coe::SdoScope;
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Profile, Timing};
+use ecmsk::xf::chip::{Chip, Profile, Timing};
 use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, Ticket};
 use ecmsk::xf::request::{
     Call, DcTiming, EcatInit, Fifo, FifoEnable, FifoPackSizeGet, FlashAddress, FoeRequest, Mdio, Reconfig,
@@ -10,11 +10,11 @@ use ecmsk::xf::request::{
 };
 use ecmsk::xf::{DataSize, EtherCatState, MAX_PACKET};
 use support::dice::Dice;
+use support::faulty_wire::{FLASH_AT, Fault, REGISTER, Wire};
 
 use super::Done;
 use super::books::{Books, End, MOST_AT_ONCE, What};
-use super::network::{WRITTEN, pdo, read_object, read_value};
-use super::wire::{FLASH_AT, Fault, REGISTER, Wire};
+use super::network::{Logged, WRITTEN, pdo, read_object, read_value};
 use crate::slave;
 
 const US: Ns = 1_000;
@@ -29,25 +29,11 @@ const END: Ns = 60 * S;
 /// So long the host is silent at times.
 const SILENCE: Ns = 60 * S;
 
-const FAULTS: [(Fault, u64); 11] = [
-    (Fault::FlippedToChip, 60),
-    (Fault::FlippedToHost, 60),
-    (Fault::LostClocks, 4),
-    (Fault::ExtraClocks, 4),
-    (Fault::Failed, 10),
-    (Fault::Truncated, 20),
-    (Fault::Repeated, 20),
-    (Fault::Late, 20),
-    (Fault::Stranger, 20),
-    (Fault::Reset, 1),
-    (Fault::Resized, 1),
-];
-
 pub struct Rig {
     seed: u64,
     dice: Dice,
     host: Host,
-    wire: Wire,
+    wire: Wire<Logged>,
     books: Books,
     done: Done,
     now: Ns,
@@ -107,7 +93,7 @@ impl Rig {
         let mut dice = Dice(seed);
         let profile = Profile::OLD;
         let config = config(&mut dice, profile);
-        let wire = Wire::new(profile, timing(&mut dice));
+        let wire = Wire::new(Chip::with_timing(profile, timing(&mut dice), Logged::new()));
         let books = Books::new(config.rx_entries > 64);
         Self {
             seed,
@@ -192,18 +178,9 @@ impl Rig {
     }
 
     fn fault(&mut self) -> Option<Fault> {
-        let rarely = self.rarely?;
-        if !self.dice.one_in(rarely) {
-            return None;
-        }
-        let mut at = self.dice.below(FAULTS.iter().map(|(_, weight)| weight).sum());
-        let (fault, _) = FAULTS.iter().find(|(_, weight)| {
-            let found = at < *weight;
-            at = at.wrapping_sub(*weight);
-            found
-        })?;
-        *self.done.faults.entry(*fault).or_default() += 1;
-        Some(*fault)
+        let fault = Fault::random(self.rarely?, &mut self.dice)?;
+        *self.done.faults.entry(fault).or_default() += 1;
+        Some(fault)
     }
 
     fn stopped(&mut self, error: HostError) {

@@ -1,5 +1,6 @@
 //! A configuration: process data are mapped by SDO, and the chip lays them out.
 
+use super::state::TOLD_LATE;
 use super::{Kind, Running, Stage, Todo, abort_code, no_answer};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -18,7 +19,7 @@ const SDO_NS: Ns = 1_000_000_000;
 impl<W: Wires> XfBus<W> {
     /// Process data are laid out with all slaves in PreOP. One that does not answer would make that fail when the others
     /// have left OP for it already.
-    pub(super) fn check_before_leaving(&mut self, job: &mut Running) -> Todo {
+    pub(super) fn check_before_leaving(&mut self, job: &mut Running, now: Ns) -> Todo {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
         job.keeps_layout = self.keeps_layout(config);
         for slave in 1..=self.network.found {
@@ -34,7 +35,7 @@ impl<W: Wires> XfBus<W> {
                 _ => return job.failed(no_answer(slave)),
             }
         }
-        if job.keeps_layout { self.map_from(job, 1) } else { self.leave(job, 1) }
+        if job.keeps_layout { self.map_from(job, 1) } else { self.leave(job, 1, now) }
     }
 
     /// Whether the selected slaves fit into the layout that the chip has, so that the others may stay in SafeOP and OP.
@@ -56,7 +57,7 @@ impl<W: Wires> XfBus<W> {
         network.mapped && !others.is_empty() && config.selected.intersection(found).iter().all(fits)
     }
 
-    pub(super) fn leave(&mut self, job: &mut Running, from: u8) -> Todo {
+    pub(super) fn leave(&mut self, job: &mut Running, from: u8, now: Ns) -> Todo {
         let above = |slave: &u8| self.network.commanded[usize::from(*slave) - 1] > AlState::PreOp;
         match (from..=self.network.found).find(above) {
             Some(slave) => {
@@ -65,15 +66,30 @@ impl<W: Wires> XfBus<W> {
                 }
                 job.ask(Stage::Leave(slave), Ask::Enter(Some(slave), AlState::PreOp))
             }
+            None if self.runs && self.network.in_op().is_empty() => {
+                job.stage = Stage::Left;
+                Todo::Wait(now.saturating_add(TOLD_LATE * self.network.cycle.ns()))
+            }
             None => self.map_from(job, 1),
         }
+    }
+
+    /// Nobody is in OP, and its last cycles were told: laying out process data empties the chip's FIFO, in which nothing is
+    /// sent any more.
+    pub(super) fn left(&mut self, job: &mut Running) -> Todo {
+        self.leave_op();
+        self.map_from(job, 1)
     }
 
     pub(super) fn map_from(&mut self, job: &mut Running, from: u8) -> Todo {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
         let found = self.network.found;
         let Some(slave) = (from..=found).find(|slave| config.selected.contains(*slave)) else {
-            return if job.keeps_layout { self.check_layout(job) } else { job.ask(Stage::Reconfig, Ask::Reconfig) };
+            if job.keeps_layout {
+                return self.check_layout(job);
+            }
+            self.network.mapped = false;
+            return job.ask(Stage::Reconfig, Ask::Reconfig);
         };
         let role = config.slaves[usize::from(slave) - 1].role;
         self.network.process_data[usize::from(slave) - 1] = None;

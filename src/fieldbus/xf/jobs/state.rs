@@ -10,7 +10,7 @@ use crate::xf::request::{Fifos, SlaveInfoItem};
 
 /// After so many cycles it is known that a set was sent, and told: levels lag three exchanges of two packets each. The same
 /// holds for what the last cycles in OP sent. \[OURS]
-const TOLD_LATE: Ns = 6;
+pub(super) const TOLD_LATE: Ns = 6;
 
 impl<W: Wires> XfBus<W> {
     /// Waits until the outputs that were taken when the change began are known to be sent: a frame that asks for a lower
@@ -57,13 +57,16 @@ impl<W: Wires> XfBus<W> {
             return match slaves.iter().find(|slave| job.state(*slave).is_none()) {
                 Some(slave) => {
                     // It may come back until the deadline.
-                    self.note_states(job);
                     job.ask(Stage::AlStatus(slave), Ask::Info(slave, SlaveInfoItem::AlStatus))
                 }
                 None => Todo::Done(JobDone::State(Ok(()))),
             };
         };
         let to = if lowest > target { target } else { above(lowest).min(target) };
+        if to > AlState::PreOp && !self.network.mapped {
+            // The chip was reset since the configuration, which has to be done again first \[OURS].
+            return job.failed(no_answer(slaves.iter().next().unwrap_or(1)));
+        }
         if to == AlState::Op && self.network.in_op().is_empty() {
             self.leave_op();
             return job.ask(Stage::StopFifo, Ask::Fifo { on: false });
@@ -141,13 +144,6 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn stay_up(&mut self, job: &Running, slave: u8) {
         let commanded = &mut self.network.commanded[usize::from(slave) - 1];
         *commanded = job.state(slave).map_or(*commanded, |state| state.max(*commanded));
-    }
-
-    pub(super) fn note_states(&mut self, job: &Running) {
-        let states = job.states;
-        for slave in 1..=self.network.found {
-            self.note_state(slave, states[usize::from(slave) - 1]);
-        }
     }
 }
 

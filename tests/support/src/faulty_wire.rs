@@ -1,15 +1,14 @@
-//! The wire between the driver and the chip: what goes wrong on it, and with the chip at its end.
+//! The wire between the driver of an ECM-XF and the model of the chip: what goes wrong on it, and with the chip at its end.
 
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Chip, ChipPort, Profile, Timing};
+use ecmsk::xf::chip::{Chip, ChipPort, Network};
 use ecmsk::xf::request::{Encode, SpiReconfig, WarmReset};
 use ecmsk::xf::{
     AnswerPacket, CheckRule, CommandCode, CommandHeader, Coverage, DataSize, MAX_PACKET, Received, write_answer,
     write_request,
 };
-use support::dice::Dice;
 
-use super::network::Logged;
+use crate::dice::Dice;
 
 /// How long a byte takes at 24 MHz.
 const BYTE: Ns = 333;
@@ -47,18 +46,51 @@ pub enum Fault {
     Resized,
 }
 
-pub struct Wire {
-    pub port: ChipPort<Logged>,
+/// How often each kind goes wrong among all that do.
+const FAULTS: [(Fault, u64); 11] = [
+    (Fault::FlippedToChip, 60),
+    (Fault::FlippedToHost, 60),
+    (Fault::LostClocks, 4),
+    (Fault::ExtraClocks, 4),
+    (Fault::Failed, 10),
+    (Fault::Truncated, 20),
+    (Fault::Repeated, 20),
+    (Fault::Late, 20),
+    (Fault::Stranger, 20),
+    (Fault::Reset, 1),
+    (Fault::Resized, 1),
+];
+
+impl Fault {
+    /// What goes wrong, where one in `rarely` exchanges does.
+    pub fn random(rarely: u64, dice: &mut Dice) -> Option<Self> {
+        if !dice.one_in(rarely) {
+            return None;
+        }
+        let mut at = dice.below(FAULTS.iter().map(|(_, weight)| weight).sum());
+        let (fault, _) = FAULTS.iter().find(|(_, weight)| {
+            let found = at < *weight;
+            at = at.wrapping_sub(*weight);
+            found
+        })?;
+        Some(*fault)
+    }
+}
+
+/// The wire and the chip.
+pub struct Wire<N: Network> {
+    /// The chip's end.
+    pub port: ChipPort<N>,
     last_answer: Vec<u8>,
     /// Values of the register and of the flash memory, as they changed.
     pub registers: Vec<u16>,
     pub flash: Vec<u32>,
 }
 
-impl Wire {
-    pub fn new(profile: Profile, timing: Timing) -> Self {
-        let port = ChipPort::new(Chip::with_timing(profile, timing, Logged::new()));
-        Self { port, last_answer: Vec::new(), registers: Vec::new(), flash: Vec::new() }
+impl<N: Network> Wire<N> {
+    /// A wire to that chip.
+    pub fn new(chip: Chip<N>) -> Self {
+        Self { port: ChipPort::new(chip), last_answer: Vec::new(), registers: Vec::new(), flash: Vec::new() }
     }
 
     /// Clocks a packet out and in. When it ended, and what came back.

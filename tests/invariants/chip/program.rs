@@ -1,0 +1,498 @@
+//! A program on a board behind an ECM-XF, and what goes wrong meanwhile.
+
+use std::sync::{Arc, Mutex};
+
+use ecmsk::coe::ObjectAddress;
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::xf::plan::CycleDemand;
+use ecmsk::fieldbus::xf::{XfBus, XfBusOptions, fifo_entries};
+use ecmsk::fieldbus::{AlState, Ns};
+use ecmsk::sk::{
+    CycleTime, DcShift, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, SdoCommand,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
+};
+use ecmsk::slave::al::WATCHDOG_NS;
+use ecmsk::slave::handle::SimHandle;
+use ecmsk::slave::{AlStatus, Slave};
+use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
+use ecmsk::xf::host::{Deadlines, HostConfig, Pacing};
+use support::dice::Dice;
+
+use super::Done;
+use super::books::{Books, IO};
+use super::follower::Follower;
+use super::line::{Line, Trouble};
+
+const US: Ns = 1_000;
+const MS: Ns = 1_000_000;
+const S: Ns = 1_000_000_000;
+const SIZE: SlotSize = SlotSize::Bytes12;
+/// The clock of SPI.
+const CLOCK_HZ: u32 = 24_000_000;
+/// Bytes of the process data of a slave in a direction are fewer.
+const SLAVE_BYTES: usize = 12;
+/// Once nothing goes wrong any more, the board is in OP after so long: a start of the chip that fails for want of an answer, and
+/// the change itself.
+const BACK_WITHIN: Ns = 120 * S;
+/// Nothing is held and nothing lies in the chip after so long.
+const AT_REST_WITHIN: Ns = 20 * S;
+
+/// The kind of chip, and how it is used.
+#[derive(Clone, Copy, Debug)]
+pub struct How {
+    profile: Profile,
+    cycle_us: u32,
+    options: XfBusOptions,
+    config: HostConfig,
+    packet_ns: Ns,
+    drives: usize,
+    state_timeout_ns: Ns,
+}
+
+impl How {
+    pub fn random(seed: u64) -> Self {
+        let mut dice = Dice(seed ^ 0x686F_7721);
+        let profile = dice.pick(&[Profile::OLD, Profile::NEW, Profile::XFU]);
+        let drives = 1 + dice.below(4) as usize;
+        let (idle_ns, pacing) =
+            dice.pick(&[(20 * US, Pacing::Idle), (150 * US, Pacing::Idle), (20 * US, Pacing::Int0)]);
+        let ahead = dice.pick(&[1, 2, 4, 8, 8, 20, 60]);
+        let process_bytes = (drives + 1) * SLAVE_BYTES;
+        let from = dice.below(6) as usize;
+        let holds = |cycle_us: &&u32| {
+            let demand = CycleDemand {
+                process_bytes,
+                fifo_entries: fifo_entries(2 * process_bytes),
+                cycle_ns: Ns::from(**cycle_us) * US,
+                ahead,
+                clock_hz: Some(CLOCK_HZ),
+                idle_ns: idle_ns + 20 * US,
+                present: profile.size,
+                size_is_fixed: profile.size_is_fixed,
+            };
+            demand.plan().is_ok()
+        };
+        let cycle_us = *[250, 500, 1000, 1000, 2000, 4000][from..].iter().find(holds).unwrap_or(&4000);
+        let deadlines = Deadlines { answer_ns: dice.pick(&[20 * MS, 100 * MS]), int0_ns: 5 * MS, ..Deadlines::DEFAULT };
+        let config = HostConfig {
+            size: dice.pick(&[None, Some(profile.size)]),
+            pacing,
+            idle_ns,
+            resync_after: dice.pick(&[2, 4, 8]),
+            deadlines,
+            ..HostConfig::DEFAULT
+        };
+        let options = XfBusOptions {
+            ahead,
+            clock_hz: Some(CLOCK_HZ),
+            size_is_fixed: profile.size_is_fixed,
+            real_time: dice.one_in(3),
+            ..XfBusOptions::DEFAULT
+        };
+        let packet_ns = if pacing == Pacing::Int0 { 100 * US } else { idle_ns - 5 * US };
+        let state_timeout_ns = dice.pick(&[S, 10 * S]);
+        Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns }
+    }
+
+    fn chip(&self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Chip<SlaveModels> {
+        let timing = Timing {
+            start_ns: 50 * MS,
+            port_ns: 20 * MS,
+            packet_ns: self.packet_ns,
+            init_ns: 5 * MS,
+            slave_ns: MS,
+            reconfig_ns: 2 * MS,
+            to_preop_ns: 5 * MS,
+            to_safeop_ns: 5 * MS,
+            to_op_ns: 5 * MS,
+            down_ns: 2 * MS,
+            ..Timing::default()
+        };
+        Chip::with_timing(self.profile, timing, SlaveModels::new(slaves).reached_by(handle))
+    }
+}
+
+/// The axis of a drive as the program leads it.
+#[derive(Clone, Copy)]
+struct Axis {
+    /// The newest target that was sent.
+    target: i32,
+    streams: bool,
+    /// Cycles until an SV_ON, after the axis was pushed.
+    switch_on_in: u64,
+}
+
+/// A frame and what it means for the books.
+#[derive(Default)]
+struct Command {
+    frame: Frame,
+    values: Vec<(usize, i32)>,
+    switched_on: Vec<usize>,
+    is_empty: bool,
+}
+
+pub struct Program {
+    dice: Dice,
+    board: Board,
+    followers: Vec<Follower>,
+    network: SimHandle,
+    trouble: Arc<Mutex<Trouble>>,
+    how: How,
+    report: Frame,
+    axes: Vec<Axis>,
+    mark: u16,
+    pause: u64,
+    /// Cycles until cable and slaves are whole again.
+    broken: u64,
+    /// Something went wrong, or the program has asked for what loses commands, since all was at rest last.
+    quiet: bool,
+    books: Books,
+    done: Done,
+}
+
+impl Program {
+    /// A board that has booted.
+    pub fn new(seed: u64, how: How) -> Self {
+        let network = SimHandle::default();
+        let trouble = Arc::new(Mutex::new(Trouble::default()));
+        let followers: Vec<Follower> = (0..=how.drives).map(|_| Follower::new()).collect();
+        let slaves = followers.iter().map(|follower| Box::new(follower.clone()) as Box<dyn Slave>).collect();
+        let chip = how.chip(slaves, network.clone());
+        let line = Line::new(chip, Arc::clone(&trouble), seed, !how.profile.size_is_fixed);
+        let bus = XfBus::new(line, how.config, how.options);
+        let engine = EngineConfig {
+            state_timeout_ns: how.state_timeout_ns,
+            sdo_timeout_ns: 200 * MS,
+            slot: SIZE,
+            ..EngineConfig::default()
+        };
+        let mut board = Board::new(engine, Box::new(bus));
+        assert!(board.boot(BACK_WITHIN), "the board does not talk");
+        let books = Books::new(followers.len(), board.engine().counters());
+        let axis = Axis { target: 0, streams: false, switch_on_in: 0 };
+        Self {
+            dice: Dice(seed),
+            axes: vec![axis; how.drives],
+            board,
+            followers,
+            network,
+            trouble,
+            how,
+            report: Frame::new(),
+            mark: 0,
+            pause: 0,
+            broken: 0,
+            quiet: true,
+            books,
+            done: Done::default(),
+        }
+    }
+
+    fn in_op(&self) -> bool {
+        self.board.engine().state().state() == Some(MasterState::Op)
+    }
+
+    fn is_whole(&self) -> bool {
+        self.board.engine().state() == StateByte::reached(MasterState::Op)
+    }
+
+    fn is_on(&self, n: usize) -> bool {
+        DriveResponse::decode(&self.report.slot(SIZE, n + 2)).statusword.is_enabled() && self.in_op()
+    }
+
+    fn send(&mut self, command: &Command) {
+        let counters = *self.board.engine().counters();
+        let in_op = self.in_op();
+        self.board.host(&command.frame, self.board.now(), &mut |_, _| {});
+        let full = self.board.engine().counters().full > counters.full;
+        if in_op && !full {
+            self.books.accepted(&command.values, &command.switched_on);
+        }
+        self.done.full += u64::from(full);
+    }
+
+    fn master(&mut self, master: &MasterCommand) {
+        let mut command = Command::default();
+        command.frame.put_master(SIZE, master);
+        self.send(&command);
+    }
+
+    /// Declares the slaves and the cycle.
+    fn set_up(&mut self) {
+        let mut kinds = [SlaveKind::None; 8];
+        kinds[..=self.how.drives].fill(SlaveKind::Drive);
+        kinds[IO - 1] = SlaveKind::Io;
+        self.master(&MasterCommand::SetAxis { group: 0, kinds });
+        let cycle = CycleTime::from_us(self.how.cycle_us).expect("a cycle of the guide's");
+        self.master(&MasterCommand::SetDc { cycle, shift: DcShift::Auto });
+    }
+
+    /// Below OP the slaves are declared anew; Init is left for PreOP alone.
+    fn ask_for_op(&mut self) {
+        let state = self.board.engine().state().state();
+        if state == Some(MasterState::PreOp) {
+            self.set_up();
+        }
+        let next = if state == Some(MasterState::Init) { MasterState::PreOp } else { MasterState::Op };
+        self.master(&MasterCommand::SetState(next));
+    }
+
+    /// A cycle passes.
+    fn cycle(&mut self) {
+        let Self { board, report, .. } = self;
+        board.cycle(&mut |frame, _| report.clone_from(frame));
+        self.books.look(&self.followers, self.board.engine().fifo_free());
+        self.done.cycles += 1;
+        self.done.in_op += u64::from(self.in_op());
+    }
+
+    /// The next frame of the stream.
+    fn next(&mut self) -> Command {
+        let mut command = Command { is_empty: true, ..Command::default() };
+        for n in 0..self.axes.len() {
+            if self.is_on(n) && self.axes[n].streams && !self.dice.one_in(8) {
+                let axis = &mut self.axes[n];
+                axis.target += 1 + self.dice.below(3) as i32;
+                let motion = SlaveCommand::Csp(Motion::to(axis.target));
+                command.frame.put_slave(SIZE, n + 2, &motion.into());
+                command.values.push((n + 2, axis.target));
+                command.is_empty = false;
+            }
+        }
+        if self.dice.one_in(20) && self.in_op() {
+            self.mark += 1;
+            command.frame.put_slave(SIZE, IO, &SlaveCommand::IoWrite(self.mark).into());
+            command.values.push((IO, self.mark.into()));
+            command.is_empty = false;
+        }
+        command
+    }
+
+    fn servo(&mut self, n: usize, on: bool) {
+        let mut command = Command::default();
+        let servo = if on { SlaveCommand::ServoOn } else { SlaveCommand::ServoOff };
+        command.frame.put_slave(SIZE, n + 2, &servo.into());
+        if on {
+            command.switched_on.push(n + 2);
+        }
+        self.send(&command);
+    }
+
+    /// Frames of a cycle.
+    fn stream(&mut self) {
+        if self.pause > 0 {
+            self.pause -= 1;
+            return;
+        }
+        let frames = if self.dice.one_in(800) { 200 } else { self.dice.pick(&[1, 1, 1, 1, 1, 0, 2]) };
+        for _ in 0..frames {
+            let command = self.next();
+            if !command.is_empty {
+                self.send(&command);
+            }
+        }
+    }
+
+    /// Something that programs do besides.
+    fn something(&mut self) {
+        let n = self.dice.below(self.axes.len() as u64) as usize;
+        match self.dice.below(16) {
+            0..=5 if self.axes[n].switch_on_in == 0 => {
+                self.servo(n, true);
+                self.axes[n].streams = true;
+            }
+            6 => self.servo(n, false),
+            7 => self.axes[n].streams = !self.axes[n].streams,
+            8 => {
+                self.quiet = false;
+                self.done.clears += 1;
+                self.master(&MasterCommand::SetFifo(FifoAction::Clear));
+            }
+            9 | 10 => {
+                let mut command = Command::default();
+                let object = ObjectAddress::new(self.dice.pick(&[0x1018, 0x1C12]), 0);
+                command.frame.put_sdo(SIZE, &SdoCommand::Read { slave: 2, object });
+                self.send(&command);
+            }
+            11 | 12 => self.pause = self.dice.below(100),
+            13 if self.dice.one_in(4) => {
+                self.quiet = false;
+                use MasterState::{Init, Op, PreOp, SafeOp};
+                let state = self.dice.pick(&[Init, PreOp, SafeOp, Op]);
+                self.master(&MasterCommand::SetState(state));
+            }
+            14 => self.push(n),
+            _ => {}
+        }
+    }
+
+    /// An axis whose motor is off is pushed by hand, and stays off for a while.
+    fn push(&mut self, n: usize) {
+        let mut inside = self.followers[n + 1].inside();
+        let asked = self.books.may_be_on(n + 2);
+        if !inside.is_on() && !asked {
+            let to = self.axes[n].target.max(inside.position()) + 1 + self.dice.below(1000) as i32;
+            inside.shove(to);
+            self.axes[n].target = to;
+            self.axes[n].switch_on_in = 300;
+        }
+    }
+
+    /// Something goes wrong.
+    fn fault(&mut self) {
+        self.quiet = false;
+        let slave = 1 + self.dice.below(self.followers.len() as u64) as u8;
+        let long = self.long();
+        let mut trouble = self.trouble.lock().expect("no panic");
+        let network = &self.network;
+        let what = self.dice.below(16);
+        match what {
+            0 => trouble.reset = true,
+            1 if self.dice.one_in(2) => {
+                let most = self.dice.pick(&[1, 3, 3, 15]);
+                trouble.dead_ns = 200 * MS + self.dice.below(most * S);
+            }
+            1 | 2 => trouble.dead_ns = self.dice.below(150 * MS),
+            3..=6 => trouble.late_ns = self.dice.below(100) * Ns::from(self.how.cycle_us) * US,
+            7 | 8 => {
+                network.lose(slave);
+                self.broken = 1 + self.dice.below(200);
+            }
+            9 => {
+                network.silence(slave, true);
+                self.broken = long;
+            }
+            10 => {
+                network.cut_after(slave - 1);
+                self.broken = long;
+            }
+            11 => {
+                let state = self.dice.pick(&[AlState::SafeOp, AlState::Op, AlState::PreOp]);
+                network.refuse(slave, Some((state, AlStatus::INVALID_OUTPUTS)));
+                self.broken = 1 + self.dice.below(400);
+            }
+            12 => network.delay_sdo(slave, self.dice.pick(&[50 * MS, 300 * MS])),
+            _ => trouble.rarely = self.dice.pick(&[None, None, Some(10), Some(40), Some(200)]),
+        }
+    }
+
+    /// Cycles for longer than a slave stays in OP without outputs: one that is back sooner has missed cycles, and while
+    /// another one is lost nobody sees that.
+    fn long(&mut self) -> u64 {
+        WATCHDOG_NS / (Ns::from(self.how.cycle_us) * US) + 10 + self.dice.below(200)
+    }
+
+    fn repair(&mut self) {
+        self.broken = self.broken.saturating_sub(1);
+        if self.broken == 0 {
+            self.mend_network();
+        }
+        for n in 0..self.axes.len() {
+            self.axes[n].switch_on_in = self.axes[n].switch_on_in.saturating_sub(1);
+        }
+    }
+
+    fn mend_network(&mut self) {
+        self.network.heal();
+        for slave in 1..=self.followers.len() as u8 {
+            self.network.find(slave);
+            self.network.refuse(slave, None);
+            self.network.delay_sdo(slave, 0);
+        }
+    }
+
+    /// So many cycles of the program and of what goes wrong.
+    pub fn run(&mut self, cycles: u64) {
+        let fault_every = self.dice.pick(&[60, 200, 400, 1_000_000]);
+        for _ in 0..cycles {
+            let state = self.board.engine().state();
+            if state.state() != Some(MasterState::Op) && self.dice.one_in(60) {
+                self.ask_for_op();
+            } else if state.is_failed() && self.dice.one_in(100) {
+                self.master(&MasterCommand::SetState(MasterState::Op));
+            }
+            if self.dice.one_in(15) {
+                self.something();
+            }
+            if self.dice.one_in(fault_every) {
+                self.done.faults += 1;
+                self.fault();
+            }
+            self.stream();
+            self.cycle();
+            self.repair();
+        }
+    }
+
+    /// Nothing goes wrong on the wires and nothing is sent until nothing is held and nothing lies in the chip.
+    pub fn rest(&mut self) {
+        {
+            let mut trouble = self.trouble.lock().expect("no panic");
+            *trouble = Trouble { mended: true, faults: std::mem::take(&mut trouble.faults), ..Trouble::default() };
+        }
+        let end = self.board.now() + AT_REST_WITHIN;
+        let mut still = 0;
+        while still < 300 {
+            assert!(self.board.now() < end, "never at rest: {:?}", self.board.engine().state());
+            self.cycle();
+            self.repair();
+            let is_still = self.board.engine().fifo_free() == FIFO_ENTRIES && self.broken == 0;
+            still = if is_still { still + 1 } else { 0 };
+        }
+        self.books.compare(self.board.engine().counters(), self.quiet);
+        self.quiet = true;
+    }
+
+    /// After all that the board is brought back to OP, and leads its axes without a loss.
+    pub fn comes_back(&mut self) {
+        let end = self.board.now() + BACK_WITHIN;
+        let mut next = 0;
+        while !self.is_whole() {
+            let why = self.board.engine().state_failure();
+            assert!(self.board.now() < end, "never in OP again: {:?}, {why:?}", self.board.engine().state());
+            if self.board.now() >= next {
+                self.ask_for_op();
+                next = self.board.now() + S;
+            }
+            self.cycle();
+            self.repair();
+        }
+        self.quiet = false;
+        self.rest();
+        for n in 0..self.axes.len() {
+            self.axes[n].streams = true;
+            if !self.is_on(n) {
+                self.servo(n, true);
+            }
+        }
+        self.wait("all axes on", |program| (0..program.axes.len()).all(|n| program.is_on(n)));
+        self.rest();
+        for _ in 0..200 {
+            let command = self.next();
+            if !command.is_empty {
+                self.send(&command);
+            }
+            self.cycle();
+        }
+        let before = self.books.account;
+        self.rest();
+        assert_eq!(self.books.account.single, before.single, "commands were not executed, and nothing went wrong");
+        assert_eq!(self.books.account.cleared, before.cleared);
+    }
+
+    fn wait(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
+        let end = self.board.now() + AT_REST_WITHIN;
+        while !done(self) {
+            assert!(self.board.now() < end, "never: {what}");
+            self.cycle();
+        }
+    }
+
+    pub fn done(mut self) -> Done {
+        self.done.account(&self.books.account);
+        let trouble = self.trouble.lock().expect("no panic");
+        self.done.on_wires = trouble.faults.values().sum();
+        drop(trouble);
+        self.done
+    }
+}

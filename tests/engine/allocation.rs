@@ -159,7 +159,12 @@ fn a_board_of_a_link_allocates_nothing() {
     let declared = master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
     let [op, pre_op] = [MasterState::Op, MasterState::PreOp].map(|state| master(MasterCommand::SetState(state)));
     let (on, targets) = (all(SlaveCommand::ServoOn), all(SlaveCommand::Csp(Motion::to(500))));
-    for keys in ["sim:?slaves=drive*8", "xf-sim:?slaves=drive*8", "xf-sim:?slaves=drive*8&chip_fw=old&int0=yes"] {
+    for keys in [
+        "sim:?slaves=drive*8",
+        "xf-sim:?slaves=drive*8",
+        "xf-sim:?slaves=drive*8&chip_fw=old&int0=yes",
+        "xf-sim:?slaves=drive*8&ahead=1",
+    ] {
         let link = link::open(&format!("{keys}&clock=virtual"), Share::ByName).expect(keys);
         let mut report = Frame::new();
         let mut until = |frame: &Frame, so: &dyn Fn(&Frame) -> bool| {
@@ -174,6 +179,10 @@ fn a_board_of_a_link_allocates_nothing() {
             until(&declared, &|_| true);
             until(&op, &is(MasterState::Op));
             until(&on, &|report| drive(report).statusword.is_enabled());
+            // More than a chip holds are on their way, so that everything that is kept of them is.
+            for _ in 0..100 {
+                link.write(&targets, Wait::Forever).unwrap();
+            }
             until(&targets, &|report| drive(report).position == 500);
             until(&pre_op, &is(MasterState::PreOp));
         });

@@ -197,7 +197,8 @@ impl<W: Wires> XfBus<W> {
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
-            ledger: Ledger::new(2 * depth + 1),
+            // Whether a set was sent is known as late as an answer comes, however few lie in the chip.
+            ledger: Ledger::new(2 * depth + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
             spare: (0..ANSWERS).map(|_| Answer::default()).collect(),

@@ -28,6 +28,17 @@ pub enum AlState {
     Op = 8,
 }
 
+impl AlState {
+    /// The next higher state, in which a slave that goes up is first; above [`Self::Op`] there is none.
+    pub const fn above(self) -> Self {
+        match self {
+            Self::Init => Self::PreOp,
+            Self::PreOp => Self::SafeOp,
+            Self::SafeOp | Self::Op => Self::Op,
+        }
+    }
+}
+
 /// The AL status code: why a slave refuses a change of its AL state, or has left a state (ETG.1000.6 table 11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AlStatus(pub u16);

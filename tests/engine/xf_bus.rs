@@ -65,9 +65,8 @@ fn op_begins_where_the_axis_is() {
     assert_eq!(puppet.targets(), [77_000]);
 }
 
-/// XF-19.4 A slave that was lost comes back; the other one goes on in OP meanwhile, and misses no target.
-#[test]
-fn who_comes_back_disturbs_nobody() {
+/// Two drives that are on, of which the second one is lost.
+fn two_of_which_one_is_lost() -> (Host, [Puppet; 2], SimHandle) {
     let puppets = [Puppet::obedient(), Puppet::obedient()];
     let handle = SimHandle::default();
     let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
@@ -75,6 +74,13 @@ fn who_comes_back_disturbs_nobody() {
     host.op(2).servo_on(1).servo_on(2);
     handle.lose(2);
     host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    (host, puppets, handle)
+}
+
+/// XF-19.4 A slave that was lost comes back; the other one goes on in OP meanwhile, and misses no target.
+#[test]
+fn who_comes_back_disturbs_nobody() {
+    let (mut host, puppets, handle) = two_of_which_one_is_lost();
     handle.find(2);
     host.master(MasterCommand::SetState(MasterState::Op));
     let mut targets = 0;
@@ -287,13 +293,7 @@ fn what_a_clear_has_stopped_counts_as_cleared() {
 /// counted.
 #[test]
 fn who_is_lost_meanwhile_is_named() {
-    let puppets = [Puppet::obedient(), Puppet::obedient()];
-    let handle = SimHandle::default();
-    let bus = xf_bus_reached_by(puppets.iter().map(Puppet::boxed).collect(), handle.clone(), XfBusOptions::DEFAULT);
-    let mut host = Host::new(EngineConfig::default(), bus);
-    host.op(2).servo_on(1).servo_on(2);
-    handle.lose(2);
-    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    let (mut host, puppets, handle) = two_of_which_one_is_lost();
     // It does not answer, so that the change lasts.
     host.master(MasterCommand::SetState(MasterState::Op)).cycles(200);
     let mut targets = 0;

@@ -153,7 +153,7 @@ impl SimBus {
     /// answers.
     fn next_change(&self, target: AlState, not_in_target_state: SlaveSet) -> Option<(AlState, AlState)> {
         let moving = not_in_target_state.iter().filter(|slave| self.answers(*slave));
-        moving.map(|slave| self.state(slave)).min().map(|from| (from, above(from).min(target)))
+        moving.map(|slave| self.state(slave)).min().map(|from| (from, from.above().min(target)))
     }
 
     fn next_change_ns(&self, target: AlState, not_in_target_state: SlaveSet) -> Ns {
@@ -215,14 +215,5 @@ impl SimBus {
             None => device.upload(request.object).map(|value| value.bits),
             Some((size, value)) => device.download(request.object, size, value).map(|()| value),
         }
-    }
-}
-
-/// The next higher AL state.
-const fn above(state: AlState) -> AlState {
-    match state {
-        AlState::Init => AlState::PreOp,
-        AlState::PreOp => AlState::SafeOp,
-        AlState::SafeOp | AlState::Op => AlState::Op,
     }
 }

@@ -4,6 +4,7 @@
 //! says what comes next. `configure.rs` has the steps of a configuration, `state.rs` those of a change of state.
 
 mod configure;
+mod run;
 mod state;
 
 use super::XfBus;
@@ -99,7 +100,7 @@ enum Stage {
 /// What a job needs next.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant, reason = "it is made and used at once")]
-pub(super) enum Todo {
+enum Todo {
     Ask(Ask),
     Wait(Ns),
     /// The driver is set to another n.
@@ -185,7 +186,7 @@ fn abort_code(error: &HostError) -> AbortCode {
 
 impl<W: Wires> XfBus<W> {
     /// What the job needs next; `reply` is the answer to what it needed last.
-    pub(super) fn go_on(&mut self, job: &mut Running, reply: Reply, now: Ns) -> Todo {
+    fn go_on(&mut self, job: &mut Running, reply: Reply, now: Ns) -> Todo {
         match job.stage {
             Stage::Begin => self.begin(job, now),
             Stage::SendFirst => self.send_first(job, now),

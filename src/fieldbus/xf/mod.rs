@@ -3,7 +3,7 @@
 //! | file | what it answers |
 //! | --- | --- |
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
-//! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands; `ask.rs`: one command and its answer |
+//! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands, and in `run.rs` how these are asked; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
 //! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
 //! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
@@ -38,7 +38,7 @@ use answers::{ANSWERS, Answer, IMAGE_MAX};
 use ask::{Ask, Asked};
 use clear::Clearing;
 use flow::{Flying, Set};
-use jobs::{Running, Todo};
+use jobs::Running;
 use ledger::Ledger;
 use level::FillLevel;
 pub use local_io::LocalPins;
@@ -99,8 +99,6 @@ pub struct XfBusCounters {
     pub sets_lost: u64,
     /// Cycles whose inputs were lost.
     pub cycles_lost: u64,
-    /// Cycles in OP that had nothing new to send.
-    pub repeated: u64,
     /// How often the chip was reset.
     pub chip_resets: u64,
 }
@@ -316,71 +314,6 @@ impl<W: Wires> XfBus<W> {
             self.host.step(&mut self.wires, Ns::MAX)?;
         }
         Ok(())
-    }
-
-    fn run_job(&mut self, now: Ns) {
-        let Some(mut job) = self.job.take() else { return };
-        if let Some(ask) = self.pending.take() {
-            self.ask(ask, now);
-            return self.keep_or_end(job, now);
-        }
-        let reply = match (&self.asked, job.wait_until) {
-            (Some(asked), _) => match asked.reply(&mut self.host) {
-                Some(reply) => reply,
-                None => return self.keep_or_end(job, now),
-            },
-            (None, Some(until)) if now < until => return self.keep_or_end(job, now),
-            (None, _) if self.is_resizing() || self.is_holding() => return self.keep_or_end(job, now),
-            (None, _) => Ok(0),
-        };
-        self.asked = None;
-        job.wait_until = None;
-        match self.go_on(&mut job, reply, now) {
-            Todo::Ask(ask) => self.ask(ask, now),
-            Todo::Wait(until) => job.wait_until = Some(until),
-            Todo::Resize(size) => self.host.resize(now, size),
-            Todo::Hold => self.send_holding(),
-            Todo::Done(done) => {
-                self.ended.push_back(done);
-                return;
-            }
-        }
-        self.job = Some(job);
-    }
-
-    /// A job that goes on, unless its time is over.
-    fn keep_or_end(&mut self, job: Running, now: Ns) {
-        match job.late() {
-            Some(done) if job.is_late(now) => {
-                self.abandon_asked();
-                self.ended.push_back(done);
-            }
-            _ => self.job = Some(job),
-        }
-    }
-
-    fn ask(&mut self, ask: Ask, now: Ns) {
-        self.asked = ask.submit(&mut self.host, now).ok();
-        self.pending = if self.asked.is_none() { Some(ask) } else { None };
-    }
-
-    fn is_resizing(&self) -> bool {
-        !matches!(self.host.state(), HostState::Running)
-    }
-
-    fn abandon_asked(&mut self) {
-        self.pending = None;
-        if let Some(asked) = self.asked.take() {
-            asked.abandon(&mut self.host);
-        }
-    }
-
-    fn run_sdo(&mut self) {
-        let Some((request, asked)) = &self.sdo else { return };
-        if let Some(reply) = asked.reply(&mut self.host) {
-            self.ended.push_back(jobs::sdo_done(request, reply));
-            self.sdo = None;
-        }
     }
 
     /// No slave is in OP any more.

@@ -14,9 +14,10 @@ use ecmsk::sk::{
 use ecmsk::slave::al::WATCHDOG_NS;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{AlStatus, Slave};
-use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
+use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
 use ecmsk::xf::host::{Deadlines, HostConfig, Pacing};
 use support::dice::Dice;
+use support::faulty_wire::quick;
 
 use super::Done;
 use super::books::{Books, IO};
@@ -95,20 +96,7 @@ impl How {
     }
 
     fn chip(&self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Chip<SlaveModels> {
-        let timing = Timing {
-            start_ns: 50 * MS,
-            port_ns: 20 * MS,
-            packet_ns: self.packet_ns,
-            init_ns: 5 * MS,
-            slave_ns: MS,
-            reconfig_ns: 2 * MS,
-            to_preop_ns: 5 * MS,
-            to_safeop_ns: 5 * MS,
-            to_op_ns: 5 * MS,
-            down_ns: 2 * MS,
-            ..Timing::default()
-        };
-        Chip::with_timing(self.profile, timing, SlaveModels::new(slaves).reached_by(handle))
+        Chip::with_timing(self.profile, quick(self.packet_ns), SlaveModels::new(slaves).reached_by(handle))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The wire between the driver of an ECM-XF and the model of the chip: what goes wrong on it, and with the chip at its end.
 
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Chip, ChipPort, Network};
+use ecmsk::xf::chip::{Chip, ChipPort, Network, Timing};
 use ecmsk::xf::request::{Encode, SpiReconfig, WarmReset};
 use ecmsk::xf::{
     AnswerPacket, CheckRule, CommandCode, CommandHeader, Coverage, DataSize, MAX_PACKET, Received, write_answer,
@@ -18,6 +18,24 @@ const PACKETS_APART: Ns = 3_000_000;
 pub const REGISTER: (u8, u8) = (1, 5);
 /// Where in the flash memory a number is written.
 pub const FLASH_AT: usize = 0x100;
+
+/// A chip that starts, and moves its slaves, as fast as schedules need it, and works that long on a packet.
+pub fn quick(packet_ns: Ns) -> Timing {
+    const MS: Ns = 1_000_000;
+    Timing {
+        start_ns: 50 * MS,
+        port_ns: 20 * MS,
+        packet_ns,
+        init_ns: 5 * MS,
+        slave_ns: MS,
+        reconfig_ns: 2 * MS,
+        to_preop_ns: 5 * MS,
+        to_safeop_ns: 5 * MS,
+        to_op_ns: 5 * MS,
+        down_ns: 2 * MS,
+        ..Timing::default()
+    }
+}
 
 /// What goes wrong with an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

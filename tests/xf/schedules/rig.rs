@@ -10,7 +10,7 @@ use ecmsk::xf::request::{
 };
 use ecmsk::xf::{DataSize, EtherCatState, MAX_PACKET};
 use support::dice::Dice;
-use support::faulty_wire::{FLASH_AT, Fault, REGISTER, Wire};
+use support::faulty_wire::{FLASH_AT, Fault, REGISTER, Wire, quick};
 
 use super::Done;
 use super::books::{Books, End, MOST_AT_ONCE, What};
@@ -72,20 +72,8 @@ fn config(dice: &mut Dice, profile: Profile) -> HostConfig {
 }
 
 fn timing(dice: &mut Dice) -> Timing {
-    Timing {
-        start_ns: 50 * MS,
-        port_ns: 20 * MS,
-        packet_ns: dice.pick(&[5 * US, 100 * US, 400 * US, 2 * MS]),
-        init_ns: 5 * MS,
-        slave_ns: MS,
-        reconfig_ns: 2 * MS,
-        to_preop_ns: 5 * MS,
-        to_safeop_ns: 5 * MS,
-        to_op_ns: 5 * MS,
-        down_ns: 2 * MS,
-        sdo_ns: dice.pick(&[100 * US, 3 * MS, 30 * MS]),
-        ..Timing::default()
-    }
+    let timing = quick(dice.pick(&[5 * US, 100 * US, 400 * US, 2 * MS]));
+    Timing { sdo_ns: dice.pick(&[100 * US, 3 * MS, 30 * MS]), ..timing }
 }
 
 impl Rig {

@@ -62,7 +62,7 @@ impl<W: Wires> XfBus<W> {
                 None => Todo::Done(JobDone::State(Ok(()))),
             };
         };
-        let to = if lowest > target { target } else { above(lowest).min(target) };
+        let to = if lowest > target { target } else { lowest.above().min(target) };
         if to > AlState::PreOp && !self.network.mapped {
             // The chip was reset since the configuration, which has to be done again first \[OURS].
             return job.failed(no_answer(slaves.iter().next().unwrap_or(1)));
@@ -144,14 +144,5 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn stay_up(&mut self, job: &Running, slave: u8) {
         let commanded = &mut self.network.commanded[usize::from(slave) - 1];
         *commanded = job.state(slave).map_or(*commanded, |state| state.max(*commanded));
-    }
-}
-
-/// The next higher AL state.
-const fn above(state: AlState) -> AlState {
-    match state {
-        AlState::Init => AlState::PreOp,
-        AlState::PreOp => AlState::SafeOp,
-        AlState::SafeOp | AlState::Op => AlState::Op,
     }
 }

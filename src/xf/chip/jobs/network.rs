@@ -107,7 +107,7 @@ impl<N: Network> Chip<N> {
         let target = job.target?;
         let states = self.chosen(job.slaves).filter_map(|slave| self.network.state(slave));
         let lowest = states.filter(|state| *state != target).min()?;
-        Some(above(lowest).min(target))
+        Some(lowest.above().min(target))
     }
 
     /// One change of state: slaves go up one state at a time and together, those in the lowest first; they go down at
@@ -180,14 +180,5 @@ impl<N: Network> Chip<N> {
             self.note_refusal(slave, AlStatus::INVALID_CHANGE);
             self.bus.update(&self.network, slave);
         }
-    }
-}
-
-/// The next higher state.
-const fn above(state: AlState) -> AlState {
-    match state {
-        AlState::Init => AlState::PreOp,
-        AlState::PreOp => AlState::SafeOp,
-        AlState::SafeOp | AlState::Op => AlState::Op,
     }
 }

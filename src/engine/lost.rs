@@ -45,8 +45,9 @@ impl Engine {
                 None => is_newest,
             };
             let missed = self.commanded_by.of(id).intersection(unreached);
+            // Where answers were lost in between, whoever is not in OP now may have missed all since the one before.
             let missed =
-                missed.iter().filter(|slave| was_lost(*slave) || is_newest && without_outputs.contains(*slave));
+                missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave));
             self.counters.for_lost += missed.count() as u64;
         }
     }

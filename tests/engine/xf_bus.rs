@@ -449,3 +449,29 @@ fn no_slave_goes_to_op_without_process_data() {
     assert!(matches!(done, Some(JobDone::State(Err(_)))), "{done:?}");
     assert_eq!(puppet.strings().al_state(), AlState::PreOp);
 }
+
+/// XF-19.12 A chip that is reset while one slave is being brought back has lost the configuration of the others, too: they are
+/// lost, and none of them goes to OP without process data.
+#[test]
+fn who_was_configured_before_a_reset_is_configured_again() {
+    let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());
+    let slaves = puppets.iter().map(Puppet::boxed).collect();
+    let bus = xf_bus_reached_by(slaves, handle.clone(), XfBusOptions::DEFAULT);
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.declare_drives(2).go(MasterState::SafeOp);
+    handle.lose(2);
+    host.until("the loss", |host| host.state().is_failed());
+    handle.find(2);
+    host.master(MasterCommand::SetState(MasterState::Op)).cycles(2);
+    cut.store(true, Ordering::Relaxed);
+    host.cycles(4000);
+    cut.store(false, Ordering::Relaxed);
+    for _ in 0..20 {
+        if host.state() != StateByte::reached(MasterState::Op) {
+            host.master(MasterCommand::SetState(MasterState::Op)).cycles(2000);
+        }
+    }
+    host.servo_on(1).servo_on(2).csp(1, 10).csp(2, 20).drained().cycles(30);
+    assert_eq!([puppets[0].last().target, puppets[1].last().target], [10, 20]);
+}

@@ -159,6 +159,15 @@ impl Running {
         Some(JobDone::State(Err(no_answer(slave.unwrap_or(1)))))
     }
 
+    /// The end of a job whose chip has forgotten what it was told.
+    pub(super) fn cut_off(&self) -> JobDone {
+        match &self.kind {
+            Kind::Scan => JobDone::Scan { found: 0 },
+            Kind::Configure(config) => JobDone::Configure(Err(no_answer(config.selected.iter().next().unwrap_or(1)))),
+            Kind::State { slaves, .. } => JobDone::State(Err(no_answer(slaves.iter().next().unwrap_or(1)))),
+        }
+    }
+
     pub(super) const fn is_late(&self, now: Ns) -> bool {
         now >= self.deadline
     }

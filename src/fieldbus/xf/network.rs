@@ -27,6 +27,8 @@ pub(super) struct Network {
     /// What is mapped for the role of a slave; `None`: it has none.
     pub process_data: [Option<ProcessData>; MAX_SLAVES],
     pub places: [Place; MAX_SLAVES],
+    /// Slaves that were configured since the network was started.
+    pub configured: SlaveSet,
     /// The chip has laid out process data.
     pub mapped: bool,
     /// Bytes of one RxPDO of the chip: the outputs of all slaves.
@@ -52,6 +54,7 @@ impl Network {
             commanded: [AlState::Init; MAX_SLAVES],
             process_data: [None; MAX_SLAVES],
             places: [Place { outputs_at: 0, output_bytes: 0, inputs_at: 0, input_bytes: 0 }; MAX_SLAVES],
+            configured: SlaveSet::EMPTY,
             mapped: false,
             rx_bytes: 0,
             tx_bytes: 0,

@@ -205,8 +205,12 @@ impl<W: Wires> XfBus<W> {
         }
     }
 
-    /// Nothing that the chip was told holds any more: all slaves are lost, and what lay in it is.
+    /// Nothing that the chip was told holds any more: all slaves are lost, what lay in it is, and a job has failed.
     pub(super) fn lose_all(&mut self) {
+        if let Some(job) = self.job.take() {
+            self.abandon_asked();
+            self.ended.push_back(job.cut_off());
+        }
         let in_op = self.network.in_op();
         let next = self.ledger.next_id();
         let all = SlaveSet::first(self.network.found);
@@ -220,6 +224,7 @@ impl<W: Wires> XfBus<W> {
         self.network.lost = all;
         self.pins = PinSetup::Due;
         (self.network.initialised, self.network.mapped) = (false, false);
+        self.network.configured = SlaveSet::EMPTY;
         self.lose_sets(self.ledger.ahead());
         self.ledger.lost();
         self.level.clear();

@@ -29,6 +29,8 @@ struct Known {
     newest: i32,
     /// Frames with an SV_ON: those that were accepted before that many, and since then none.
     switched_on_by: Option<u64>,
+    /// The newest frame with an SV_OFF, counted as those.
+    switched_off_by: u64,
     was_on: bool,
     state: AlState,
 }
@@ -68,16 +70,22 @@ impl Books {
         Self { slaves, frames: Vec::new(), queued: 0, done: 0, then: *counters, account: Account::default() }
     }
 
-    /// The board has taken a frame into its FIFO: with these targets and marks, each with its slave, and an SV_ON for these.
-    pub fn accepted(&mut self, commands: &[(usize, i32)], switched_on: &[usize]) {
+    /// The board has taken a frame into its FIFO: with these targets and marks, each with its slave, and an SV_ON or SV_OFF for
+    /// these.
+    pub fn accepted(&mut self, commands: &[(usize, i32)], switched: &[(usize, bool)]) {
         for (slave, value) in commands {
             self.slaves[slave - 1].open.insert(*value, self.frames.len());
         }
         self.frames.push(Taken { commands: commands.len() as u64, got: 0 });
         self.account.accepted += commands.len() as u64;
         self.queued += 1;
-        for slave in switched_on {
-            self.slaves[slave - 1].switched_on_by = Some(self.queued);
+        for (slave, on) in switched {
+            let known = &mut self.slaves[slave - 1];
+            if *on {
+                known.switched_on_by = Some(self.queued);
+            } else {
+                known.switched_off_by = self.queued;
+            }
         }
     }
 
@@ -114,7 +122,9 @@ impl Books {
                 self.slaves[slave - 1].was_on = mark != 0;
             }
             Note::Got { out, was_on, is_on, position } => {
-                if !is_on && known.was_on {
+                // An SV_ON behind the SV_OFF waits for its end.
+                let is_asked = known.switched_on_by > Some(known.switched_off_by);
+                if !is_on && known.was_on && !is_asked {
                     self.fell(slave);
                 } else if is_on && !was_on {
                     assert_eq!(out.target, position, "slave {slave} jumps when it is switched on");

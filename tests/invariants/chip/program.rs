@@ -30,8 +30,8 @@ const S: Ns = 1_000_000_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
 /// The clock of SPI.
 const CLOCK_HZ: u32 = 24_000_000;
-/// Bytes of the process data of a slave in a direction are fewer.
-const SLAVE_BYTES: usize = 12;
+/// Bytes of the inputs of a drive and of the module: more than of their outputs.
+const INPUT_BYTES: (usize, usize) = (10, 2);
 /// Once nothing goes wrong any more, the board is in OP after so long: a start of the chip that fails for want of an answer, and
 /// the change itself.
 const BACK_WITHIN: Ns = 120 * S;
@@ -58,7 +58,7 @@ impl How {
         let (idle_ns, pacing) =
             dice.pick(&[(20 * US, Pacing::Idle), (150 * US, Pacing::Idle), (20 * US, Pacing::Int0)]);
         let ahead = dice.pick(&[1, 2, 4, 8, 8, 20, 60]);
-        let process_bytes = (drives + 1) * SLAVE_BYTES;
+        let process_bytes = drives * INPUT_BYTES.0 + INPUT_BYTES.1;
         let from = dice.below(6) as usize;
         let holds = |cycle_us: &&u32| {
             let demand = CycleDemand {
@@ -115,7 +115,8 @@ struct Axis {
 struct Command {
     frame: Frame,
     values: Vec<(usize, i32)>,
-    switched_on: Vec<usize>,
+    /// SV_ON and SV_OFF.
+    switched: Vec<(usize, bool)>,
     is_empty: bool,
 }
 
@@ -158,7 +159,7 @@ impl Program {
         assert!(board.boot(BACK_WITHIN), "the board does not talk");
         let books = Books::new(followers.len(), board.engine().counters());
         let axis = Axis { target: 0, streams: false, switch_on_in: 0 };
-        Self {
+        let mut program = Self {
             dice: Dice(seed),
             axes: vec![axis; how.drives],
             board,
@@ -173,7 +174,9 @@ impl Program {
             quiet: true,
             books,
             done: Done::default(),
-        }
+        };
+        program.set_up();
+        program
     }
 
     fn in_op(&self) -> bool {
@@ -194,7 +197,7 @@ impl Program {
         self.board.host(&command.frame, self.board.now(), &mut |_, _| {});
         let full = self.board.engine().counters().full > counters.full;
         if in_op && !full {
-            self.books.accepted(&command.values, &command.switched_on);
+            self.books.accepted(&command.values, &command.switched);
         }
         self.done.full += u64::from(full);
     }
@@ -260,9 +263,7 @@ impl Program {
         let mut command = Command::default();
         let servo = if on { SlaveCommand::ServoOn } else { SlaveCommand::ServoOff };
         command.frame.put_slave(SIZE, n + 2, &servo.into());
-        if on {
-            command.switched_on.push(n + 2);
-        }
+        command.switched.push((n + 2, on));
         self.send(&command);
     }
 
@@ -471,7 +472,8 @@ impl Program {
     fn wait(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
         let end = self.board.now() + AT_REST_WITHIN;
         while !done(self) {
-            assert!(self.board.now() < end, "never: {what}");
+            let engine = self.board.engine();
+            assert!(self.board.now() < end, "never: {what}; {:?}, {} free", engine.state(), engine.fifo_free());
             self.cycle();
         }
     }

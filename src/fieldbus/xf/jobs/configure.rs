@@ -21,6 +21,7 @@ impl<W: Wires> XfBus<W> {
     /// have left OP for it already.
     pub(super) fn check_before_leaving(&mut self, job: &mut Running, now: Ns) -> Todo {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
+        self.network.configured = self.network.configured.difference(config.selected);
         job.keeps_layout = self.keeps_layout(config);
         for slave in 1..=self.network.found {
             let selected = config.selected.contains(slave);
@@ -213,6 +214,9 @@ impl<W: Wires> XfBus<W> {
 
     pub(super) fn configured(&mut self, job: &mut Running) -> Todo {
         self.network.mapped = true;
+        if let Kind::Configure(config) = &job.kind {
+            self.network.configured = self.network.configured.union(config.selected);
+        }
         let Running { second_axes, disturbed, .. } = *job;
         Todo::Done(JobDone::Configure(Ok(Configured { second_axes, disturbed })))
     }

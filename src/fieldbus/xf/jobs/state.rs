@@ -63,9 +63,13 @@ impl<W: Wires> XfBus<W> {
             };
         };
         let to = if lowest > target { target } else { lowest.above().min(target) };
-        if to > AlState::PreOp && !self.network.mapped {
+        let unconfigured = if self.network.mapped { slaves.difference(self.network.configured) } else { slaves };
+        if to > AlState::PreOp
+            && let Some(slave) = unconfigured.iter().next()
+        {
             // The chip was reset since the configuration, which has to be done again first \[OURS].
-            return job.failed(no_answer(slaves.iter().next().unwrap_or(1)));
+            self.network.lost = self.network.lost.union(unconfigured);
+            return job.failed(no_answer(slave));
         }
         if to == AlState::Op && self.network.in_op().is_empty() {
             self.leave_op();

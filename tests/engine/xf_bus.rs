@@ -17,6 +17,7 @@ use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::chip::SlaveModels;
 use support::chip_line::{ChipLine, xf_bus, xf_bus_reached_by};
+use support::faulty_wire::reset_chip;
 
 use crate::host::Host;
 use crate::puppet::Puppet;
@@ -418,6 +419,41 @@ fn who_was_lost_before_a_change_is_counted() {
     let got = puppets[0].targets().iter().filter(|target| **target > 0).count() as u64;
     let counters = host.counters();
     assert!(counters.for_lost + counters.cleared >= 200 - got, "{got} have come, {counters:?}");
+}
+
+/// XF-19.12 A chip that is reset while its packets get another size forgets its network unseen, since its check word is set anew
+/// then: the configuration fails, and the next one starts the network.
+#[test]
+fn a_reset_during_a_resize_is_seen() {
+    let puppet = Puppet::obedient();
+    let mut bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let mut now = 0;
+    let mut ends = |bus: &mut XfBus<ChipLine<SlaveModels>>, job, resets: bool| {
+        bus.start(job, now).unwrap();
+        let (size, mut reset) = (bus.host().size(), false);
+        (0..200_000).find_map(|_| {
+            now += 100_000;
+            if resets && !reset && bus.host().size() != size {
+                reset = true;
+                reset_chip(bus.wires_mut().chip(), now);
+            }
+            bus.poll_job(now)
+        })
+    };
+    let config = SlaveConfig { role: Role::Drive(Mode::Csp), sync: DriveSync::DcSync };
+    let cycle = CycleTime::from_us(250).unwrap();
+    let config = BusConfig { cycle, selected: SlaveSet::first(1), slaves: [config; MAX_SLAVES] };
+    let state = |target| Job::State { target, slaves: SlaveSet::first(1), timeout_ns: 10_000_000_000 };
+    for job in [Job::Scan, state(AlState::PreOp)] {
+        ends(&mut bus, job, false).expect("it ends");
+    }
+    let done = ends(&mut bus, Job::Configure(config), true);
+    assert!(matches!(done, Some(JobDone::Configure(Err(_)))), "{done:?}");
+    for job in [state(AlState::PreOp), Job::Configure(config), state(AlState::SafeOp)] {
+        let done = ends(&mut bus, job, false);
+        assert!(matches!(done, Some(JobDone::State(Ok(())) | JobDone::Configure(Ok(_)))), "{done:?}");
+    }
+    assert_eq!(puppet.strings().al_state(), AlState::SafeOp);
 }
 
 /// XF-19.12 A chip that was reset between a configuration and the change of state behind it has no process data any more: the

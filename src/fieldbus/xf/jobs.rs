@@ -83,6 +83,7 @@ enum Stage {
     TxEntries,
     BuildFifos,
     Resize,
+    CountAgain,
     StopFifo,
     EmptyFifos,
     Hold,
@@ -257,7 +258,13 @@ impl<W: Wires> XfBus<W> {
             Stage::RxEntries => job.ask(Stage::TxEntries, Ask::TxEntries(self.entries())),
             Stage::TxEntries => job.ask(Stage::BuildFifos, Ask::BuildFifos),
             Stage::BuildFifos => self.choose_size(job),
-            Stage::Resize => self.configured(job),
+            // Until the driver has set its check word anew it notices no reset of the chip, which has no network then.
+            Stage::Resize => job.ask(Stage::CountAgain, Ask::Count),
+            Stage::CountAgain if reply.is_ok_and(|count| count >= self.network.found.into()) => self.configured(job),
+            Stage::CountAgain => {
+                self.lose_all();
+                job.failed(no_answer(self.first_selected(job)))
+            }
             Stage::StopFifo => job.ask(Stage::EmptyFifos, Ask::Clear(Fifos::Both)),
             Stage::EmptyFifos => {
                 job.stage = Stage::Hold;

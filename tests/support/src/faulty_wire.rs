@@ -169,27 +169,14 @@ impl<N: Network> Wire<N> {
 
     /// The chip is reset as by its reset line.
     pub fn reset(&mut self, now: Ns) {
-        self.give(now, &WarmReset);
+        reset_chip(self.port.chip_mut(), now);
     }
 
     /// The chip changes the size of its packets by itself. If it is another one: a packet between two copies of one would
     /// let that run twice.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         if size != self.port.chip().size() {
-            self.give(now, &SpiReconfig { size });
-        }
-    }
-
-    /// The chip takes a packet past the wire, with one check word or the other.
-    fn give(&mut self, now: Ns, request: &impl Encode) {
-        let chip = self.port.chip_mut();
-        let mut now = now.max(chip.now());
-        for rule in [CheckRule::CRC32, CheckRule::FIXED] {
-            now += PACKETS_APART;
-            let mut buffer = [0; MAX_PACKET];
-            let header = CommandHeader::with_index(0);
-            let packet = write_request(&mut buffer, chip.size(), rule, header, request).expect("it fits");
-            chip.exchange(now, packet, &mut []);
+            give(self.port.chip_mut(), now, &SpiReconfig { size });
         }
     }
 
@@ -204,6 +191,23 @@ impl<N: Network> Wire<N> {
         if flash != u32::MAX && self.flash.last() != Some(&flash) {
             self.flash.push(flash);
         }
+    }
+}
+
+/// The chip is reset as by its reset line.
+pub fn reset_chip<N: Network>(chip: &mut Chip<N>, now: Ns) {
+    give(chip, now, &WarmReset);
+}
+
+/// The chip takes a packet past the wire, with one check word or the other.
+fn give<N: Network>(chip: &mut Chip<N>, now: Ns, request: &impl Encode) {
+    let mut now = now.max(chip.now());
+    for rule in [CheckRule::CRC32, CheckRule::FIXED] {
+        now += PACKETS_APART;
+        let mut buffer = [0; MAX_PACKET];
+        let header = CommandHeader::with_index(0);
+        let packet = write_request(&mut buffer, chip.size(), rule, header, request).expect("it fits");
+        chip.exchange(now, packet, &mut []);
     }
 }
 

@@ -247,6 +247,11 @@ impl Engine {
         self.network().state_byte()
     }
 
+    /// Whether boot or a change of state has steps under way or to come.
+    pub fn is_changing_state(&self) -> bool {
+        self.job.is_some() || self.network().next_step().is_some()
+    }
+
     /// Why a change of state has failed; `None`: none has.
     pub fn state_failure(&self) -> Option<StateFailure> {
         self.volatile.failure.filter(|_| self.state().is_failed())

@@ -170,6 +170,13 @@ impl Ledger {
         self.newest_sent
     }
 
+    /// Takes for sent what had been by the newest headers, whatever cycles have come back.
+    pub(super) fn settle(&mut self) {
+        let least = |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(|moment| moment.sent).min();
+        let sent = self.samples.iter().filter_map(least).max().unwrap_or(0);
+        self.send_until(sent);
+    }
+
     /// Sets that lie in the RxFIFO at most.
     pub(super) fn ahead(&self) -> u64 {
         self.ids.len() as u64

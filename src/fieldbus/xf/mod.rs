@@ -318,7 +318,9 @@ impl<W: Wires> XfBus<W> {
 
     /// No slave is in OP any more.
     fn leave_op(&mut self) {
-        self.runs = false;
+        if std::mem::take(&mut self.runs) {
+            self.ledger.settle();
+        }
         let newest = self.newest_taken();
         let waited = self.queue.len();
         self.drop_queue();

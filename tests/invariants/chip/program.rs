@@ -413,7 +413,8 @@ impl Program {
         }
     }
 
-    /// Nothing goes wrong on the wires and nothing is sent until nothing is held and nothing lies in the chip.
+    /// Nothing goes wrong on the wires and nothing is sent until nothing is held, nothing lies in the chip, and no change of
+    /// state is under way, which would keep a loss from being seen.
     pub fn rest(&mut self) {
         {
             let mut trouble = self.trouble.lock().expect("no panic");
@@ -425,7 +426,8 @@ impl Program {
             assert!(self.board.now() < end, "never at rest: {:?}", self.board.engine().state());
             self.cycle();
             self.repair();
-            let is_still = self.board.engine().fifo_free() == FIFO_ENTRIES && self.broken == 0;
+            let engine = self.board.engine();
+            let is_still = engine.fifo_free() == FIFO_ENTRIES && !engine.is_changing_state() && self.broken == 0;
             still = if is_still { still + 1 } else { 0 };
         }
         self.books.compare(self.board.engine().counters(), self.quiet);

@@ -247,9 +247,9 @@ impl Engine {
         self.network().state_byte()
     }
 
-    /// Whether boot or a change of state has steps under way or to come.
-    pub fn is_changing_state(&self) -> bool {
-        self.job.is_some() || self.network().next_step().is_some()
+    /// Whether boot or a change of state has steps under way or to come, or an SDO transfer is under way.
+    pub fn is_busy(&self) -> bool {
+        self.job.is_some() || self.sdo_owner.is_some() || self.network().next_step().is_some()
     }
 
     /// Why a change of state has failed; `None`: none has.

@@ -8,7 +8,7 @@ use crate::xf::host::Wires;
 use crate::xf::request::Fifos;
 
 /// Answers of the chip after which a header tells the fill levels behind a command (OBS: they lag two exchanges).
-const SETTLED: u64 = 3;
+pub(super) const SETTLED: u64 = 3;
 
 /// How far a clear is.
 #[derive(Clone, Copy, Debug)]

@@ -214,6 +214,7 @@ impl<W: Wires> XfBus<W> {
             else {
                 continue;
             };
+            self.reported_at = self.host.counters().answers;
             match (load, report.outcome) {
                 (Load::Cycles(sets), ProcessOutcome::Done { read }) => self.exchanged(now, sets, read),
                 (Load::Cycles(sets), ProcessOutcome::AnswerLost) => {

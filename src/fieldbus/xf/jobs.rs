@@ -70,6 +70,8 @@ enum Stage {
     AllToPreOp,
     UpdateStates,
     StateOf(u8),
+    /// The chip could read no state: whether it knows any slaves.
+    CountAgain,
     /// The other slaves leave OP or SafeOP, from this one on.
     Leave(u8),
     /// They have, and the last cycles of OP are told.
@@ -83,7 +85,6 @@ enum Stage {
     TxEntries,
     BuildFifos,
     Resize,
-    CountAgain,
     StopFifo,
     EmptyFifos,
     Hold,
@@ -225,6 +226,11 @@ impl<W: Wires> XfBus<W> {
                 job.states[usize::from(slave) - 1] = state_of(reply);
                 self.ask_state(job, slave + 1, now)
             }
+            Stage::CountAgain if matches!(reply, Ok(0) | Err(HostError::Refused { .. })) => {
+                self.lose_all();
+                job.failed(no_answer(1))
+            }
+            Stage::CountAgain => self.states_are_read(job, now),
             Stage::Leave(slave) => {
                 if reply.is_ok() {
                     self.network.commanded[usize::from(slave) - 1] = AlState::PreOp;
@@ -258,13 +264,7 @@ impl<W: Wires> XfBus<W> {
             Stage::RxEntries => job.ask(Stage::TxEntries, Ask::TxEntries(self.entries())),
             Stage::TxEntries => job.ask(Stage::BuildFifos, Ask::BuildFifos),
             Stage::BuildFifos => self.choose_size(job),
-            // Until the driver has set its check word anew it notices no reset of the chip, which has no network then.
-            Stage::Resize => job.ask(Stage::CountAgain, Ask::Count),
-            Stage::CountAgain if reply.is_ok_and(|count| count >= self.network.found.into()) => self.configured(job),
-            Stage::CountAgain => {
-                self.lose_all();
-                job.failed(no_answer(self.first_selected(job)))
-            }
+            Stage::Resize => self.configured(job),
             Stage::StopFifo => job.ask(Stage::EmptyFifos, Ask::Clear(Fifos::Both)),
             Stage::EmptyFifos => {
                 job.stage = Stage::Hold;
@@ -349,6 +349,14 @@ impl<W: Wires> XfBus<W> {
         if slave <= self.network.found {
             return job.ask(Stage::StateOf(slave), Ask::StateOf(slave));
         }
+        if self.network.found > 0 && (1..=self.network.found).all(|slave| job.state(slave).is_none()) {
+            // A reset of the chip goes unnoticed where the driver sets its check word anew, as behind another packet size.
+            return job.ask(Stage::CountAgain, Ask::Count);
+        }
+        self.states_are_read(job, now)
+    }
+
+    fn states_are_read(&mut self, job: &mut Running, now: Ns) -> Todo {
         self.note_read(job);
         match job.kind {
             Kind::Configure(_) => self.check_before_leaving(job, now),

@@ -121,6 +121,11 @@ impl Ledger {
         self.doubt_lag = LAG;
     }
 
+    /// Headers know all that was written and read.
+    pub(super) fn caught_up(&mut self) {
+        self.states = [self.newest(); LAG];
+    }
+
     /// A header has these fill levels.
     pub(super) fn header(&mut self, rx_fifo: u8, tx_fifo: u8) {
         let (rx_fifo, tx_fifo) = (u64::from(rx_fifo), u64::from(tx_fifo));

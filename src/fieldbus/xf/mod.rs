@@ -144,6 +144,8 @@ pub struct XfBus<W> {
     spare: Vec<Answer>,
     /// The answers that were received when a header was looked at last.
     headers: u64,
+    /// Those when the newest process data ended.
+    reported_at: u64,
     next_read: Ns,
     /// The newest cycle of the chip that was received, in time of the wires.
     newest_cycle: Ns,
@@ -201,6 +203,7 @@ impl<W: Wires> XfBus<W> {
             answers: VecDeque::with_capacity(ANSWERS),
             spare: (0..ANSWERS).map(|_| Answer::default()).collect(),
             headers: 0,
+            reported_at: 0,
             next_read: 0,
             newest_cycle: 0,
             gap: false,

@@ -6,6 +6,7 @@
 
 use super::XfBus;
 use super::ask::{Ask, Asked};
+use super::clear::SETTLED;
 use super::jobs::state_of;
 use super::local_io::PinSetup;
 use crate::ethercat::{AlState, Ns, SlaveSet};
@@ -91,6 +92,9 @@ impl<W: Wires> XfBus<W> {
         }
         self.headers = counters.answers;
         let Some(header) = self.host.header() else { return };
+        if self.flying.is_empty() && counters.answers >= self.reported_at + SETTLED {
+            self.ledger.caught_up();
+        }
         self.ledger.header(header.rx_fifo, header.tx_fifo);
         let cycle_ns = self.network.cycle.ns();
         self.level.header(self.wires.now(), header.rx_fifo, self.ledger.unseen(), cycle_ns);

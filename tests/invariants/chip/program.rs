@@ -35,6 +35,8 @@ const INPUT_BYTES: (usize, usize) = (10, 2);
 /// Once nothing goes wrong any more, the board is in OP after so long: a start of the chip that fails for want of an answer, and
 /// the change itself.
 const BACK_WITHIN: Ns = 120 * S;
+/// The bus reads the states of all slaves every 100 ms.
+const STATES_READ_WITHIN: Ns = 150 * MS;
 /// Nothing is held and nothing lies in the chip after so long.
 const AT_REST_WITHIN: Ns = 20 * S;
 
@@ -414,24 +416,32 @@ impl Program {
     }
 
     /// Nothing goes wrong on the wires and nothing is sent until nothing is held, nothing lies in the chip, and no change of
-    /// state is under way, which would keep a loss from being seen.
+    /// state and no SDO is under way, which would keep a loss from being seen.
     pub fn rest(&mut self) {
         {
             let mut trouble = self.trouble.lock().expect("no panic");
             *trouble = Trouble { mended: true, faults: std::mem::take(&mut trouble.faults), ..Trouble::default() };
         }
         let end = self.board.now() + AT_REST_WITHIN;
-        let mut still = 0;
-        while still < 300 {
+        let mut still_from = self.board.now();
+        while self.board.now() - still_from < self.still_ns() {
             assert!(self.board.now() < end, "never at rest: {:?}", self.board.engine().state());
             self.cycle();
             self.repair();
             let engine = self.board.engine();
-            let is_still = engine.fifo_free() == FIFO_ENTRIES && !engine.is_changing_state() && self.broken == 0;
-            still = if is_still { still + 1 } else { 0 };
+            let is_still = engine.fifo_free() == FIFO_ENTRIES && !engine.is_busy() && self.broken == 0;
+            if !is_still {
+                still_from = self.board.now();
+            }
         }
         self.books.compare(self.board.engine().counters(), self.quiet);
-        self.quiet = true;
+        // What went wrong may still be there: slaves that no SET_STATE has brought back.
+        self.quiet = self.is_whole();
+    }
+
+    /// What lies in the chip is sent, and slaves that are lost are seen to be, within so long.
+    fn still_ns(&self) -> Ns {
+        (300 * Ns::from(self.how.cycle_us) * US).max(STATES_READ_WITHIN)
     }
 
     /// After all that the board is brought back to OP, and leads its axes without a loss.

@@ -40,10 +40,21 @@ struct Ends {
     by_loss: u8,
 }
 
+/// The ids of outputs when the answer of a cycle comes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OutputIds {
+    /// Outputs before this one are known to be sent.
+    pub(super) sent_until: u64,
+    /// The outputs that are pushed next.
+    pub(super) next: u64,
+}
+
 /// One axis as the board drives it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
     pub(super) requested: AxisRequest,
+    /// Until outputs before this one are sent, the drive has not got the present controlword; 0: it has.
+    asked_until: u64,
     /// The statusword of the last cycle showed Operation enabled, in the mode of DRIVE_MODE.
     enabled: bool,
     /// The statusword of the last cycle showed Fault or Fault reaction active.
@@ -152,7 +163,7 @@ impl Axis {
     ///
     /// Once the axis is enabled the last such target stays until the first motion command, so that a load cannot move the
     /// axis and its target with it.
-    pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8) {
+    pub(super) fn answer(&mut self, at: Ns, input: &AxisIn, mode: Mode, written: u8, ids: OutputIds) {
         let state = input.statusword.state();
         let in_mode = written == mode.code();
         self.homing.observe_idle(at, written == Mode::Homing.code(), input.statusword);
@@ -161,7 +172,9 @@ impl Axis {
         if !self.faulted {
             self.requested.fault_reset.end();
         }
-        self.follow_statusword(state);
+        if !self.is_answered_late(state, ids) {
+            self.follow_statusword(state, ids.next);
+        }
         if !self.enabled {
             self.requested.out.target = holding_target(input, Some(mode));
         }
@@ -185,12 +198,13 @@ impl Axis {
     /// What has ended an SV_ON that was sent is not undone by another one that was not. An axis that does not follow its target
     /// is held where it was measured last, not where it was then. If the slave was lost since, the axis returns to what it was
     /// when the slave came back: off, digital outputs too. `newest`: the state in the newest answer. `homing`: the state of
-    /// homing then; `None`: the axis was not homing.
+    /// homing then; `None`: the axis was not homing. `next`: the outputs that are pushed next.
     pub(super) fn roll_back_to(
         &mut self,
         then: &AxisCheckpoint,
         newest: Option<DriveState>,
         homing: Option<&AxisHoming>,
+        next: u64,
     ) {
         let when_back = AxisCheckpoint { ends: self.ends, ..AxisCheckpoint::default() };
         let (then, homing) = if self.ends.by_loss != then.ends.by_loss { (&when_back, None) } else { (then, homing) };
@@ -202,15 +216,35 @@ impl Axis {
             requested.out.target = self.requested.out.target;
         }
         self.requested = requested;
+        self.asked_until = next + 1;
         if requested.power == Power::On {
             // The drive may have left Operation enabled while an SV_OFF and an SV_ON, which are taken back, were waiting.
-            self.follow_statusword(newest);
+            self.follow_statusword(newest, next);
         }
         self.homing.roll_back_to(homing.unwrap_or(&AxisHoming::idle(then.homing_low_sets)));
     }
 
-    /// Takes the next transition of SV_ON or SV_OFF that the state of the drive allows.
-    fn follow_statusword(&mut self, state: Option<DriveState>) {
+    /// Whether the state answers an older controlword than the present one, which the drive has not got yet. An SV_ON that went
+    /// by it would ask again for a step that is done: behind a bus that takes outputs ahead, a drive that is enabled already
+    /// would be switched off for a cycle. What shows the next step, and a fault, counts at once.
+    fn is_answered_late(&self, state: Option<DriveState>, ids: OutputIds) -> bool {
+        let AxisOut { controlword, .. } = self.requested.out;
+        if self.asked_until <= ids.sent_until {
+            return false;
+        }
+        let (Some(shown), Some(asked)) = (state.and_then(height), height_asked(controlword)) else { return false };
+        match self.requested.power {
+            Power::Off | Power::On => false,
+            // Whatever shows is from before the drive was switched off.
+            Power::SwitchingOn if asked == 0 => true,
+            Power::SwitchingOn => shown + 1 < asked,
+            Power::SwitchingOffThenOn if shown == 0 => true,
+            Power::SwitchingOff | Power::SwitchingOffThenOn => shown > asked + 1,
+        }
+    }
+
+    /// Takes the next transition of SV_ON or SV_OFF that the state of the drive allows; `next`: the outputs that are pushed next.
+    fn follow_statusword(&mut self, state: Option<DriveState>, next: u64) {
         use DriveState::*;
         let Some(state) = state else { return };
         let (power, controlword) = match (self.requested.power, state) {
@@ -236,8 +270,30 @@ impl Axis {
             self.ends.by_drive = self.ends.by_drive.wrapping_add(1);
         }
         self.requested.power = power;
-        self.requested.out.controlword = controlword;
+        if controlword != self.requested.out.controlword {
+            self.requested.out.controlword = controlword;
+            self.asked_until = next + 1;
+        }
     }
+}
+
+/// How far a drive in that state is switched on: 0 in Switch on disabled, 3 in Operation enabled.
+const fn height(state: DriveState) -> Option<u8> {
+    match state {
+        DriveState::SwitchOnDisabled => Some(0),
+        DriveState::ReadyToSwitchOn => Some(1),
+        DriveState::SwitchedOn => Some(2),
+        DriveState::OperationEnabled => Some(3),
+        _ => None,
+    }
+}
+
+/// How far the controlword switches a drive on.
+fn height_asked(controlword: Controlword) -> Option<u8> {
+    [Controlword::DISABLE_VOLTAGE, Controlword::SHUTDOWN, Controlword::SWITCH_ON, Controlword::ENABLE_OPERATION]
+        .iter()
+        .zip(0..)
+        .find_map(|(asked, height)| (*asked == controlword).then_some(height))
 }
 
 /// The target that holds an axis where it is (SK-7 \[OURS]): 0x607A = actual position, 0x60FF = 0, 0x6071 = 0.

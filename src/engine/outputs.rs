@@ -266,6 +266,7 @@ impl Engine {
         self.volatile.test = sent.test;
         // What was pushed last is gone, and what was sent before it may be what no axis asks for any more.
         self.outputs_left = true;
+        let next = self.next_output_id;
         for (slave, (n, axes)) in (1..).zip(self.volatile.axes.iter_mut().enumerate()) {
             if lost.contains(slave) {
                 continue;
@@ -275,7 +276,7 @@ impl Engine {
             let used = used_axes(self.volatile.second_axes, slave);
             for ((axis, (then, homing)), input) in axes.iter_mut().zip(then).zip(&self.inputs.slaves[n]).take(used) {
                 let newest = input.statusword.state();
-                axis.roll_back_to(then, newest, sent.homing_active.contains(slave).then_some(homing));
+                axis.roll_back_to(then, newest, sent.homing_active.contains(slave).then_some(homing), next);
             }
             if axes.iter().any(|axis| !axis.homing.is_idle()) {
                 self.volatile.homing_active.insert(slave);

@@ -1,5 +1,6 @@
 //! The inputs of a cycle: the axes take them, and the response frame is made of them (SK-2, SK-3).
 
+use super::axis::OutputIds;
 use super::{Engine, SlotHead};
 use crate::fieldbus::{CycleDone, Role};
 use crate::sk::{
@@ -68,9 +69,10 @@ impl Engine {
         let Some(mode) = self.role(slave).mode() else { return };
         let (axes, at) = (self.axes(slave), self.last_passed);
         let n = slave - 1;
+        let ids = OutputIds { sent_until: self.unconfirmed_from, next: self.next_output_id };
         let answers = self.inputs.slaves[n].iter().zip(self.volatile.modes_written[n]);
         for (axis, (input, written)) in self.volatile.axes[n].iter_mut().zip(answers).take(axes) {
-            axis.answer(at, input, mode, written);
+            axis.answer(at, input, mode, written, ids);
         }
     }
 

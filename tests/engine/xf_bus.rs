@@ -421,6 +421,43 @@ fn who_was_lost_before_a_change_is_counted() {
     assert!(counters.for_lost + counters.cleared >= 200 - got, "{got} have come, {counters:?}");
 }
 
+/// SK-12.11 Whenever an SV_OFF and an SV_ON come while an SV_ON is under way beside an axis in motion, so that sets with older
+/// steps lie in the chip: the drive is enabled at most once by each SV_ON, and off again at most once by the SV_OFF.
+#[test]
+fn an_enabled_drive_stays_enabled() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let bus = xf_bus(puppets.iter().map(Puppet::boxed).collect(), XfBusOptions::DEFAULT);
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(2).servo_on(1);
+    let mut target = 0;
+    let mut follow = |host: &mut Host, cycles: usize| {
+        for _ in 0..cycles {
+            if host.answer().fifo_free > 150 {
+                target += 1;
+                host.csp(1, target);
+            }
+            host.cycle();
+        }
+    };
+    for off_after in 1..=20 {
+        for on_after in 1..=20 {
+            puppets[1].forget();
+            host.slave(2, SlaveCommand::ServoOn);
+            follow(&mut host, off_after);
+            host.slave(2, SlaveCommand::ServoOff);
+            follow(&mut host, on_after);
+            host.slave(2, SlaveCommand::ServoOn);
+            follow(&mut host, 150);
+            let enabled: Vec<bool> = puppets[1].controlwords().iter().map(|word| word & 0xF == 0xF).collect();
+            let ends = enabled.windows(2).filter(|pair| pair[0] && !pair[1]).count();
+            assert!(ends <= 1, "{off_after} and {on_after} cycles: {:?}", puppets[1].controlwords());
+            assert_eq!(enabled.last(), Some(&true), "{off_after} and {on_after} cycles");
+            host.slave(2, SlaveCommand::ServoOff);
+            follow(&mut host, 150);
+        }
+    }
+}
+
 /// XF-19.12 A chip that is reset while its packets get another size forgets its network unseen, since its check word is set anew
 /// then: the next change of state fails, and the one behind it starts the network.
 #[test]

@@ -36,6 +36,15 @@ impl<W: Wires> XfBus<W> {
         let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
         let found = SlaveSet::first(self.network.found);
         let slaves = slaves.intersection(found);
+        let unconfigured = if self.network.mapped { slaves.difference(self.network.configured) } else { slaves };
+        if target > AlState::PreOp
+            && let Some(slave) = unconfigured.iter().next()
+        {
+            // The chip was reset since the configuration, which has to be done again first, also if a slave is still in the
+            // state to which the chip before that has brought it \[OURS].
+            self.network.lost = self.network.lost.union(unconfigured);
+            return job.failed(no_answer(slave));
+        }
         (1..=self.network.found).for_each(|slave| self.stay_up(job, slave));
         for slave in slaves.iter().filter(|slave| job.state(*slave) == Some(target)) {
             self.network.commanded[usize::from(slave) - 1] = target;
@@ -63,14 +72,6 @@ impl<W: Wires> XfBus<W> {
             };
         };
         let to = if lowest > target { target } else { lowest.above().min(target) };
-        let unconfigured = if self.network.mapped { slaves.difference(self.network.configured) } else { slaves };
-        if to > AlState::PreOp
-            && let Some(slave) = unconfigured.iter().next()
-        {
-            // The chip was reset since the configuration, which has to be done again first \[OURS].
-            self.network.lost = self.network.lost.union(unconfigured);
-            return job.failed(no_answer(slave));
-        }
         if to == AlState::Op && self.network.in_op().is_empty() {
             self.leave_op();
             return job.ask(Stage::StopFifo, Ask::Fifo { on: false });
@@ -144,9 +145,12 @@ impl<W: Wires> XfBus<W> {
         self.read_states(job)
     }
 
-    /// A slave that has refused the way down is where it was.
+    /// A slave that has refused the way down is where it was. One that is up there for a chip that was reset since is not.
     pub(super) fn stay_up(&mut self, job: &Running, slave: u8) {
-        let commanded = &mut self.network.commanded[usize::from(slave) - 1];
-        *commanded = job.state(slave).map_or(*commanded, |state| state.max(*commanded));
+        let Some(state) = job.state(slave) else { return };
+        if state <= AlState::PreOp || self.network.configured.contains(slave) {
+            let commanded = &mut self.network.commanded[usize::from(slave) - 1];
+            *commanded = state.max(*commanded);
+        }
     }
 }

@@ -164,7 +164,8 @@ fn tests_of<'a>(rules: impl IntoIterator<Item = &'a Rule>, evidence: &'a Evidenc
 pub fn shortened(text: &str) -> String {
     const LETTERS: usize = 90;
     match text.char_indices().nth(LETTERS) {
-        Some((end, _)) => format!("{} ...", text[..end].trim_end()),
+        // Whole words, so that the list is spelled as the rule is.
+        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or("", |(words, _)| words)),
         None => text.to_owned(),
     }
 }

@@ -2,6 +2,8 @@
 
 use std::any::Any;
 use std::env;
+use std::io::{self, Write};
+use std::thread;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::engine::{Board, Counters, EngineConfig, Event, Reason, Rejection};
@@ -13,6 +15,7 @@ use ecmsk::sk::{
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 
+use crate::watch::Watch;
 use support::ahead_bus::{Ahead, AheadBus};
 use support::chip_line::xf_bus_reached_by;
 
@@ -38,7 +41,7 @@ pub struct Host {
 }
 
 /// In the environment of a run (tests/engine/over.rs): every board stands over a bus that takes outputs ahead, but for those
-/// of tests that have asked for one themselves. Its value is one of the two below.
+/// of tests that have asked for one themselves. Its value is one of those below.
 pub const OVER: &str = "ECMSK_TEST_OVER";
 /// After the cycles that a test lets pass, [`LATE`] more pass.
 pub const SETTLED: &str = "settled";
@@ -46,6 +49,10 @@ pub const SETTLED: &str = "settled";
 pub const ONE_BY_ONE: &str = "one_by_one";
 /// As [`SETTLED`], but the simulated network is behind the model of an ECM-XF.
 pub const XF_SETTLED: &str = "xf_settled";
+/// As [`ONE_BY_ONE`], likewise.
+pub const XF_ONE_BY_ONE: &str = "xf_one_by_one";
+/// What such a run says on standard error before the name of each test that has a board whose slaves are behind the chip.
+pub const BEHIND_CHIP: &str = "behind the chip: ";
 
 /// Whether this is such a run.
 pub fn is_over() -> bool {
@@ -60,12 +67,22 @@ pub fn on(how: Option<Ahead>, config: EngineConfig, bus: impl Fieldbus + 'static
     }
 }
 
-/// A simulated network behind the model of an ECM-XF; another bus stays as it is.
+/// A simulated network, watched or not, behind the model of an ECM-XF; another bus stays as it is.
 fn behind_chip<B: Fieldbus + 'static>(bus: B) -> Box<dyn Fieldbus> {
+    let put_behind = |sim: SimBus| {
+        // Past what is kept of a test's output: tests/engine/over.rs reads it.
+        let test = thread::current();
+        let _ = writeln!(io::stderr(), "{BEHIND_CHIP}{}", test.name().unwrap_or_default());
+        let (slaves, handle) = sim.into_parts();
+        xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT)
+    };
     let mut bus = Some(bus);
-    if let Some(sim) = (&mut bus as &mut dyn Any).downcast_mut::<Option<SimBus>>() {
-        let (slaves, handle) = sim.take().expect("it is there").into_parts();
-        return Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT));
+    let any = &mut bus as &mut dyn Any;
+    if let Some(sim) = any.downcast_mut::<Option<SimBus>>() {
+        return Box::new(put_behind(sim.take().expect("it is there")));
+    }
+    if let Some(watched) = any.downcast_mut::<Option<Watch<SimBus>>>() {
+        return Box::new(watched.take().expect("it is there").over(put_behind));
     }
     Box::new(bus.expect("it is there"))
 }
@@ -77,7 +94,7 @@ impl Host {
         let is_late = over.as_ref().is_some_and(|how| how == SETTLED || how == XF_SETTLED);
         let bus: Box<dyn Fieldbus> = match over.as_deref() {
             None => Box::new(bus),
-            Some(XF_SETTLED) => behind_chip(bus),
+            Some(XF_SETTLED | XF_ONE_BY_ONE) => behind_chip(bus),
             Some(_) => Box::new(AheadBus::new(bus, Ahead::chip())),
         };
         let mut board = Board::new(config, bus);

@@ -105,7 +105,7 @@ fn golden_responses() {
 }
 
 /// SK-3.23 The golden command of a two-channel HSP in 16-byte mode: target 1, outputs 1, target 2 at byte 10, outputs 2.
-/// SK-4.25 SK-4.26 CSP and CSV alike; a one-channel HSP, and one in 12-byte mode, gets the first half.
+/// SK-4.25 SK-4.26 SK-7.5 SK-7.6 CSP and CSV alike; a one-channel HSP, and one in 12-byte mode, gets the first half.
 #[test]
 fn golden_commands() {
     let golden = [0xFB, 0xFF, 0xFF, 0xFF, 0xFF, 0x00, 0x15, 0xCD, 0x5B, 0x07, 0x55, 0xAA];
@@ -274,7 +274,7 @@ fn targets_and_outputs_hold() {
 }
 
 /// SK-7.31 SK-7.33 CSP and CSV need DRIVE_MODE's mode. SK-7.32 They go by 0x6060 as it was written last; where 0x6860 is
-/// something else axis 2's target is discarded while axis 1 moves. A rejected command sets no outputs.
+/// something else (SK-3.29: axis 2 has its own, 0x800 higher) axis 2's target is discarded while axis 1 moves. A rejected command sets no outputs.
 #[test]
 fn a_motion_command_needs_its_mode() {
     let (mut host, puppet) = board_on(SlotSize::Bytes16, 2, Mode::Csp);

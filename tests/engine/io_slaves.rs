@@ -35,7 +35,7 @@ fn answer(host: &Host, slave: usize) -> (u8, u8, u16) {
     (head.id, head.index, bits)
 }
 
-/// SK-3.17 IO_WR sets the outputs and answers the output image, whatever the inputs are; IO_RD answers the inputs and
+/// SK-3.17 SK-3.13 IO_WR sets the outputs and answers the output image, whatever the inputs are; IO_RD answers the inputs and
 /// changes no output. Both echo the index.
 /// SK-4.23 SK-4.24 IO_RD has no argument, IO_WR's are the low 16 bits of Data1. SK-3.16 The upper half is ignored, and 0.
 #[test]

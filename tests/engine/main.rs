@@ -9,7 +9,8 @@
 //! - homing: `homing` and the files that begin with its name, `hsp_homing`
 //! - SDO: `sdo`, `sdo_beside`
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
-//!   group over such a bus
+//!   group over such a bus; `any_bus`, what others show cycle by cycle and every bus has to show
+//! - over an ECM-XF: `xf_bus`, `xf_packets`, `xf_state`
 //! - at random, and what always holds: `random`, `random_networks`, `allocation`
 //! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
 //!   `handles`
@@ -18,6 +19,7 @@ mod ahead_entries;
 mod alarms;
 mod allocation;
 mod answers;
+mod any_bus;
 mod bus_ahead;
 mod cable;
 mod cable_below_op;
@@ -74,3 +76,4 @@ mod test_mode;
 mod watch;
 mod xf_bus;
 mod xf_packets;
+mod xf_state;

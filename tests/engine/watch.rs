@@ -88,6 +88,11 @@ impl<B: Fieldbus> Watch<B> {
         (Self { inner, spans: spans.clone() }, spans)
     }
 
+    /// The same watch on a bus that stands in the place of that one.
+    pub fn over<C: Fieldbus>(self, change: impl FnOnce(B) -> C) -> Watch<C> {
+        Watch { inner: change(self.inner), spans: self.spans }
+    }
+
     /// The SDO under way, or the other job, ends; `None`: it is cancelled.
     fn end(&mut self, is_sdo: bool, now: Option<Ns>) {
         let mut spans = self.spans.0.lock().unwrap();

@@ -208,6 +208,34 @@ fn cut_wires_are_told_and_heal() {
     assert_eq!(puppet.last().target, 200);
 }
 
+/// SK-12.4 Wires that are cut for a moment, in which the answers of some cycles are lost: they make no report, are counted and
+/// logged, and the drive gets every target all the same.
+#[test]
+fn answers_that_the_wires_lose_are_counted() {
+    let puppet = Puppet::obedient();
+    let bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let cut = bus.wires().cut.clone();
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(1).servo_on(1).csp(1, 1).drained().cycles(20);
+    puppet.forget();
+    let (before, reports, mark, began) = (host.counters(), host.reports, host.mark(), host.board.now());
+    for n in 2..=100 {
+        cut.store(n >= 20, Ordering::Relaxed);
+        host.csp(1, n).cycle();
+    }
+    host.cycles(100);
+    cut.store(false, Ordering::Relaxed);
+    host.drained().cycles(100);
+    let (after, reports) = (host.counters(), host.reports - reports);
+    let lost = after.answers_lost - before.answers_lost;
+    let cycles = (host.board.now() - began) / 1_000_000;
+    assert!(reports + 100 < cycles && reports + lost >= cycles, "{lost} lost, {reports} reports, {cycles} cycles");
+    let logged = host.board.engine().events_since(mark).filter(|event| matches!(event, Event::AnswersLost { .. }));
+    assert!(logged.count() > 0);
+    assert!(puppet.targets().into_iter().filter(|target| *target > 1).eq(2..=100), "{:?}", puppet.targets());
+    assert_eq!((after.for_lost, after.outputs_lost, after.full), (0, 0, 0));
+}
+
 /// XF-19.10 A program that sends a frame with each report while it waits for SV_ON finds hardly any of them in the FIFO
 /// afterwards: what it sends then is not late for ever.
 #[test]
@@ -267,7 +295,7 @@ fn the_tenth_loss_is_named_as_soon_as_the_first() {
     }
 }
 
-/// XF-19.2 A clear stops the chip's FIFO while cycles go on: what lay in it then counts as cleared, and not as executed by
+/// XF-19.2 SK-12.1 SK-12.2 A clear stops the chip's FIFO while cycles go on: what lay in it then counts as cleared, and not as executed by
 /// those cycles.
 #[test]
 fn what_a_clear_has_stopped_counts_as_cleared() {
@@ -333,7 +361,7 @@ fn one_of_two_back(puppets: &[Puppet; 2], handle: &SimHandle) -> Host {
 }
 
 /// XF-19.11 What lies in the chip when the last slave leaves OP for the configuration of another one is lost, and counted:
-/// the FIFO runs empty without another command.
+/// the FIFO runs empty without another command. SK-12.7 It comes back by the same SET_STATE.
 #[test]
 fn what_nobody_gets_any_more_is_counted() {
     let (puppets, handle) = ([Puppet::obedient(), Puppet::obedient()], SimHandle::default());

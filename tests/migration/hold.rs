@@ -33,7 +33,7 @@ fn repeats(size: Option<DataSize>, cycles: u64) -> Vec<usize> {
     judge::repeats(&machine.log.take(), 1, 0)
 }
 
-/// XF-20.4 While an axis is switched on beside a motion hardly anything lies in the chip, so that it is held where it is: a
+/// XF-20.4 SK-12.3 While an axis is switched on beside a motion hardly anything lies in the chip, so that it is held where it is: a
 /// stall of 2 cycles is bridged then, and none of more than 4, whatever `ahead=` says. Without one the motion goes on.
 #[test]
 fn hardly_anything_lies_in_the_chip_while_an_axis_is_switched_on() {

@@ -22,7 +22,7 @@ fn shown(link: &str) -> u32 {
     answer(MasterCommand::LocalRead)
 }
 
-/// XF-20.10 Without pins the local inputs read 0 and the outputs go nowhere; with an input at the pin of an output it reads
+/// XF-20.10 SK-12.8 Without pins the local inputs read 0 and the outputs go nowhere; with an input at the pin of an output it reads
 /// what was written.
 #[test]
 fn local_lines_are_where_the_link_has_them() {

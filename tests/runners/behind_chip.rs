@@ -221,7 +221,7 @@ fn a_reset_board_comes_back_behind_its_chip() {
     use_everything(&mut again);
 }
 
-/// LINK-9 Without a slave it is refused as a board of `sim:` is.
+/// LINK-9 SK-9.16 Without a slave it is refused as a board of `sim:` is.
 #[test]
 fn a_board_without_slaves_behind_its_chip_does_not_open() {
     let said = |scheme: &str| {

@@ -1,14 +1,19 @@
-//! `cargo xtask features`: writes docs/FEATURES.md, the summary of which tests show which rules of docs/rules/.
+//! `cargo xtask features`: writes docs/FEATURES.md, the summary of which tests show which rules of docs/rules/, and
+//! docs/FEATURES-XF.md, which says of each rule of the board what it is on an ECM-XF.
 //!
 //! Files:
 //!
 //! - `rules.rs`, `id.rs`: the rules and their ids
 //! - `rust.rs`, `c.rs`, `evidence.rs`: the tests in Rust and C sources, and which rules they name
 //! - `report.rs`: docs/FEATURES.md, and what is wrong
+//! - `behind_chip.rs`: which tests have their slaves behind an ECM-XF
+//! - `on_xf.rs`: what the board's rules are there, and docs/FEATURES-XF.md
 
+mod behind_chip;
 mod c;
 mod evidence;
 mod id;
+mod on_xf;
 mod report;
 mod rules;
 mod rust;
@@ -20,12 +25,14 @@ use std::path::Path;
 use crate::error::Error;
 use crate::project::Project;
 use evidence::Evidence;
+use on_xf::OnXf;
 use report::Findings;
 use rules::Rules;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Write nothing; fail if the file is stale, a rule claimed has no test, or a test names a rule that is not there
+    /// Write nothing; fail if a file is stale, a rule claimed has no test, a test names a rule that is not there, or nothing
+    /// says what a rule of the board is on an ECM-XF
     #[arg(long)]
     check: bool,
     /// Write nothing; print these rules with their tests: ids as SK-5.6, or what ids begin with, as SK-5 or WIN
@@ -39,6 +46,7 @@ const INDEX: &str = "RULES.md";
 /// The folder of their pages, in `docs`.
 const PAGES: &str = "rules";
 const FEATURES: &str = "docs/FEATURES.md";
+const FEATURES_XF: &str = "docs/FEATURES-XF.md";
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.check {
@@ -47,23 +55,55 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.ids.is_empty() { write(project) } else { print(project, &arguments.ids) }
 }
 
-/// Fails if docs/FEATURES.md is stale, a rule `now` has no test, or a test names a rule that is not there.
+/// What the sources say.
+struct Read {
+    rules: Rules,
+    evidence: Evidence,
+    on_xf: OnXf,
+}
+
+impl Read {
+    fn of(root: &Path) -> Result<Self, Error> {
+        let (rules, evidence) = (read_rules(root)?, Evidence::collect(root)?);
+        let on_xf = OnXf::read(root, &rules, &evidence)?;
+        Ok(Self { rules, evidence, on_xf })
+    }
+
+    /// The files that are written, with their texts.
+    fn files(&self) -> [(&'static str, String); 2] {
+        [
+            (FEATURES, report::page(&self.rules, &self.evidence, &self.on_xf)),
+            (FEATURES_XF, self.on_xf.page(&self.rules)),
+        ]
+    }
+
+    fn findings(&self) -> Findings<'_> {
+        Findings::of(&self.rules, &self.evidence)
+    }
+}
+
+/// Fails if a file is stale, a rule `now` has no test, a test names a rule that is not there, or nothing says what a rule of
+/// the board is on an ECM-XF.
 pub fn check(project: &Project) -> Result<(), Error> {
-    let (rules, evidence) = read(project)?;
-    let findings = Findings::of(&rules, &evidence);
-    let mut problems = findings.problems();
-    if fs::read_to_string(project.root.join(FEATURES)).unwrap_or_default() != report::page(&rules, &evidence) {
-        problems.push(format!("{FEATURES} is stale: run `cargo xtask features` and commit the file"));
+    let read = Read::of(&project.root)?;
+    let mut problems = read.findings().problems();
+    problems.extend(read.on_xf.problems());
+    for (file, text) in read.files() {
+        if fs::read_to_string(project.root.join(file)).unwrap_or_default() != text {
+            problems.push(format!("{file} is stale: run `cargo xtask features` and commit the file"));
+        }
     }
     if problems.is_empty() { Ok(()) } else { Err(Error::Features(problems.join("\n"))) }
 }
 
 fn write(project: &Project) -> Result<(), Error> {
-    let (rules, evidence) = read(project)?;
-    let path = project.root.join(FEATURES);
-    fs::write(&path, report::page(&rules, &evidence)).map_err(Error::file("write", &path))?;
-    let findings = Findings::of(&rules, &evidence);
-    for line in findings.problems().iter().chain(&findings.hints()) {
+    let read = Read::of(&project.root)?;
+    for (file, text) in read.files() {
+        let path = project.root.join(file);
+        fs::write(&path, text).map_err(Error::file("write", &path))?;
+    }
+    let findings = read.findings();
+    for line in findings.problems().iter().chain(&read.on_xf.problems()).chain(&findings.hints()) {
         println!("{line}");
     }
     println!("{FEATURES}: {}", findings.summary());
@@ -71,19 +111,15 @@ fn write(project: &Project) -> Result<(), Error> {
 }
 
 fn print(project: &Project, ids: &[String]) -> Result<(), Error> {
-    let (rules, evidence) = read(project)?;
+    let read = Read::of(&project.root)?;
     for id in ids {
-        let answer = report::answer(&rules, &evidence, id);
+        let answer = report::answer(&read.rules, &read.evidence, &read.on_xf, id);
         let unknown = || {
             Error::Features(format!("no rule is called or begins with {id}; docs/RULES.md says which ids there are"))
         };
         print!("{}", answer.ok_or_else(unknown)?);
     }
     Ok(())
-}
-
-fn read(project: &Project) -> Result<(Rules, Evidence), Error> {
-    Ok((read_rules(&project.root)?, Evidence::collect(&project.root)?))
 }
 
 /// The rules of all pages that the index links; a page that it does not link is an error.

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 
 use super::evidence::Evidence;
 use super::id::RuleId;
+use super::on_xf::OnXf;
 use super::rules::{Rule, Rules, Section, Status};
 
 const HEAD: &str = "# Features
@@ -19,17 +20,27 @@ features SK-5` those of a section; `git grep -nw SK-5.6` finds both, too.
 Written by `cargo xtask features` from the pages of rules and the comments of the tests: do not edit it, run that again.
 ";
 
+const HEADS: &str = "| subject | what works | rules | tests |\n| --- | --- | --- | --- |\n";
+const HEADS_OF_BOARD: &str = "| subject | what works | rules | tests | [on an ECM-XF](FEATURES-XF.md) |\n\
+                              | --- | --- | --- | --- | --- |\n";
+
 /// The text of docs/FEATURES.md.
-pub fn page(rules: &Rules, evidence: &Evidence) -> String {
+pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     let findings = Findings::of(rules, evidence);
     let mut text = format!("{HEAD}\n{}.\n", findings.summary());
     for page in &rules.pages {
         let _ = write!(text, "\n## {}\n\n{}\n\n", page.title, page.summary);
-        text.push_str("| subject | what works | rules | tests |\n| --- | --- | --- | --- |\n");
+        // What a rule is on an ECM-XF is a question to those of the board alone.
+        let of_board = page.sections.iter().any(|section| on_xf.count(section).is_some());
+        text.push_str(if of_board { HEADS_OF_BOARD } else { HEADS });
         for section in page.sections.iter().filter(|section| !section.rules.is_empty()) {
             let link = format!("{}#{}", page.file, anchor(&section.title));
             let (count, tests) = (count(section), tests_of(&section.rules, evidence).len());
-            let _ = writeln!(text, "| [{}]({link}) | {} | {count} | {tests} |", section.title, section.summary);
+            let _ = write!(text, "| [{}]({link}) | {} | {count} | {tests} |", section.title, section.summary);
+            if of_board {
+                let _ = write!(text, " {} |", on_xf.count(section).unwrap_or_default());
+            }
+            text.push('\n');
         }
     }
     let later: Vec<&Rule> = rules.iter().filter(|rule| rule.status == Status::Later).collect();
@@ -50,14 +61,14 @@ fn count(section: &Section) -> String {
 }
 
 /// The anchor of a Markdown heading, as GitHub makes it.
-fn anchor(title: &str) -> String {
+pub fn anchor(title: &str) -> String {
     let kept = title.to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c));
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
 /// The rules that `name` names, a whole id or the beginning of one (`SK-5`, `WIN`), each with where it stands and its tests.
-pub fn answer(rules: &Rules, evidence: &Evidence, name: &str) -> Option<String> {
+pub fn answer(rules: &Rules, evidence: &Evidence, on_xf: &OnXf, name: &str) -> Option<String> {
     let name = name.trim_end_matches(['-', '.']);
     let names = |id: &str| id.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']));
     let mut text = String::new();
@@ -66,6 +77,9 @@ pub fn answer(rules: &Rules, evidence: &Evidence, name: &str) -> Option<String> 
         let _ = writeln!(text, "{} ({}{later}) {}", rule.id, rule.place, rule.text);
         for test in tests_of([rule], evidence) {
             let _ = writeln!(text, "    {test}");
+        }
+        if let Some(state) = on_xf.answer(&rule.id) {
+            let _ = writeln!(text, "    on an ECM-XF: {state}");
         }
     }
     (!text.is_empty()).then_some(text)
@@ -147,10 +161,11 @@ fn tests_of<'a>(rules: impl IntoIterator<Item = &'a Rule>, evidence: &'a Evidenc
 }
 
 /// The beginning of a rule, for a list.
-fn shortened(text: &str) -> String {
+pub fn shortened(text: &str) -> String {
     const LETTERS: usize = 90;
     match text.char_indices().nth(LETTERS) {
-        Some((end, _)) => format!("{} ...", text[..end].trim_end()),
+        // Whole words, so that the list is spelled as the rule is.
+        Some((end, _)) => format!("{} ...", text[..end].rsplit_once(' ').map_or("", |(words, _)| words)),
         None => text.to_owned(),
     }
 }
@@ -184,7 +199,7 @@ mod tests {
     #[test]
     fn the_page_counts_by_subject() {
         let tests = [("SK-1.1", "a.rs::x"), ("SK-1.1", "a.rs::y"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::y")];
-        let text = page(&rules(), &evidence(&tests));
+        let text = page(&rules(), &evidence(&tests), &OnXf::default());
         let rows: Vec<&str> = text.lines().filter(|line| line.starts_with("| [") || line.starts_with("| SK")).collect();
         assert_eq!(
             rows,
@@ -202,7 +217,7 @@ mod tests {
     #[test]
     fn a_rule_and_a_section_are_found_with_their_tests() {
         let evidence = evidence(&[("SK-1.1", "a.rs::x"), ("SK-1.2", "a.rs::y"), ("SK-2.1", "a.rs::z")]);
-        let ask = |name: &str| answer(&rules(), &evidence, name).unwrap_or_default();
+        let ask = |name: &str| answer(&rules(), &evidence, &OnXf::default(), name).unwrap_or_default();
         assert_eq!(ask("SK-1.1"), "SK-1.1 (docs/rules/board.md:9) one\n    a.rs::x\n");
         assert_eq!(ask("SK-1.3"), "SK-1.3 (docs/rules/board.md:11, not claimed yet) three\n");
         assert_eq!(ask("SK-1").lines().count(), 5);

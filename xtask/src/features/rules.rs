@@ -8,6 +8,9 @@ use super::id::{PREFIXES, RuleId, id_of, ids_in};
 /// The heading of the retired ids in the index.
 const RETIRED: &str = "## Ids that are no longer in use";
 
+/// How a line begins that names rules in which no bus and no slave has a part, with the reason before a colon.
+const APART: &str = "Apart on an ECM-XF, since it is ";
+
 /// Whether a rule is claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
@@ -35,6 +38,8 @@ pub struct Section {
     /// The paragraph below the heading, which tells users what works.
     pub summary: String,
     pub rules: Vec<Rule>,
+    /// Rules that are marked as apart on an ECM-XF, each with the reason.
+    pub apart: Vec<(RuleId, String)>,
 }
 
 /// A page of docs/rules/.
@@ -101,7 +106,16 @@ impl Rules {
                 if summary.is_empty() {
                     return Err(wrong(number, format!("below `{title}` no paragraph says what works")));
                 }
-                page.sections.push(Section { title, summary, rules: Vec::new() });
+                page.sections.push(Section { title, summary, rules: Vec::new(), apart: Vec::new() });
+            }
+            if line.starts_with(APART) {
+                let marks = apart(&lines[number - 1..]).ok_or(wrong(
+                    number,
+                    format!("`{APART}` is followed by the reason, a colon and the ids of rules of the section"),
+                ))?;
+                let section = page.sections.last_mut();
+                let section = section.ok_or(wrong(number, "a mark before the first heading `## ..`".to_owned()))?;
+                section.apart.extend(marks);
             }
             // Every row of a section's table except its head.
             let is_row = |row: &str| !row.starts_with("id |") && !row.starts_with("---");
@@ -144,6 +158,14 @@ fn paragraph(lines: &[&str]) -> String {
     if text.starts_with(['#', '|']) { String::new() } else { text }
 }
 
+/// The rules that a paragraph which begins with [`APART`] names, with its reason; `None` if there is no reason or no rule.
+fn apart(lines: &[&str]) -> Option<Vec<(RuleId, String)>> {
+    let text = paragraph(lines);
+    let (why, ids) = text.strip_prefix(APART)?.split_once(':')?;
+    let marks: Vec<_> = ids_in(ids).map(|id| (id, why.trim().to_owned())).collect();
+    (!why.trim().is_empty() && !marks.is_empty()).then_some(marks)
+}
+
 fn row(line: &str, place: String) -> Result<Rule, String> {
     let cells = cells(line);
     let [id, text, source, status] = cells.as_slice() else {
@@ -162,7 +184,7 @@ fn row(line: &str, place: String) -> Result<Rule, String> {
 }
 
 /// The cells of a row of a Markdown table, blanks taken off; `\|` is a bar inside a cell and stays as it is.
-fn cells(line: &str) -> Vec<String> {
+pub fn cells(line: &str) -> Vec<String> {
     let line = line.trim().trim_start_matches('|');
     let mut cells = vec![String::new()];
     let mut escaped = false;
@@ -246,6 +268,17 @@ mod tests {
         assert_eq!(retired, ["SK-1.1", "SK-1.2"]);
         let wrong = rules.read_page("rules/board.md", &format!("{HEAD}{row}")).unwrap_err();
         assert!(wrong.line == 10 && wrong.problem.contains("another meaning"), "{wrong:?}");
+    }
+
+    #[test]
+    fn marks_have_a_reason_and_rules() {
+        let rules =
+            page(&format!("{APART}the same code\nas ever: SK-1.1,\nSK-1.2.\n\n| SK-1.1 | a | s | now |\n")).unwrap();
+        let marks: Vec<_> = rules.pages[0].sections[0].apart.iter().map(|(id, why)| format!("{id} {why}")).collect();
+        assert_eq!(marks, ["SK-1.1 the same code as ever", "SK-1.2 the same code as ever"]);
+        for mark in ["the same code", "the same code: none", ": SK-1.1"] {
+            assert_eq!(page(&format!("{APART}{mark}\n")).unwrap_err().line, 10, "{mark}");
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@
 //! - SDO: `sdo`, `sdo_beside`
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
 //!   group over such a bus
+//! - the board over an ECM-XF: `xf_bus`, `xf_packets`, `xf_ahead`
 //! - at random, and what always holds: `random`, `random_networks`, `allocation`
 //! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
 //!   `handles`
@@ -72,5 +73,6 @@ mod states;
 mod step;
 mod test_mode;
 mod watch;
+mod xf_ahead;
 mod xf_bus;
 mod xf_packets;

@@ -65,8 +65,8 @@ const RESTART_NS: Ns = 100_000_000;
 /// How an [`XfBus`] uses its chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct XfBusOptions {
-    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles stops nothing; what lies
-    /// there was computed so many cycles ago.
+    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles, less what the
+    /// transport takes, stops nothing: about 4 with cycles of 1 ms. What lies there was computed so many cycles ago.
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,

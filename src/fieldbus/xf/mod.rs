@@ -59,6 +59,8 @@ const ON_THE_WAY: u64 = 3;
 /// By so much a real clock of the wires may be before that of an engine without a runner, until the two are taken for one
 /// again. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
+/// The same with a runner, which catches up on as much (`engine::Threaded`). \[OURS]
+const LATE_MAX_NS: Ns = 1_000_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -250,7 +252,8 @@ impl<W: Wires> XfBus<W> {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
         let time = now.wrapping_sub(skew);
-        if self.options.real_time && !self.has_runner && wires > time.saturating_add(SKEW_MAX_NS) {
+        let most = if self.has_runner { LATE_MAX_NS } else { SKEW_MAX_NS };
+        if self.options.real_time && wires > time.saturating_add(most) {
             self.skew = Some(now.wrapping_sub(wires));
             return wires;
         }

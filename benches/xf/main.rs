@@ -9,6 +9,11 @@
 //!
 //! `xf_cycle_40`: a cycle of the modelled board with 40 drives in CSP behind the model of the chip, driver and all; the
 //! baseline is the same program on the board over the simulated bus.
+//!
+//! `xf_ahead`: what a PC costs that stands still for 7 cycles once a second, counted over a minute of virtual time with 40
+//! drives that get a target in each cycle of 1 ms: targets that a drive has not got, or not in order. `xf_ahead_repeated`:
+//! cycles without a new target, with as many sets in the chip, and with so many that the stall and the transport are
+//! bridged.
 
 #[path = "../common/board.rs"]
 mod board;
@@ -19,7 +24,9 @@ mod pipe;
 
 use std::hint::black_box;
 
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::xf::{CheckRule, DataSize, HEADER_LEN, MAX_PACKET};
+use support::late_host::{LateHost, Stalls};
 
 fn main() {
     check_word();
@@ -27,6 +34,7 @@ fn main() {
     host("xf_host_144", DataSize::MANUAL, None);
     chip();
     cycle();
+    ahead();
 }
 
 fn check_word() {
@@ -71,4 +79,17 @@ fn cycle() {
     common::pair("xf_cycle_40", 2.5, || behind.cycle(), || direct.cycle());
     behind.assert_well();
     direct.assert_well();
+}
+
+fn ahead() {
+    const STALLS: Stalls = Stalls { cycles: 7, every: 1000 };
+    /// The stall, and what the transport takes with 40 drives.
+    const BRIDGING: u16 = 12;
+    const MINUTE: u64 = 60_000;
+    let outcomes = [XfBusOptions::DEFAULT.ahead, BRIDGING].map(|ahead| LateHost::new(40, ahead).lead(MINUTE, STALLS));
+    let lost = outcomes.map(|outcome| outcome.lost + outcome.out_of_order + outcome.counted_lost);
+    assert!(outcomes.iter().all(|outcome| outcome.stalls >= 58 && outcome.targets > MINUTE - 600), "{outcomes:?}");
+    common::limited("xf_ahead", (lost[0] + lost[1]) as f64, "targets lost", 0.0);
+    common::fact("xf_ahead_repeated", outcomes[0].repeated as f64, "cycles");
+    common::limited(&format!("xf_ahead_repeated_{BRIDGING}"), outcomes[1].repeated as f64, "cycles", 0.0);
 }

@@ -188,9 +188,10 @@ impl Board {
         }
     }
 
-    /// The bus uses the time until then, before the next cycle is due.
-    pub(super) fn work_until(&mut self, until: Ns) {
-        self.bus.work_until(until);
+    /// The bus uses the time until then, at most until the next cycle is due; it is `now` on the runner's clock, of which the
+    /// board is behind if its runner is late. A bus whose time is virtual need not be called.
+    pub fn work_until(&mut self, now: Ns, until: Ns) {
+        self.bus.work_until(now, until);
     }
 
     /// Boots the board: time passes until the host interface answers, at most `limit_ns`. Whether it answers then.

@@ -251,7 +251,8 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
         let wake = due.min(now + between_visits);
-        board.work_until(zero + wake.saturating_sub(skipped).as_nanos() as Ns);
+        let board_time = |time: Duration| zero + time.saturating_sub(skipped).as_nanos() as Ns;
+        board.work_until(board_time(clock.now()), board_time(wake));
         clock.sleep_until(wake);
         now = clock.now();
         let late = now.saturating_sub(due);

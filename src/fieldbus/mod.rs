@@ -374,9 +374,10 @@ pub trait Fieldbus: Send {
     /// passed.
     fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone>;
 
-    /// Uses the time until then. A bus whose exchanges take real time makes them here, in the runner's own thread, and in
-    /// [`Self::poll`] none that would end later than it was asked for.
-    fn work_until(&mut self, _until: Ns) {}
+    /// It is `now` on the runner's clock, and the time until then is the bus's. A bus whose exchanges take real time makes them
+    /// here, in the runner's own thread, and in [`Self::poll`] none that would end later than it was asked for. A runner that
+    /// is late gives a time that has passed, and catches up on its cycles.
+    fn work_until(&mut self, _now: Ns, _until: Ns) {}
 
     /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
     fn is_down(&self) -> bool {

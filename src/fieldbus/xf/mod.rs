@@ -56,16 +56,19 @@ const FIFO_MEMORY: usize = 0x4000;
 /// So many sets are on their way where one follows another: one waits for its exchange, one is under way in it, and one
 /// lies in the chip until its next cycle. \[OURS]
 const ON_THE_WAY: u64 = 3;
-/// By so much a real clock of the wires may be before that of the engine, until the two are taken for one again. \[OURS]
+/// By so much a real clock of the wires may be before that of an engine without a runner, until the two are taken for one
+/// again. \[OURS]
 const SKEW_MAX_NS: Ns = 2_000_000;
+/// The same with a runner, which catches up on as much (`engine::Threaded`). \[OURS]
+const LATE_MAX_NS: Ns = 1_000_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
 /// How an [`XfBus`] uses its chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct XfBusOptions {
-    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles stops nothing; what lies
-    /// there was computed so many cycles ago.
+    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles, less what the
+    /// transport takes, stops nothing: about 4 with cycles of 1 ms. What lies there was computed so many cycles ago.
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
@@ -116,6 +119,8 @@ pub struct XfBus<W> {
     options: XfBusOptions,
     /// The engine's time less that of the wires; `None`: nobody has called yet.
     skew: Option<Ns>,
+    /// A runner tells its time, and may be late.
+    has_runner: bool,
     network: Network,
     /// The chip's own cycles are told: a slave is in OP.
     runs: bool,
@@ -183,6 +188,7 @@ impl<W: Wires> XfBus<W> {
             host,
             options: XfBusOptions { ahead, ..options },
             skew: None,
+            has_runner: false,
             network: Network::new(),
             runs: false,
             job: None,
@@ -243,13 +249,14 @@ impl<W: Wires> XfBus<W> {
         self.counters
     }
 
-    /// The time of the wires at that time of the engine. Where the wires' clock is a real one, the engine's may be another
-    /// second behind it whenever the runner has skipped time.
+    /// The time of the wires at that time of the engine. Where the wires' clock is a real one and no runner tells its time, the
+    /// engine stands still whenever it is not called.
     fn wires_time(&mut self, now: Ns) -> Ns {
         let wires = self.wires.now();
         let skew = *self.skew.get_or_insert(now.wrapping_sub(wires));
         let time = now.wrapping_sub(skew);
-        if self.options.real_time && wires > time.saturating_add(SKEW_MAX_NS) {
+        let most = if self.has_runner { LATE_MAX_NS } else { SKEW_MAX_NS };
+        if self.options.real_time && wires > time.saturating_add(most) {
             self.skew = Some(now.wrapping_sub(wires));
             return wires;
         }
@@ -263,6 +270,11 @@ impl<W: Wires> XfBus<W> {
     /// Exchanges and waits until that time of the engine.
     fn advance(&mut self, now: Ns) {
         let until = self.wires_time(now);
+        self.work(until);
+    }
+
+    /// Exchanges and waits until that time of the wires.
+    fn work(&mut self, until: Ns) {
         while self.wires.now() < until {
             self.turn();
             match self.host.step(&mut self.wires, until) {
@@ -448,8 +460,15 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         Some(done)
     }
 
-    fn work_until(&mut self, until: Ns) {
-        self.advance(until);
+    fn work_until(&mut self, now: Ns, until: Ns) {
+        let wires = self.wires.now();
+        if self.options.real_time {
+            (self.skew, self.has_runner) = (Some(now.wrapping_sub(wires)), true);
+        }
+        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on: after a stall what
+        // lies in the chip is topped up at once, and a machine that is too slow for its cycles has exchanges all the same.
+        let until = if now < until { self.wires_time(until) } else { wires.saturating_add(self.network.cycle.ns()) };
+        self.work(until);
     }
 
     fn is_down(&self) -> bool {

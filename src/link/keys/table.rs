@@ -264,7 +264,8 @@ pub const KEYS: &[Key] = &[
         default: Some("8"),
         example: "16",
         meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
-                  cycles stops nothing, but what lies there was computed so many cycles ago",
+                  cycles, less what the transport takes (about 4), stops nothing, but what lies there was computed so \
+                  many cycles ago",
     },
     Key {
         name: "local_in",

@@ -24,7 +24,7 @@ const BY_TIME: &str = "xf-spi:/dev/spidev0.0";
 const BY_INT0: &str = "xf-spi:/dev/spidev0.0?int0=gpiochip0/BUSY";
 
 /// The chip on the wires. The line BUSY is its INT0.
-struct WiredChip {
+pub struct WiredChip {
     port: ChipPort<SlaveModels>,
     power_on: Instant,
 }
@@ -33,8 +33,13 @@ impl WiredChip {
     /// A chip with one drive, which gets its power now.
     #[track_caller]
     fn start(profile: Profile) -> Played {
-        let drive = Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
-        let port = ChipPort::new(Chip::new(profile, SlaveModels::new(vec![drive])));
+        Self::start_with(profile, vec![Box::new(Drive::new(DriveConfig::default()))])
+    }
+
+    /// A chip with these slaves, which gets its power now.
+    #[track_caller]
+    pub fn start_with(profile: Profile, slaves: Vec<Box<dyn Slave>>) -> Played {
+        let port = ChipPort::new(Chip::new(profile, SlaveModels::new(slaves)));
         Played::start(Self { port, power_on: Instant::now() }, Busy::True)
     }
 

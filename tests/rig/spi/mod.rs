@@ -7,10 +7,11 @@
 //!   and the model behind it
 //! - `answers.rs`: a host other than the link
 //! - `link.rs`, `lies.rs`: the link, and faulty wires
-//! - `chip.rs`: the link `xf-spi:`, with the model of an ECM-XF
+//! - `chip.rs`, `chip_board.rs`: the link `xf-spi:`, as a chip and as a board, with the model of an ECM-XF
 
 mod answers;
 mod chip;
+mod chip_board;
 mod kernel;
 mod lies;
 mod link;

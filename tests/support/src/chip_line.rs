@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
@@ -17,7 +17,8 @@ const CLOCK_HZ: u32 = 24_000_000;
 /// The wires to a chip, and the chip.
 pub struct ChipLine<N: Network> {
     port: ChipPort<N>,
-    now: Ns,
+    /// The time. Who moves it on beside the host lets the chip go on while the host stands still.
+    pub clock: Arc<AtomicU64>,
     clock_hz: u32,
     /// They are cut: no byte reaches the chip, and what comes is zeros.
     pub cut: Arc<AtomicBool>,
@@ -26,7 +27,7 @@ pub struct ChipLine<N: Network> {
 impl<N: Network> ChipLine<N> {
     /// A chip that gets its power at time 0.
     pub fn new(chip: Chip<N>) -> Self {
-        Self { port: ChipPort::new(chip), now: 0, clock_hz: CLOCK_HZ, cut: Arc::default() }
+        Self { port: ChipPort::new(chip), clock: Arc::default(), clock_hz: CLOCK_HZ, cut: Arc::default() }
     }
 
     /// With another clock than 24 MHz.
@@ -44,29 +45,29 @@ impl<N: Network> Wires for ChipLine<N> {
     type Error = Infallible;
 
     fn now(&self) -> Ns {
-        self.now
+        self.clock.load(Ordering::Relaxed)
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), Infallible> {
         let Some(last) = to_chip.len().checked_sub(1) else { return Ok(()) };
-        let from = self.now;
-        self.now += to_chip.len() as u64 * 8_000_000_000 / u64::from(self.clock_hz);
+        let bits_ns = to_chip.len() as u64 * 8_000_000_000 / u64::from(self.clock_hz);
+        let from = self.clock.fetch_add(bits_ns, Ordering::Relaxed);
         if self.cut.load(Ordering::Relaxed) {
             from_chip.fill(0);
             return Ok(());
         }
         self.port.transfer(from, &to_chip[..last], &mut from_chip[..last]);
-        self.port.transfer(self.now, &to_chip[last..], &mut from_chip[last..]);
+        self.port.transfer(from + bits_ns, &to_chip[last..], &mut from_chip[last..]);
         Ok(())
     }
 
     fn wait_until(&mut self, time: Ns) -> Result<(), Infallible> {
-        self.now = self.now.max(time);
+        self.clock.fetch_max(time, Ordering::Relaxed);
         Ok(())
     }
 
     fn wait_ready(&mut self, until: Ns) -> Result<bool, Infallible> {
-        self.now = self.now.max(until);
+        self.clock.fetch_max(until, Ordering::Relaxed);
         Ok(false)
     }
 }

@@ -17,6 +17,7 @@ pub mod chip_line;
 pub mod dice;
 #[cfg(unix)]
 pub mod dotnet;
+pub mod ears;
 pub mod examples;
 pub mod faulty_wire;
 pub mod fieldbus_rig;
@@ -24,6 +25,7 @@ pub mod guide;
 pub mod heard;
 pub mod homing_tables;
 pub mod images;
+pub mod late_host;
 pub mod pe;
 pub mod recorded;
 pub mod recording;

@@ -1,0 +1,41 @@
+//! A PC that stands still again and again, with the board over an ECM-XF in it: what lies in the chip bridges that, and what
+//! it does not bridge is counted.
+
+use support::late_host::{LateHost, Outcome, Stalls};
+
+/// Stalls of so many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
+fn lead(drives: usize, ahead: u16, cycles: u64) -> Outcome {
+    let outcome = LateHost::new(drives, ahead).lead(3000, Stalls { cycles, every: 100 });
+    assert!(outcome.targets > 2500 && outcome.stalls >= 28, "{drives} drives, ahead {ahead}: {outcome:?}");
+    // Whatever the stalls cost: each target reaches each drive, once and in order, and the drives move together.
+    let Outcome { lost, out_of_order, counted_lost, repeated, repeated_least, .. } = outcome;
+    assert_eq!((lost, out_of_order, counted_lost), (0, 0, 0), "{drives} drives, ahead {ahead}: {outcome:?}");
+    assert_eq!(repeated, repeated_least, "{drives} drives, ahead {ahead}: {outcome:?}");
+    outcome
+}
+
+/// XF-19.14 XF-19.15 A stall of `ahead` cycles less the transport costs no cycle, however often it comes: no target is sent
+/// twice, and the board is not behind afterwards.
+#[test]
+fn stalls_that_the_chip_bridges_cost_no_cycle() {
+    for (drives, ahead, cycles) in [(2, 8, 3), (2, 12, 7), (40, 8, 4), (40, 12, 7)] {
+        let outcome = lead(drives, ahead, cycles);
+        assert_eq!(outcome.repeated, 0, "{drives} drives, ahead {ahead}: {outcome:?}");
+    }
+}
+
+/// XF-19.14 A longer stall loses no target either. The drives get the newest one again until the next one comes, once for
+/// each cycle that is not bridged, and the board counts no fewer idle cycles.
+#[test]
+fn what_a_longer_stall_costs_is_counted() {
+    let repeated = [7, 12, 20].map(|cycles| {
+        let outcome = lead(40, 8, cycles);
+        let Outcome { repeated, idle_cycles, stalls, .. } = outcome;
+        // Of a cycle whose answer is late the board says that it carried nothing, until it knows better.
+        assert!((repeated..=repeated + 3 * stalls).contains(&idle_cycles), "{outcome:?}");
+        (repeated, stalls)
+    });
+    let [(of_7, stalls), (of_12, _), (of_20, _)] = repeated;
+    assert!(of_7 > 0 && (of_12 - of_7).abs_diff(5 * stalls) <= 1, "{repeated:?}");
+    assert!((of_20 - of_12).abs_diff(8 * stalls) <= 1, "{repeated:?}");
+}

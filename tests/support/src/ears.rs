@@ -1,0 +1,179 @@
+//! Drives that write down each target that they are sent, and what that says: targets that are missing, come late or come
+//! twice.
+
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::fieldbus::{AlState, Ns};
+use ecmsk::slave::plant::Following;
+use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
+
+use crate::images::{Images, number};
+
+/// What a drive has written down.
+#[derive(Debug, Default)]
+pub struct Notes {
+    /// The target of each cycle in which it was on.
+    pub targets: Vec<i32>,
+    /// Its motor is on.
+    pub is_on: bool,
+    /// The state in which it is.
+    pub state: AlState,
+}
+
+/// The notes of a drive; clones are the same ones.
+#[derive(Clone, Debug, Default)]
+pub struct Ear(Arc<Mutex<Notes>>);
+
+impl Ear {
+    /// A servo drive that writes into these notes.
+    pub fn drive(&self) -> Box<dyn Slave> {
+        Box::new(Listening { drive: Drive::new(DriveConfig::default()), images: Images::default(), ear: self.clone() })
+    }
+
+    /// The notes.
+    pub fn notes(&self) -> MutexGuard<'_, Notes> {
+        self.0.lock().expect("nobody panics with it")
+    }
+}
+
+/// A way as it was sent, held against the targets of each cycle in which it was gone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Way {
+    /// Targets of the way, without repeats.
+    pub targets: u64,
+    /// Those that have not come.
+    pub lost: u64,
+    /// Those that came behind a later one, and such as were never sent.
+    pub out_of_order: u64,
+    /// Cycles between the first and the last target in which the one before came again, less those for which it was sent again.
+    pub repeated: u64,
+}
+
+impl Way {
+    /// Holds what has come in each cycle, with the standstill before and behind, against what was sent. The way may not
+    /// cross itself.
+    pub fn judge(sent: &[i32], came: &[i32]) -> Self {
+        let start = came.first().copied();
+        let sent = &sent[sent.iter().take_while(|target| Some(**target) == start).count()..];
+        let end = sent.last().copied();
+        let moving = |targets: &[i32]| {
+            let first = targets.iter().position(|target| Some(*target) != start).unwrap_or(targets.len());
+            let rest = &targets[first..];
+            let standing = rest.iter().rev().take_while(|target| Some(**target) == end).count();
+            rest[..(rest.len() - standing + 1).min(rest.len())].to_vec()
+        };
+        let distinct = |targets: &[i32]| {
+            let mut targets = targets.to_vec();
+            targets.dedup();
+            targets
+        };
+        let (sent, came) = (moving(sent), moving(came));
+        let (told, got) = (distinct(&sent), distinct(&came));
+        let mut way = Self { targets: told.len() as u64, ..Self::default() };
+        let mut expected = told.iter();
+        for target in &got {
+            let ahead = expected.clone().position(|other| other == target);
+            match ahead {
+                Some(skipped) => {
+                    way.lost += skipped as u64;
+                    expected.nth(skipped);
+                }
+                None => way.out_of_order += 1,
+            }
+        }
+        way.lost += expected.len() as u64;
+        let repeats = |all: &[i32], distinct: &[i32]| (all.len() - distinct.len()) as u64;
+        way.repeated = repeats(&came, &got).saturating_sub(repeats(&sent, &told));
+        way
+    }
+}
+
+struct Listening {
+    drive: Drive,
+    images: Images,
+    ear: Ear,
+}
+
+impl Slave for Listening {
+    fn name(&self) -> &str {
+        self.drive.name()
+    }
+
+    fn state(&self) -> AlState {
+        self.drive.state()
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        let entered = self.drive.enter(target);
+        self.ear.notes().state = self.drive.state();
+        entered
+    }
+
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        self.drive.read(object, scope, value)
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.drive.write(object, scope, value)?;
+        self.images.take(object, number(value));
+        Ok(())
+    }
+
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        self.drive.set_sync_managers(outputs, inputs);
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        self.drive.exchange(outputs, inputs);
+        let Some(outputs) = outputs else { return };
+        let mut notes = self.ear.notes();
+        notes.is_on = self.images.inputs(inputs)[0].statusword.is_enabled();
+        if notes.is_on {
+            notes.targets.push(self.images.outputs(outputs)[0].target);
+        }
+    }
+
+    fn step(&mut self, dt_ns: Ns) {
+        self.drive.step(dt_ns);
+    }
+
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.drive.begin_step(dt_ns)
+    }
+
+    fn end_step(&mut self, dt_ns: Ns) {
+        self.drive.end_step(dt_ns);
+    }
+
+    fn has_dc(&self) -> bool {
+        self.drive.has_dc()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn way(targets: u64, lost: u64, out_of_order: u64, repeated: u64) -> Way {
+        Way { targets, lost, out_of_order, repeated }
+    }
+
+    /// A judge that lets pass what is wrong would show nothing.
+    #[test]
+    fn what_is_wrong_with_a_way_is_seen() {
+        let sent = [5, 5, 6, 7, 7, 8, 9, 9];
+        for (came, expected) in [
+            (&[5, 5, 5, 6, 7, 7, 8, 9, 9, 9][..], way(4, 0, 0, 0)),
+            (&[5, 6, 7, 7, 7, 8, 8, 9], way(4, 0, 0, 2)),
+            (&[5, 6, 8, 9, 9], way(4, 1, 0, 0)),
+            (&[5, 6, 7, 8, 8], way(4, 1, 0, 0)),
+            (&[5, 7, 7, 6, 8, 9], way(4, 1, 1, 0)),
+            (&[5, 6, 7, 4, 7, 8, 9], way(4, 0, 2, 0)),
+            (&[5, 5], way(4, 4, 0, 0)),
+            (&[], way(5, 5, 0, 0)),
+        ] {
+            assert_eq!(Way::judge(&sent, came), expected, "{came:?}");
+        }
+    }
+}

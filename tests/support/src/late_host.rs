@@ -1,0 +1,247 @@
+//! Drives in CSP behind the model of an ECM-XF, led by a PC that stands still again and again, in virtual time: nobody uses
+//! the wires meanwhile, the chip and its slaves go on. Then board and program catch up, as on the real clock.
+//!
+//! The program sends each drive a new target with each report, and each target once. What a drive was sent in each cycle of
+//! the network says what a stall has cost.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ecmsk::engine::{Board, Counters, EngineConfig};
+use ecmsk::fieldbus::Ns;
+use ecmsk::fieldbus::xf::XfBusOptions;
+use ecmsk::sk::{
+    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
+    SlotSize, StateByte,
+};
+use ecmsk::xf::host::HostConfig;
+
+use crate::chip_line::xf_bus_with;
+use crate::ears::{Ear, Way};
+
+const SIZE: SlotSize = SlotSize::Bytes12;
+/// The cycle.
+const CYCLE_NS: Ns = 1_000_000;
+/// Counts from a target to the next one.
+const STEP: i32 = 20;
+/// How far the program is ahead of the board: frames in its FIFO, which a board would bridge a stall with.
+const LEAD: u64 = 60;
+/// The runner catches up in parts of so long, and takes frames after each (`engine::Threaded`).
+const PART_NS: Ns = 5_000_000;
+/// After so many cycles without a stall nothing is under way any more.
+const SETTLED: u64 = 200;
+const PATIENCE: u64 = 100_000;
+
+/// How the PC stands still.
+#[derive(Clone, Copy, Debug)]
+pub struct Stalls {
+    /// So long each time, in cycles.
+    pub cycles: u64,
+    /// From the begin of one to that of the next, in cycles.
+    pub every: u64,
+}
+
+/// What the drives were sent while they moved, and what the board has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Targets that the program has sent each drive.
+    pub targets: u64,
+    /// Targets that a drive has not got, of the drive with the most.
+    pub lost: u64,
+    /// Targets that a drive got later than a newer one, of the drive with the most.
+    pub out_of_order: u64,
+    /// Cycles in which a drive got the target of the cycle before, of the drive with the most.
+    pub repeated: u64,
+    /// The same of the drive with the fewest.
+    pub repeated_least: u64,
+    /// Cycles without a new frame while they moved, as the board has counted them.
+    pub idle_cycles: u64,
+    /// Sets and answers that the board has counted as lost, and frames for which its FIFO was full.
+    pub counted_lost: u64,
+    /// How often the PC stood still.
+    pub stalls: u64,
+}
+
+/// What counts as lost.
+fn lost(counters: &Counters) -> u64 {
+    counters.outputs_lost + counters.answers_lost + counters.full + counters.for_lost + counters.cleared
+}
+
+/// The board's count of idle cycles when the first target was executed, and before the last one was.
+#[derive(Default)]
+struct Idle {
+    at_first: Option<u64>,
+    at_last: u64,
+}
+
+impl Idle {
+    fn look(&mut self, before: &Counters, now: &Counters, sent: i32) {
+        let executed = now.executed - before.executed;
+        if executed > 0 {
+            self.at_first.get_or_insert(now.idle_cycles);
+        }
+        if executed < sent as u64 {
+            self.at_last = now.idle_cycles;
+        }
+    }
+}
+
+/// The PC with its program and its board, and the drives.
+pub struct LateHost {
+    board: Board,
+    clock: Arc<AtomicU64>,
+    /// The time of the board less that of the wires.
+    skew: Ns,
+    ears: Vec<Ear>,
+    report: Frame,
+    reports: u64,
+    /// Frames that have not arrived yet, and when they do.
+    inbox: VecDeque<(Ns, Frame)>,
+    sent: i32,
+}
+
+impl LateHost {
+    /// So many drives in OP that are on, with a cycle of 1 ms, behind a chip in which so many sets of outputs may lie.
+    pub fn new(drives: usize, ahead: u16) -> Self {
+        let ears: Vec<Ear> = (0..drives).map(|_| Ear::default()).collect();
+        let slaves = ears.iter().map(Ear::drive).collect();
+        let options = XfBusOptions { ahead, real_time: true, ..XfBusOptions::DEFAULT };
+        let bus = xf_bus_with(slaves, Default::default(), HostConfig::DEFAULT, options);
+        let clock = bus.wires().clock.clone();
+        let board = Board::new(EngineConfig::default(), Box::new(bus));
+        let (report, inbox) = (Frame::new(), VecDeque::new());
+        let mut host = Self { board, clock, skew: 0, ears, report, reports: 0, inbox, sent: 0 };
+        assert!(host.board.boot(60_000_000_000), "the board does not talk");
+        host.skew = host.board.now() - host.clock.load(Ordering::Relaxed);
+        host.switch_on(drives);
+        host
+    }
+
+    fn switch_on(&mut self, drives: usize) {
+        for group in 0..5 {
+            let kind = |n| if usize::from(group) * 8 + n < drives { SlaveKind::Drive } else { SlaveKind::None };
+            self.send(|frame| {
+                frame.put_master(SIZE, &MasterCommand::SetAxis { group, kinds: std::array::from_fn(kind) })
+            });
+        }
+        self.send(|frame| frame.put_master(SIZE, &MasterCommand::SetState(MasterState::Op)));
+        let in_op = StateByte::reached(MasterState::Op);
+        self.until("OP", |report| MasterResponse::decode(&report.slot(SIZE, 0)).state == in_op);
+        let all = 1..=drives;
+        self.send(|frame| all.clone().for_each(|slave| frame.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into())));
+        let is_on = |report: &Frame, slave| DriveResponse::decode(&report.slot(SIZE, slave)).statusword.is_enabled();
+        self.until("all on", |report| all.clone().all(|slave| is_on(report, slave)));
+        self.cycles(SETTLED);
+    }
+
+    /// All targets of so many cycles, with those stalls.
+    pub fn lead(&mut self, cycles: u64, stalls: Stalls) -> Outcome {
+        let (before, first) = (*self.board.engine().counters(), self.sent);
+        self.ears.iter().for_each(|ear| ear.notes().targets.clear());
+        let mut stood = 0;
+        let mut idle = Idle::default();
+        let end = self.now() + cycles * CYCLE_NS;
+        let mut next_stall = self.now() + stalls.every * CYCLE_NS;
+        while self.now() < end {
+            self.fill_up();
+            // The stalls begin at any time of a cycle.
+            if stalls.cycles > 0 && self.now() >= next_stall {
+                self.work_until(self.board.next_cycle() - (stood * 137_000) % CYCLE_NS);
+                self.clock.fetch_add(stalls.cycles * CYCLE_NS, Ordering::Relaxed);
+                next_stall += stalls.every * CYCLE_NS;
+                stood += 1;
+            }
+            self.cycle();
+            idle.look(&before, self.board.engine().counters(), self.sent - first);
+        }
+        for _ in 0..SETTLED {
+            self.cycle();
+            idle.look(&before, self.board.engine().counters(), self.sent - first);
+        }
+        let counted_lost = lost(self.board.engine().counters()) - lost(&before);
+        let targets = (self.sent - first) as u64;
+        let idle_cycles = idle.at_last - idle.at_first.unwrap_or_default();
+        let repeated_least = u64::MAX;
+        self.outcome(
+            Outcome { targets, idle_cycles, counted_lost, stalls: stood, repeated_least, ..Outcome::default() },
+            first,
+        )
+    }
+
+    fn outcome(&self, base: Outcome, first: i32) -> Outcome {
+        let mut outcome = base;
+        let sent: Vec<i32> = (first..=self.sent).map(|n| n * STEP).collect();
+        for ear in &self.ears {
+            let way = Way::judge(&sent, &ear.notes().targets);
+            assert_eq!(way.targets, base.targets);
+            outcome.lost = outcome.lost.max(way.lost);
+            outcome.out_of_order = outcome.out_of_order.max(way.out_of_order);
+            outcome.repeated = outcome.repeated.max(way.repeated);
+            outcome.repeated_least = outcome.repeated_least.min(way.repeated);
+        }
+        outcome
+    }
+
+    /// The time of the board if its runner is not late.
+    fn now(&self) -> Ns {
+        self.clock.load(Ordering::Relaxed) + self.skew
+    }
+
+    fn send(&mut self, build: impl FnOnce(&mut Frame)) {
+        let mut frame = Frame::new();
+        build(&mut frame);
+        frame.fill_crc(SIZE);
+        self.inbox.push_back((self.now(), frame));
+    }
+
+    /// Sends so many targets that [`LEAD`] wait in the board and on the way to it.
+    fn fill_up(&mut self) {
+        let waiting = FIFO_ENTRIES - MasterResponse::decode(&self.report.slot(SIZE, 0)).fifo_free;
+        (u64::from(waiting) + self.inbox.len() as u64..LEAD).for_each(|_| self.next_target());
+    }
+
+    fn next_target(&mut self) {
+        self.sent += 1;
+        let (drives, target) = (self.ears.len(), self.sent * STEP);
+        self.send(|frame| {
+            (1..=drives).for_each(|slave| frame.put_slave(SIZE, slave, &SlaveCommand::Csp(Motion::to(target)).into()));
+        });
+    }
+
+    fn until(&mut self, what: &str, done: impl Fn(&Frame) -> bool) {
+        for _ in 0..PATIENCE {
+            if done(&self.report) {
+                return;
+            }
+            self.cycle();
+        }
+        panic!("never: {what}");
+    }
+
+    fn cycles(&mut self, cycles: u64) {
+        (0..cycles).for_each(|_| self.cycle());
+    }
+
+    fn work_until(&mut self, until: Ns) {
+        self.board.work_until(self.now(), until);
+        self.clock.fetch_max(until - self.skew, Ordering::Relaxed);
+    }
+
+    /// What the runner does until it has slept the next time: one cycle, or all those for which it is late.
+    fn cycle(&mut self) {
+        self.work_until(self.board.next_cycle());
+        let now = self.now();
+        let part = now.min(self.board.next_cycle() + PART_NS);
+        let Self { board, report, reports, inbox, .. } = self;
+        let mut keep = |frame: &Frame, _| {
+            report.clone_from(frame);
+            *reports += 1;
+        };
+        while inbox.front().is_some_and(|(at, _)| *at <= part) {
+            let Some((at, frame)) = inbox.pop_front() else { break };
+            board.host(&frame, at.max(board.now()), &mut keep);
+        }
+        board.advance(part, &mut keep);
+    }
+}

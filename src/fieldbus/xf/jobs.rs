@@ -17,6 +17,7 @@ use crate::sk::CycleTime;
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 use crate::xf::{DataSize, EtherCatState, NetworkState};
+use state::TOLD_LATE;
 
 /// Between two attempts to bring slaves to a state. \[OURS]
 const RETRY_NS: Ns = 10_000_000;
@@ -41,6 +42,8 @@ pub(super) struct Running {
     sent_first: Option<(u64, Ns)>,
     /// All slaves have left OP, and its last cycles were told.
     has_told_op: bool,
+    /// How long the job waits at most until a loss is told; `None`: it has seen none.
+    tells_until: Option<Ns>,
     second_axes: SlaveSet,
     /// The process data that are being mapped.
     mapping: Option<ProcessData>,
@@ -72,6 +75,9 @@ enum Stage {
     StateOf(u8),
     /// The chip could read no state: whether it knows any slaves.
     CountAgain,
+    /// A slave has turned out to be lost: that is told before the job may bring it back, so that the commands which it has missed
+    /// are counted.
+    TellLoss,
     /// The other slaves leave OP or SafeOP, from this one on.
     Leave(u8),
     /// They have, and the last cycles of OP are told.
@@ -131,6 +137,7 @@ impl Running {
             all_tried: None,
             sent_first: None,
             has_told_op: false,
+            tells_until: None,
             second_axes: SlaveSet::EMPTY,
             mapping: None,
             output_bytes: 0,
@@ -231,6 +238,7 @@ impl<W: Wires> XfBus<W> {
                 job.failed(no_answer(1))
             }
             Stage::CountAgain => self.states_are_read(job, now),
+            Stage::TellLoss => self.states_are_read(job, now),
             Stage::Leave(slave) => {
                 if reply.is_ok() {
                     self.network.commanded[usize::from(slave) - 1] = AlState::PreOp;
@@ -358,6 +366,13 @@ impl<W: Wires> XfBus<W> {
 
     fn states_are_read(&mut self, job: &mut Running, now: Ns) -> Todo {
         self.note_read(job);
+        let cycle_ns = self.network.cycle.ns();
+        let is_told = self.network.lost.difference(self.told_lost).is_empty();
+        if self.runs && !is_told && job.tells_until.is_none_or(|until| now < until) {
+            job.tells_until.get_or_insert(now.saturating_add(TOLD_LATE * cycle_ns));
+            job.stage = Stage::TellLoss;
+            return Todo::Wait(now.saturating_add(cycle_ns));
+        }
         match job.kind {
             Kind::Configure(_) => self.check_before_leaving(job, now),
             _ => self.move_on(job, now),

@@ -31,7 +31,9 @@ mod watch;
 
 use std::collections::VecDeque;
 
-use super::{BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest};
+use super::{
+    BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest, SlaveSet,
+};
 use crate::sk::CycleTime;
 use crate::xf::host::{Host, HostConfig, HostState, StepError, Wires};
 use answers::{ANSWERS, Answer, IMAGE_MAX};
@@ -169,6 +171,8 @@ pub struct XfBus<W> {
     newest_left_behind: Option<u64>,
     newest_inputs: Vec<u8>,
     watch: Watch,
+    /// The slaves that were lost in the newest inputs which were polled.
+    told_lost: SlaveSet,
     taking_down: TakingDown,
     pins: PinSetup,
     /// Levels of the chip's pins for the local outputs.
@@ -221,6 +225,7 @@ impl<W: Wires> XfBus<W> {
             newest_left_behind: None,
             newest_inputs: vec![0; IMAGE_MAX],
             watch: Watch::default(),
+            told_lost: SlaveSet::EMPTY,
             taking_down: TakingDown::No,
             pins: PinSetup::Due,
             local_levels: 0,
@@ -457,6 +462,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         }
         let done = if self.runs { self.next_answer(now) } else { self.next_tick(now) }?;
         self.fill(inputs);
+        self.told_lost = self.network.lost;
         Some(done)
     }
 

@@ -216,12 +216,14 @@ impl<W: Wires> XfBus<W> {
             self.ended.push_back(job.cut_off());
         }
         let in_op = self.network.in_op();
+        // Who was silent before nobody will find out any more.
         let next = self.ledger.next_id();
+        let missed_from = self.watch.suspect_from.map_or(next, |from| from.min(next));
         let all = SlaveSet::first(self.network.found);
         for slave in all.iter() {
             let n = usize::from(slave) - 1;
             if in_op.contains(slave) && !self.network.lost.contains(slave) {
-                self.network.lost_from[n] = Some(next);
+                self.network.lost_from[n] = Some(missed_from);
             }
             self.network.commanded[n] = AlState::Init;
         }

@@ -8,7 +8,7 @@ use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::{XfBus, XfBusOptions};
 use ecmsk::fieldbus::{
-    AlState, BusConfig, Fieldbus, HardwareLimit, Job, JobDone, MAX_SLAVES, Role, SlaveConfig, SlaveSet,
+    AlState, BusConfig, Fieldbus, HardwareLimit, Inputs, Job, JobDone, MAX_SLAVES, Role, SlaveConfig, SlaveSet,
 };
 use ecmsk::sk::{
     CycleTime, DcShift, DriveSync, FifoAction, MasterCommand, MasterState, Motion, SdoCommand, SlaveCommand, StateByte,
@@ -484,6 +484,31 @@ fn an_enabled_drive_stays_enabled() {
             follow(&mut host, 150);
         }
     }
+}
+
+/// XF-19.13 A job that is given up when it has brought the last slave out of OP leaves a bus whose cycles are told on: the chip
+/// has none in that state.
+#[test]
+fn cycles_are_told_behind_a_job_that_was_given_up() {
+    let puppet = Puppet::obedient();
+    let mut bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    let config = SlaveConfig { role: Role::Drive(Mode::Csp), sync: DriveSync::DcSync };
+    let config = BusConfig { cycle: CycleTime::DEFAULT, selected: SlaveSet::first(1), slaves: [config; MAX_SLAVES] };
+    let state = |target| Job::State { target, slaves: SlaveSet::first(1), timeout_ns: 10_000_000_000 };
+    let mut times = (1..200_000).map(|n| n * 1_000_000);
+    for job in [Job::Scan, state(AlState::PreOp), Job::Configure(config), state(AlState::SafeOp), state(AlState::Op)] {
+        bus.start(job, 0).unwrap();
+        times.find_map(|now| bus.poll_job(now)).expect("it ends");
+    }
+    assert_eq!(puppet.strings().al_state(), AlState::Op);
+    bus.start(state(AlState::PreOp), 0).unwrap();
+    let mut inputs = Inputs::default();
+    times.find(|now| bus.poll_job(*now).is_none() && puppet.strings().al_state() < AlState::Op).expect("it leaves OP");
+    // The answer to that command, and no step behind it.
+    times.next().map(|now| bus.poll_job(now));
+    bus.cancel_job();
+    let told = times.take(100).filter(|now| bus.poll(*now, &mut inputs).is_some()).count();
+    assert!(told > 90, "{told} of 100");
 }
 
 /// XF-19.12 A chip that is reset while its packets get another size forgets its network unseen, since its check word is set anew

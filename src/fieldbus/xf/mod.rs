@@ -410,7 +410,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
 
     fn cancel_job(&mut self) {
         self.job = None;
-        self.abandon_asked();
+        self.abandon_job();
         self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
     }
 

@@ -347,20 +347,20 @@ impl Program {
             3..=6 => trouble.late_ns = self.dice.below(100) * Ns::from(self.how.cycle_us) * US,
             7 | 8 => {
                 network.lose(slave);
-                self.broken = 1 + self.dice.below(200);
+                self.broken = self.broken.max(1 + self.dice.below(200));
             }
             9 => {
                 network.silence(slave, true);
-                self.broken = long;
+                self.broken = self.broken.max(long);
             }
             10 => {
                 network.cut_after(slave - 1);
-                self.broken = long;
+                self.broken = self.broken.max(long);
             }
             11 => {
                 let state = self.dice.pick(&[AlState::SafeOp, AlState::Op, AlState::PreOp]);
                 network.refuse(slave, Some((state, AlStatus::INVALID_OUTPUTS)));
-                self.broken = 1 + self.dice.below(400);
+                self.broken = self.broken.max(1 + self.dice.below(400));
             }
             12 => network.delay_sdo(slave, self.dice.pick(&[50 * MS, 300 * MS])),
             _ => trouble.rarely = self.dice.pick(&[None, None, Some(10), Some(40), Some(200)]),
@@ -425,7 +425,14 @@ impl Program {
         let end = self.board.now() + AT_REST_WITHIN;
         let mut still_from = self.board.now();
         while self.board.now() - still_from < self.still_ns() {
-            assert!(self.board.now() < end, "never at rest: {:?}", self.board.engine().state());
+            let engine = self.board.engine();
+            let free = engine.fifo_free();
+            assert!(
+                self.board.now() < end,
+                "never at rest: {:?}, {free} free, busy {}",
+                engine.state(),
+                engine.is_busy()
+            );
             self.cycle();
             self.repair();
             let engine = self.board.engine();

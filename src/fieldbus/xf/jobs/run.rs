@@ -41,7 +41,7 @@ impl<W: Wires> XfBus<W> {
     fn keep_or_end(&mut self, job: Running, now: Ns) {
         match job.late() {
             Some(done) if job.is_late(now) => {
-                self.abandon_asked();
+                self.abandon_job();
                 self.ended.push_back(done);
             }
             _ => self.job = Some(job),
@@ -55,6 +55,14 @@ impl<W: Wires> XfBus<W> {
 
     fn is_resizing(&self) -> bool {
         !matches!(self.host.state(), HostState::Running)
+    }
+
+    /// A job ends before its last step. It may have brought the last slave out of OP: the chip has no cycles to tell then.
+    pub(in crate::fieldbus::xf) fn abandon_job(&mut self) {
+        self.abandon_asked();
+        if self.runs && self.network.in_op().is_empty() {
+            self.leave_op();
+        }
     }
 
     pub(in crate::fieldbus::xf) fn abandon_asked(&mut self) {

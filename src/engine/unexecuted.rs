@@ -23,11 +23,13 @@ pub enum Unexecuted {
     Cleared,
     /// [`Counters::sdo_aborted`]: an SDO transfer was carried out, and the slave refused it.
     SdoAborted,
+    /// [`Counters::outputs_lost`]: a bus that takes outputs ahead has given them up.
+    OutputsLost,
 }
 
 impl Unexecuted {
     /// How many kinds there are.
-    pub const KINDS: usize = 9;
+    pub const KINDS: usize = 10;
 
     /// All kinds.
     pub const ALL: [Self; Self::KINDS] = [
@@ -40,6 +42,7 @@ impl Unexecuted {
         Self::ForLost,
         Self::Cleared,
         Self::SdoAborted,
+        Self::OutputsLost,
     ];
 
     /// The count of this kind.
@@ -54,6 +57,7 @@ impl Unexecuted {
             Self::ForLost => counters.for_lost,
             Self::Cleared => counters.cleared,
             Self::SdoAborted => counters.sdo_aborted,
+            Self::OutputsLost => counters.outputs_lost,
         }
     }
 
@@ -69,6 +73,7 @@ impl Unexecuted {
             Self::ForLost => "for_lost",
             Self::Cleared => "cleared",
             Self::SdoAborted => "sdo_aborted",
+            Self::OutputsLost => "outputs_lost",
         }
     }
 
@@ -84,6 +89,7 @@ impl Unexecuted {
             Self::ForLost => "command(s) for a lost slave did not reach it",
             Self::Cleared => "queued command frame(s) were cleared unexecuted",
             Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
+            Self::OutputsLost => "set(s) of outputs may not have reached the slaves",
         }
     }
 
@@ -103,6 +109,9 @@ impl Unexecuted {
             Self::ForLost => "look at the slave's power and its cable, then send SET_STATE to bring it back",
             Self::Cleared => "wait until the FIFO is empty (160 free) before SET_FIFO 1 and before leaving OP",
             Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
+            Self::OutputsLost => {
+                "exchanges with the chip fail, or frames on the cable are lost; look at its wires and at the cable"
+            }
         }
     }
 

@@ -165,6 +165,7 @@ mod tests {
             incomplete: 7,
             while_booting: 8,
             sdo_aborted: 9,
+            outputs_lost: 10,
             ..Counters::default()
         };
         let mut log = Log::of(&Counters::default());

@@ -73,6 +73,11 @@ impl RejectionLog {
                     let begins = !self.episodes.is_running(Unexecuted::Incomplete);
                     begins && !std::mem::replace(&mut logged[Unexecuted::Incomplete as usize], true)
                 }
+                // The bus may lose some in each cycle.
+                Event::OutputsLost { .. } => {
+                    let begins = !self.episodes.is_running(Unexecuted::OutputsLost);
+                    begins && !std::mem::replace(&mut logged[Unexecuted::OutputsLost as usize], true)
+                }
                 Event::SdoAborted { at, .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
                     self.aborts.is_logged(at)
@@ -195,5 +200,19 @@ mod tests {
         assert_eq!(said.len(), 8, "{said:?}");
         assert!(said[6].contains("50 command frame(s) did not arrive completely"), "{said:?}");
         assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
+    }
+
+    /// SK-4.78 Sets of outputs that a bus loses one after the other are told by the first one and by their number.
+    #[test]
+    fn lost_outputs_are_logged_once_and_counted() {
+        let mut log = RejectionLog::new(&Counters::default());
+        let mut said = Vec::new();
+        for n in 0..50 {
+            let counters = Counters { outputs_lost: n + 1, ..Counters::default() };
+            log.log([Event::OutputsLost { at: n * MS, sets: 1 }], &counters, n * MS, &mut |_, line| said.push(line));
+        }
+        assert!(said.len() == 1 && said[0].contains("the outputs of 1 cycles"), "{said:?}");
+        log.end(&Counters { outputs_lost: 50, ..Counters::default() }, 60 * MS, &mut |_, line| said.push(line));
+        assert!(said.len() == 2 && said[1].contains("50 set(s) of outputs"), "{said:?}");
     }
 }

@@ -69,15 +69,9 @@ impl RejectionLog {
                     is_logged
                 }
                 // The line with the number of bytes replaces the one that says that an episode begins.
-                Event::Incomplete { .. } => {
-                    let begins = !self.episodes.is_running(Unexecuted::Incomplete);
-                    begins && !std::mem::replace(&mut logged[Unexecuted::Incomplete as usize], true)
-                }
+                Event::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
                 // The bus may lose some in each cycle.
-                Event::OutputsLost { .. } => {
-                    let begins = !self.episodes.is_running(Unexecuted::OutputsLost);
-                    begins && !std::mem::replace(&mut logged[Unexecuted::OutputsLost as usize], true)
-                }
+                Event::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
                 Event::SdoAborted { at, .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
                     self.aborts.is_logged(at)
@@ -90,6 +84,11 @@ impl RejectionLog {
         }
         self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
         self.episodes.log(counters, now, |what| logged[what as usize], say);
+    }
+
+    /// Whether an event is the first one of an episode, which is logged then.
+    fn begins(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
+        !self.episodes.is_running(what) && !std::mem::replace(&mut logged[what as usize], true)
     }
 
     /// Logs the rejections that have not been logged yet, when the link is closed.

@@ -150,11 +150,15 @@ impl Running {
     }
 
     fn failed(&self, refusal: Refusal) -> Todo {
-        Todo::Done(match self.kind {
+        Todo::Done(self.failure(refusal))
+    }
+
+    const fn failure(&self, refusal: Refusal) -> JobDone {
+        match self.kind {
             Kind::Scan => JobDone::Scan { found: 0 },
             Kind::Configure(_) => JobDone::Configure(Err(refusal)),
             Kind::State { .. } => JobDone::State(Err(refusal)),
-        })
+        }
     }
 
     fn state(&self, slave: u8) -> Option<AlState> {
@@ -164,17 +168,23 @@ impl Running {
     /// The end of a change of state that was not done in time.
     pub(super) fn late(&self) -> Option<JobDone> {
         let Kind::State { target, slaves } = self.kind else { return None };
-        let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target)).or(slaves.iter().next());
-        Some(JobDone::State(Err(no_answer(slave.unwrap_or(1)))))
+        let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target));
+        Some(self.failure(no_answer(slave.unwrap_or(self.first()))))
     }
 
     /// The end of a job whose chip has forgotten what it was told.
     pub(super) fn cut_off(&self) -> JobDone {
-        match &self.kind {
-            Kind::Scan => JobDone::Scan { found: 0 },
-            Kind::Configure(config) => JobDone::Configure(Err(no_answer(config.selected.iter().next().unwrap_or(1)))),
-            Kind::State { slaves, .. } => JobDone::State(Err(no_answer(slaves.iter().next().unwrap_or(1)))),
-        }
+        self.failure(no_answer(self.first()))
+    }
+
+    /// The first slave that the job is about.
+    fn first(&self) -> u8 {
+        let slaves = match &self.kind {
+            Kind::Scan => return 1,
+            Kind::Configure(config) => config.selected,
+            Kind::State { slaves, .. } => *slaves,
+        };
+        slaves.iter().next().unwrap_or(1)
     }
 
     pub(super) const fn is_late(&self, now: Ns) -> bool {
@@ -237,8 +247,7 @@ impl<W: Wires> XfBus<W> {
                 self.lose_all();
                 job.failed(no_answer(1))
             }
-            Stage::CountAgain => self.states_are_read(job, now),
-            Stage::TellLoss => self.states_are_read(job, now),
+            Stage::CountAgain | Stage::TellLoss => self.states_are_read(job, now),
             Stage::Leave(slave) => {
                 if reply.is_ok() {
                     self.network.commanded[usize::from(slave) - 1] = AlState::PreOp;
@@ -252,8 +261,7 @@ impl<W: Wires> XfBus<W> {
                 Ok(_) => job.ask(Stage::OutputBytes(1), Ask::Info(1, SlaveInfoItem::OutputBytes)),
                 Err(_) => {
                     let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-                    let slave = self.first_selected(job);
-                    job.failed(Refusal { slave, al_status, abort: None })
+                    job.failed(Refusal { slave: job.first(), al_status, abort: None })
                 }
             },
             Stage::OutputBytes(slave) => {

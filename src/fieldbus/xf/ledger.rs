@@ -165,10 +165,7 @@ impl Ledger {
     /// The id of the newest outputs that were sent for sure when that cycle had run. Cycles count from 1, as they are
     /// read; each is asked for once, in their order.
     pub(super) fn sent_in(&mut self, cycle: u64) -> Option<u64> {
-        let least =
-            |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(|moment| moment.sent_in(cycle)).min();
-        let sent = self.samples.iter().filter_map(least).max().unwrap_or(0);
-        self.send_until(sent);
+        self.send_until(self.sent_at_least(|moment| moment.sent_in(cycle)));
         while let Some((_, sent)) = self.milestones.pop_front_if(|(at, _)| *at <= cycle) {
             self.send_until(sent);
         }
@@ -177,9 +174,13 @@ impl Ledger {
 
     /// Takes for sent what had been by the newest headers, whatever cycles have come back.
     pub(super) fn settle(&mut self) {
-        let least = |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(|moment| moment.sent).min();
-        let sent = self.samples.iter().filter_map(least).max().unwrap_or(0);
-        self.send_until(sent);
+        self.send_until(self.sent_at_least(|moment| moment.sent));
+    }
+
+    /// How many sets had been sent for sure, where `sent` says it for the moment of a header.
+    fn sent_at_least(&self, sent: impl Fn(&Moment) -> u64) -> u64 {
+        let least = |moments: &[Option<Moment>; LAG]| moments.iter().flatten().map(&sent).min();
+        self.samples.iter().filter_map(least).max().unwrap_or(0)
     }
 
     /// Sets that lie in the RxFIFO at most.

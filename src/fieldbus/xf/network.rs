@@ -27,7 +27,8 @@ pub(super) struct Network {
     /// What is mapped for the role of a slave; `None`: it has none.
     pub process_data: [Option<ProcessData>; MAX_SLAVES],
     pub places: [Place; MAX_SLAVES],
-    /// Slaves that were configured since the network was started.
+    /// Slaves that were configured since the network was started; whether the chip has their process data, says
+    /// [`Self::with_process_data`].
     pub configured: SlaveSet,
     /// The chip has laid out process data.
     pub mapped: bool,
@@ -86,6 +87,11 @@ impl Network {
             }
         }
         slaves
+    }
+
+    /// The slaves whose process data the chip has.
+    pub(super) fn with_process_data(&self) -> SlaveSet {
+        if self.mapped { self.configured } else { SlaveSet::EMPTY }
     }
 
     pub(super) fn in_op(&self) -> SlaveSet {

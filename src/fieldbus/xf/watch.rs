@@ -230,7 +230,6 @@ impl<W: Wires> XfBus<W> {
         self.network.lost = all;
         self.pins = PinSetup::Due;
         (self.network.initialised, self.network.mapped) = (false, false);
-        self.network.configured = SlaveSet::EMPTY;
         self.lose_sets(self.ledger.ahead());
         self.ledger.lost();
         self.level.clear();

@@ -151,11 +151,6 @@ impl<W: Wires> XfBus<W> {
         self.download(job, slave, place + 1)
     }
 
-    pub(super) fn first_selected(&self, job: &Running) -> u8 {
-        let Kind::Configure(config) = &job.kind else { return 1 };
-        config.selected.iter().next().unwrap_or(1)
-    }
-
     /// The entries of each FIFO with the present process data.
     pub(super) fn entries(&self) -> u8 {
         fifo_entries(self.network.rx_bytes + self.network.tx_bytes)

@@ -36,7 +36,7 @@ impl<W: Wires> XfBus<W> {
         let Kind::State { target, slaves } = job.kind else { return self.configured(job) };
         let found = SlaveSet::first(self.network.found);
         let slaves = slaves.intersection(found);
-        let unconfigured = if self.network.mapped { slaves.difference(self.network.configured) } else { slaves };
+        let unconfigured = slaves.difference(self.network.with_process_data());
         if target > AlState::PreOp
             && let Some(slave) = unconfigured.iter().next()
         {
@@ -148,7 +148,7 @@ impl<W: Wires> XfBus<W> {
     /// A slave that has refused the way down is where it was. One that is up there for a chip that was reset since is not.
     pub(super) fn stay_up(&mut self, job: &Running, slave: u8) {
         let Some(state) = job.state(slave) else { return };
-        if state <= AlState::PreOp || self.network.configured.contains(slave) {
+        if state <= AlState::PreOp || self.network.with_process_data().contains(slave) {
             let commanded = &mut self.network.commanded[usize::from(slave) - 1];
             *commanded = state.max(*commanded);
         }

@@ -24,6 +24,7 @@
 
 mod books;
 mod follower;
+mod how;
 mod line;
 mod program;
 
@@ -31,7 +32,8 @@ use std::ops::AddAssign;
 
 use crate::run_all;
 use books::Account;
-use program::{How, Program};
+use how::How;
+use program::Program;
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 40;

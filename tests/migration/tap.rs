@@ -3,8 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
-use ecmsk::fieldbus::{AlState, AxisOut, MAX_AXES, Ns};
-use ecmsk::slave::{AlStatus, Fault, Slave};
+use ecmsk::fieldbus::{AxisOut, MAX_AXES};
+use ecmsk::slave::{Fault, Slave};
 use support::images::{Images, number};
 
 /// What a slave was sent in a cycle.
@@ -114,21 +114,7 @@ impl Tap {
 const HOMING: u8 = 6;
 
 impl Slave for Tap {
-    fn name(&self) -> &str {
-        self.inner.name()
-    }
-
-    fn state(&self) -> AlState {
-        self.inner.state()
-    }
-
-    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
-        self.inner.enter(target)
-    }
-
-    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        self.inner.read(object, scope, value)
-    }
+    support::hand_on_slave!(inner: name, state, enter, read, set_sync_managers, step, apply_fault, has_dc, shaft);
 
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         self.inner.write(object, scope, value)?;
@@ -139,10 +125,6 @@ impl Slave for Tap {
         Ok(())
     }
 
-    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
-        self.inner.set_sync_managers(outputs, inputs);
-    }
-
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         self.inner.exchange(outputs, inputs);
         let Some(outputs) = outputs else { return };
@@ -151,21 +133,5 @@ impl Slave for Tap {
         if let Some(fault) = self.log.note(self.place, Took { axes: self.images.outputs(outputs), follows }) {
             self.inner.apply_fault(fault);
         }
-    }
-
-    fn step(&mut self, dt_ns: Ns) {
-        self.inner.step(dt_ns);
-    }
-
-    fn apply_fault(&mut self, fault: Fault) -> bool {
-        self.inner.apply_fault(fault)
-    }
-
-    fn has_dc(&self) -> bool {
-        self.inner.has_dc()
-    }
-
-    fn shaft(&self, axis: usize) -> Option<i64> {
-        self.inner.shaft(axis)
     }
 }

@@ -4,8 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig};
-use ecmsk::fieldbus::xf::plan::CycleDemand;
-use ecmsk::fieldbus::xf::{XfBus, XfBusOptions, fifo_entries};
+use ecmsk::fieldbus::xf::XfBus;
 use ecmsk::fieldbus::{AlState, Ns};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, SdoCommand,
@@ -14,24 +13,18 @@ use ecmsk::sk::{
 use ecmsk::slave::al::WATCHDOG_NS;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{AlStatus, Slave};
-use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
-use ecmsk::xf::host::{Deadlines, HostConfig, Pacing};
 use support::dice::Dice;
-use support::faulty_wire::quick;
 
 use super::Done;
 use super::books::{Books, IO};
 use super::follower::Follower;
+use super::how::How;
 use super::line::{Line, Trouble};
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// The clock of SPI.
-const CLOCK_HZ: u32 = 24_000_000;
-/// Bytes of the inputs of a drive and of the module: more than of their outputs.
-const INPUT_BYTES: (usize, usize) = (10, 2);
 /// Once nothing goes wrong any more, the board is in OP after so long: a start of the chip that fails for want of an answer, and
 /// the change itself.
 const BACK_WITHIN: Ns = 120 * S;
@@ -39,68 +32,6 @@ const BACK_WITHIN: Ns = 120 * S;
 const STATES_READ_WITHIN: Ns = 150 * MS;
 /// Nothing is held and nothing lies in the chip after so long.
 const AT_REST_WITHIN: Ns = 20 * S;
-
-/// The kind of chip, and how it is used.
-#[derive(Clone, Copy, Debug)]
-pub struct How {
-    profile: Profile,
-    cycle_us: u32,
-    options: XfBusOptions,
-    config: HostConfig,
-    packet_ns: Ns,
-    drives: usize,
-    state_timeout_ns: Ns,
-}
-
-impl How {
-    pub fn random(seed: u64) -> Self {
-        let mut dice = Dice(seed ^ 0x686F_7721);
-        let profile = dice.pick(&[Profile::OLD, Profile::NEW, Profile::XFU]);
-        let drives = 1 + dice.below(4) as usize;
-        let (idle_ns, pacing) =
-            dice.pick(&[(20 * US, Pacing::Idle), (150 * US, Pacing::Idle), (20 * US, Pacing::Int0)]);
-        let ahead = dice.pick(&[1, 2, 4, 8, 8, 20, 60]);
-        let process_bytes = drives * INPUT_BYTES.0 + INPUT_BYTES.1;
-        let from = dice.below(6) as usize;
-        let holds = |cycle_us: &&u32| {
-            let demand = CycleDemand {
-                process_bytes,
-                fifo_entries: fifo_entries(2 * process_bytes),
-                cycle_ns: Ns::from(**cycle_us) * US,
-                ahead,
-                clock_hz: Some(CLOCK_HZ),
-                idle_ns: idle_ns + 20 * US,
-                present: profile.size,
-                size_is_fixed: profile.size_is_fixed,
-            };
-            demand.plan().is_ok()
-        };
-        let cycle_us = *[250, 500, 1000, 1000, 2000, 4000][from..].iter().find(holds).unwrap_or(&4000);
-        let deadlines = Deadlines { answer_ns: dice.pick(&[20 * MS, 100 * MS]), int0_ns: 5 * MS, ..Deadlines::DEFAULT };
-        let config = HostConfig {
-            size: dice.pick(&[None, Some(profile.size)]),
-            pacing,
-            idle_ns,
-            resync_after: dice.pick(&[2, 4, 8]),
-            deadlines,
-            ..HostConfig::DEFAULT
-        };
-        let options = XfBusOptions {
-            ahead,
-            clock_hz: Some(CLOCK_HZ),
-            size_is_fixed: profile.size_is_fixed,
-            real_time: dice.one_in(3),
-            ..XfBusOptions::DEFAULT
-        };
-        let packet_ns = if pacing == Pacing::Int0 { 100 * US } else { idle_ns - 5 * US };
-        let state_timeout_ns = dice.pick(&[S, 10 * S]);
-        Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns }
-    }
-
-    fn chip(&self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Chip<SlaveModels> {
-        Chip::with_timing(self.profile, quick(self.packet_ns), SlaveModels::new(slaves).reached_by(handle))
-    }
-}
 
 /// The axis of a drive as the program leads it.
 #[derive(Clone, Copy)]

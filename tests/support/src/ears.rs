@@ -4,8 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
-use ecmsk::fieldbus::{AlState, Ns};
-use ecmsk::slave::plant::Following;
+use ecmsk::fieldbus::AlState;
 use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
 
 use crate::images::{Images, number};
@@ -96,13 +95,7 @@ struct Listening {
 }
 
 impl Slave for Listening {
-    fn name(&self) -> &str {
-        self.drive.name()
-    }
-
-    fn state(&self) -> AlState {
-        self.drive.state()
-    }
+    crate::hand_on_slave!(drive: name, state, read, set_sync_managers, step, begin_step, end_step, has_dc);
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
         let entered = self.drive.enter(target);
@@ -110,18 +103,10 @@ impl Slave for Listening {
         entered
     }
 
-    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        self.drive.read(object, scope, value)
-    }
-
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         self.drive.write(object, scope, value)?;
         self.images.take(object, number(value));
         Ok(())
-    }
-
-    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
-        self.drive.set_sync_managers(outputs, inputs);
     }
 
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
@@ -132,22 +117,6 @@ impl Slave for Listening {
         if notes.is_on {
             notes.targets.push(self.images.outputs(outputs)[0].target);
         }
-    }
-
-    fn step(&mut self, dt_ns: Ns) {
-        self.drive.step(dt_ns);
-    }
-
-    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
-        self.drive.begin_step(dt_ns)
-    }
-
-    fn end_step(&mut self, dt_ns: Ns) {
-        self.drive.end_step(dt_ns);
-    }
-
-    fn has_dc(&self) -> bool {
-        self.drive.has_dc()
     }
 }
 

@@ -1,7 +1,8 @@
 //! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
-//! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `ahead_bus`, `swift`, `images`
-//! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `chip_axis` an axis
+//! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `slave_wrapper`, `ahead_bus`, `swift`, `images`
+//! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stands still, `chip_axis` an
+//!   axis, `ears` drives that listen
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
@@ -33,6 +34,7 @@ pub mod schedules;
 pub mod script_client;
 #[cfg(target_os = "linux")]
 pub mod served;
+pub mod slave_wrapper;
 pub mod swift;
 #[cfg(any(unix, windows))]
 pub mod tcp;

@@ -1,0 +1,70 @@
+//! For a slave of a test's own around another one.
+
+/// Calls of a [`Slave`](ecmsk::slave::Slave) that go on to the slave inside as they are:
+/// `hand_on_slave!(inner: name, state);` in the `impl`, where `inner` is the field that has it.
+#[macro_export]
+macro_rules! hand_on_slave {
+    ($slave:tt: $($call:ident),+ $(,)?) => {
+        $($crate::hand_on_slave!(@$call $slave);)+
+    };
+    (@name $slave:tt) => {
+        fn name(&self) -> &str {
+            self.$slave.name()
+        }
+    };
+    (@state $slave:tt) => {
+        fn state(&self) -> ecmsk::fieldbus::AlState {
+            self.$slave.state()
+        }
+    };
+    (@enter $slave:tt) => {
+        fn enter(&mut self, target: ecmsk::fieldbus::AlState) -> Result<(), ecmsk::slave::AlStatus> {
+            self.$slave.enter(target)
+        }
+    };
+    (@read $slave:tt) => {
+        fn read(
+            &mut self,
+            object: ecmsk::coe::ObjectAddress,
+            scope: ecmsk::coe::SdoScope,
+            value: &mut [u8],
+        ) -> Result<usize, ecmsk::coe::AbortCode> {
+            self.$slave.read(object, scope, value)
+        }
+    };
+    (@set_sync_managers $slave:tt) => {
+        fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+            self.$slave.set_sync_managers(outputs, inputs);
+        }
+    };
+    (@step $slave:tt) => {
+        fn step(&mut self, dt_ns: ecmsk::fieldbus::Ns) {
+            self.$slave.step(dt_ns);
+        }
+    };
+    (@begin_step $slave:tt) => {
+        fn begin_step(&mut self, dt_ns: ecmsk::fieldbus::Ns) -> Option<ecmsk::slave::plant::Following<'_>> {
+            self.$slave.begin_step(dt_ns)
+        }
+    };
+    (@end_step $slave:tt) => {
+        fn end_step(&mut self, dt_ns: ecmsk::fieldbus::Ns) {
+            self.$slave.end_step(dt_ns);
+        }
+    };
+    (@apply_fault $slave:tt) => {
+        fn apply_fault(&mut self, fault: ecmsk::slave::Fault) -> bool {
+            self.$slave.apply_fault(fault)
+        }
+    };
+    (@has_dc $slave:tt) => {
+        fn has_dc(&self) -> bool {
+            self.$slave.has_dc()
+        }
+    };
+    (@shaft $slave:tt) => {
+        fn shaft(&self, axis: usize) -> Option<i64> {
+            self.$slave.shaft(axis)
+        }
+    };
+}

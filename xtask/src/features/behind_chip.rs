@@ -14,8 +14,9 @@ const RUN: &str = "all_that_a_program_sees_is_the_same_behind_an_ecm_xf";
 /// The folder of those tests.
 const ENGINE: &str = "tests/engine/";
 /// Files, and folders, of which each test has a board over a chip without that run.
-const ALWAYS: [&str; 7] = [
+const ALWAYS: [&str; 8] = [
     "tests/engine/xf_bus.rs",
+    "tests/engine/xf_faults.rs",
     "tests/engine/xf_packets.rs",
     "tests/engine/xf_state.rs",
     "tests/migration/",

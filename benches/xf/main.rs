@@ -2,7 +2,7 @@
 //!
 //! `xf_host_1440`, `xf_host_144`: an exchange of the driver with process data, over a pipe in this process, in the longest
 //! packet and in that of the manuals. The baseline is a bare loop over the same pipe with the same packets: it copies them
-//! both ways and computes both check words.
+//! both ways and computes both check words. Both have the same program, which puts its outputs into each packet.
 //!
 //! `xf_chip_40`: an exchange with the process data of 40 drives, a cycle after the one before, through the model of the
 //! chip; the baseline is the same cycle of the same drives on the simulated bus.

@@ -1,6 +1,6 @@
 //! Process data: which sets are written and read in which exchange, and what has come back.
 //!
-//! In OP each exchange writes as many of the sets that wait as the packet, the chip's FIFO and `ahead` let it, and reads as
+//! In OP each exchange writes as many of the sets that wait as the packet, the chip's FIFO and the depth let it, and reads as
 //! many cycles; where more cycles wait than come with that, every other one reads alone. Below OP the newest inputs are
 //! read past the FIFO.
 //!
@@ -175,7 +175,7 @@ impl<W: Wires> XfBus<W> {
             self.repeat_with_lost_holding();
         }
         let under_way = self.sets_under_way();
-        let room = (self.options.ahead as usize)
+        let room = usize::from(self.depth())
             .saturating_sub(self.level.sets(now, cycle.ns()) as usize + under_way)
             .min(self.host.rx_free().into());
         let waiting = self.queue.len().saturating_sub(under_way);

@@ -1,6 +1,7 @@
 //! A PC that stands still again and again, with the board over an ECM-XF in it: what lies in the chip bridges that, and what
 //! it does not bridge is counted.
 
+use ecmsk::sk::CycleTime;
 use support::late_host::{LateHost, Outcome, Stalls};
 
 /// Stalls of so many cycles, one every 100 ms, begun at all times of a cycle, for 3 s.
@@ -38,4 +39,19 @@ fn what_a_longer_stall_costs_is_counted() {
     let [(of_9, stalls), (of_14, _), (of_20, _)] = repeated;
     assert!(of_9 > 0 && (of_14 - of_9).abs_diff(5 * stalls) <= 1, "{repeated:?}");
     assert!((of_20 - of_14).abs_diff(6 * stalls) <= 1, "{repeated:?}");
+}
+
+/// XF-19.15 With a cycle of 4 ms, and a program that has hardly more in the board than the chip takes, the board is at the present time
+/// again at once: a stall costs no more cycles than the chip did not bridge.
+#[test]
+fn a_long_cycle_is_caught_up_with_at_once() {
+    const AHEAD: u64 = 8;
+    let cycle = CycleTime::from_us(4000).expect("a cycle");
+    let mut host = LateHost::with_cycle(4, AHEAD as u16, cycle, 20);
+    for cycles in [8, 16, 20] {
+        let outcome = host.lead(1000, Stalls { cycles, every: 100 });
+        assert!(outcome.stalls >= 8 && outcome.targets > 700, "{outcome:?}");
+        assert_eq!((outcome.lost, outcome.out_of_order, outcome.counted_lost), (0, 0, 0), "{outcome:?}");
+        assert!(outcome.repeated <= (cycles - AHEAD) * outcome.stalls, "{cycles}: {outcome:?}");
+    }
 }

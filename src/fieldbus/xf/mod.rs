@@ -63,6 +63,8 @@ const ON_THE_WAY: u64 = 3;
 const SKEW_MAX_NS: Ns = 2_000_000;
 /// The same with a runner, which catches up on as much (`engine::Threaded`). \[OURS]
 const LATE_MAX_NS: Ns = 1_000_000_000;
+/// The longest packet with its idle time takes less at 24 MHz, and two of them hardly more. \[OURS]
+const CATCH_UP_NS: Ns = 1_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
@@ -478,9 +480,11 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if self.options.real_time {
             (self.skew, self.has_runner) = (Some(now.wrapping_sub(wires)), true);
         }
-        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on: after a stall what
-        // lies in the chip is topped up at once, and a machine that is too slow for its cycles has exchanges all the same.
-        let until = if now < until { self.wires_time(until) } else { wires.saturating_add(self.network.cycle.ns()) };
+        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on, or that of two
+        // exchanges: after a stall what lies in the chip is topped up at once, and a machine that is too slow for its cycles
+        // has exchanges all the same.
+        let behind_ns = self.network.cycle.ns().min(CATCH_UP_NS);
+        let until = if now < until { self.wires_time(until) } else { wires.saturating_add(behind_ns) };
         self.work(until);
     }
 

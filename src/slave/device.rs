@@ -5,11 +5,12 @@
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
+use super::communication::{Communication, SyncEvent};
 use super::dictionary::{self, Object, Values};
 use super::lines::Lines;
 use super::manufacturer::ManufacturerObjects;
 use super::plant::Following;
-use super::process_data::{self, Mapping, Pdo, Plan};
+use super::process_data::{self, Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault, Slave};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -51,12 +52,28 @@ pub struct Base<M> {
     al: ApplicationLayer,
 }
 
-impl<M> Base<M> {
+impl<M: Model> Base<M> {
     /// A device at power-on: the name that people know it by, its serial number (0x1018:4), its identity, its stored
     /// values, and its PDOs.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
-        let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos), Plan::with_room());
+        let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos, M::LIMITS), Plan::with_room());
         Self { name, serial, identity, al, values, manufacturer: None, mapping, sync_managers: (0, 0), plan }
+    }
+
+    /// The device loses its power and gets it back: its AL state, its mapping and its stored values are those of power-on.
+    /// Manufacturer-specific objects keep their values.
+    pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
+        let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
+        let limits = *self.mapping.limits();
+        let new = Self::new(name, self.serial, self.identity, values, pdos).with_limits(limits, pdos);
+        *self = Self { manufacturer, ..new };
+    }
+
+    /// The same device with other limits of its mapping.
+    #[must_use]
+    pub fn with_limits(mut self, limits: MappingLimits, pdos: &[Pdo<M>]) -> Self {
+        self.mapping = Mapping::new(pdos, limits);
+        self
     }
 
     /// The AL state of the device.
@@ -78,6 +95,12 @@ impl<M> Base<M> {
 
 /// A kind of slave: what sets it apart from the others.
 pub trait Model: Send + Sized + 'static {
+    /// What devices of this kind allow in their mapping.
+    const LIMITS: MappingLimits = MappingLimits::USUAL;
+
+    /// Whether devices of this kind have complete access.
+    const COMPLETE_ACCESS: bool = true;
+
     /// The object dictionary, ascending by address, [`identity`] first. [`check`](dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
 
@@ -118,6 +141,116 @@ pub trait Model: Send + Sized + 'static {
     /// No outputs come any more: the device has left OP by a change of state or by its watchdog. Its axes brake without
     /// this call.
     fn lose_outputs(&mut self) {}
+
+    /// The watchdog of outputs has expired, and the device has left OP.
+    fn watchdog_expired(&mut self) {}
+
+    /// Judges a change of the AL state to the next higher one. `mapped`: what the mapping and the lengths of the sync
+    /// managers allow; it matters in the change to SafeOP alone.
+    ///
+    /// # Errors
+    /// The AL status code with which the device refuses.
+    fn check_change(&mut self, to: AlState, mapped: Result<(), AlStatus>) -> Result<(), AlStatus> {
+        let _ = to;
+        mapped
+    }
+
+    /// The device has refused a change of its AL state.
+    fn change_refused(&mut self, status: AlStatus) {
+        let _ = status;
+    }
+
+    /// A master has changed the AL state from `from` to another one.
+    fn state_changed(&mut self, from: AlState) {
+        let _ = from;
+    }
+
+    /// A master requests an AL state that does not exist, or bootstrap: the code of the state in the AL control register.
+    /// The AL status code with which the device refuses; it may [`fall`] back to a lower state.
+    fn refuse_request(&mut self, code: u8) -> AlStatus {
+        state_of(code).err().unwrap_or(AlStatus::INVALID_CHANGE)
+    }
+
+    /// The registers of the controller in front of the device, before a change of state.
+    fn set_communication(&mut self, communication: &Communication) {
+        let _ = communication;
+    }
+
+    /// The cycle of SYNC0 on a network without controllers; `None`: the device runs without distributed clocks.
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        let _ = cycle_ns;
+    }
+
+    /// The controller tells the device how it is synchronized.
+    fn report_sync(&mut self, event: SyncEvent) {
+        let _ = event;
+    }
+
+    /// Process data pass.
+    #[inline]
+    fn note_exchange(&mut self) {}
+
+    /// The true position of the shaft of an axis (from 0), counts; `None`: the device has no such axis.
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        self.axes().get(axis).map(|axis| axis.plant().position())
+    }
+
+    /// The device is switched off, and on again: the AL state is Init.
+    fn restart(&mut self) {}
+
+    /// `dt_ns` pass in the axes.
+    #[inline]
+    fn step_axes(&mut self, dt_ns: Ns) {
+        self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
+    }
+
+    /// `dt_ns` begin to pass in the axes, as by [`Slave::begin_step`].
+    #[inline]
+    fn begin_axes(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        match self.axes_mut() {
+            [axis] => axis.begin_step(dt_ns),
+            axes => {
+                axes.iter_mut().for_each(|axis| axis.step(dt_ns));
+                None
+            }
+        }
+    }
+
+    /// Causes a fault in the device, as [`Slave::apply_fault`] does.
+    fn apply_fault(&mut self, fault: Fault) -> bool {
+        apply_fault(self, fault)
+    }
+}
+
+/// The code of bootstrap in the AL control register.
+pub const BOOTSTRAP: u8 = 3;
+/// AL status code: unknown requested state (ETG.1000.6 table 11).
+pub const UNKNOWN_STATE: AlStatus = AlStatus(0x0012);
+/// AL status code: bootstrap is not supported (ETG.1000.6 table 11).
+pub const NO_BOOTSTRAP: AlStatus = AlStatus(0x0013);
+
+/// The AL state with that code in the AL control register.
+///
+/// # Errors
+/// [`NO_BOOTSTRAP`], [`UNKNOWN_STATE`].
+pub fn state_of(code: u8) -> Result<AlState, AlStatus> {
+    let state = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op].into_iter().find(|it| *it as u8 == code);
+    state.ok_or(if code == BOOTSTRAP { NO_BOOTSTRAP } else { UNKNOWN_STATE })
+}
+
+/// Causes a fault in the axes and lines of a device. False: it has no such axis or channel.
+pub fn apply_fault<M: Model>(device: &mut M, fault: Fault) -> bool {
+    match fault {
+        Fault::Alarm { axis, fault } => change_axis(device, axis, |axis| axis.machine_mut().raise(fault)),
+        Fault::Stick { axis, input, value } => change_axis(device, axis, |axis| match input {
+            Some(input) => axis.stick(input, value),
+            None => Input::ALL.into_iter().for_each(|input| axis.stick(input, value)),
+        }),
+        Fault::Jam { axis, jammed } => change_axis(device, axis, |axis| axis.jam(jammed)),
+        Fault::ForceInputs { channel, pattern } => {
+            device.lines_mut().get_mut(channel).map(|lines| lines.force(pattern)).is_some()
+        }
+    }
 }
 
 /// Changes an axis (from 0). False: the device has no such axis.
@@ -130,6 +263,16 @@ fn lose_outputs<M: Model>(device: &mut M) {
     device.lose_outputs();
 }
 
+/// The device leaves its AL state by itself: it falls back to another one, or stays if that is higher, for the reason that
+/// the AL status code says.
+pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
+    let was_in_op = device.base().al_state() == AlState::Op;
+    device.base_mut().al.fall(to, status);
+    if was_in_op && device.base().al_state() != AlState::Op {
+        lose_outputs(device);
+    }
+}
+
 /// Time passes in the AL state machine; its watchdog may end OP.
 fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     let Base { al, plan, .. } = device.base_mut();
@@ -139,6 +282,7 @@ fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     }
     if al.step(dt_ns) {
         lose_outputs(device);
+        device.watchdog_expired();
     }
 }
 
@@ -177,6 +321,11 @@ fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
 }
 
+/// A kind of device without complete access aborts it, whatever the object.
+const fn check_scope<M: Model>(scope: SdoScope) -> Result<(), AbortCode> {
+    if M::COMPLETE_ACCESS || matches!(scope, SdoScope::Entry) { Ok(()) } else { Err(AbortCode::UNSUPPORTED_ACCESS) }
+}
+
 impl<M: Model> Slave for M {
     fn name(&self) -> &str {
         &self.base().name
@@ -188,11 +337,22 @@ impl<M: Model> Slave for M {
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
         let was = self.base().al_state();
-        let ready = if (was, target) == (AlState::PreOp, AlState::SafeOp) { compile(self) } else { Ok(()) };
+        let ready = if target != was && target == was.above() {
+            let mapped = if target == AlState::SafeOp { compile(self) } else { Ok(()) };
+            self.check_change(target, mapped)
+        } else {
+            Ok(())
+        };
         let base = self.base_mut();
-        base.al.enter(target, ready)?;
+        if let Err(status) = base.al.enter(target, ready) {
+            self.change_refused(status);
+            return Err(status);
+        }
         if target == AlState::Init {
             base.sync_managers = (0, 0);
+        }
+        if was != target {
+            self.state_changed(was);
         }
         if was == AlState::Op && target != AlState::Op {
             lose_outputs(self);
@@ -200,8 +360,29 @@ impl<M: Model> Slave for M {
         Ok(())
     }
 
+    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
+        if let Ok(state) = state_of(code) {
+            return self.enter(state);
+        }
+        let was = self.base().al_state();
+        let status = self.refuse_request(code);
+        fall(self, was, status);
+        Err(status)
+    }
+
+    fn al_status(&self) -> AlStatus {
+        self.base().al.status()
+    }
+
+    fn restart(&mut self) {
+        // Every slave can go to Init.
+        let _ = self.enter(AlState::Init);
+        Model::restart(self);
+    }
+
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
         check_mailbox(self)?;
+        check_scope::<M>(scope)?;
         let Base { mapping, manufacturer, .. } = self.base();
         if mapping.has(object.index) {
             return mapping.read(object, scope, value);
@@ -216,6 +397,7 @@ impl<M: Model> Slave for M {
 
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         check_mailbox(self)?;
+        check_scope::<M>(scope)?;
         let Base { mapping, al, .. } = self.base();
         if mapping.has(object.index) {
             let may_map = |direction, entry| may_map(self, direction, entry);
@@ -236,8 +418,30 @@ impl<M: Model> Slave for M {
         self.base_mut().sync_managers = (outputs, inputs);
     }
 
+    fn set_communication(&mut self, communication: &Communication) {
+        let [_, _, outputs, inputs] = communication.sync_managers.map(|sm| if sm.enabled { sm.length } else { 0 });
+        self.base_mut().sync_managers = (outputs, inputs);
+        Model::set_communication(self, communication);
+    }
+
+    fn report_sync(&mut self, event: SyncEvent) {
+        Model::report_sync(self, event);
+    }
+
+    fn expire_watchdog(&mut self) {
+        if self.base().al_state() == AlState::Op {
+            fall(self, AlState::SafeOp, AlStatus::WATCHDOG);
+            self.watchdog_expired();
+        }
+    }
+
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        Model::set_sync_cycle(self, cycle_ns);
+    }
+
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
         process_data::put_inputs(self, inputs);
+        self.note_exchange();
         let Some(outputs) = outputs.filter(|_| self.base().al_state() == AlState::Op) else { return };
         self.base_mut().al.note_outputs();
         process_data::take_outputs(self, outputs);
@@ -245,19 +449,13 @@ impl<M: Model> Slave for M {
 
     fn step(&mut self, dt_ns: Ns) {
         step_al(self, dt_ns);
-        self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
+        self.step_axes(dt_ns);
         self.pass(dt_ns);
     }
 
     fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
         step_al(self, dt_ns);
-        match self.axes_mut() {
-            [axis] => axis.begin_step(dt_ns),
-            axes => {
-                axes.iter_mut().for_each(|axis| axis.step(dt_ns));
-                None
-            }
-        }
+        self.begin_axes(dt_ns)
     }
 
     fn end_step(&mut self, dt_ns: Ns) {
@@ -268,17 +466,7 @@ impl<M: Model> Slave for M {
     }
 
     fn apply_fault(&mut self, fault: Fault) -> bool {
-        match fault {
-            Fault::Alarm { axis, fault } => change_axis(self, axis, |axis| axis.machine_mut().raise(fault)),
-            Fault::Stick { axis, input, value } => change_axis(self, axis, |axis| match input {
-                Some(input) => axis.stick(input, value),
-                None => Input::ALL.into_iter().for_each(|input| axis.stick(input, value)),
-            }),
-            Fault::Jam { axis, jammed } => change_axis(self, axis, |axis| axis.jam(jammed)),
-            Fault::ForceInputs { channel, pattern } => {
-                self.lines_mut().get_mut(channel).map(|lines| lines.force(pattern)).is_some()
-            }
-        }
+        Model::apply_fault(self, fault)
     }
 
     fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
@@ -290,7 +478,7 @@ impl<M: Model> Slave for M {
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {
-        self.axes().get(axis).map(|axis| axis.plant().position())
+        Model::shaft(self, axis)
     }
 }
 
@@ -322,12 +510,18 @@ impl<M: Model> process_data::Planned for M {
     }
 }
 
-/// Objects 0x1000 to 0x1018, which every device has and programs look for, and the sync manager types, 0x1C00.
-pub const fn identity<M: Model>() -> [Object<M>; 13] {
+/// The objects of a device by which programs recognize it, but for its identity object: 0x1000, 0x1001 and 0x1008.
+pub const fn description<M: Model>() -> [Object<M>; 3] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
         Object::u8(0x1001, 0, "Error register").live(error_register),
         Object::text(0x1008, 0, "Device name", |device: &M| device.base().identity.name),
+    ]
+}
+
+/// The identity object, 0x1018, and the sync manager types, 0x1C00, which every device has and masters look for.
+pub const fn identity<M: Model>() -> [Object<M>; 10] {
+    [
         Object::u8(0x1018, 0, "Identity").default(4),
         Object::u32(0x1018, 1, "Vendor ID").live(|device: &M| device.base().identity.vendor_id.into()),
         Object::u32(0x1018, 2, "Product code").live(|device: &M| device.base().identity.product_code.into()),

@@ -3,7 +3,9 @@
 //! | file or folder | what it answers |
 //! | --- | --- |
 //! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
+//! | `dp3cl/` | the stepper drive Xinje DP3CL, whole |
 //! | `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `communication.rs` | what a device reads from the registers of its controller |
 //! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
 //! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
 //! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
@@ -28,8 +30,10 @@ pub mod al;
 pub mod axis;
 mod axis_objects;
 pub mod cable;
+mod communication;
 pub mod device;
 pub mod dictionary;
+pub mod dp3cl;
 pub mod drive;
 mod fault;
 pub mod handle;
@@ -42,7 +46,10 @@ pub mod plant;
 pub mod process_data;
 pub mod state_machine;
 pub mod switches;
+mod sync_objects;
 
+pub use communication::{Communication, SyncEvent, SyncManagerSettings};
+pub use dp3cl::{Dp3cl, Dp3clConfig};
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use fault::Fault;
 pub use hsp::{Channels, Hsp, HspConfig};
@@ -99,6 +106,30 @@ pub trait Slave: Send {
     /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
+    /// Requests the AL state with that code in the AL control register: 1, 2, 4, 8, or 3 for bootstrap, which no slave here
+    /// has.
+    ///
+    /// # Errors
+    /// The AL status code with which the slave refuses. It may have fallen back to a lower state.
+    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
+        match device::state_of(code) {
+            Ok(state) => self.enter(state),
+            Err(status) => Err(status),
+        }
+    }
+
+    /// The AL status code of the last change of state that the slave has refused, or with which it has left a state by
+    /// itself; 0 after a change that was made.
+    fn al_status(&self) -> AlStatus {
+        AlStatus(0)
+    }
+
+    /// The slave is switched off and on again.
+    fn restart(&mut self) {
+        // Every slave can go to Init.
+        let _ = self.enter(AlState::Init);
+    }
+
     /// SDO upload: puts as many of the first bytes of the value into `value` as there is room for. The length of the whole
     /// value.
     ///
@@ -132,6 +163,31 @@ pub trait Slave: Send {
     /// are as long as the process data that are mapped. Init sets both to 0.
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
         let _ = (outputs, inputs);
+    }
+
+    /// Hands over the registers of the controller in front of the slave, before a change of state. Without this call a slave
+    /// judges the lengths of its sync managers alone.
+    fn set_communication(&mut self, communication: &Communication) {
+        let [_, _, outputs, inputs] = communication.sync_managers;
+        self.set_sync_managers(outputs.length, inputs.length);
+    }
+
+    /// The controller tells the slave how it is synchronized.
+    fn report_sync(&mut self, event: SyncEvent) {
+        let _ = event;
+    }
+
+    /// The watchdog of outputs in the controller in front of the slave has expired: the slave leaves OP.
+    fn expire_watchdog(&mut self) {
+        if self.state() == AlState::Op {
+            // Every slave can go to a lower state.
+            let _ = self.enter(AlState::SafeOp);
+        }
+    }
+
+    /// Sets the cycle of SYNC0 on a network without controllers; `None`: the slave runs without distributed clocks.
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        let _ = cycle_ns;
     }
 
     /// The process data of a cycle: the slave takes the output image and puts what it measured last into the input image.

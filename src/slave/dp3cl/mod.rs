@@ -112,6 +112,8 @@ pub struct Dp3cl {
     jammed_at: Option<i64>,
     /// The last values written to the commands F0-00 to F0-02.
     commands: [bool; 3],
+    /// SI1 and SI2 at the end of the last cycle.
+    seen_pins: [bool; 2],
     /// The input that clears alarms was on.
     clears: bool,
     /// Process data were exchanged since the last step, and before it.
@@ -154,6 +156,7 @@ impl Dp3cl {
             alarms: Alarms::default(),
             jammed_at: None,
             commands: [false; 3],
+            seen_pins: [false; 2],
             clears: false,
             exchanged: false,
             traffic: false,
@@ -168,6 +171,7 @@ impl Dp3cl {
         };
         drive.rewire();
         drive.test_at_power_on();
+        drive.seen_pins = drive.probe_pins();
         drive
     }
 
@@ -449,10 +453,10 @@ impl Dp3cl {
         }
     }
 
-    /// A terminal that is forced has changed while the shaft stands at a count.
-    fn probe_forced(&mut self, was: [bool; 2]) {
+    /// A terminal that is forced has changed since the last cycle, while the shaft stands at a count.
+    fn probe_forced(&mut self) {
         let at = self.shaft_position_now();
-        for (probe, was) in was.into_iter().enumerate() {
+        for (probe, was) in self.seen_pins.into_iter().enumerate() {
             let is = self.pins.is_on(probe, at);
             if is != was && self.probes.signal(probe) == Some(Signal::Input) {
                 self.store(probe, is, at);
@@ -534,9 +538,8 @@ impl Model for Dp3cl {
 
     fn step_axes(&mut self, dt_ns: Ns) {
         let from = self.axis.plant().position();
-        let was = self.probe_pins();
         self.read_inputs(dt_ns);
-        self.probe_forced(was);
+        self.probe_forced();
         let shown = self.shaft_position_now();
         self.run_modes(dt_ns);
         let to = self.axis.plant().position();
@@ -544,6 +547,7 @@ impl Model for Dp3cl {
             self.probe(from, to);
         }
         self.shown = shown;
+        self.seen_pins = self.probe_pins();
         if self.axis.machine().fault().is_none() {
             self.alarms.clear();
         }

@@ -6,10 +6,13 @@
 
 mod bench;
 mod cyclic;
+mod homing;
 mod objects;
 mod parameters;
+mod probes;
 mod process_data;
 mod profile_position;
 mod profile_velocity;
 mod startup;
 mod states;
+mod terminals;

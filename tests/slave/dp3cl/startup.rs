@@ -172,7 +172,8 @@ fn synchronization_types() {
 /// DP3CL-5.13 E-817.
 #[test]
 fn process_data_sync_managers() {
-    let mistakes: [(fn(&mut Communication), u16); 12] = [
+    type Mistake = (fn(&mut Communication), u16);
+    let mistakes: [Mistake; 12] = [
         (|c| c.sync_managers[2].length = 9, 0x001D),
         (|c| c.sync_managers[2].enabled = false, 0x001D),
         (|c| c.sync_managers[2].start = 0x1101, 0x001D),

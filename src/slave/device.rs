@@ -1,20 +1,29 @@
 //! What every simulated device does alike: AL states, mailbox, identity, process data, faults.
 //!
 //! A kind of slave keeps a [`Base`] and implements [`Model`], which says what sets it apart: its objects, its PDOs, its
-//! axes. [`Slave`] and the dictionary's [`Device`](super::dictionary::Device) are implemented here for every [`Model`].
+//! axes. [`Slave`](super::Slave) and the dictionary's [`Device`](super::dictionary::Device) are implemented in `device/as_slave.rs` for
+//! every [`Model`]; the objects of every device are in `device/objects.rs`.
+
+mod as_slave;
+mod information;
+mod objects;
+mod test_memory;
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::communication::{Communication, SyncEvent};
-use super::dictionary::{self, Object, Values};
+use super::dictionary::{Object, Values};
 use super::lines::Lines;
 use super::manufacturer::ManufacturerObjects;
 use super::plant::Following;
-use super::process_data::{self, Mapping, MappingLimits, Pdo, Plan};
+use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
-use super::{AlStatus, Fault, Slave};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use super::{AlStatus, Fault};
 use crate::ethercat::{AlState, Ns};
+
+pub(super) use as_slave::fall;
+pub use objects::{both, description, free_run, identity, synchronization};
+pub use test_memory::{TEST_MEMORY, TEST_MEMORY_BYTES_MAX};
 
 /// Vendor ID, 0x1018:1, of the devices here. \[OURS] "ECMS": no vendor has this number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
@@ -45,6 +54,8 @@ pub struct Base<M> {
     pub values: Values,
     /// Manufacturer-specific objects, which are not in the table of the kind. No cycle uses them.
     manufacturer: Option<Box<ManufacturerObjects>>,
+    /// The octets that masters store to test long transfers.
+    test_memory: Vec<u8>,
     mapping: Mapping,
     /// The lengths of sync managers 2 and 3 that the master has set, bytes.
     sync_managers: (u16, u16),
@@ -57,7 +68,10 @@ impl<M: Model> Base<M> {
     /// values, and its PDOs.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
         let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos, M::LIMITS), Plan::with_room());
-        Self { name, serial, identity, al, values, manufacturer: None, mapping, sync_managers: (0, 0), plan }
+        // A transfer does not allocate.
+        let test_memory = Vec::with_capacity(if M::TEST_MEMORY { TEST_MEMORY_BYTES_MAX } else { 0 });
+        let (manufacturer, sync_managers) = (None, (0, 0));
+        Self { name, serial, identity, al, values, manufacturer, test_memory, mapping, sync_managers, plan }
     }
 
     /// The device loses its power and gets it back: its AL state, its mapping and its stored values are those of power-on.
@@ -74,6 +88,16 @@ impl<M: Model> Base<M> {
     pub fn with_limits(mut self, limits: MappingLimits, pdos: &[Pdo<M>]) -> Self {
         self.mapping = Mapping::new(pdos, limits);
         self
+    }
+
+    /// Whether the device has [`TEST_MEMORY`].
+    const fn has_test_memory(&self) -> bool {
+        M::TEST_MEMORY
+    }
+
+    /// The octets in it.
+    const fn test_memory(&self) -> &[u8] {
+        self.test_memory.as_slice()
     }
 
     /// The AL state of the device.
@@ -100,6 +124,9 @@ pub trait Model: Send + Sized + 'static {
 
     /// Whether devices of this kind have complete access.
     const COMPLETE_ACCESS: bool = true;
+
+    /// Whether devices of this kind have [`TEST_MEMORY`].
+    const TEST_MEMORY: bool = true;
 
     /// The object dictionary, ascending by address, [`identity`] first. [`check`](dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
@@ -204,7 +231,7 @@ pub trait Model: Send + Sized + 'static {
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
     }
 
-    /// `dt_ns` begin to pass in the axes, as by [`Slave::begin_step`].
+    /// `dt_ns` begin to pass in the axes, as by [`Slave::begin_step`](super::Slave::begin_step).
     #[inline]
     fn begin_axes(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
         match self.axes_mut() {
@@ -216,7 +243,7 @@ pub trait Model: Send + Sized + 'static {
         }
     }
 
-    /// Causes a fault in the device, as [`Slave::apply_fault`] does.
+    /// Causes a fault in the device, as [`Slave::apply_fault`](super::Slave::apply_fault) does.
     fn apply_fault(&mut self, fault: Fault) -> bool {
         apply_fault(self, fault)
     }
@@ -256,307 +283,4 @@ pub fn apply_fault<M: Model>(device: &mut M, fault: Fault) -> bool {
 /// Changes an axis (from 0). False: the device has no such axis.
 fn change_axis<M: Model>(device: &mut M, axis: usize, change: impl FnOnce(&mut Axis)) -> bool {
     device.axes_mut().get_mut(axis).map(change).is_some()
-}
-
-fn lose_outputs<M: Model>(device: &mut M) {
-    device.axes_mut().iter_mut().for_each(|axis| axis.machine_mut().lose_master());
-    device.lose_outputs();
-}
-
-/// The device leaves its AL state by itself: it falls back to another one, or stays if that is higher, for the reason that
-/// the AL status code says.
-pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
-    let was_in_op = device.base().al_state() == AlState::Op;
-    device.base_mut().al.fall(to, status);
-    if was_in_op && device.base().al_state() != AlState::Op {
-        lose_outputs(device);
-    }
-}
-
-/// Time passes in the AL state machine; its watchdog may end OP.
-fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
-    let Base { al, plan, .. } = device.base_mut();
-    if plan.lengths().0 == 0 {
-        // Without mapped outputs the watchdog of outputs must not expire.
-        al.note_outputs();
-    }
-    if al.step(dt_ns) {
-        lose_outputs(device);
-        device.watchdog_expired();
-    }
-}
-
-/// Compiles the present mapping into the plan by which a cycle moves process data.
-fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
-    let mut plan = std::mem::take(&mut device.base_mut().plan);
-    let compiled = plan.compile(device, &device.base().mapping);
-    device.base_mut().plan = plan;
-    compiled.and_then(|()| device.base().fits_sync_managers())
-}
-
-/// Whether an object may be mapped into a PDO of that direction.
-fn may_map<M: Model>(device: &M, direction: dictionary::PdoDirection, entry: u32) -> Result<(), AbortCode> {
-    process_data::may_map(device, direction, entry).map_err(|code| {
-        let at = ObjectAddress::new((entry >> 16) as u16, (entry >> 8) as u8);
-        let is_elsewhere = device.base().mapping.has(at.index) || has_manufacturer_object(device, at);
-        if is_absent(code) && is_elsewhere { AbortCode::NOT_MAPPABLE } else { code }
-    })
-}
-
-fn has_manufacturer_object<M: Model>(device: &M, at: ObjectAddress) -> bool {
-    let read = |manufacturer: &ManufacturerObjects| {
-        manufacturer.read(at, SdoScope::Entry, &mut [], AbortCode::NO_OBJECT).is_ok()
-    };
-    device.base().manufacturer.as_deref().is_some_and(read)
-}
-
-/// Whether an abort code says that the object dictionary of the kind has no such object, so that the object may be a
-/// manufacturer-specific one.
-const fn is_absent(code: AbortCode) -> bool {
-    matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
-}
-
-/// In Init the mailbox does not answer, and the SDO transfer of the master times out.
-fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
-    if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
-}
-
-/// A kind of device without complete access aborts it, whatever the object.
-const fn check_scope<M: Model>(scope: SdoScope) -> Result<(), AbortCode> {
-    if M::COMPLETE_ACCESS || matches!(scope, SdoScope::Entry) { Ok(()) } else { Err(AbortCode::UNSUPPORTED_ACCESS) }
-}
-
-impl<M: Model> Slave for M {
-    fn name(&self) -> &str {
-        &self.base().name
-    }
-
-    fn state(&self) -> AlState {
-        self.base().al_state()
-    }
-
-    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
-        let was = self.base().al_state();
-        let ready = if target != was && target == was.above() {
-            let mapped = if target == AlState::SafeOp { compile(self) } else { Ok(()) };
-            self.check_change(target, mapped)
-        } else {
-            Ok(())
-        };
-        let base = self.base_mut();
-        if let Err(status) = base.al.enter(target, ready) {
-            self.change_refused(status);
-            return Err(status);
-        }
-        if target == AlState::Init {
-            base.sync_managers = (0, 0);
-        }
-        if was != target {
-            self.state_changed(was);
-        }
-        if was == AlState::Op && target != AlState::Op {
-            lose_outputs(self);
-        }
-        Ok(())
-    }
-
-    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
-        if let Ok(state) = state_of(code) {
-            return self.enter(state);
-        }
-        let was = self.base().al_state();
-        let status = self.refuse_request(code);
-        fall(self, was, status);
-        Err(status)
-    }
-
-    fn al_status(&self) -> AlStatus {
-        self.base().al.status()
-    }
-
-    fn restart(&mut self) {
-        // Every slave can go to Init.
-        let _ = self.enter(AlState::Init);
-        Model::restart(self);
-    }
-
-    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        check_mailbox(self)?;
-        check_scope::<M>(scope)?;
-        let Base { mapping, manufacturer, .. } = self.base();
-        if mapping.has(object.index) {
-            return mapping.read(object, scope, value);
-        }
-        match dictionary::read(self, object, scope, value) {
-            Err(code) if is_absent(code) => {
-                manufacturer.as_ref().map_or(Err(code), |manufacturer| manufacturer.read(object, scope, value, code))
-            }
-            answer => answer,
-        }
-    }
-
-    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
-        check_mailbox(self)?;
-        check_scope::<M>(scope)?;
-        let Base { mapping, al, .. } = self.base();
-        if mapping.has(object.index) {
-            let may_map = |direction, entry| may_map(self, direction, entry);
-            let list = mapping.written(object, scope, value, al.state(), may_map)?;
-            self.base_mut().mapping.put(list);
-            return Ok(());
-        }
-        match dictionary::write(self, object, scope, value) {
-            Err(code) if is_absent(code) => {
-                let manufacturer = self.base_mut().manufacturer.as_mut();
-                manufacturer.map_or(Err(code), |manufacturer| manufacturer.write(object, scope, value, code))
-            }
-            answer => answer,
-        }
-    }
-
-    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
-        self.base_mut().sync_managers = (outputs, inputs);
-    }
-
-    fn set_communication(&mut self, communication: &Communication) {
-        let [_, _, outputs, inputs] = communication.sync_managers.map(|sm| if sm.enabled { sm.length } else { 0 });
-        self.base_mut().sync_managers = (outputs, inputs);
-        Model::set_communication(self, communication);
-    }
-
-    fn report_sync(&mut self, event: SyncEvent) {
-        Model::report_sync(self, event);
-    }
-
-    fn expire_watchdog(&mut self) {
-        if self.base().al_state() == AlState::Op {
-            fall(self, AlState::SafeOp, AlStatus::WATCHDOG);
-            self.watchdog_expired();
-        }
-    }
-
-    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
-        Model::set_sync_cycle(self, cycle_ns);
-    }
-
-    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
-        process_data::put_inputs(self, inputs);
-        self.note_exchange();
-        let Some(outputs) = outputs.filter(|_| self.base().al_state() == AlState::Op) else { return };
-        self.base_mut().al.note_outputs();
-        process_data::take_outputs(self, outputs);
-    }
-
-    fn step(&mut self, dt_ns: Ns) {
-        step_al(self, dt_ns);
-        self.step_axes(dt_ns);
-        self.pass(dt_ns);
-    }
-
-    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
-        step_al(self, dt_ns);
-        self.begin_axes(dt_ns)
-    }
-
-    fn end_step(&mut self, dt_ns: Ns) {
-        if let [axis] = self.axes_mut() {
-            axis.end_step(dt_ns);
-        }
-        self.pass(dt_ns);
-    }
-
-    fn apply_fault(&mut self, fault: Fault) -> bool {
-        Model::apply_fault(self, fault)
-    }
-
-    fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
-        self.base_mut().manufacturer = Some(Box::new(manufacturer));
-    }
-
-    fn has_dc(&self) -> bool {
-        Model::has_dc(self)
-    }
-
-    fn shaft(&self, axis: usize) -> Option<i64> {
-        Model::shaft(self, axis)
-    }
-}
-
-impl<M: Model> dictionary::Device for M {
-    fn objects() -> &'static [Object<Self>] {
-        M::objects()
-    }
-
-    fn values(&self) -> &Values {
-        &self.base().values
-    }
-
-    fn values_mut(&mut self) -> &mut Values {
-        &mut self.base_mut().values
-    }
-
-    fn al_state(&self) -> AlState {
-        self.base().al_state()
-    }
-}
-
-impl<M: Model> process_data::Planned for M {
-    fn plan(&self) -> &Plan<M> {
-        &self.base().plan
-    }
-
-    fn pdos() -> &'static [Pdo<M>] {
-        M::pdos()
-    }
-}
-
-/// The objects of a device by which programs recognize it, but for its identity object: 0x1000, 0x1001 and 0x1008.
-pub const fn description<M: Model>() -> [Object<M>; 3] {
-    [
-        Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
-        Object::u8(0x1001, 0, "Error register").live(error_register),
-        Object::text(0x1008, 0, "Device name", |device: &M| device.base().identity.name),
-    ]
-}
-
-/// The identity object, 0x1018, and the sync manager types, 0x1C00, which every device has and masters look for.
-pub const fn identity<M: Model>() -> [Object<M>; 10] {
-    [
-        Object::u8(0x1018, 0, "Identity").default(4),
-        Object::u32(0x1018, 1, "Vendor ID").live(|device: &M| device.base().identity.vendor_id.into()),
-        Object::u32(0x1018, 2, "Product code").live(|device: &M| device.base().identity.product_code.into()),
-        Object::u32(0x1018, 3, "Revision").live(|device: &M| device.base().identity.revision.into()),
-        Object::u32(0x1018, 4, "Serial number").live(|device: &M| device.base().serial.into()),
-        Object::u8(0x1C00, 0, "Sync manager types").default(4),
-        Object::u8(0x1C00, 1, "Mailbox out").default(1),
-        Object::u8(0x1C00, 2, "Mailbox in").default(2),
-        Object::u8(0x1C00, 3, "Outputs").default(3),
-        Object::u8(0x1C00, 4, "Inputs").default(4),
-    ]
-}
-
-/// Objects 0x1C32 and 0x1C33, the synchronization of a device with distributed clocks. \[OURS] It is DC with SYNC0 until a
-/// master writes another type. The type makes no difference, since the simulated network has one clock.
-pub const fn synchronization<M: Model>() -> [Object<M>; 4] {
-    const DC_SYNC0: i64 = 2;
-    [
-        Object::u8(0x1C32, 0, "SM output parameter").default(1),
-        Object::u16(0x1C32, 1, "Synchronization type").rw_up_to(AlState::PreOp).range(0, DC_SYNC0).default(DC_SYNC0),
-        Object::u8(0x1C33, 0, "SM input parameter").default(1),
-        Object::u16(0x1C33, 1, "Synchronization type").rw_up_to(AlState::PreOp).range(0, DC_SYNC0).default(DC_SYNC0),
-    ]
-}
-
-/// The error register (CiA 301 7.5.2.2) for the error codes of the axes: bit 0 for any error, and the bits of their groups.
-fn error_register<M: Model>(device: &M) -> i64 {
-    let bits = |code: u16| match code >> 12 {
-        0 => 0,
-        2 => 1 | 1 << 1,
-        3 => 1 | 1 << 2,
-        4 => 1 | 1 << 3,
-        _ if code >> 8 == 0x81 => 1 | 1 << 4,
-        0xF => 1 | 1 << 7,
-        _ => 1 | 1 << 5,
-    };
-    device.axes().iter().fold(0, |register, axis| register | bits(axis.measured().error_code))
 }

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
 //! | `dp3cl/` | the stepper drive Xinje DP3CL, whole |
-//! | `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `device/`, `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
 //! | `communication.rs` | what a device reads from the registers of its controller |
 //! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
 //! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
@@ -46,7 +46,6 @@ pub mod plant;
 pub mod process_data;
 pub mod state_machine;
 pub mod switches;
-mod sync_objects;
 
 pub use communication::{Communication, SyncEvent, SyncManagerSettings};
 pub use dp3cl::{Dp3cl, Dp3clConfig};
@@ -64,6 +63,7 @@ pub use switches::{HomeSwitch, Input, Travel};
 pub use crate::ethercat::AlStatus;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
+use dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
 use crate::ethercat::{AlState, Ns};
@@ -142,6 +142,47 @@ pub trait Slave: Send {
     /// # Errors
     /// The SDO abort code.
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
+
+    /// The first object of the slave with an index of at least `from`; `None`: there is none. SDO information tells a master
+    /// which objects there are.
+    fn object_from(&self, from: u16) -> Option<u16> {
+        let _ = from;
+        None
+    }
+
+    /// The description of an object.
+    ///
+    /// # Errors
+    /// [`AbortCode::NO_OBJECT`]; [`AbortCode::NO_DICTIONARY`]: the slave tells nothing of its objects.
+    fn describe_object(&self, index: u16) -> Result<ObjectDescription<'_>, AbortCode> {
+        let _ = index;
+        Err(AbortCode::NO_DICTIONARY)
+    }
+
+    /// The description of an entry.
+    ///
+    /// # Errors
+    /// As [`Slave::describe_object`], and [`AbortCode::NO_SUB_INDEX`].
+    fn describe_entry(&self, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
+        let _ = at;
+        Err(AbortCode::NO_DICTIONARY)
+    }
+
+    /// The indexes of the objects in a list of the SDO information services, in ascending order.
+    fn object_list(&self, kind: ObjectListKind) -> Vec<u16> {
+        let mut from = Some(0);
+        let objects = std::iter::from_fn(|| {
+            let index = self.object_from(from?)?;
+            from = index.checked_add(1);
+            Some(index)
+        });
+        let is_in = |index: &u16| {
+            let subs = self.describe_object(*index).map_or(0, |object| object.max_sub);
+            let mut entries = (0..=subs).filter_map(|sub| self.describe_entry(ObjectAddress::new(*index, sub)).ok());
+            entries.any(|entry| kind.has(entry.access))
+        };
+        objects.filter(is_in).collect()
+    }
 
     /// SDO upload of one sub-index; of a value of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
     ///

@@ -15,7 +15,7 @@ fn it_moves_and_homes() {
     for slave in [Slave::Step(Axis::CSP), Slave::Drive(Axis::CSP)] {
         for keys in ["slaves=dp3cl:start@20000", "slaves=dp3cl:start@20000&slot=16"] {
             let tap = Tap::open(keys);
-            let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(vec![slave.clone()]));
+            let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(vec![slave]));
             assert_eq!(ecm.snapshot().unwrap().position(1), Some(0), "0x6064 is 0 at power-on");
             let mut stream = ecm.stream(8).unwrap();
             for n in 1..=550 {

@@ -12,6 +12,7 @@ mod drive;
 mod homing;
 mod hsp;
 mod hsp_homing;
+mod information;
 mod io;
 mod least;
 mod mapping;

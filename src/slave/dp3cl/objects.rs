@@ -10,13 +10,12 @@ use super::{DEVICE_NAME, Dp3cl, Dp3clMode};
 use crate::cia402::Controlword;
 use crate::coe::AbortCode;
 use crate::slave::axis::{NO_FOLLOWING_WINDOW, Settings, rounded};
-use crate::slave::device::{Identity, Model, identity};
+use crate::slave::device::{Identity, Model, both, identity};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::homing::HomingSettings;
 use crate::slave::homing::method::Method;
 use crate::slave::process_data::{IMAGE_BYTES_MAX, MappingLimits, Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
-use crate::slave::sync_objects::sync_manager_parameters;
 
 /// The identity. \[OURS] Of the two that the maker's slave description has, that of its device type.
 pub(super) const IDENTITY: Identity = Identity {
@@ -138,11 +137,15 @@ type Row = Object<Dp3cl>;
 /// The object dictionary.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 11] = [
+const PARTS: [&[Row]; 10] = [
     DESCRIPTION,
     &identity(),
-    &sync_manager_parameters(0x1C32, "SM output parameter", 0x0001, SYNC_TYPES),
-    &sync_manager_parameters(0x1C33, "SM input parameter", 0x0022, SYNC_TYPES),
+    // [OURS] The synchronization types at power-on are those of the maker's slave description.
+    &both(
+        Row::u16(0x1C32, 1, "Synchronization type").rw().default(0x0001),
+        Row::u16(0x1C33, 1, "Synchronization type").rw().default(0x0022),
+        SYNC_TYPES,
+    ),
     PARAMETER_ROWS,
     MONITOR_ROWS,
     COMMANDS,

@@ -1,6 +1,8 @@
 //! The touch probes: 0x60B8 says which edge of which signal stores the position, 0x60B9 what was stored, 0x60BA to 0x60BD
 //! are the positions.
 
+use super::Dp3cl;
+
 /// Bits of 0x60B8 of probe 1; those of probe 2 are 8 higher.
 const ENABLE: u16 = 1 << 0;
 const CONTINUOUS: u16 = 1 << 1;
@@ -13,7 +15,7 @@ const RISING_STORED: u16 = 1 << 1;
 const FALLING_STORED: u16 = 1 << 2;
 
 /// The most edges of one signal that are looked at in a cycle \[OURS]: more than any motor makes.
-pub(super) const EDGES_MAX: usize = 256;
+const EDGES_MAX: usize = 256;
 
 /// A probe by which the position is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,5 +113,45 @@ impl TouchProbes {
     /// The signal of a probe has an edge with the axis at that position.
     pub(super) const fn edge(&mut self, probe: usize, rises: bool, position: i32) {
         self.probes[probe].edge(rises, position);
+    }
+}
+
+impl Dp3cl {
+    /// The shaft has moved from one count to another: the probes store the positions of the edges between.
+    pub(super) fn probe(&mut self, from: i64, to: i64) {
+        for probe in 0..2 {
+            let Some(signal) = self.probes.signal(probe) else { continue };
+            let mut at = from;
+            for _ in 0..EDGES_MAX {
+                let next = match signal {
+                    Signal::Input => self.pins.next_change(probe, at, to),
+                    Signal::Index => self.axis.switches().next_pulse(at, to),
+                };
+                let Some(next) = next else { break };
+                let rises = signal == Signal::Index || self.pins.is_on(probe, next);
+                self.store(probe, rises, next);
+                at = next;
+            }
+        }
+    }
+
+    /// A terminal that is forced has changed since the last cycle, while the shaft stands at a count.
+    pub(super) fn probe_forced(&mut self) {
+        let at = self.shaft_position_now();
+        for (probe, was) in self.seen_pins.into_iter().enumerate() {
+            let is = self.pins.is_on(probe, at);
+            if is != was && self.probes.signal(probe) == Some(Signal::Input) {
+                self.store(probe, is, at);
+            }
+        }
+    }
+
+    fn store(&mut self, probe: usize, rises: bool, at: i64) {
+        let position = at.wrapping_add(self.axis.origin()).wrapping_mul(self.position_sign());
+        self.probes.edge(probe, rises, position as i32);
+    }
+
+    pub(super) fn probe_pins(&self) -> [bool; 2] {
+        [0, 1].map(|pin| self.pins.is_on(pin, self.shaft_position_now()))
     }
 }

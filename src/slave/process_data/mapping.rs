@@ -9,7 +9,10 @@
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::AlState;
-use crate::slave::dictionary::{PdoDirection, number_of, put_first};
+use crate::slave::dictionary::{
+    DataType, DataTypeCode, EntryAccess, EntryDescription, NUMBER_OF_ENTRIES, ObjectCode, ObjectDescription,
+    PdoDirection, number_of, put_first,
+};
 
 /// The most entries of a PDO \[OURS].
 pub const ENTRIES_MAX: usize = 12;
@@ -96,6 +99,15 @@ impl MappingList {
         matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
     }
 
+    const fn name(&self) -> &'static str {
+        match (self.is_assignment(), direction_of(self.index)) {
+            (true, PdoDirection::Rx) => "RxPDO assignment",
+            (true, PdoDirection::Tx) => "TxPDO assignment",
+            (false, PdoDirection::Rx) => "RxPDO mapping",
+            (false, PdoDirection::Tx) => "TxPDO mapping",
+        }
+    }
+
     const fn items_max(&self) -> usize {
         self.items_max as usize
     }
@@ -141,6 +153,41 @@ impl Mapping {
     /// What the device allows.
     pub const fn limits(&self) -> &MappingLimits {
         &self.limits
+    }
+
+    /// The first mapping or assignment object with an index of at least `from`.
+    pub fn index_from(&self, from: u16) -> Option<u16> {
+        self.lists.iter().map(|list| list.index).filter(|index| *index >= from).min()
+    }
+
+    /// The description of a mapping or assignment object.
+    pub fn describe_object(&self, index: u16) -> Option<ObjectDescription<'static>> {
+        let list = self.list(index)?;
+        let (code, data_type) = if list.is_assignment() {
+            (ObjectCode::Array, DataTypeCode::of(DataType::U16))
+        } else {
+            (ObjectCode::Record, DataTypeCode::PDO_MAPPING)
+        };
+        Some(ObjectDescription { index, data_type, max_sub: list.items_max, code, name: list.name() })
+    }
+
+    /// The description of an entry of a mapping or assignment object.
+    pub fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'static>> {
+        let list = self.list(at.index)?;
+        let (_, bytes) = list.value(at.sub)?;
+        let (data, name) = match bytes {
+            1 => (DataType::U8, NUMBER_OF_ENTRIES),
+            2 => (DataType::U16, "PDO"),
+            _ => (DataType::U32, "Mapped object"),
+        };
+        Some(EntryDescription {
+            at,
+            data_type: DataTypeCode::of(data),
+            bits: bytes as u16 * 8,
+            access: EntryAccess::MAPPING,
+            values: None,
+            name,
+        })
     }
 
     fn list(&self, index: u16) -> Option<&MappingList> {

@@ -126,12 +126,12 @@ mod tests {
                 last = now;
                 assert!(ms < 100_000, "it ends");
             }
-            let distance = f64::from(way).abs();
+            let distance = (way as f64).abs();
             let top =
                 velocity.min((2.0 * distance * acceleration * deceleration / (acceleration + deceleration)).sqrt());
             let seconds = distance / top + top / 2.0 / acceleration + top / 2.0 / deceleration;
             assert!((f64::from(ms) / 1000.0 - seconds).abs() < 0.006, "{ms} ms for {seconds} s");
-            assert_eq!((profile.position(), profile.velocity()), (7 + i64::from(way), 0.0));
+            assert_eq!((profile.position(), profile.velocity()), (7 + way, 0.0));
         }
     }
 

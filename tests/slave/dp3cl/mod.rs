@@ -8,6 +8,7 @@ mod bench;
 mod cyclic;
 mod homing;
 mod objects;
+mod page;
 mod parameters;
 mod probes;
 mod process_data;

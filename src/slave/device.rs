@@ -125,6 +125,9 @@ pub trait Model: Send + Sized + 'static {
     /// Whether devices of this kind have complete access.
     const COMPLETE_ACCESS: bool = true;
 
+    /// Whether the watchdog of outputs is a mistake in SafeOP, too.
+    const WATCHDOG_IN_SAFEOP: bool = false;
+
     /// Whether devices of this kind have [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 

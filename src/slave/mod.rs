@@ -218,7 +218,8 @@ pub trait Slave: Send {
         let _ = event;
     }
 
-    /// The watchdog of outputs in the controller in front of the slave has expired: the slave leaves OP.
+    /// The watchdog of outputs in the controller in front of the slave has expired, which runs from the first outputs on: the
+    /// slave leaves OP.
     fn expire_watchdog(&mut self) {
         if self.state() == AlState::Op {
             // Every slave can go to a lower state.

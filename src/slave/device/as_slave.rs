@@ -203,7 +203,8 @@ impl<M: Model> Slave for M {
     }
 
     fn expire_watchdog(&mut self) {
-        if self.base().al_state() == AlState::Op {
+        let state = self.base().al_state();
+        if state == AlState::Op || M::WATCHDOG_IN_SAFEOP && state == AlState::SafeOp {
             fall(self, AlState::SafeOp, AlStatus::WATCHDOG);
             self.watchdog_expired();
         }

@@ -26,6 +26,9 @@ impl Model for Dp3cl {
 
     const TEST_MEMORY: bool = false;
 
+    // [OURS] In SafeOP the controller's watchdog runs from the first outputs on.
+    const WATCHDOG_IN_SAFEOP: bool = true;
+
     fn objects() -> &'static [Object<Self>] {
         objects::OBJECTS
     }

@@ -14,6 +14,7 @@ mod probes;
 mod process_data;
 mod profile_position;
 mod profile_velocity;
+mod random;
 mod startup;
 mod states;
 mod terminals;

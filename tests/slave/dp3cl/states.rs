@@ -105,6 +105,13 @@ fn watchdog() {
     let mut bench = Bench::enabled(8);
     bench.drive.expire_watchdog();
     has_alarm(&mut bench.drive, Dp3clAlarm::Watchdog, AlState::SafeOp, (0x001B, 0xFF50, 0x10));
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    bench.enter(AlState::SafeOp).unwrap();
+    bench.drive.expire_watchdog();
+    has_alarm(&mut bench.drive, Dp3clAlarm::Watchdog, AlState::SafeOp, (0x001B, 0xFF50, 0x10));
+    let mut drive = usual();
+    drive.expire_watchdog();
+    assert_eq!((drive.alarm(), drive.state()), (None, AlState::PreOp));
 }
 
 /// DP3CL-5.14 E-881.

@@ -29,7 +29,7 @@ pub use test_memory::{TEST_MEMORY, TEST_MEMORY_BYTES_MAX};
 pub const VENDOR_ID: u32 = 0x4543_4D53;
 
 /// The identity of a kind of slave, as its objects show it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Device type, 0x1000: device profile and kind of device.
     pub device_type: u32,
@@ -161,6 +161,11 @@ pub trait Model: Send + Sized + 'static {
     /// Whether the device has distributed clocks.
     fn has_dc(&self) -> bool {
         true
+    }
+
+    /// The station alias at power-on; 0: none.
+    fn station_alias(&self) -> u16 {
+        0
     }
 
     /// `dt_ns` pass in all of the device but its axes.

@@ -63,6 +63,7 @@ pub use switches::{HomeSwitch, Input, Travel};
 pub use crate::ethercat::AlStatus;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
+use device::Identity;
 use dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
@@ -96,6 +97,16 @@ impl SdoValue {
 pub trait Slave: Send {
     /// The name that people know it by, e.g. `drive`.
     fn name(&self) -> &str;
+
+    /// The identity of the slave and its serial number, in any state; `None`: the slave tells none.
+    fn identity(&self) -> Option<(&Identity, u32)> {
+        None
+    }
+
+    /// The station alias that the slave has at power-on; 0: none.
+    fn station_alias(&self) -> u16 {
+        0
+    }
 
     /// The AL state. A slave may leave a state by itself, e.g. when no outputs come.
     fn state(&self) -> AlState;

@@ -203,10 +203,15 @@ fn entries_can_be_read() {
     }
 }
 
-/// DP3CL-11.8 The objects that stacks read of every slave.
+/// DP3CL-11.8 The objects that stacks read of every slave; the identity is told in any state.
 #[test]
 fn usual_objects() {
     for mut slave in kinds() {
+        let (identity, serial) = slave.identity().map(|(identity, serial)| (*identity, serial)).unwrap();
+        let numbers = [identity.vendor_id, identity.product_code, identity.revision, serial];
+        for (sub, number) in (1..).zip(numbers) {
+            assert_eq!(read(&mut *slave, 0x1018, sub), Ok(number.to_le_bytes().to_vec()));
+        }
         for sub in 1..=4 {
             assert_eq!(read(&mut *slave, 0x1018, sub).unwrap().len(), 4);
             assert_eq!(read(&mut *slave, 0x1C00, sub), Ok(vec![sub]));

@@ -1,6 +1,6 @@
 //! Every [`Model`] as a [`Slave`] and as a device with an object dictionary and process data.
 
-use super::{Base, Model, TEST_MEMORY, information, state_of, test_memory};
+use super::{Base, Identity, Model, TEST_MEMORY, information, state_of, test_memory};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::communication::{Communication, SyncEvent};
@@ -81,6 +81,14 @@ const fn check_scope<M: Model>(scope: SdoScope) -> Result<(), AbortCode> {
 impl<M: Model> Slave for M {
     fn name(&self) -> &str {
         &self.base().name
+    }
+
+    fn identity(&self) -> Option<(&Identity, u32)> {
+        Some((self.base().identity, self.base().serial))
+    }
+
+    fn station_alias(&self) -> u16 {
+        Model::station_alias(self)
     }
 
     fn state(&self) -> AlState {

@@ -61,11 +61,6 @@ impl Dp3cl {
         }
     }
 
-    /// The station alias: P7-00.
-    pub fn station_alias(&self) -> u16 {
-        self.base.values.get(parameters::SET_ADDRESS)
-    }
-
     /// The time of the command filter that the parameter P0-02 sets; the dial switch may set another one.
     pub const fn filter_time(&self) -> u16 {
         self.memory.filter_time()

@@ -7,7 +7,7 @@ use super::inputs::Pins;
 use super::motion::Motion;
 use super::startup::{self, SafeOpSettings};
 use super::touch_probe::TouchProbes;
-use super::{Dp3cl, objects};
+use super::{Dp3cl, objects, parameters};
 use crate::cia402::DriveState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
@@ -51,6 +51,11 @@ impl Model for Dp3cl {
 
     fn axes_mut(&mut self) -> &mut [Axis] {
         slice::from_mut(&mut self.axis)
+    }
+
+    /// P7-00.
+    fn station_alias(&self) -> u16 {
+        self.base.values.get(parameters::SET_ADDRESS)
     }
 
     fn step_axes(&mut self, dt_ns: Ns) {

@@ -103,10 +103,16 @@ impl Dp3cl {
 
     fn run_slice(&mut self, ns: Ns) {
         let in_control = self.axis.follows() && self.axis.machine().power() == Power::Follow;
-        if !in_control {
-            self.stand_by();
+        let next_mode = Dp3clMode::from_code(self.motion.requested).filter(|mode| *mode != self.motion.active);
+        match next_mode {
+            None if in_control => self.move_demand(ns),
+            None => self.stand_by(),
+            Some(_) if in_control && !self.stands_for_change() => self.brake_for_change(ns),
+            Some(mode) => {
+                self.stand_by();
+                self.enter_mode(mode);
+            }
         }
-        self.change_mode(in_control, ns);
         let before = self.axis.demand();
         self.axis.step(ns);
         if matches!(self.motion.active, Dp3clMode::CyclicPosition | Dp3clMode::Homing) && self.axis.follows() {
@@ -128,28 +134,22 @@ impl Dp3cl {
         self.axis.targets_mut().position = position as i32;
     }
 
-    /// Takes over the mode that was requested. \[OURS] A mode is changed in any state of the drive; an axis that moves first
-    /// stops on the quick-stop ramp. A mode that the drive does not have changes nothing (E-881).
-    fn change_mode(&mut self, in_control: bool, ns: Ns) {
-        let requested = Dp3clMode::from_code(self.motion.requested).filter(|mode| *mode != self.motion.active);
-        let Some(mode) = requested else {
-            if in_control {
-                self.move_demand(ns);
-            }
-            return;
-        };
-        if in_control && self.motion.active != Dp3clMode::Homing && !self.motion.profile.stands() {
-            let ramp = self.ramp(objects::QUICK_STOP);
-            self.motion.profile.brake(ramp, ns);
-            self.put_demand();
-            return;
-        }
-        let (position, word) = (self.axis.demand(), self.axis.machine().controlword().0);
+    /// Whether the mode can be changed now. In homing the axis itself brakes after the mode was left.
+    fn stands_for_change(&self) -> bool {
+        self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
+    }
+
+    /// \[OURS] A mode is changed in any state of the drive; an axis that moves first stops on the quick-stop ramp. A mode that
+    /// the drive does not have changes nothing (E-881).
+    fn brake_for_change(&mut self, ns: Ns) {
+        let ramp = self.ramp(objects::QUICK_STOP);
+        self.motion.profile.brake(ramp, ns);
+        self.put_demand();
+    }
+
+    fn enter_mode(&mut self, mode: Dp3clMode) {
         self.motion.active = mode;
         self.axis.set_mode(if mode == Dp3clMode::Homing { Mode::Homing } else { Mode::Csp });
-        self.motion.profile = Profile::standing_at(position);
-        self.motion.set_points = SetPoints::begin(position, word);
-        self.motion.target_came = false;
         (self.motion.inside, self.motion.slow) = Default::default();
     }
 

@@ -109,6 +109,9 @@ fn check(drive: &mut Dp3cl) {
 }
 
 proptest! {
+    // A case takes many cycles.
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     /// DP3CL-5.1 DP3CL-6.15 Any actions: no state outside the diagrams, an alarm is a fault and a fault shows.
     #[test]
     fn any_actions(config in configs(), actions in proptest::collection::vec(actions(), 1..120)) {

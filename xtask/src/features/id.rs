@@ -3,12 +3,13 @@
 use std::fmt;
 use std::iter;
 
-/// The prefixes of ids, and whether a section follows before the number: the board, the chip ECM-XF, the library for
-/// applications, the native API, the tool, names of boards, a board on the network, a board on its wires, .NET,
+/// The prefixes of ids, and whether a section follows before the number: the board, the chip ECM-XF, EtherCAT, the
+/// library for applications, the native API, the tool, names of boards, a board on the network, a board on its wires, .NET,
 /// Windows, packages.
-pub const PREFIXES: [(&str, bool); 11] = [
+pub const PREFIXES: [(&str, bool); 12] = [
     ("SK-", true),
     ("XF-", true),
+    ("ECAT-", true),
     ("LIB-", false),
     ("API-", false),
     ("TOOL-", false),

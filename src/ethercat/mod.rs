@@ -9,6 +9,7 @@
 //! | --- | --- |
 //! | [`FrameHeader`], [`Frame`], [`FrameWriter`] | Ethernet frames and the EtherCAT header |
 //! | [`Command`], [`DatagramHeader`], [`Datagram`] | the 15 commands, datagrams read or changed in place |
+//! | [`registers`] | the registers of a slave controller: one list of addresses, and what their bits mean |
 
 mod al_status;
 mod bits;
@@ -17,6 +18,7 @@ pub mod coe;
 mod datagram;
 mod frame;
 mod little_endian;
+pub mod registers;
 mod slave_set;
 mod wire_error;
 

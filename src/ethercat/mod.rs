@@ -10,6 +10,7 @@
 //! | [`FrameHeader`], [`Frame`], [`FrameWriter`] | Ethernet frames and the EtherCAT header |
 //! | [`Command`], [`DatagramHeader`], [`Datagram`] | the 15 commands, datagrams read or changed in place |
 //! | [`registers`] | the registers of a slave controller: one list of addresses, and what their bits mean |
+//! | [`sii`] | the EEPROM of a slave: the fixed words, the categories, the checksum |
 
 mod al_status;
 mod bits;
@@ -19,6 +20,7 @@ mod datagram;
 mod frame;
 mod little_endian;
 pub mod registers;
+pub mod sii;
 mod slave_set;
 mod wire_error;
 

@@ -10,6 +10,8 @@
 //! | [`FrameHeader`], [`Frame`], [`FrameWriter`] | Ethernet frames and the EtherCAT header |
 //! | [`Command`], [`DatagramHeader`], [`Datagram`] | the 15 commands, datagrams read or changed in place |
 //! | [`registers`] | the registers of a slave controller: one list of addresses, and what their bits mean |
+//! | [`mailbox`] | mailbox messages with their counter, and what was wrong with one |
+//! | [`coe`], [`foe`] | SDO, SDO information and emergencies; files |
 //! | [`sii`] | the EEPROM of a slave: the fixed words, the categories, the checksum |
 
 mod al_status;
@@ -17,8 +19,10 @@ mod bits;
 pub mod cia402;
 pub mod coe;
 mod datagram;
+pub mod foe;
 mod frame;
 mod little_endian;
+pub mod mailbox;
 pub mod registers;
 pub mod sii;
 mod slave_set;

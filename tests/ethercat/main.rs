@@ -3,9 +3,13 @@
 //! - `frames.rs`: frames and datagrams
 //! - `registers.rs`: the registers of a slave controller
 //! - `sii.rs`: EEPROMs
+//! - `mailbox.rs`: mailbox messages, and files in them
+//! - `coe.rs`: SDO, SDO information, emergencies
 //! - `al_status.rs`: AL status codes
 
 mod al_status;
+mod coe;
 mod frames;
+mod mailbox;
 mod registers;
 mod sii;

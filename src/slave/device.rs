@@ -11,7 +11,7 @@ use super::manufacturer::ManufacturerObjects;
 use super::plant::Following;
 use super::process_data::{self, Mapping, Pdo, Plan};
 use super::switches::Input;
-use super::{AlStatus, Fault, Slave};
+use super::{AlStatus, Fault, ObjectDirectory, Slave};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
@@ -62,6 +62,11 @@ impl<M> Base<M> {
     /// The AL state of the device.
     pub const fn al_state(&self) -> AlState {
         self.al.state()
+    }
+
+    /// The PDO mapping and assignment objects.
+    pub(super) const fn mapping(&self) -> &Mapping {
+        &self.mapping
     }
 
     /// Whether the mapped process data are as long as the sync managers.
@@ -291,6 +296,10 @@ impl<M: Model> Slave for M {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.axes().get(axis).map(|axis| axis.plant().position())
+    }
+
+    fn object_directory(&self) -> Option<&dyn ObjectDirectory> {
+        Some(self)
     }
 }
 

@@ -39,12 +39,19 @@ impl DlControl {
     pub const TEMPORARY: u32 = 1 << 1;
     /// Bit 24: the station alias addresses the slave, too.
     pub const ALIAS: u32 = 1 << 24;
-    /// The value at power-on: all loops automatic, the FIFO at its greatest.
+    /// The value at power-on of a controller with two ports: the FIFO at its greatest, other frames destroyed, and the loop
+    /// of port 3 closed.
     pub const POWER_ON: Self = Self(0x0007_C001);
 
     /// What bits 8 to 15 say about a port, 0..=3.
     pub const fn loop_control(self, port: usize) -> LoopControl {
         LoopControl::from_bits((self.0 >> (8 + 2 * (port as u32 & 3))) as u8)
+    }
+
+    /// The same with the loop of a port, 0..=3, automatic.
+    #[must_use]
+    pub const fn with_auto_loop(self, port: usize) -> Self {
+        Self(self.0 & !(0b11 << (8 + 2 * (port as u32 & 3))))
     }
 
     /// Whether the station alias addresses the slave.

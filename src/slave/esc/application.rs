@@ -92,9 +92,10 @@ impl Application {
     fn show(&mut self, status: AlStatusRegister, code: AlStatus, controller: &mut Controller) {
         (self.status, self.code) = (status, code);
         controller.set_al_status(status, code);
-        // A sync manager that was switched off for an error is on again without one.
-        let outputs_off = status.contains(AlStatusRegister::ERROR) && code == AlStatus::WATCHDOG;
-        controller.managers.deactivate(self.managers.outputs, outputs_off, &mut controller.memory);
+        if !status.contains(AlStatusRegister::ERROR) {
+            // The sync manager that was switched off by the watchdog is on again.
+            controller.managers.deactivate(self.managers.outputs, false, &mut controller.memory);
+        }
     }
 
     fn succeed(&mut self, state: AlState, controller: &mut Controller) {
@@ -113,6 +114,13 @@ impl Application {
         // Every device can go to a lower state.
         let _ = device.enter(to);
         self.fail(to, code, controller);
+    }
+
+    /// No outputs have come for too long: the slave leaves OP, and takes none before the error is acknowledged.
+    pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
+        self.outputs_came = false;
+        self.fall(AlState::SafeOp, AlStatus::WATCHDOG, controller, device);
+        controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
     /// AL control was written.
@@ -268,8 +276,8 @@ impl Application {
         if all_right { Ok(()) } else { Err(AlStatus::INVALID_MAILBOX) }
     }
 
-    /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
-    fn check_process_data(&self, controller: &Controller, device: &mut dyn Slave) -> Result<(), AlStatus> {
+    /// Whether the sync managers of process data are as they have to be, whatever their length; those of inputs first.
+    fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
         let outputs = controller.managers.registers(self.managers.outputs);
         let inputs = controller.managers.registers(self.managers.inputs);
         for (manager, direction, code) in [
@@ -286,6 +294,12 @@ impl Application {
                 return Err(code);
             }
         }
+        Ok([outputs, inputs])
+    }
+
+    /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
+    fn check_process_data(&self, controller: &Controller, device: &mut dyn Slave) -> Result<(), AlStatus> {
+        let [outputs, inputs] = self.check_areas(controller)?;
         let activation = controller.sync_activation();
         if activation.contains(SyncActivation::ACTIVATE) {
             let [sync0, sync1] = [SyncActivation::SYNC0, SyncActivation::SYNC1].map(|bit| activation.contains(bit));
@@ -327,12 +341,18 @@ impl Application {
         if state < AlState::SafeOp {
             return;
         }
-        let len = |n: u8| usize::from(active_len(&controller.managers.registers(n)));
         let ProcessManagers { outputs, inputs } = self.managers;
-        if touched(inputs) && len(inputs) != lens.1 {
-            self.fall(AlState::PreOp, AlStatus::INVALID_INPUTS, controller, device);
-        } else if touched(outputs) && len(outputs) != lens.0 {
-            self.fall(AlState::PreOp, AlStatus::INVALID_OUTPUTS, controller, device);
+        if !touched(inputs) && !touched(outputs) {
+            return;
+        }
+        let has_len = |manager: &SyncManager, len| usize::from(active_len(manager)) == len;
+        let checked = self.check_areas(controller).and_then(|[outputs, inputs]| match lens {
+            (_, len) if !has_len(&inputs, len) => Err(AlStatus::INVALID_INPUTS),
+            (len, _) if !has_len(&outputs, len) => Err(AlStatus::INVALID_OUTPUTS),
+            _ => Ok(()),
+        });
+        if let Err(code) = checked {
+            self.fall(AlState::PreOp, code, controller, device);
         }
     }
 }

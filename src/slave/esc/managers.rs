@@ -5,7 +5,7 @@
 
 use super::memory::Memory;
 use crate::ethercat::registers::{
-    self, BufferMode, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
+    self, BufferMode, RAM, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
 };
 
 /// The most sync managers that a controller has.
@@ -58,6 +58,11 @@ impl Manager {
 
     fn is_active(&self) -> bool {
         self.registers.is_enabled() && self.registers.len > 0
+    }
+
+    /// Whether the slave's own controller may use it: it does not lie over registers.
+    fn is_usable(&self) -> bool {
+        self.is_active() && self.registers.start >= RAM
     }
 
     fn is_mailbox(&self) -> bool {
@@ -279,7 +284,7 @@ impl Managers {
     pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
         let n = usize::from(n);
         let manager = &mut self.managers[n];
-        if !manager.is_active() || manager.registers.control.direction() != SmDirection::Read {
+        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
             return false;
         }
         let Some(buffer) = manager.open(Side::Writer) else { return false };
@@ -296,7 +301,7 @@ impl Managers {
     pub(super) fn take<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let n = usize::from(n);
         let manager = &mut self.managers[n];
-        if !manager.is_active() || manager.registers.control.direction() != SmDirection::Write {
+        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Write {
             return None;
         }
         let buffer = manager.open(Side::Reader)?;
@@ -310,7 +315,7 @@ impl Managers {
     pub(super) fn take_back<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let n = usize::from(n);
         let manager = &mut self.managers[n];
-        if !manager.is_active() || !manager.registers.status.contains(SmStatus::FULL) {
+        if !manager.is_usable() || !manager.registers.status.contains(SmStatus::FULL) {
             return None;
         }
         let status = manager.registers.status;

@@ -6,7 +6,8 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `settings.rs` | what kind of controller it is: [`EscSettings`] |
-//! | `controller.rs` | the [`Controller`]: registers, and what an access to them does |
+//! | `controller.rs` | the [`Controller`]: its parts, its ports, its events |
+//! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
 //! | `memory.rs` | its memory, and which bytes the network may write |
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
 //! | `managers.rs` | sync managers: mailboxes, and three buffers |

@@ -117,21 +117,25 @@ impl EscSlave {
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
         let mut pulses = 0;
-        while let Some(due) = self.due().filter(|due| *due < now) {
-            pulses += self.run_to(due.max(self.now));
+        while self.due() < now {
+            pulses += self.run_to(self.due().max(self.now));
             if pulses > PULSES_MAX {
-                self.controller.advance(now);
-                self.controller.sync.skip_to(self.controller.system_time_ns());
-                break;
+                self.controller.skip_pulses(now);
             }
         }
         self.run_to(now);
     }
 
+    /// Whether the device works at the pulses of SYNC0.
+    fn follows_pulses(&self) -> bool {
+        self.application.is_synchronized && self.state() >= AlState::SafeOp
+    }
+
     /// When something happens next without a frame.
-    fn due(&self) -> Option<Ns> {
-        let cycle = (self.application.state() > AlState::Init).then_some(self.stepped + FREE_RUN_CYCLE_NS);
-        [self.controller.next_due(self.now), self.application.due(), cycle].into_iter().flatten().min()
+    fn due(&self) -> Ns {
+        let pulse = self.controller.next_pulse(self.now).filter(|_| self.follows_pulses());
+        let others = [pulse, self.controller.next_due(), self.application.due()];
+        others.into_iter().flatten().fold(self.stepped + FREE_RUN_CYCLE_NS, Ns::min)
     }
 
     /// Time passes up to `now`, before which nothing happens. How many pulses have come.
@@ -141,14 +145,15 @@ impl EscSlave {
         let mut pulses = 0;
         while let Some(pulse) = self.controller.take_pulse() {
             pulses += 1;
-            if pulse == SyncPulse::Sync0 {
+            if !self.follows_pulses() {
+                // Nobody looks at each of them.
+                self.controller.skip_pulses(now);
+            } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
-                if self.application.is_synchronized && self.state() >= AlState::SafeOp {
-                    self.cycle(now);
-                }
+                self.cycle(now);
             }
             if pulses > PULSES_MAX {
-                break;
+                self.controller.skip_pulses(now);
             }
         }
         if now.saturating_sub(self.stepped) >= FREE_RUN_CYCLE_NS {
@@ -265,8 +270,7 @@ impl EscSlave {
     /// No outputs have come for too long.
     fn watchdog_expired(&mut self) {
         if self.state() == AlState::Op && !self.outputs.is_empty() {
-            self.application.fall(AlState::SafeOp, AlStatus::WATCHDOG, &mut self.controller, &mut *self.device);
-            self.application.outputs_came = false;
+            self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
 

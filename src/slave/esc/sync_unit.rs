@@ -78,25 +78,33 @@ impl SyncUnit {
             }
             SyncPulse::Sync1 => {
                 self.fired[1] = true;
-                let turns = self.delay1_ns.checked_div(self.cycle0_ns).map_or(0, |turns| u64::from(turns) + 1);
-                self.next1 = (turns > 0).then(|| at.wrapping_add(turns * u64::from(self.cycle0_ns)));
+                let period = self.period1_ns();
+                self.next1 = (period > 0).then(|| at.wrapping_add(period));
             }
         }
         Some((at, pulse))
     }
 
-    /// The system time has been set: pulses that lie behind it by then are left out.
-    pub(super) fn skip_to(&mut self, now: u64) {
-        if self.cycle0_ns == 0 {
-            return;
-        }
-        let cycle = u64::from(self.cycle0_ns);
-        for next in [&mut self.next0, &mut self.next1].into_iter().flatten() {
-            if is_reached(*next, now) {
-                let missed = now.wrapping_sub(*next) / cycle + 1;
-                *next = next.wrapping_add(missed * cycle);
+    /// The period of SYNC1, ns: as many cycles of SYNC0 as fit into its delay, and one more.
+    fn period1_ns(&self) -> u64 {
+        let turns = self.delay1_ns.checked_div(self.cycle0_ns).map_or(0, |turns| u64::from(turns) + 1);
+        turns * u64::from(self.cycle0_ns)
+    }
+
+    /// Leaves out the pulses that have come by now, and says of which signals there were some.
+    pub(super) fn skip_to(&mut self, now: u64) -> [bool; 2] {
+        let periods = [u64::from(self.cycle0_ns), self.period1_ns()];
+        let nexts = [&mut self.next0, &mut self.next1];
+        let mut skipped = [false; 2];
+        for ((next, period), skipped) in nexts.into_iter().zip(periods).zip(&mut skipped) {
+            if let Some(at) = next.filter(|at| is_reached(*at, now)) {
+                *skipped = true;
+                *next = now.wrapping_sub(at).checked_div(period).map(|missed| at.wrapping_add((missed + 1) * period));
             }
         }
+        skipped[1] &= self.gives_sync1();
+        self.fired = [self.fired[0] | skipped[0], self.fired[1] | skipped[1]];
+        skipped
     }
 
     /// Registers 0x0990 and 0x0998: when the next pulses come.

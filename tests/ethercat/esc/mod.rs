@@ -8,13 +8,17 @@
 //! - `states.rs`: the AL state machine, the watchdog
 //! - `mailbox.rs`: SDO, SDO information, emergencies
 //! - `clocks.rs`: distributed clocks
+//! - `masters.rs`: what known masters send at their start
+//! - `bad_input.rs`: frames that nobody should send
 
+mod bad_input;
 mod clocks;
 mod datagrams;
 mod eeprom;
 mod logical;
 mod mailbox;
 mod managers;
+mod masters;
 mod ports;
 mod rig;
 mod states;

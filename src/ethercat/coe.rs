@@ -1,6 +1,20 @@
-//! CANopen over EtherCAT (CoE): the address of an object, the size of an SDO transfer, the abort codes.
+//! CANopen over EtherCAT (CoE): the address of an object, the size of an SDO transfer, the abort codes, and the messages of
+//! the mailbox: SDO, SDO information, emergencies.
 //!
 //! The SDO slot of the ECM-SK, the simulated slaves and every fieldbus use these types. No I/O, no state, `no_std`.
+
+mod emergency;
+mod information;
+mod message;
+mod sdo;
+
+pub use emergency::Emergency;
+pub use information::{
+    EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectAccess, ObjectCode, ObjectDescription,
+    ObjectListType, ValueInfo, decode_abort, decode_u16,
+};
+pub use message::{COE_HEADER_LEN, CoeMessage, CoeService};
+pub use sdo::{FIRST_OVERHEAD, SDO_LEN, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoValuePart};
 
 use core::fmt;
 
@@ -117,12 +131,14 @@ abort_codes! {
     VALUE_RANGE = 0x0609_0030, "value range of parameter exceeded";
     VALUE_HIGH = 0x0609_0031, "value of parameter written too high";
     VALUE_LOW = 0x0609_0032, "value of parameter written too low";
+    MODULE_LIST = 0x0609_0033, "configured module list does not match the detected one";
     MAX_LESS_THAN_MIN = 0x0609_0036, "maximum value is less than minimum value";
     GENERAL = 0x0800_0000, "general error";
     STORE = 0x0800_0020, "data cannot be transferred or stored to the application";
     LOCAL_CONTROL = 0x0800_0021, "data cannot be transferred or stored because of local control";
     DEVICE_STATE = 0x0800_0022, "data cannot be transferred or stored because of the present device state";
     NO_DICTIONARY = 0x0800_0023, "object dictionary dynamic generation fails or no object dictionary is present";
+    NO_DATA = 0x0800_0024, "no data available";
 }
 
 impl fmt::Display for AbortCode {

@@ -1,14 +1,45 @@
-//! Types of EtherCAT itself, which all parts of the crate that deal with slaves use: AL states, sets of slaves, CANopen
-//! over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte order of the wire. No I/O,
-//! no state, no `std`.
+//! EtherCAT itself, which all parts of the crate that deal with slaves use: its wire format, AL states and their status
+//! codes, sets of slaves, CANopen over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte
+//! order of the wire. No I/O, no state, no `std`.
+//!
+//! The wire format is encoded and decoded by plain functions over slices. Values without a meaning survive decoding. No
+//! other part of the crate knows an offset of it:
+//!
+//! | type or module | what it holds |
+//! | --- | --- |
+//! | [`FrameHeader`], [`Frame`], [`FrameWriter`] | Ethernet frames and the EtherCAT header |
+//! | [`Command`], [`DatagramHeader`], [`Datagram`] | the 15 commands, datagrams read or changed in place |
+//! | [`registers`] | the registers of a slave controller: one list of addresses, and what their bits mean |
+//! | [`mailbox`] | mailbox messages with their counter, and what was wrong with one |
+//! | [`coe`], [`foe`] | SDO, SDO information and emergencies; files |
+//! | [`sii`] | the EEPROM of a slave: the fixed words, the categories, the checksum |
 
+mod al_status;
+mod bits;
 pub mod cia402;
 pub mod coe;
+mod datagram;
+pub mod foe;
+mod frame;
 mod little_endian;
+pub mod mailbox;
+pub mod registers;
+pub mod sii;
 mod slave_set;
+mod wire_error;
 
+pub use al_status::AlStatus;
+pub(crate) use bits::bits;
+pub use datagram::{
+    Addressing, Command, DATAGRAM_HEADER_LEN, DATAGRAM_OVERHEAD, Datagram, DatagramHeader, DatagramMut, Datagrams,
+};
+pub use frame::{
+    BROADCAST, DATA_LEN_MAX, ETHERNET_HEADER_LEN, ETHERTYPE, FRAME_HEADER_LEN, FRAME_LEN_MAX, FRAME_LEN_MIN, Frame,
+    FrameHeader, FrameWriter, Protocol, each_datagram, mark_as_passed,
+};
 pub use little_endian::{I32Le, U16Le, U32Le};
 pub use slave_set::{MAX_SLAVES, SlaveSet};
+pub use wire_error::WireError;
 
 /// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.
 pub type Ns = u64;
@@ -37,23 +68,4 @@ impl AlState {
             Self::SafeOp | Self::Op => Self::Op,
         }
     }
-}
-
-/// The AL status code: why a slave refuses a change of its AL state, or has left a state (ETG.1000.6 table 11).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AlStatus(pub u16);
-
-impl AlStatus {
-    /// Invalid requested state change.
-    pub const INVALID_CHANGE: Self = Self(0x0011);
-    /// Sync manager watchdog.
-    pub const WATCHDOG: Self = Self(0x001B);
-    /// Invalid output configuration: sync manager 2 is not as long as the outputs that are mapped.
-    pub const INVALID_OUTPUTS: Self = Self(0x001D);
-    /// Invalid input configuration: sync manager 3 is not as long as the inputs that are mapped.
-    pub const INVALID_INPUTS: Self = Self(0x001E);
-    /// Invalid input mapping (0x1A00 to 0x1BFF, 0x1C13).
-    pub const INVALID_INPUT_MAPPING: Self = Self(0x0024);
-    /// Invalid output mapping (0x1600 to 0x17FF, 0x1C12).
-    pub const INVALID_OUTPUT_MAPPING: Self = Self(0x0025);
 }

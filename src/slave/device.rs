@@ -105,6 +105,11 @@ impl<M: Model> Base<M> {
         self.al.state()
     }
 
+    /// The PDO mapping and assignment objects.
+    pub(super) const fn mapping(&self) -> &Mapping {
+        &self.mapping
+    }
+
     /// Whether the mapped process data are as long as the sync managers.
     ///
     /// \[OURS] Sync manager 2 is checked first.

@@ -2,10 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::bits::bits;
 use super::code::CommandCode;
 use super::value::EtherCatState;
 use super::{CheckType, HEADER_LEN, START_WORD};
+use crate::ethercat::bits;
 use crate::ethercat::{U16Le, U32Le};
 
 /// The header of a command as bytes.

@@ -50,7 +50,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod bits;
 pub mod check;
 #[cfg(feature = "sim")]
 pub mod chip;

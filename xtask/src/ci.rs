@@ -27,7 +27,7 @@ const FAST: &[Part] = &[
 
 /// Groups of tests that need no other program, no real time, and seconds.
 const GROUPS: &[&str] =
-    &["engine", "fieldbus", "link", "link_log", "recordings", "rooms", "runners", "sk", "slave", "xf"];
+    &["engine", "ethercat", "fieldbus", "link", "link_log", "recordings", "rooms", "runners", "sk", "slave", "xf"];
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if !arguments.fast {

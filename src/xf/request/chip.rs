@@ -1,7 +1,7 @@
 //! The chip itself: packets, check words, version, resets, error counts, PHY.
 
 use super::{Arguments, Call, WriteOrRead, plain, short};
-use crate::xf::bits::bits;
+use crate::ethercat::bits;
 use crate::xf::response::{FirmwareVersion, MdioAnswer};
 use crate::xf::{CheckType, CommandCode, DataSize, Malformed};
 

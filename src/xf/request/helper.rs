@@ -2,8 +2,8 @@
 
 use super::{Arguments, MotorNumber, SlaveNumber, short};
 use crate::cia402::{DriveState, Statusword};
+use crate::ethercat::bits;
 use crate::xf::Malformed;
-use crate::xf::bits::bits;
 use crate::xf::response::DriveStateByte;
 
 bits! {

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::{Arguments, Call, plain};
 use crate::ethercat::U32Le;
-use crate::xf::bits::bits;
+use crate::ethercat::bits;
 use crate::xf::{CommandCode, Interrupts, Malformed, segment};
 
 plain! {

@@ -2,7 +2,7 @@
 
 use super::{Arguments, Call, SlaveNumber, plain};
 use crate::coe::ObjectAddress;
-use crate::xf::bits::bits;
+use crate::ethercat::bits;
 use crate::xf::response::PdoExchange;
 use crate::xf::value::choices;
 use crate::xf::{CommandCode, Malformed, segment};

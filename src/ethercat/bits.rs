@@ -54,4 +54,4 @@ macro_rules! bits {
     )*};
 }
 
-pub(super) use bits;
+pub(crate) use bits;

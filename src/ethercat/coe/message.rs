@@ -1,0 +1,112 @@
+//! Messages of CANopen over EtherCAT: the header with the service, and what each service carries.
+
+use super::{Emergency, InformationFragment, SdoRequest, SdoResponse};
+use crate::ethercat::WireError;
+use crate::ethercat::wire_error::{room_for, split};
+
+/// Bytes of the header.
+pub const COE_HEADER_LEN: usize = 2;
+
+/// What a message is (ETG.1000.6 5.6.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CoeService {
+    /// 1: an emergency.
+    Emergency,
+    /// 2: a request about an object, and any abort.
+    SdoRequest,
+    /// 3: an answer about an object.
+    SdoResponse,
+    /// 8: a question about the object dictionary, or an answer to one.
+    Information,
+    /// Another one, e.g. 4 and 5 for PDOs in the mailbox; 0..=15.
+    Unknown(u8),
+}
+
+impl CoeService {
+    /// The service with that code; of the code the lower 4 bits count.
+    pub const fn from_code(code: u8) -> Self {
+        match code & 0x0F {
+            1 => Self::Emergency,
+            2 => Self::SdoRequest,
+            3 => Self::SdoResponse,
+            8 => Self::Information,
+            code => Self::Unknown(code),
+        }
+    }
+
+    /// The code on the wire, 0..=15.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Emergency => 1,
+            Self::SdoRequest => 2,
+            Self::SdoResponse => 3,
+            Self::Information => 8,
+            Self::Unknown(code) => code & 0x0F,
+        }
+    }
+}
+
+/// What a message carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CoeMessage<'a> {
+    /// An emergency.
+    Emergency(Emergency),
+    /// A request about an object, or an abort.
+    SdoRequest(SdoRequest<'a>),
+    /// An answer about an object.
+    SdoResponse(SdoResponse<'a>),
+    /// A question about the object dictionary, or an answer.
+    Information(InformationFragment<'a>),
+    /// A service that has no type here, 0..=15, with its data.
+    Unknown(u8, &'a [u8]),
+}
+
+impl<'a> CoeMessage<'a> {
+    /// The service of the message.
+    pub const fn service(&self) -> CoeService {
+        match self {
+            Self::Emergency(_) => CoeService::Emergency,
+            Self::SdoRequest(_) => CoeService::SdoRequest,
+            Self::SdoResponse(_) => CoeService::SdoResponse,
+            Self::Information(_) => CoeService::Information,
+            Self::Unknown(service, _) => CoeService::Unknown(*service),
+        }
+    }
+
+    /// Decodes the data of a mailbox message. The number in the header, which is 0, and its reserved bits are left out.
+    ///
+    /// # Errors
+    /// [`WireError::Short`]: the data are shorter than the service needs.
+    pub fn decode(data: &'a [u8]) -> Result<Self, WireError> {
+        let ([_, high], body) = split::<COE_HEADER_LEN>(data, "CoE header")?;
+        Ok(match CoeService::from_code(high >> 4) {
+            CoeService::Emergency => Self::Emergency(Emergency::decode(body)?),
+            CoeService::SdoRequest => Self::SdoRequest(SdoRequest::decode(body)?),
+            CoeService::SdoResponse => Self::SdoResponse(SdoResponse::decode(body)?),
+            CoeService::Information => Self::Information(InformationFragment::decode(body)?),
+            CoeService::Unknown(service) => Self::Unknown(service, body),
+        })
+    }
+
+    /// Writes the message; how many bytes it has.
+    ///
+    /// # Errors
+    /// [`WireError::NoRoom`]; [`WireError::Field`] for expedited data of another length than 1 to 4.
+    pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
+        room_for(room, "CoE header", COE_HEADER_LEN)?.copy_from_slice(&[0, self.service().code() << 4]);
+        let body = &mut room[COE_HEADER_LEN..];
+        let len = match self {
+            Self::Emergency(emergency) => put(body, &emergency.encode())?,
+            Self::SdoRequest(request) => request.encode(body)?,
+            Self::SdoResponse(response) => response.encode(body)?,
+            Self::Information(fragment) => fragment.encode(body)?,
+            Self::Unknown(_, data) => put(body, data)?,
+        };
+        Ok(COE_HEADER_LEN + len)
+    }
+}
+
+fn put(room: &mut [u8], bytes: &[u8]) -> Result<usize, WireError> {
+    room_for(room, "CoE message", bytes.len())?.copy_from_slice(bytes);
+    Ok(bytes.len())
+}

@@ -1,0 +1,159 @@
+//! File access over EtherCAT (FoE): messages by which a file is read or written in packets.
+//!
+//! Source: ETG.1000.6 5.8; rules ECAT-6.
+
+use super::WireError;
+use super::wire_error::{room_for, split};
+use core::fmt;
+
+/// How many bytes of a mailbox are no data of a file: the header of the mailbox, operation and packet number. A packet with
+/// fewer bytes than there is room for ends the file.
+pub const FOE_OVERHEAD: usize = 6 + FoeMessage::HEADER_LEN;
+
+/// Why a transfer of a file has failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct FoeError(pub u32);
+
+macro_rules! errors {
+    ($($name:ident = $code:literal, $text:literal;)*) => {
+        impl FoeError {
+            $(#[doc = $text] pub const $name: Self = Self($code);)*
+
+            /// The code's meaning; `None` for a code that the standard does not define.
+            pub const fn text(self) -> Option<&'static str> {
+                match self.0 {
+                    $($code => Some($text),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+errors! {
+    UNDEFINED = 0x8000, "not defined";
+    NOT_FOUND = 0x8001, "the file was not found";
+    ACCESS_DENIED = 0x8002, "access is denied";
+    DISK_FULL = 0x8003, "the disk is full";
+    ILLEGAL = 0x8004, "illegal operation";
+    PACKET_NUMBER = 0x8005, "wrong packet number";
+    ALREADY_EXISTS = 0x8006, "the file exists already";
+    NO_USER = 0x8007, "no such user";
+    BOOTSTRAP_ONLY = 0x8008, "in bootstrap only";
+    NOT_BOOTSTRAP = 0x8009, "not in bootstrap";
+    NO_RIGHTS = 0x800A, "no rights";
+    PROGRAM_ERROR = 0x800B, "program error";
+    WRONG_CHECKSUM = 0x800C, "wrong checksum";
+}
+
+impl fmt::Display for FoeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.text() {
+            Some(text) => write!(f, "0x{:04X} ({text})", self.0),
+            None => write!(f, "0x{:04X}", self.0),
+        }
+    }
+}
+
+/// A message. Names and texts are bytes, since nobody says in which encoding they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FoeMessage<'a> {
+    /// 1: asks for a file.
+    Read {
+        /// 0, or what the slave wants to know.
+        password: u32,
+        /// The name of the file.
+        name: &'a [u8],
+    },
+    /// 2: announces a file.
+    Write {
+        /// 0, or what the slave wants to know.
+        password: u32,
+        /// The name of the file.
+        name: &'a [u8],
+    },
+    /// 3: a packet of a file.
+    Data {
+        /// Its number, from 1 on.
+        packet: u32,
+        /// Its bytes.
+        data: &'a [u8],
+    },
+    /// 4: a packet was taken.
+    Ack {
+        /// Its number; 0 for the announcement of a file.
+        packet: u32,
+    },
+    /// 5: the transfer has failed.
+    Error {
+        /// Why.
+        code: FoeError,
+        /// In words.
+        text: &'a [u8],
+    },
+    /// 6: the slave needs time.
+    Busy {
+        /// How much is done.
+        done: u16,
+        /// Of how much.
+        entire: u16,
+        /// In words.
+        text: &'a [u8],
+    },
+    /// Another operation, with what follows the reserved byte.
+    Unknown(u8, &'a [u8]),
+}
+
+impl<'a> FoeMessage<'a> {
+    /// Bytes of the operation and of the number behind it.
+    const HEADER_LEN: usize = 6;
+
+    /// Decodes the data of a mailbox message.
+    ///
+    /// # Errors
+    /// [`WireError::Short`].
+    pub fn decode(data: &'a [u8]) -> Result<Self, WireError> {
+        let ([operation, _], rest) = split::<2>(data, "FoE operation")?;
+        if !matches!(operation, 1..=6) {
+            return Ok(Self::Unknown(*operation, rest));
+        }
+        let (four, rest) = split::<4>(rest, "FoE header")?;
+        let number = u32::from_le_bytes(*four);
+        Ok(match operation {
+            1 => Self::Read { password: number, name: rest },
+            2 => Self::Write { password: number, name: rest },
+            3 => Self::Data { packet: number, data: rest },
+            4 => Self::Ack { packet: number },
+            5 => Self::Error { code: FoeError(number), text: rest },
+            _ => Self::Busy { done: number as u16, entire: (number >> 16) as u16, text: rest },
+        })
+    }
+
+    /// Writes the message; how many bytes it has.
+    ///
+    /// # Errors
+    /// [`WireError::NoRoom`].
+    pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
+        let (operation, number, rest): (u8, u32, &[u8]) = match *self {
+            Self::Read { password, name } => (1, password, name),
+            Self::Write { password, name } => (2, password, name),
+            Self::Data { packet, data } => (3, packet, data),
+            Self::Ack { packet } => (4, packet, &[]),
+            Self::Error { code, text } => (5, code.0, text),
+            Self::Busy { done, entire, text } => (6, u32::from(done) | u32::from(entire) << 16, text),
+            Self::Unknown(operation, rest) => {
+                let len = 2 + rest.len();
+                let (header, place) = room_for(room, "FoE message", len)?.split_at_mut(2);
+                header.copy_from_slice(&[operation, 0]);
+                place.copy_from_slice(rest);
+                return Ok(len);
+            }
+        };
+        let len = Self::HEADER_LEN + rest.len();
+        let (header, place) = room_for(room, "FoE message", len)?.split_at_mut(Self::HEADER_LEN);
+        header[..2].copy_from_slice(&[operation, 0]);
+        header[2..].copy_from_slice(&number.to_le_bytes());
+        place.copy_from_slice(rest);
+        Ok(len)
+    }
+}

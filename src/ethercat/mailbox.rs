@@ -1,0 +1,260 @@
+//! Mailbox messages: the header of 6 bytes with its counter, the protocols, and the answer to a message that is wrong.
+//!
+//! Source: ETG.1000.4 5.6, ETG.1000.6 5.2; rules ECAT-4.
+
+use core::fmt;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::wire_error::{room_for, split};
+use super::{U16Le, WireError};
+
+/// Bytes of the header of a message.
+pub const MAILBOX_HEADER_LEN: usize = 6;
+
+/// What a message is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MailboxProtocol {
+    /// 0: a message was wrong; see [`MailboxFault`].
+    Error,
+    /// 1: ADS over EtherCAT.
+    Aoe,
+    /// 2: Ethernet over EtherCAT.
+    Eoe,
+    /// 3: CANopen over EtherCAT.
+    Coe,
+    /// 4: file access over EtherCAT.
+    Foe,
+    /// 5: servo profile over EtherCAT.
+    Soe,
+    /// 15: vendor-specific protocol over EtherCAT.
+    Voe,
+    /// Another value, 0..=15.
+    Unknown(u8),
+}
+
+impl MailboxProtocol {
+    /// The protocol with that code; of the code the lower 4 bits count.
+    pub const fn from_code(code: u8) -> Self {
+        match code & 0x0F {
+            0 => Self::Error,
+            1 => Self::Aoe,
+            2 => Self::Eoe,
+            3 => Self::Coe,
+            4 => Self::Foe,
+            5 => Self::Soe,
+            15 => Self::Voe,
+            code => Self::Unknown(code),
+        }
+    }
+
+    /// The code on the wire, 0..=15.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Error => 0,
+            Self::Aoe => 1,
+            Self::Eoe => 2,
+            Self::Coe => 3,
+            Self::Foe => 4,
+            Self::Soe => 5,
+            Self::Voe => 15,
+            Self::Unknown(code) => code & 0x0F,
+        }
+    }
+}
+
+/// The counter of messages, by which a slave knows one that it has got already.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct MailboxCounter(u8);
+
+impl MailboxCounter {
+    /// Messages are not counted.
+    pub const NONE: Self = Self(0);
+    /// The first one.
+    pub const FIRST: Self = Self(1);
+
+    /// The counter with that value; `None` above 7.
+    pub const fn new(value: u8) -> Option<Self> {
+        if value <= 7 { Some(Self(value)) } else { None }
+    }
+
+    /// The value, 0..=7.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+
+    /// The counter of the next message: 1 follows 7, and 0 is left out.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        Self(self.0 % 7 + 1)
+    }
+
+    /// Whether a message with this counter is the same as the one with the `last` counter.
+    pub const fn repeats(self, last: Self) -> bool {
+        self.0 != 0 && self.0 == last.0
+    }
+}
+
+/// The header as bytes.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Layout {
+    /// 0.
+    len: U16Le,
+    /// 2.
+    address: U16Le,
+    /// 4: bits 0..=5 channel, 6..=7 priority.
+    channel: u8,
+    /// 5: bits 0..=3 protocol, 4..=6 counter.
+    protocol: u8,
+}
+
+const _: () = assert!(size_of::<Layout>() == MAILBOX_HEADER_LEN && align_of::<Layout>() == 1);
+
+/// The header of a message, without its length. Bit 7 of its last byte has no meaning and is left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MailboxHeader {
+    /// 0, or the station address of the other side.
+    pub address: u16,
+    /// 0, bits 0..=5.
+    pub channel: u8,
+    /// The priority, 0..=3.
+    pub priority: u8,
+    /// What the message is for.
+    pub protocol: MailboxProtocol,
+    /// Which message it is.
+    pub counter: MailboxCounter,
+}
+
+impl MailboxHeader {
+    /// The header of a message between a master and a slave.
+    pub const fn new(protocol: MailboxProtocol, counter: MailboxCounter) -> Self {
+        Self { address: 0, channel: 0, priority: 0, protocol, counter }
+    }
+}
+
+/// A message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MailboxMessage<'a> {
+    /// The header.
+    pub header: MailboxHeader,
+    /// What it carries, as long as the header says.
+    pub data: &'a [u8],
+}
+
+impl<'a> MailboxMessage<'a> {
+    /// Decodes the message at the beginning of a mailbox. What follows it there has no meaning.
+    ///
+    /// # Errors
+    /// [`WireError::Short`]: the mailbox is shorter than a header, or than the message says.
+    pub fn decode(mailbox: &'a [u8]) -> Result<Self, WireError> {
+        let (header, rest) = split::<MAILBOX_HEADER_LEN>(mailbox, "mailbox header")?;
+        let layout: &Layout = bytemuck::cast_ref(header);
+        let needed = usize::from(layout.len.get());
+        let short = WireError::Short { part: "mailbox message", needed, found: rest.len() };
+        let data = rest.get(..needed).ok_or(short)?;
+        let header = MailboxHeader {
+            address: layout.address.get(),
+            channel: layout.channel & 0x3F,
+            priority: layout.channel >> 6,
+            protocol: MailboxProtocol::from_code(layout.protocol),
+            counter: MailboxCounter(layout.protocol >> 4 & 0b111),
+        };
+        Ok(Self { header, data })
+    }
+
+    /// Writes the message to the beginning of a mailbox and fills the rest with 0.
+    ///
+    /// # Errors
+    /// [`WireError::NoRoom`].
+    pub fn encode(&self, mailbox: &mut [u8]) -> Result<(), WireError> {
+        let place = room_for(mailbox, "mailbox message", MAILBOX_HEADER_LEN + self.data.len())?;
+        place[MAILBOX_HEADER_LEN..].copy_from_slice(self.data);
+        encode_around(self.header, self.data.len(), mailbox)
+    }
+}
+
+/// Writes a header in front of data of that length which stand in the mailbox already, and fills the rest with 0.
+///
+/// # Errors
+/// [`WireError::NoRoom`].
+pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> Result<(), WireError> {
+    let whole = MAILBOX_HEADER_LEN + len;
+    room_for(mailbox, "mailbox message", whole)?;
+    let layout = Layout {
+        len: (len as u16).into(),
+        address: header.address.into(),
+        channel: header.channel & 0x3F | header.priority << 6,
+        protocol: header.protocol.code() | header.counter.get() << 4,
+    };
+    mailbox[..MAILBOX_HEADER_LEN].copy_from_slice(bytemuck::bytes_of(&layout));
+    mailbox[whole..].fill(0);
+    Ok(())
+}
+
+/// What was wrong with a message, as the message of type 0 that answers it says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MailboxFault(pub u16);
+
+macro_rules! faults {
+    ($($name:ident = $code:literal, $text:literal;)*) => {
+        impl MailboxFault {
+            $(#[doc = $text] pub const $name: Self = Self($code);)*
+
+            /// The code's meaning; `None` for a code that the standard does not define.
+            pub const fn text(self) -> Option<&'static str> {
+                match self.0 {
+                    $($code => Some($text),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+faults! {
+    SYNTAX = 1, "syntax of the mailbox header";
+    UNSUPPORTED_PROTOCOL = 2, "the protocol is not supported";
+    INVALID_CHANNEL = 3, "invalid channel";
+    SERVICE_UNSUPPORTED = 4, "the service is not supported";
+    INVALID_HEADER = 5, "invalid header of the protocol";
+    TOO_SHORT = 6, "the message is too short";
+    NO_MORE_MEMORY = 7, "no memory";
+    INVALID_SIZE = 8, "invalid size";
+    SERVICE_IN_WORK = 9, "the service is in work";
+}
+
+impl MailboxFault {
+    /// Bytes of the data of the message.
+    pub const LEN: usize = 4;
+    /// The type of the data, the only one there is.
+    const TYPE: [u8; 2] = [1, 0];
+
+    /// The data of a message of type [`MailboxProtocol::Error`].
+    pub const fn encode(self) -> [u8; Self::LEN] {
+        let [low, high] = self.0.to_le_bytes();
+        [Self::TYPE[0], Self::TYPE[1], low, high]
+    }
+
+    /// Decodes such data.
+    ///
+    /// # Errors
+    /// [`WireError::Short`]; [`WireError::Field`] for another type than 1.
+    pub fn decode(data: &[u8]) -> Result<Self, WireError> {
+        let ([kind @ .., low, high], _) = split::<{ Self::LEN }>(data, "mailbox error")?;
+        let kind = u16::from_le_bytes(*kind);
+        if kind != 1 {
+            return Err(WireError::Field { part: "type of a mailbox error", found: kind.into(), allowed: "1" });
+        }
+        Ok(Self(u16::from_le_bytes([*low, *high])))
+    }
+}
+
+impl fmt::Display for MailboxFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.text() {
+            Some(text) => write!(f, "mailbox error {} ({text})", self.0),
+            None => write!(f, "mailbox error {}", self.0),
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! The slave information interface (SII): what a slave's EEPROM holds, read and written.
+//!
+//! The first 64 words have fixed places: [`SiiInfo`]. Behind them stand categories, each with a type and a length:
+//! [`Category`]. Addresses are in words of 16 bits, as masters use them.
+//!
+//! Source: ETG.1000.6 5.4, ETG.2010; rules ECAT-3.
+
+mod category;
+mod info;
+mod pdo;
+mod records;
+mod strings;
+mod writer;
+
+pub use category::{Categories, Category, CategoryKind};
+pub use info::{MailboxArea, MailboxAreas, MailboxProtocols, SiiIdentity, SiiInfo};
+pub use pdo::{SiiPdo, SiiPdoEntries, SiiPdoEntry, SiiPdos};
+pub use records::{
+    CoeDetails, FmmuUsage, SiiDcMode, SiiGeneral, SiiGeneralFlags, SiiSmEnable, SiiSmType, SiiSyncManager,
+};
+pub use strings::SiiStrings;
+pub use writer::SiiWriter;
+
+use super::WireError;
+use super::wire_error::split;
+use crc::{Algorithm, Crc, Table};
+
+/// Word address of the station alias.
+pub const ALIAS_WORD: u16 = 0x04;
+/// Word address of the checksum.
+pub const CHECKSUM_WORD: u16 = 0x07;
+/// Word address of the vendor ID, before product code, revision and serial number, two words each.
+pub const VENDOR_WORD: u16 = 0x08;
+/// Word address of the mailbox areas in Boot.
+pub const BOOT_MAILBOX_WORD: u16 = 0x14;
+/// Word address of the mailbox areas in all other states.
+pub const MAILBOX_WORD: u16 = 0x18;
+/// Word address of the first category.
+pub const CATEGORIES_WORD: u16 = 0x40;
+/// Bytes of what has fixed places.
+pub const SII_INFO_LEN: usize = 2 * CATEGORIES_WORD as usize;
+/// How many bytes the checksum covers.
+const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
+
+/// CRC-8 with the polynomial 0x07 and 0xFF at the start; check value 0xFB.
+const ALGORITHM: Algorithm<u8> =
+    Algorithm { width: 8, poly: 0x07, init: 0xFF, refin: false, refout: false, xorout: 0, check: 0xFB, residue: 0 };
+const CRC: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&ALGORITHM);
+
+/// The checksum of the first 14 bytes, which stands in the lower byte of word 7.
+pub const fn checksum(first: &[u8; CHECKED_LEN]) -> u8 {
+    CRC.checksum(first)
+}
+
+/// The content of an EEPROM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sii<'a> {
+    bytes: &'a [u8],
+    fixed: &'a [u8; SII_INFO_LEN],
+}
+
+impl<'a> Sii<'a> {
+    /// The content of an EEPROM, whatever its checksum.
+    ///
+    /// # Errors
+    /// [`WireError::Short`]: there are less than 64 words.
+    pub fn new(bytes: &'a [u8]) -> Result<Self, WireError> {
+        Ok(Self { bytes, fixed: split(bytes, "SII")?.0 })
+    }
+
+    /// What has fixed places.
+    pub fn info(&self) -> SiiInfo {
+        SiiInfo::decode(self.fixed)
+    }
+
+    /// The checksum that stands there, and that of the bytes that it covers.
+    pub fn checksums(&self) -> (u8, u8) {
+        let first = self.fixed.first_chunk().map_or(0, checksum);
+        (self.fixed[CHECKED_LEN], first)
+    }
+
+    /// Whether a controller loads its first words from it.
+    pub fn has_right_checksum(&self) -> bool {
+        let (found, expected) = self.checksums();
+        found == expected
+    }
+
+    /// The categories; an error is the last item.
+    pub fn categories(&self) -> Categories<'a> {
+        Categories::new(&self.bytes[SII_INFO_LEN..])
+    }
+
+    /// The first category of a kind; `None` if there is none before the end or an error.
+    pub fn category(&self, kind: CategoryKind) -> Option<Category<'a>> {
+        self.categories().map_while(Result::ok).find(|category| category.kind == kind)
+    }
+}

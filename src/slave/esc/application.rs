@@ -1,0 +1,363 @@
+//! The AL state machine behind a controller: which changes of state it makes, what it checks, and what it answers.
+//!
+//! Source: ETG.1000.6 6.4, ETG.1020, as public stacks of slaves show them; rules ECAT-11.
+
+use super::Controller;
+use super::mailbox::{ANSWERS, REQUESTS};
+use crate::ethercat::registers::{
+    AlControl, AlStatusRegister, BufferMode, DL_STATUS, DlStatus, RAM, RequestedState, SmDirection, SyncActivation,
+    SyncManager,
+};
+use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::slave::Slave;
+
+/// The shortest mailbox (public stacks of slaves).
+pub const MAILBOX_BYTES_MIN: u16 = 34;
+/// \[OURS] The longest mailbox, which is what one datagram can write.
+pub const MAILBOX_BYTES_MAX: u16 = 1486;
+/// \[OURS] The shortest cycle of SYNC0 with which a slave goes to SafeOP, ns.
+pub const SYNC0_CYCLE_MIN_NS: u32 = 100_000;
+/// How long a slave waits for outputs, or for SYNC0, on its way to OP: 9 s less 50 ms (public stacks of slaves).
+pub const OP_WAIT_NS: Ns = 8_950_000_000;
+
+/// Which sync managers are for process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ProcessManagers {
+    pub(super) outputs: u8,
+    pub(super) inputs: u8,
+}
+
+impl ProcessManagers {
+    /// Behind those of the mailbox, if there is one.
+    pub(super) const fn new(has_mailbox: bool) -> Self {
+        if has_mailbox { Self { outputs: 2, inputs: 3 } } else { Self { outputs: 0, inputs: 1 } }
+    }
+}
+
+/// The AL state machine.
+#[derive(Clone, Debug)]
+pub(super) struct Application {
+    status: AlStatusRegister,
+    code: AlStatus,
+    pub(super) has_mailbox: bool,
+    pub(super) managers: ProcessManagers,
+    /// A request that is not worked on yet, and when it will be.
+    requested: Option<(AlControl, Ns)>,
+    /// On the way to OP: until when the slave waits.
+    waiting: Option<Ns>,
+    /// SafeOP was entered with distributed clocks.
+    pub(super) is_synchronized: bool,
+    /// SYNC0 has come since SafeOP was entered.
+    pub(super) sync_came: bool,
+    /// Outputs have come since SafeOP was entered.
+    pub(super) outputs_came: bool,
+}
+
+/// What a change of state means for the rest of the slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    None,
+    /// The mailbox begins.
+    MailboxOn,
+    /// Process data begin.
+    ProcessDataOn,
+}
+
+impl Application {
+    pub(super) fn new(has_mailbox: bool) -> Self {
+        Self {
+            status: AlStatusRegister::of(RequestedState::State(AlState::Init)),
+            code: AlStatus::NONE,
+            has_mailbox,
+            managers: ProcessManagers::new(has_mailbox),
+            requested: None,
+            waiting: None,
+            is_synchronized: false,
+            sync_came: false,
+            outputs_came: false,
+        }
+    }
+
+    pub(super) fn state(&self) -> AlState {
+        match self.status.state() {
+            RequestedState::State(state) => state,
+            _ => AlState::Init,
+        }
+    }
+
+    const fn has_error(&self) -> bool {
+        self.status.contains(AlStatusRegister::ERROR)
+    }
+
+    fn show(&mut self, status: AlStatusRegister, code: AlStatus, controller: &mut Controller) {
+        (self.status, self.code) = (status, code);
+        controller.set_al_status(status, code);
+        if !status.contains(AlStatusRegister::ERROR) {
+            // The sync manager that was switched off by the watchdog is on again.
+            controller.managers.deactivate(self.managers.outputs, false, &mut controller.memory);
+        }
+    }
+
+    fn succeed(&mut self, state: AlState, controller: &mut Controller) {
+        self.show(AlStatusRegister::of(RequestedState::State(state)), AlStatus::NONE, controller);
+    }
+
+    /// The slave is, or stays, in a state for a reason.
+    fn fail(&mut self, state: AlState, code: AlStatus, controller: &mut Controller) {
+        self.waiting = None;
+        let status = AlStatusRegister::of(RequestedState::State(state)).with(AlStatusRegister::ERROR);
+        self.show(status, code, controller);
+    }
+
+    /// The slave leaves its state by itself.
+    pub(super) fn fall(&mut self, to: AlState, code: AlStatus, controller: &mut Controller, device: &mut dyn Slave) {
+        // Every device can go to a lower state.
+        let _ = device.enter(to);
+        self.fail(to, code, controller);
+    }
+
+    /// No outputs have come for too long: the slave leaves OP, and takes none before the error is acknowledged.
+    pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
+        self.outputs_came = false;
+        self.fall(AlState::SafeOp, AlStatus::WATCHDOG, controller, device);
+        controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
+    }
+
+    /// AL control was written.
+    pub(super) fn request(&mut self, control: AlControl, due: Ns) {
+        self.requested = Some((control, due));
+    }
+
+    /// When something has to be done next.
+    pub(super) fn due(&self) -> Option<Ns> {
+        [self.requested.map(|(_, due)| due), self.waiting].into_iter().flatten().min()
+    }
+
+    /// Time has passed, or a frame: works on a request that is due, and on the way to OP.
+    pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
+        if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {
+            let change = self.handle(control, now, controller, device);
+            if change != Change::None {
+                return change;
+            }
+        }
+        if let Some(until) = self.waiting {
+            self.try_op(until, now, controller, device);
+        }
+        Change::None
+    }
+
+    fn handle(&mut self, control: AlControl, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
+        if controller.is_device_emulated() {
+            // Without a state machine: the status is what the master has asked for.
+            self.status = AlStatusRegister::of(control.state());
+            controller.set_al_status(self.status, AlStatus::NONE);
+            return Change::None;
+        }
+        let to_init = control.state() == RequestedState::State(AlState::Init);
+        if self.has_error() {
+            if !control.contains(AlControl::ACKNOWLEDGE) && !to_init {
+                return Change::None;
+            }
+            self.succeed(self.state(), controller);
+        }
+        if control.contains(AlControl::REQUEST_ID) {
+            let id = AlStatus(controller.settings().device_id);
+            self.show(self.status.with(AlStatusRegister::ID_LOADED), id, controller);
+        } else if self.status.contains(AlStatusRegister::ID_LOADED) {
+            self.show(self.status.without(AlStatusRegister::ID_LOADED), AlStatus::NONE, controller);
+        }
+        let from = self.state();
+        let to = match control.state() {
+            RequestedState::State(to) => to,
+            RequestedState::Boot if from == AlState::Init => {
+                self.fail(from, AlStatus::BOOT_UNSUPPORTED, controller);
+                return Change::None;
+            }
+            RequestedState::Boot => {
+                self.fail(from, AlStatus::INVALID_CHANGE, controller);
+                return Change::None;
+            }
+            RequestedState::Unknown(_) => {
+                self.fail(from, AlStatus::UNKNOWN_STATE, controller);
+                return Change::None;
+            }
+        };
+        self.waiting = None;
+        if to == from {
+            return Change::None;
+        }
+        match self.change(from, to, now, controller, device) {
+            Ok(change) => change,
+            Err(code) => {
+                let state = device.state().min(from);
+                self.fail(state, code, controller);
+                Change::None
+            }
+        }
+    }
+
+    fn change(
+        &mut self,
+        from: AlState,
+        to: AlState,
+        now: Ns,
+        controller: &mut Controller,
+        device: &mut dyn Slave,
+    ) -> Result<Change, AlStatus> {
+        match (from, to) {
+            (from, to) if to < from => {
+                device.enter(to)?;
+                self.succeed(to, controller);
+                Ok(Change::None)
+            }
+            (AlState::Init, AlState::PreOp) => {
+                if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
+                    return Err(AlStatus::EEPROM_ERROR);
+                }
+                self.check_mailbox(controller)?;
+                device.enter(to)?;
+                self.succeed(to, controller);
+                Ok(Change::MailboxOn)
+            }
+            (AlState::PreOp, AlState::SafeOp) => {
+                self.check_process_data(controller, device)?;
+                device.enter(to)?;
+                self.is_synchronized = controller.sync.is_running();
+                (self.outputs_came, self.sync_came) = (false, false);
+                self.succeed(to, controller);
+                Ok(Change::ProcessDataOn)
+            }
+            (AlState::SafeOp, AlState::Op) => {
+                self.waiting = Some(now + OP_WAIT_NS);
+                Ok(Change::None)
+            }
+            _ => Err(AlStatus::INVALID_CHANGE),
+        }
+    }
+
+    /// On the way to OP: goes there once outputs and SYNC0 have come.
+    fn try_op(&mut self, until: Ns, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
+        let has_outputs = active_len(&controller.managers.registers(self.managers.outputs)) > 0;
+        let lacks_outputs = has_outputs && !self.outputs_came;
+        let lacks_sync = self.is_synchronized && !self.sync_came;
+        if lacks_outputs || lacks_sync {
+            if now >= until {
+                let code = if lacks_outputs { AlStatus::WATCHDOG } else { AlStatus::NO_SYNC };
+                self.fail(AlState::SafeOp, code, controller);
+            }
+            return;
+        }
+        self.waiting = None;
+        match device.enter(AlState::Op) {
+            Ok(()) => self.succeed(AlState::Op, controller),
+            Err(code) => self.fail(device.state(), code, controller),
+        }
+    }
+
+    /// Whether the sync managers of the mailbox are as they have to be.
+    fn check_mailbox(&self, controller: &Controller) -> Result<(), AlStatus> {
+        if !self.has_mailbox {
+            return Ok(());
+        }
+        let [requests, answers] = [REQUESTS, ANSWERS].map(|n| controller.managers.registers(n));
+        let is_right = |manager: &SyncManager, direction| {
+            let end = u32::from(manager.start) + u32::from(manager.len);
+            manager.is_enabled()
+                && manager.control.mode() == BufferMode::Mailbox
+                && manager.control.direction() == direction
+                && (MAILBOX_BYTES_MIN..=MAILBOX_BYTES_MAX).contains(&manager.len)
+                && manager.start >= RAM
+                && end as usize <= controller.memory.end()
+        };
+        let overlap = u32::from(requests.start) < u32::from(answers.start) + u32::from(answers.len)
+            && u32::from(answers.start) < u32::from(requests.start) + u32::from(requests.len);
+        let all_right = is_right(&requests, SmDirection::Write) && is_right(&answers, SmDirection::Read) && !overlap;
+        if all_right { Ok(()) } else { Err(AlStatus::INVALID_MAILBOX) }
+    }
+
+    /// Whether the sync managers of process data are as they have to be, whatever their length; those of inputs first.
+    fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
+        let outputs = controller.managers.registers(self.managers.outputs);
+        let inputs = controller.managers.registers(self.managers.inputs);
+        for (manager, direction, code) in [
+            (&inputs, SmDirection::Read, AlStatus::INVALID_INPUTS),
+            (&outputs, SmDirection::Write, AlStatus::INVALID_OUTPUTS),
+        ] {
+            if active_len(manager) == 0 {
+                continue;
+            }
+            let buffers = if manager.control.mode() == BufferMode::Mailbox { 1 } else { 3 };
+            let end = u32::from(manager.start) + buffers * u32::from(manager.len);
+            let is_in_ram = manager.start >= RAM && end as usize <= controller.memory.end();
+            if manager.control.direction() != direction || manager.control.mode() == BufferMode::Unknown || !is_in_ram {
+                return Err(code);
+            }
+        }
+        Ok([outputs, inputs])
+    }
+
+    /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
+    fn check_process_data(&self, controller: &Controller, device: &mut dyn Slave) -> Result<(), AlStatus> {
+        let [outputs, inputs] = self.check_areas(controller)?;
+        let activation = controller.sync_activation();
+        if activation.contains(SyncActivation::ACTIVATE) {
+            let [sync0, sync1] = [SyncActivation::SYNC0, SyncActivation::SYNC1].map(|bit| activation.contains(bit));
+            if sync1 && !sync0 {
+                return Err(AlStatus::INVALID_DC_SYNC);
+            }
+            if sync0 && controller.sync0_cycle_ns() < SYNC0_CYCLE_MIN_NS {
+                return Err(AlStatus::INVALID_SYNC0_CYCLE);
+            }
+        } else if [&outputs, &inputs]
+            .into_iter()
+            .any(|manager| active_len(manager) > 0 && manager.control.mode() == BufferMode::Mailbox)
+        {
+            return Err(AlStatus::NEEDS_THREE_BUFFERS);
+        }
+        device.set_sync_managers(active_len(&outputs), active_len(&inputs));
+        Ok(())
+    }
+
+    /// A sync manager was enabled, disabled or changed: the state may be lost.
+    pub(super) fn check_again(
+        &mut self,
+        activated: u16,
+        lens: (usize, usize),
+        controller: &mut Controller,
+        device: &mut dyn Slave,
+    ) {
+        let state = self.state();
+        let touched = |n: u8| activated & 1 << n != 0;
+        if state == AlState::Init {
+            return;
+        }
+        if self.has_mailbox
+            && (touched(REQUESTS) || touched(ANSWERS))
+            && let Err(code) = self.check_mailbox(controller)
+        {
+            return self.fall(AlState::Init, code, controller, device);
+        }
+        if state < AlState::SafeOp {
+            return;
+        }
+        let ProcessManagers { outputs, inputs } = self.managers;
+        if !touched(inputs) && !touched(outputs) {
+            return;
+        }
+        let has_len = |manager: &SyncManager, len| usize::from(active_len(manager)) == len;
+        let checked = self.check_areas(controller).and_then(|[outputs, inputs]| match lens {
+            (_, len) if !has_len(&inputs, len) => Err(AlStatus::INVALID_INPUTS),
+            (len, _) if !has_len(&outputs, len) => Err(AlStatus::INVALID_OUTPUTS),
+            _ => Ok(()),
+        });
+        if let Err(code) = checked {
+            self.fall(AlState::PreOp, code, controller, device);
+        }
+    }
+}
+
+/// The length of a sync manager; 0 if it is not enabled.
+pub(super) const fn active_len(manager: &SyncManager) -> u16 {
+    if manager.is_enabled() { manager.len } else { 0 }
+}

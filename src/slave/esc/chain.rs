@@ -1,0 +1,237 @@
+//! Slaves on a cable: a frame goes through all of them and comes back.
+//!
+//! The cable is a tree. A frame leaves a slave by port 3, then 1, then 2, and comes back by port 0; a port that is closed
+//! is passed by. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
+
+use super::{EscSlave, Passage};
+use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
+use crate::ethercat::{Frame, Ns, each_datagram, mark_as_passed};
+
+/// \[OURS] How long a frame takes from one slave to the next one unless it is set, ns: a cable of some metres and two ports.
+pub const HOP_NS: Ns = 310;
+
+/// The ports by which a frame leaves a slave, in the order in which it does.
+const ORDER: [usize; PORTS - 1] = [3, 1, 2];
+
+/// What has become of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameFate {
+    /// It comes back at that time.
+    Returned(Ns),
+    /// A slave has destroyed it, because it is not of EtherCAT.
+    Destroyed,
+    /// It is gone: no slave is reached, or a port without a link is open.
+    Lost,
+}
+
+/// A slave on the cable.
+struct Place {
+    slave: EscSlave,
+    /// The slave at each port but 0, by its place.
+    children: [Option<usize>; PORTS],
+    /// Where the slave is connected: the place and the port.
+    parent: Option<(usize, usize)>,
+    /// How long a frame takes from the parent, ns.
+    hop_ns: Ns,
+    /// The cable to the parent is whole.
+    is_connected: bool,
+    is_powered: bool,
+}
+
+/// A network of slaves.
+#[derive(Default)]
+pub struct Chain {
+    places: Vec<Place>,
+    /// The slaves that the frame visits, with when it comes and returns. Kept for its room.
+    visits: Vec<(usize, Passage)>,
+}
+
+impl Chain {
+    /// Slaves in a line, each at port 1 of the one before.
+    pub fn line(slaves: impl IntoIterator<Item = EscSlave>) -> Self {
+        let mut chain = Self::default();
+        for slave in slaves {
+            match chain.places.len().checked_sub(1) {
+                None => chain.add_first(slave),
+                Some(last) => {
+                    chain.add(slave, last, 1);
+                }
+            }
+        }
+        chain
+    }
+
+    fn add_first(&mut self, slave: EscSlave) {
+        self.push(slave, None);
+    }
+
+    /// Adds a slave at a port, 1 to 3, of another one; its number. If a slave is there already, that stays.
+    ///
+    /// # Panics
+    /// If there is no slave `parent`, or the port is none of 1 to 3.
+    pub fn add(&mut self, slave: EscSlave, parent: usize, port: usize) -> usize {
+        assert!((1..PORTS).contains(&port), "slaves are connected to ports 1 to 3");
+        let place = self.places.len();
+        let at = self.places[parent].children[port].get_or_insert(place);
+        if *at == place {
+            self.push(slave, Some((parent, port)));
+        }
+        place
+    }
+
+    fn push(&mut self, slave: EscSlave, parent: Option<(usize, usize)>) {
+        let children = [None; PORTS];
+        self.places.push(Place { slave, children, parent, hop_ns: HOP_NS, is_connected: true, is_powered: true });
+        self.visits.reserve(self.places.len());
+        self.update_links();
+    }
+
+    /// How many slaves there are, whether frames reach them or not.
+    pub const fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether there is no slave.
+    pub const fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
+    /// A slave, from 0 on in the order in which they were added.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn slave(&self, n: usize) -> &EscSlave {
+        &self.places[n].slave
+    }
+
+    /// A slave, to be changed.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn slave_mut(&mut self, n: usize) -> &mut EscSlave {
+        &mut self.places[n].slave
+    }
+
+    /// Sets how long a frame takes to a slave from the one before it, ns.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn set_hop(&mut self, n: usize, hop_ns: Ns) {
+        self.places[n].hop_ns = hop_ns;
+    }
+
+    /// Cuts the cable in front of a slave, or repairs it.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn connect(&mut self, n: usize, is_connected: bool) {
+        self.places[n].is_connected = is_connected;
+        self.update_links();
+    }
+
+    /// Switches a slave off, or on at `now`, when it begins anew.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn power(&mut self, n: usize, is_powered: bool, now: Ns) {
+        let place = &mut self.places[n];
+        if is_powered && !place.is_powered {
+            place.slave.power_on(now);
+        }
+        place.is_powered = is_powered;
+        self.update_links();
+    }
+
+    /// Whether there is a link between a slave and the one that it is connected to; for the first one, to the master.
+    fn has_link(&self, n: usize) -> bool {
+        let place = &self.places[n];
+        let parent_is_powered = place.parent.is_none_or(|(parent, _)| self.places[parent].is_powered);
+        place.is_powered && place.is_connected && parent_is_powered
+    }
+
+    fn update_links(&mut self) {
+        for n in 0..self.places.len() {
+            let mut links = [false; PORTS];
+            links[0] = self.has_link(n);
+            for (link, child) in links.iter_mut().zip(self.places[n].children).skip(1) {
+                *link = child.is_some_and(|child| self.has_link(child));
+            }
+            self.places[n].slave.controller_mut().set_links(links);
+        }
+    }
+
+    /// A frame goes out at `now` and is changed in place, as it comes back. Frames have to come in the order of their times.
+    ///
+    /// \[OURS] A frame whose datagrams do not fit into it has no effect but in the error counters of the slaves.
+    pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
+        let mut visits = std::mem::take(&mut self.visits);
+        visits.clear();
+        let back = self.route(now, &mut visits);
+        let fate = match back {
+            Some(back) => self.visit(frame, &visits, back),
+            None => FrameFate::Lost,
+        };
+        self.visits = visits;
+        fate
+    }
+
+    /// The slaves that a frame visits; when it is back. `None`: it is lost.
+    fn route(&self, now: Ns, visits: &mut Vec<(usize, Passage)>) -> Option<Ns> {
+        if self.places.is_empty() || !self.has_link(0) {
+            return None;
+        }
+        self.route_from(0, now, visits)
+    }
+
+    fn route_from(&self, n: usize, arrival: Ns, visits: &mut Vec<(usize, Passage)>) -> Option<Ns> {
+        let visit = visits.len();
+        visits.push((n, Passage { arrival, ..Passage::default() }));
+        let place = &self.places[n];
+        let mut at = arrival;
+        for port in ORDER {
+            if !place.slave.controller().is_open(port) {
+                continue;
+            }
+            // An open port without a link is a hole.
+            let child = place.children[port].filter(|child| self.has_link(*child))?;
+            let hop = self.places[child].hop_ns;
+            at = self.route_from(child, at + hop, visits)? + hop;
+            visits[visit].1.returns[port - 1] = Some(at);
+        }
+        Some(at)
+    }
+
+    fn visit(&mut self, frame: &mut [u8], visits: &[(usize, Passage)], back: Ns) -> FrameFate {
+        let Ok(decoded) = Frame::decode(frame) else {
+            return if self.destroys_others(visits) { FrameFate::Destroyed } else { FrameFate::Returned(back) };
+        };
+        let has_datagrams = decoded.datagrams().is_some();
+        let is_whole = decoded.datagrams().is_some_and(|mut all| all.all(|datagram| datagram.is_ok()));
+        for (n, passage) in visits {
+            let slave = &mut self.places[*n].slave;
+            slave.begin_frame(*passage);
+            if is_whole {
+                // It was looked through already.
+                let _ = each_datagram(frame, |mut datagram| slave.pass(&mut datagram));
+            } else if has_datagrams {
+                slave.controller_mut().note_wrong_structure();
+            }
+            slave.end_frame();
+        }
+        mark_as_passed(frame);
+        FrameFate::Returned(back)
+    }
+
+    /// Whether a slave on the way destroys frames that are not of EtherCAT.
+    fn destroys_others(&self, visits: &[(usize, Passage)]) -> bool {
+        visits.iter().any(|(n, _)| {
+            let control = self.places[*n].slave.controller().peek(DL_CONTROL, 1);
+            control.first().is_some_and(|byte| u32::from(*byte) & DlControl::DESTROYS_OTHERS != 0)
+        })
+    }
+
+    /// Time passes up to `now` in all slaves that have power.
+    pub fn advance(&mut self, now: Ns) {
+        self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
+    }
+}

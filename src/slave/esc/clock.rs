@@ -1,0 +1,95 @@
+//! The clock of a controller: local time, which drifts and is slewed, and system time, which is distributed.
+
+use crate::ethercat::Ns;
+use crate::ethercat::registers::SystemTimeDifference;
+
+/// \[OURS] The most by which one received system time corrects the local time, ns. A master that writes 0 at its start makes
+/// a clock jump by no more than that.
+pub const SLEW_MAX_NS: i64 = 1_000;
+/// \[OURS] How much faster or slower a clock runs while it is corrected: one part of this many.
+const SLEW_DIVISOR: u64 = 100;
+/// The value of the speed counter start at power-on.
+pub(super) const SPEED_START: u16 = 0x1000;
+/// The filter depths at power-on.
+pub(super) const FILTERS: [u8; 2] = [0x04, 0x0C];
+
+/// The clock.
+#[derive(Clone, Debug)]
+pub(super) struct Clock {
+    /// The time of the network at which the clock was looked at last, ns.
+    now: Ns,
+    /// The local time then, ns.
+    local: u64,
+    drift_ppb: i32,
+    /// What of the drift is less than a nanosecond, in 1e-9 ns.
+    remainder: i128,
+    /// What is left to correct, ns.
+    correction: i64,
+    /// System time is local time plus this.
+    pub(super) offset: u64,
+    /// The delay from the reference clock to this one, ns.
+    pub(super) delay: u32,
+    /// The mean difference to the received times, ns.
+    difference: i64,
+}
+
+impl Clock {
+    pub(super) const fn new(now: Ns, local: u64, drift_ppb: i32) -> Self {
+        Self { now, local, drift_ppb, remainder: 0, correction: 0, offset: 0, delay: 0, difference: 0 }
+    }
+
+    /// Time passes up to `now`.
+    pub(super) fn advance(&mut self, now: Ns) {
+        let passed = now.saturating_sub(self.now);
+        if passed == 0 {
+            return;
+        }
+        self.now = now;
+        let drifted = i128::from(passed) * i128::from(self.drift_ppb) + self.remainder;
+        let (drift, remainder) = (drifted.div_euclid(1_000_000_000), drifted.rem_euclid(1_000_000_000));
+        self.remainder = remainder;
+        let most = i64::try_from(passed / SLEW_DIVISOR).unwrap_or(i64::MAX);
+        let corrected = self.correction.clamp(-most, most);
+        self.correction -= corrected;
+        self.local = self.local.wrapping_add(passed).wrapping_add_signed(drift as i64).wrapping_add_signed(corrected);
+    }
+
+    /// The local time, ns.
+    pub(super) const fn local(&self) -> u64 {
+        self.local
+    }
+
+    /// The local time at another time of the network nearby, ns.
+    pub(super) fn local_at(&self, at: Ns) -> u64 {
+        let ahead = i128::from(at) - i128::from(self.now);
+        let drift = (ahead * i128::from(self.drift_ppb)).div_euclid(1_000_000_000);
+        self.local.wrapping_add_signed((ahead + drift) as i64)
+    }
+
+    /// The system time as the slave's own controller reads it, ns.
+    pub(super) const fn system(&self) -> u64 {
+        self.local.wrapping_add(self.offset)
+    }
+
+    /// The system time as the network reads it: less the delay from the reference, ns.
+    pub(super) const fn system_for_network(&self) -> u64 {
+        self.system().wrapping_sub(self.delay as u64)
+    }
+
+    /// A system time was received: its lower 32 bits. `depth`: how slowly the mean difference follows.
+    pub(super) fn receive(&mut self, received: u32, depth: u8) {
+        let ahead = i64::from((self.system_for_network() as u32).wrapping_sub(received).cast_signed());
+        self.difference += (ahead - self.difference) >> depth.min(15);
+        self.correction = (-ahead).clamp(-SLEW_MAX_NS, SLEW_MAX_NS);
+    }
+
+    /// The filters begin anew.
+    pub(super) const fn reset_filters(&mut self) {
+        self.difference = 0;
+    }
+
+    /// Register 0x092C.
+    pub(super) const fn shown_difference(&self) -> SystemTimeDifference {
+        SystemTimeDifference::of(self.difference)
+    }
+}

@@ -1,0 +1,357 @@
+//! The controller of a slave without its device: registers, RAM, and what an access to them does.
+
+mod accesses;
+
+use super::EscSettings;
+use super::clock::{Clock, FILTERS, SPEED_START};
+use super::eeprom::Eeprom;
+use super::managers::Managers;
+use super::memory::Memory;
+use super::sync_unit::{SyncPulse, SyncUnit};
+use super::watchdog::Watchdog;
+use crate::ethercat::registers::{
+    self, AL_CONTROL, AL_EVENT, AL_STATUS, AL_STATUS_CODE, AlControl, AlEvents, AlStatusRegister, DL_CONTROL,
+    DL_STATUS, DlControl, DlStatus, ECAT_EVENT, EcatEvents, Fmmu, LoopControl, PORTS, SmStatus, SyncActivation,
+};
+use crate::ethercat::{AlState, AlStatus, Ns};
+
+/// The most FMMUs that a controller has.
+const FMMUS_MAX: usize = 16;
+
+/// The times at which a frame passes the ports of a controller, in the time of the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Passage {
+    /// When the frame comes to the processing unit.
+    pub arrival: Ns,
+    /// When it comes back to ports 1, 2 and 3, if it leaves by them.
+    pub returns: [Option<Ns>; PORTS - 1],
+}
+
+/// What has happened to a controller since its device looked.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ControllerEvents {
+    /// AL control was written.
+    pub(super) al_control: bool,
+    /// The watchdog of process data has expired.
+    pub(super) watchdog: bool,
+    /// The unit for SYNC was switched on or off.
+    pub(super) sync_changed: bool,
+    /// The controller was reset.
+    pub(super) reset: bool,
+}
+
+/// A slave controller (ESC): what the network can read and write, without a device.
+#[derive(Clone, Debug)]
+pub struct Controller {
+    settings: EscSettings,
+    pub(super) memory: Memory,
+    pub(super) fmmus: [Fmmu; FMMUS_MAX],
+    /// A bit for each FMMU that is enabled.
+    pub(super) fmmus_enabled: u16,
+    pub(super) managers: Managers,
+    pub(super) eeprom: Eeprom,
+    watchdog: Watchdog,
+    clock: Clock,
+    pub(super) sync: SyncUnit,
+    pub(super) events: ControllerEvents,
+    pub(super) passage: Passage,
+    /// Which ports have a link.
+    links: [bool; PORTS],
+    /// Which ports with the loop control "auto close" are open.
+    opened: [bool; PORTS],
+    /// How many bytes of the reset sequence have come.
+    reset_progress: usize,
+    /// Room for the bytes of a datagram while they are combined.
+    pub(super) scratch: Vec<u8>,
+}
+
+impl Controller {
+    /// A controller that is switched on at `now`, with the content of its EEPROM.
+    pub fn new(settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
+        let mut controller = Self {
+            memory: Memory::new(&settings),
+            fmmus: Default::default(),
+            fmmus_enabled: 0,
+            managers: Managers::new(settings.sync_managers),
+            eeprom: Eeprom::new(eeprom, settings.reads_8_bytes, settings.eeprom_ns),
+            watchdog: Watchdog::default(),
+            clock: Clock::new(now, settings.local_time_ns, settings.drift_ppb),
+            sync: SyncUnit::default(),
+            events: ControllerEvents::default(),
+            passage: Passage::default(),
+            links: [false; PORTS],
+            opened: [true; PORTS],
+            reset_progress: 0,
+            scratch: Vec::with_capacity(2048),
+            settings,
+        };
+        controller.power_on(now);
+        controller
+    }
+
+    /// Switches the controller off and on again: everything but its EEPROM and its cables is as new.
+    pub fn power_on(&mut self, now: Ns) {
+        self.memory.clear();
+        self.fmmus = Default::default();
+        self.fmmus_enabled = 0;
+        self.managers = Managers::new(self.settings.sync_managers);
+        self.clock = Clock::new(now, self.settings.local_time_ns, self.settings.drift_ppb);
+        self.sync = SyncUnit::default();
+        self.events = ControllerEvents::default();
+        self.reset_progress = 0;
+        self.opened = [true; PORTS];
+        let settings = &self.settings;
+        let memory = &mut self.memory;
+        memory.set_u8(registers::TYPE, settings.controller_type);
+        memory.set_u8(registers::REVISION, settings.revision);
+        memory.set_u16(registers::BUILD, settings.build);
+        memory.set_u8(registers::FMMUS, settings.fmmus.min(FMMUS_MAX as u8));
+        memory.set_u8(registers::SYNC_MANAGERS, self.managers.count());
+        memory.set_u8(registers::RAM_SIZE, settings.ram_kib.clamp(1, 60));
+        let ports = settings.ports.iter().rev().fold(0, |byte, port| byte << 2 | port & 0b11);
+        memory.set_u8(registers::PORT_DESCRIPTOR, ports);
+        memory.set_u16(registers::FEATURES, settings.features.0);
+        // A port that is there decides by itself.
+        let exists = |port: &usize| settings.ports[*port] >= 2;
+        let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, DlControl::with_auto_loop);
+        memory.set_u32(DL_CONTROL, control.0);
+        memory.set_u16(AL_CONTROL, AlState::Init as u16);
+        memory.set_u16(AL_STATUS, AlState::Init as u16);
+        memory.set_u32(registers::AL_EVENT_MASK, 0x00FF_FF0F);
+        self.watchdog = Watchdog::power_on(memory);
+        if self.has_clock() {
+            self.memory.set_u16(registers::SPEED_COUNTER_START, SPEED_START);
+            self.memory.put(registers::TIME_DIFFERENCE_FILTER, &FILTERS);
+        }
+        self.load_words(true);
+        self.show_links();
+        self.memory.set_u16(ECAT_EVENT, EcatEvents::DL_STATUS.0);
+    }
+
+    /// Loads the first words of the EEPROM. The alias is loaded at power-on alone.
+    fn load_words(&mut self, at_power_on: bool) {
+        let info = self.eeprom.load(&mut self.memory);
+        if let Some(info) = info {
+            self.memory.set_u16(registers::PDI_CONTROL, info.pdi_control);
+            self.memory.set_u16(registers::PDI_CONFIGURATION, info.pdi_configuration);
+            self.memory.set_u16(registers::PDI_CONFIGURATION + 2, info.extended_pdi_configuration);
+            if self.has_clock() {
+                self.memory.set_u16(registers::SYNC_PULSE_LENGTH, info.sync_pulse_length);
+            }
+            if at_power_on {
+                self.memory.set_u16(registers::STATION_ALIAS, info.alias);
+            }
+        }
+        let status = self.memory.u16(DL_STATUS) & !DlStatus::SII_LOADED;
+        let loaded = if info.is_some() { DlStatus::SII_LOADED } else { 0 };
+        self.memory.set_u16(DL_STATUS, status | loaded);
+    }
+
+    fn has_clock(&self) -> bool {
+        self.settings.features.contains(registers::Features::CLOCK)
+    }
+
+    /// The settings of the controller.
+    pub const fn settings(&self) -> &EscSettings {
+        &self.settings
+    }
+
+    /// The content of the EEPROM.
+    pub fn eeprom(&self) -> &[u8] {
+        self.eeprom.content()
+    }
+
+    /// Bytes of the memory as they stand there, without any effect. Clocks show what was read last.
+    pub fn peek(&self, address: u16, len: usize) -> &[u8] {
+        self.memory.slice(address.into(), len)
+    }
+
+    /// Sets which ports have a link.
+    pub fn set_links(&mut self, links: [bool; PORTS]) {
+        for (port, link) in links.into_iter().enumerate() {
+            if self.links[port] && !link {
+                self.memory.count(registers::LOST_LINKS + port as u16);
+                self.opened[port] = false;
+            }
+        }
+        if self.links != links {
+            self.links = links;
+            self.show_links();
+        }
+    }
+
+    /// Whether a frame leaves by a port, or comes back at once.
+    pub fn is_open(&self, port: usize) -> bool {
+        if self.settings.ports[port] < 2 {
+            return false;
+        }
+        match DlControl(self.memory.u32(DL_CONTROL)).loop_control(port) {
+            LoopControl::Auto => self.links[port],
+            LoopControl::AutoClose => self.links[port] && self.opened[port],
+            LoopControl::Open => true,
+            LoopControl::Closed => false,
+        }
+    }
+
+    fn show_links(&mut self) {
+        let before = DlStatus(self.memory.u16(DL_STATUS));
+        let status = (0..PORTS).fold(before, |status, port| {
+            let link = self.links[port] && self.settings.ports[port] >= 2;
+            status.with_port(port, link, !self.is_open(port))
+        });
+        if status != before {
+            self.memory.set_u16(DL_STATUS, status.0);
+            self.raise(EcatEvents::DL_STATUS);
+        }
+    }
+
+    /// A frame came in at a port with a wrong check sequence.
+    pub fn note_invalid_frame(&mut self, port: usize) {
+        self.memory.count(registers::RX_ERRORS + 2 * port as u16);
+    }
+
+    /// A frame came whose datagrams do not fit into it.
+    pub fn note_wrong_structure(&mut self) {
+        self.memory.count(registers::PROCESSING_UNIT_ERRORS);
+    }
+
+    fn raise(&mut self, events: EcatEvents) {
+        let raised = EcatEvents(self.memory.u16(ECAT_EVENT)) | events;
+        self.memory.set_u16(ECAT_EVENT, raised.0);
+    }
+
+    fn drop_events(&mut self, events: EcatEvents) {
+        let left = EcatEvents(self.memory.u16(ECAT_EVENT)).without(events);
+        self.memory.set_u16(ECAT_EVENT, left.0);
+    }
+
+    /// The events that the controller adds to each datagram.
+    pub(super) fn masked_events(&self) -> u16 {
+        let mask = self.memory.u16(registers::ECAT_EVENT_MASK);
+        if mask == 0 { 0 } else { mask & (self.memory.u16(ECAT_EVENT) | self.manager_events()) }
+    }
+
+    /// The bits of the sync managers in the events for the master.
+    fn manager_events(&self) -> u16 {
+        let mut events = EcatEvents::NONE;
+        for n in 0..self.managers.count().min(8) {
+            let manager = self.managers.registers(n);
+            let bit = match manager.control.direction() {
+                registers::SmDirection::Read => SmStatus::WRITTEN,
+                _ => SmStatus::READ,
+            };
+            if manager.is_enabled() && manager.status.contains(bit) {
+                events = events | EcatEvents::sync_manager(n);
+            }
+        }
+        events.0
+    }
+
+    /// Time passes up to `now`: the clock, the EEPROM and the watchdog go on.
+    pub fn advance(&mut self, now: Ns) {
+        self.clock.advance(now);
+        if self.eeprom.advance(now, &mut self.memory) {
+            self.load_words(false);
+        }
+        if self.watchdog.advance(now, &mut self.memory) {
+            self.events.watchdog = true;
+            self.raise_for_device(AlEvents::WATCHDOG);
+        }
+    }
+
+    fn raise_for_device(&mut self, events: AlEvents) {
+        let raised = AlEvents(self.memory.u32(AL_EVENT)) | events;
+        self.memory.set_u32(AL_EVENT, raised.0);
+    }
+
+    fn drop_for_device(&mut self, events: AlEvents) {
+        let left = AlEvents(self.memory.u32(AL_EVENT)).without(events);
+        self.memory.set_u32(AL_EVENT, left.0);
+    }
+
+    /// When the watchdog expires or the EEPROM is done next. `None`: nothing of that is to come.
+    pub(super) fn next_due(&self) -> Option<Ns> {
+        [self.watchdog.due(), self.eeprom.due()].into_iter().flatten().min()
+    }
+
+    /// When the next pulse comes, as far as the clock can tell.
+    pub(super) fn next_pulse(&self, now: Ns) -> Option<Ns> {
+        let (at, _) = self.sync.next()?;
+        let left = at.wrapping_sub(self.clock.system()).cast_signed().max(0);
+        Some(now + left.unsigned_abs())
+    }
+
+    /// Lets the pulses that have come by `now` pass in one go.
+    pub(super) fn skip_pulses(&mut self, now: Ns) {
+        self.clock.advance(now);
+        let skipped = self.sync.skip_to(self.clock.system());
+        for (_, pulse) in skipped.into_iter().zip([SyncPulse::Sync0, SyncPulse::Sync1]).filter(|(came, _)| *came) {
+            self.show_pulse(pulse);
+        }
+    }
+
+    /// The next pulse that has come by now.
+    pub(super) fn take_pulse(&mut self) -> Option<SyncPulse> {
+        let (_, pulse) = self.sync.take(self.clock.system())?;
+        self.show_pulse(pulse);
+        Some(pulse)
+    }
+
+    fn show_pulse(&mut self, pulse: SyncPulse) {
+        let (event, status) = match pulse {
+            SyncPulse::Sync0 => (AlEvents::SYNC0, registers::SYNC0_STATUS),
+            SyncPulse::Sync1 => (AlEvents::SYNC1, registers::SYNC1_STATUS),
+        };
+        self.raise_for_device(event);
+        self.memory.set_u8(status, 1);
+    }
+
+    /// Takes the events for the device.
+    pub(super) fn take_events(&mut self) -> ControllerEvents {
+        let events = std::mem::take(&mut self.events);
+        if events.al_control {
+            self.drop_for_device(AlEvents::AL_CONTROL);
+        }
+        if self.managers.events.activated != 0 {
+            self.drop_for_device(AlEvents::SM_ACTIVATION);
+        }
+        events
+    }
+
+    /// AL control as the master has written it.
+    pub(super) fn al_control(&self) -> AlControl {
+        AlControl(self.memory.u16(AL_CONTROL))
+    }
+
+    /// Shows the device's AL status and its code, the code first.
+    pub(super) fn set_al_status(&mut self, status: AlStatusRegister, code: AlStatus) {
+        self.memory.set_u16(AL_STATUS_CODE, code.0);
+        self.memory.set_u16(AL_STATUS, status.0);
+        self.raise(EcatEvents::AL_STATUS);
+    }
+
+    /// Whether the EEPROM says that AL status copies AL control.
+    pub(super) fn is_device_emulated(&self) -> bool {
+        self.memory.u8(registers::ESC_CONFIGURATION) & 1 != 0
+    }
+
+    /// The unit for SYNC: what is activated.
+    pub(super) fn sync_activation(&self) -> SyncActivation {
+        if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
+    }
+
+    /// The cycle of SYNC0, ns.
+    pub(super) fn sync0_cycle_ns(&self) -> u32 {
+        self.memory.u32(registers::SYNC0_CYCLE)
+    }
+
+    /// The slave's own controller takes the EEPROM, or gives it back.
+    pub fn take_eeprom(&mut self, takes: bool) {
+        self.memory.set_u8(registers::SII_PDI_ACCESS, takes.into());
+    }
+
+    /// The system time as the slave's own controller reads it, ns.
+    pub const fn system_time_ns(&self) -> u64 {
+        self.clock.system()
+    }
+}

@@ -1,0 +1,248 @@
+//! What the network reads and writes in a controller, and what that causes.
+
+use super::{Controller, FMMUS_MAX};
+use crate::ethercat::registers::{
+    self, AL_CONTROL, AL_STATUS, AlEvents, CLOCK_REGISTERS, DL_CONTROL, DL_STATUS, ECAT_EVENT, EcatEvents, FMMU,
+    FMMU_LEN, Fmmu, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
+};
+use crate::slave::esc::memory::ByteAccess;
+
+/// The registers of the EEPROM interface that nobody can write while it is busy or not the master's.
+const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize..registers::MII as usize;
+
+/// Whether an access from `address` on touches a register of `len` bytes at `at`.
+fn touches(address: usize, accessed: usize, at: u16, len: usize) -> bool {
+    let at = usize::from(at);
+    address < at + len && at < address + accessed
+}
+
+/// What the network reads and writes.
+impl Controller {
+    /// Reads memory for the network. Whether any byte was read; others stay as they are.
+    pub(in crate::slave::esc) fn read(&mut self, address: usize, data: &mut [u8]) -> bool {
+        let registers = usize::from(RAM).saturating_sub(address).min(data.len());
+        let (low, high) = data.split_at_mut(registers);
+        let mut done = false;
+        if !low.is_empty() {
+            done |= self.read_registers(address, low);
+        }
+        if !high.is_empty() {
+            done |= self.managers.read(address + registers, high, &mut self.memory);
+        }
+        done
+    }
+
+    fn read_registers(&mut self, address: usize, data: &mut [u8]) -> bool {
+        let len = data.len();
+        self.refresh(address, len);
+        let mut done = false;
+        for (n, byte) in data.iter_mut().enumerate() {
+            done |= self.memory.access(address + n) != ByteAccess::Absent;
+            *byte = self.memory.slice(address + n, 1)[0];
+        }
+        if touches(address, len, AL_STATUS, 2) {
+            self.drop_events(EcatEvents::AL_STATUS);
+        }
+        if touches(address, len, DL_STATUS, 2) {
+            self.drop_events(EcatEvents::DL_STATUS);
+        }
+        done
+    }
+
+    /// Puts into the memory what is counted elsewhere, if it is going to be read.
+    fn refresh(&mut self, address: usize, len: usize) {
+        if touches(address, len, ECAT_EVENT, 2) {
+            let others = self.memory.u16(ECAT_EVENT) & 0x000F;
+            self.memory.set_u16(ECAT_EVENT, others | self.manager_events());
+        }
+        let clock = usize::from(CLOCK_REGISTERS.start)..usize::from(CLOCK_REGISTERS.end);
+        if !self.has_clock() || address >= clock.end || address + len <= clock.start {
+            return;
+        }
+        self.memory.set_u64(registers::SYSTEM_TIME, self.clock.system_for_network());
+        self.memory.set_u32(registers::SYSTEM_TIME_DIFFERENCE, self.clock.shown_difference().0);
+        if self.sync.is_running() {
+            let (next0, next1) = self.sync.shown();
+            if let Some(next0) = next0 {
+                self.memory.set_u64(registers::SYNC0_START, next0);
+            }
+            self.memory.set_u64(registers::SYNC1_NEXT, next1.unwrap_or(0));
+        }
+        self.memory.set_u8(registers::SYNC_ACTIVATION_STATUS, self.sync.pending());
+    }
+
+    /// Writes memory for the network. Whether any byte was written.
+    pub(in crate::slave::esc) fn write(&mut self, address: usize, data: &[u8]) -> bool {
+        let registers = usize::from(RAM).saturating_sub(address).min(data.len());
+        let (low, high) = data.split_at(registers);
+        let mut done = false;
+        if !low.is_empty() {
+            done |= self.write_registers(address, low);
+        }
+        if !high.is_empty() {
+            done |= self.managers.write(address + registers, high, &mut self.memory);
+            self.note_outputs();
+        }
+        done
+    }
+
+    /// Outputs that were written whole start the watchdog anew.
+    fn note_outputs(&mut self) {
+        let mut written = self.managers.events.written;
+        while written != 0 {
+            let n = written.trailing_zeros() as u8;
+            written &= written - 1;
+            if self.managers.registers(n).control.contains(registers::SmControl::WATCHDOG) {
+                self.watchdog.trigger(self.passage.arrival, &mut self.memory);
+            }
+        }
+    }
+
+    fn write_registers(&mut self, address: usize, data: &[u8]) -> bool {
+        let eeprom_is_free = self.eeprom.is_free(&self.memory);
+        let managers = usize::from(SYNC_MANAGER)..usize::from(SYNC_MANAGER) + 16 * SYNC_MANAGER_LEN;
+        let mut done = false;
+        for (n, byte) in data.iter().enumerate() {
+            let at = address + n;
+            match self.memory.access(at) {
+                ByteAccess::Absent | ByteAccess::Read => continue,
+                ByteAccess::Clear => self.clear_counters(at as u16),
+                ByteAccess::Write if managers.contains(&at) => {
+                    self.managers.write_register((at - managers.start) as u16, *byte, &mut self.memory);
+                }
+                ByteAccess::Write if EEPROM_COMMANDS.contains(&at) && !eeprom_is_free => continue,
+                ByteAccess::Write if is_trigger(at) => {}
+                ByteAccess::Write => self.memory.slice_mut(at, 1)[0] = *byte,
+            }
+            done = true;
+        }
+        if done {
+            self.after_write(address, data, eeprom_is_free);
+        }
+        done
+    }
+
+    fn clear_counters(&mut self, at: u16) {
+        const GROUPS: [std::ops::Range<u16>; 5] = [
+            registers::RX_ERRORS..registers::PROCESSING_UNIT_ERRORS,
+            registers::PROCESSING_UNIT_ERRORS..registers::PDI_ERRORS,
+            registers::PDI_ERRORS..registers::PDI_ERROR_CODE,
+            registers::LOST_LINKS..registers::LOST_LINKS + PORTS as u16,
+            registers::WATCHDOG_COUNTER_PROCESS_DATA..registers::WATCHDOG_COUNTER_PDI + 1,
+        ];
+        if let Some(group) = GROUPS.iter().find(|group| group.contains(&at)) {
+            self.memory.slice_mut(group.start.into(), group.len()).fill(0);
+        }
+    }
+
+    /// What a write to registers causes.
+    fn after_write(&mut self, address: usize, data: &[u8], eeprom_is_free: bool) {
+        let hits = |at: u16, len: usize| touches(address, data.len(), at, len);
+        // The registers in ascending order.
+        if address < usize::from(DL_CONTROL) {
+            if hits(registers::RESET_ECAT, 1) {
+                self.reset_byte(self.memory.u8(registers::RESET_ECAT));
+            }
+            return;
+        }
+        if hits(DL_CONTROL, 4) {
+            self.opened = self.links;
+            self.show_links();
+        }
+        if hits(AL_CONTROL, 2) {
+            self.events.al_control = true;
+            self.raise_for_device(AlEvents::AL_CONTROL);
+        }
+        if hits(registers::WATCHDOG_DIVIDER, 2) || hits(registers::WATCHDOG_PROCESS_DATA, 2) {
+            self.watchdog.set(self.passage.arrival, &mut self.memory);
+        }
+        if hits(registers::SII_CONFIGURATION, 1) && self.memory.u8(registers::SII_CONFIGURATION) & 0b10 != 0 {
+            self.memory.set_u8(registers::SII_PDI_ACCESS, 0);
+        }
+        if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
+            let written = SiiControl(self.memory.u16(registers::SII_CONTROL));
+            self.eeprom.command(written, self.passage.arrival, &mut self.memory);
+            if self.eeprom.advance(self.passage.arrival, &mut self.memory) {
+                self.load_words(false);
+            }
+        }
+        if hits(FMMU, FMMUS_MAX * FMMU_LEN) {
+            self.decode_fmmus();
+        }
+        if self.managers.events.activated != 0 {
+            self.raise_for_device(AlEvents::SM_ACTIVATION);
+        }
+        if self.has_clock() && address + data.len() > usize::from(CLOCK_REGISTERS.start) {
+            self.after_clock_write(address, data);
+        }
+    }
+
+    /// A byte was written to the register by which three of them reset the controller.
+    fn reset_byte(&mut self, byte: u8) {
+        let expected = registers::RESET_SEQUENCE;
+        self.reset_progress = match expected.get(self.reset_progress) {
+            Some(next) if *next == byte => self.reset_progress + 1,
+            _ => usize::from(byte == expected[0]),
+        };
+        if self.reset_progress == expected.len() {
+            self.reset_progress = 0;
+            self.events.reset = true;
+        }
+    }
+
+    fn decode_fmmus(&mut self) {
+        self.fmmus_enabled = 0;
+        for n in 0..self.settings.fmmus.min(FMMUS_MAX as u8) {
+            let fmmu = Fmmu::decode(&self.memory.get(registers::fmmu(n)));
+            self.fmmus[usize::from(n)] = fmmu;
+            self.fmmus_enabled |= u16::from(fmmu.enabled && fmmu.bits() > 0) << n;
+        }
+    }
+
+    fn after_clock_write(&mut self, address: usize, data: &[u8]) {
+        let hits = |at: u16, len: usize| touches(address, data.len(), at, len);
+        let system_time = usize::from(registers::SYSTEM_TIME);
+        if hits(registers::RECEIVE_TIMES, 1) {
+            self.latch_receive_times();
+        }
+        if address <= system_time
+            && let Some(received) = data.get(system_time - address..).and_then(<[u8]>::first_chunk)
+        {
+            let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);
+            self.clock.receive(u32::from_le_bytes(*received), depth);
+        }
+        if hits(registers::SYSTEM_TIME_OFFSET, 8) || hits(registers::SYSTEM_TIME_DELAY, 4) {
+            self.clock.offset = self.memory.u64(registers::SYSTEM_TIME_OFFSET);
+            self.clock.delay = self.memory.u32(registers::SYSTEM_TIME_DELAY);
+            self.sync.skip_to(self.clock.system());
+        }
+        if hits(registers::SPEED_COUNTER_START, 2) {
+            self.clock.reset_filters();
+        }
+        let activation = SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION));
+        let is_auto = activation.contains(SyncActivation::AUTO) && hits(registers::SYNC0_START, 8);
+        if hits(registers::SYNC_ACTIVATION, 1) || is_auto {
+            let activation = if is_auto { activation | SyncActivation::ACTIVATE } else { activation };
+            let cycles = (self.sync0_cycle_ns(), self.memory.u32(registers::SYNC1_CYCLE));
+            let start = self.memory.u64(registers::SYNC0_START);
+            self.sync.activate(activation, start, self.clock.system(), cycles);
+            self.events.sync_changed = true;
+        }
+    }
+
+    fn latch_receive_times(&mut self) {
+        let arrival = self.clock.local();
+        self.memory.set_u64(registers::RECEIVE_TIME_UNIT, arrival);
+        self.memory.set_u32(registers::RECEIVE_TIMES, arrival as u32);
+        for (port, back) in (1..).zip(self.passage.returns) {
+            if let Some(back) = back {
+                self.memory.set_u32(registers::receive_time(port), self.clock.local_at(back) as u32);
+            }
+        }
+    }
+}
+
+/// Whether a write to a byte has an effect without being kept: receive times and system time.
+fn is_trigger(at: usize) -> bool {
+    (usize::from(registers::RECEIVE_TIMES)..usize::from(registers::RECEIVE_TIME_UNIT)).contains(&at)
+}

@@ -1,0 +1,169 @@
+//! The EEPROM of a device, written from what the device says about itself.
+
+use super::EscSettings;
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::registers::{Features, SmControl};
+use crate::ethercat::sii::{
+    CategoryKind, CoeDetails, FmmuUsage, MailboxArea, MailboxAreas, MailboxProtocols, SiiDcMode, SiiGeneral,
+    SiiIdentity, SiiInfo, SiiPdo, SiiPdoEntry, SiiSmEnable, SiiSmType, SiiSyncManager, SiiWriter,
+};
+use crate::ethercat::{AlState, AlStatus, WireError};
+use crate::slave::Slave;
+
+/// \[OURS] The size of the EEPROM of a device, bytes.
+const EEPROM_BYTES: usize = 2048;
+/// \[OURS] Word 0: an on-chip controller behind SPI with SYNC and latch units.
+const PDI_CONTROL: u16 = 0x0C05;
+/// \[OURS] Word 2: SYNC pulses of 10 us.
+const SYNC_PULSE_LENGTH: u16 = 1000;
+/// \[OURS] The mailboxes of a device.
+const MAILBOX: MailboxAreas =
+    MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
+/// \[OURS] Where its outputs and its inputs lie: three buffers of the longest image have room at each.
+const OUTPUTS_START: u16 = 0x1100;
+const INPUTS_START: u16 = 0x1200;
+/// The index of an object's address in a mapping entry, and padding.
+const PADDING: u16 = 0;
+
+/// Why there is no EEPROM for a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DescriptionError {
+    /// The device does not go to PreOP, where it says what it maps.
+    #[error("the device refuses PreOP with AL status code {0}; describe a device that was just switched on")]
+    State(AlStatus),
+    /// An object that is needed cannot be read.
+    #[error("object {object} cannot be read: {code}; a device needs 0x1018, 0x1C12 and 0x1C13 to be described")]
+    Object {
+        /// Which one.
+        object: ObjectAddress,
+        /// Why.
+        code: AbortCode,
+    },
+    /// What the device says does not fit into the EEPROM.
+    #[error("the description does not fit into {EEPROM_BYTES} bytes: {0}; map fewer objects")]
+    TooLong(WireError),
+}
+
+impl From<WireError> for DescriptionError {
+    fn from(error: WireError) -> Self {
+        Self::TooLong(error)
+    }
+}
+
+fn number(device: &mut dyn Slave, index: u16, sub: u8) -> Result<u32, DescriptionError> {
+    let object = ObjectAddress::new(index, sub);
+    device.upload(object).map(|value| value.bits).map_err(|code| DescriptionError::Object { object, code })
+}
+
+/// The items of a list whose sub-index 0 is their number.
+fn list(device: &mut dyn Slave, index: u16) -> Result<Vec<u32>, DescriptionError> {
+    let count = number(device, index, 0)? as u8;
+    (1..=count).map(|sub| number(device, index, sub)).collect()
+}
+
+/// The PDOs that are assigned in one direction, each with its entries.
+fn pdos(device: &mut dyn Slave, assignment: u16) -> Result<Vec<(u16, Vec<SiiPdoEntry>)>, DescriptionError> {
+    let mut pdos = Vec::new();
+    for index in list(device, assignment)? {
+        let index = index as u16;
+        let entries = list(device, index)?.into_iter().map(|entry| described(&*device, entry)).collect();
+        pdos.push((index, entries));
+    }
+    Ok(pdos)
+}
+
+fn described(device: &dyn Slave, entry: u32) -> SiiPdoEntry {
+    let [bits, sub, low, high] = entry.to_le_bytes();
+    let object = ObjectAddress::new(u16::from_le_bytes([low, high]), sub);
+    let known = device.object_directory().filter(|_| object.index != PADDING);
+    let data_type = known.and_then(|directory| directory.entry(object).ok()).map_or(0, |entry| entry.data_type as u8);
+    SiiPdoEntry { index: object.index, sub, name: 0, data_type, bits, flags: 0 }
+}
+
+/// How many bytes PDOs have together.
+fn bytes_of(pdos: &[(u16, Vec<SiiPdoEntry>)]) -> u16 {
+    let bits: usize = pdos.iter().flat_map(|(_, entries)| entries).map(|entry| usize::from(entry.bits)).sum();
+    bits.div_ceil(8) as u16
+}
+
+/// The text of object 0x1008, or the name that people know the device by.
+fn name_of(device: &mut dyn Slave) -> String {
+    let mut text = [0; 64];
+    match device.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut text) {
+        Ok(len) => String::from_utf8_lossy(&text[..len.min(text.len())]).into_owned(),
+        Err(_) => device.name().to_owned(),
+    }
+}
+
+/// Writes the EEPROM of a device: its identity, its mailbox, its PDOs as they are mapped now, its clocks. The device has to
+/// be in Init, and is there again afterwards.
+///
+/// # Errors
+/// [`DescriptionError`].
+pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<Vec<u8>, DescriptionError> {
+    device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
+    let written = write(device, settings, alias);
+    // Every device can go to a lower state.
+    let _ = device.enter(AlState::Init);
+    written
+}
+
+fn write(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<Vec<u8>, DescriptionError> {
+    let (outputs, inputs) = (pdos(device, 0x1C12)?, pdos(device, 0x1C13)?);
+    let identity = SiiIdentity {
+        vendor: number(device, 0x1018, 1)?,
+        product: number(device, 0x1018, 2)?,
+        revision: number(device, 0x1018, 3)?,
+        serial: number(device, 0x1018, 4)?,
+    };
+    let info = SiiInfo {
+        pdi_control: PDI_CONTROL,
+        sync_pulse_length: SYNC_PULSE_LENGTH,
+        alias,
+        identity,
+        mailbox: MAILBOX,
+        protocols: MailboxProtocols::COE,
+        ..SiiInfo::default()
+    };
+    let mut eeprom = vec![0; EEPROM_BYTES];
+    let mut sii = SiiWriter::new(&mut eeprom, &info)?;
+    let (name, kind) = (name_of(device), device.name().to_owned());
+    sii.strings(&["ecmsk", &name, &kind])?;
+    let coe = CoeDetails::SDO
+        | CoeDetails::SDO_INFO
+        | CoeDetails::PDO_ASSIGN
+        | CoeDetails::PDO_CONFIG
+        | CoeDetails::COMPLETE_ACCESS;
+    let ports = settings.ports.map(|port| match port {
+        2 => 3,
+        3 => 1,
+        _ => 0,
+    });
+    sii.general(&SiiGeneral { group: 1, order: 2, name: 3, coe, ports, ..SiiGeneral::default() })?;
+    sii.fmmus(&[FmmuUsage::Outputs, FmmuUsage::Inputs, FmmuUsage::MailboxState])?;
+    sii.sync_managers(&sync_managers(bytes_of(&outputs), bytes_of(&inputs)))?;
+    for (kind, pdos, manager) in [(CategoryKind::TxPdos, &inputs, 3), (CategoryKind::RxPdos, &outputs, 2)] {
+        let pdos: Vec<(SiiPdo<'_>, &[SiiPdoEntry])> =
+            pdos.iter().map(|(index, entries)| (SiiPdo::new(*index, manager, 0), &**entries)).collect();
+        sii.pdos(kind, &pdos)?;
+    }
+    if device.has_dc() && settings.features.contains(Features::CLOCK) {
+        sii.dc_modes(&[SiiDcMode { assign_activate: 0x0300, ..SiiDcMode::default() }])?;
+    }
+    sii.finish();
+    Ok(eeprom)
+}
+
+fn sync_managers(outputs: u16, inputs: u16) -> [SiiSyncManager; 4] {
+    let manager = |start, len, control, kind| {
+        let enable = if len > 0 { SiiSmEnable::ENABLE } else { SiiSmEnable::NONE };
+        SiiSyncManager { start, len, control, status: 0, enable, kind }
+    };
+    let MailboxAreas { receive, send } = MAILBOX;
+    [
+        manager(receive.start, receive.len, SmControl::MAILBOX_OUT, SiiSmType::MailboxOut),
+        manager(send.start, send.len, SmControl::MAILBOX_IN, SiiSmType::MailboxIn),
+        manager(OUTPUTS_START, outputs, SmControl::OUTPUTS, SiiSmType::Outputs),
+        manager(INPUTS_START, inputs, SmControl::INPUTS, SiiSmType::Inputs),
+    ]
+}

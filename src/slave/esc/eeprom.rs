@@ -1,0 +1,102 @@
+//! The EEPROM of a slave and the interface to it, registers 0x0500 to 0x050F.
+
+use super::memory::Memory;
+use crate::ethercat::Ns;
+use crate::ethercat::registers::{self, SII_ADDRESS, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
+use crate::ethercat::sii::{Sii, SiiInfo};
+
+/// The bits of the control word that a master can set.
+const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8);
+/// The bits that say what went wrong with a command.
+const COMMAND_ERRORS: SiiControl = SiiControl(SiiControl::COMMAND_ERROR.0 | SiiControl::WRITE_ENABLE_ERROR.0);
+/// The bits that say whether the first words were loaded.
+const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | SiiControl::NOT_LOADED.0);
+
+/// The EEPROM and its interface.
+#[derive(Clone, Debug)]
+pub(super) struct Eeprom {
+    content: Vec<u8>,
+    reads_8_bytes: bool,
+    takes_ns: Ns,
+    /// The control word that was written, until its command is done, and when that is.
+    running: Option<(SiiControl, Ns)>,
+}
+
+impl Eeprom {
+    pub(super) fn new(content: Vec<u8>, reads_8_bytes: bool, takes_ns: Ns) -> Self {
+        Self { content, reads_8_bytes, takes_ns, running: None }
+    }
+
+    pub(super) fn content(&self) -> &[u8] {
+        &self.content
+    }
+
+    /// The words that are loaded at power-on; `None`: their checksum is wrong.
+    pub(super) fn load(&mut self, memory: &mut Memory) -> Option<SiiInfo> {
+        self.running = None;
+        let info = Sii::new(&self.content).ok().filter(Sii::has_right_checksum).map(|sii| sii.info());
+        let errors = if info.is_some() { SiiControl::NONE } else { LOADING_ERRORS };
+        memory.set_u16(SII_CONTROL, (self.fixed_bits() | errors).0);
+        info
+    }
+
+    fn fixed_bits(&self) -> SiiControl {
+        let reads = if self.reads_8_bytes { SiiControl::READS_8_BYTES } else { SiiControl::NONE };
+        if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
+    }
+
+    /// Whether a master may write the interface now.
+    pub(super) fn is_free(&self, memory: &Memory) -> bool {
+        memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
+    }
+
+    /// A master has written the control word. True: the words for the registers have to be loaded again.
+    pub(super) fn command(&mut self, written: SiiControl, now: Ns, memory: &mut Memory) {
+        let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
+        let written = SiiControl(written.0 & WRITABLE.0);
+        if written.command() == SiiCommand::None {
+            memory.set_u16(SII_CONTROL, (kept | SiiControl(written.0 & SiiControl::WRITE_ENABLE.0)).0);
+            return;
+        }
+        memory.set_u16(SII_CONTROL, (kept | SiiControl::BUSY | written).0);
+        self.running = Some((written, now + self.takes_ns));
+    }
+
+    /// Time has passed: a command may be done. True: the first words have to be loaded again.
+    pub(super) fn advance(&mut self, now: Ns, memory: &mut Memory) -> bool {
+        let Some((written, _)) = self.running.take_if(|(_, due)| *due <= now) else { return false };
+        let at = (memory.u32(SII_ADDRESS) as usize).saturating_mul(2);
+        let error = match written.command() {
+            SiiCommand::Read => {
+                let len = if self.reads_8_bytes { 8 } else { 4 };
+                for n in 0..len {
+                    // Behind the end an EEPROM reads as an empty one.
+                    let byte = self.content.get(at.saturating_add(n)).copied().unwrap_or(0xFF);
+                    memory.set_u8(SII_DATA + n as u16, byte);
+                }
+                SiiControl::NONE
+            }
+            SiiCommand::Write if !written.contains(SiiControl::WRITE_ENABLE) => SiiControl::WRITE_ENABLE_ERROR,
+            SiiCommand::Write => {
+                let word: [u8; 2] = memory.get(SII_DATA);
+                match self.content.get_mut(at..at.saturating_add(2)) {
+                    Some(place) => {
+                        place.copy_from_slice(&word);
+                        SiiControl::NONE
+                    }
+                    None => SiiControl::COMMAND_ERROR,
+                }
+            }
+            SiiCommand::Reload => SiiControl::NONE,
+            SiiCommand::None | SiiCommand::Unknown(_) => SiiControl::COMMAND_ERROR,
+        };
+        let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
+        memory.set_u16(SII_CONTROL, (kept | SiiControl(error.0 & COMMAND_ERRORS.0)).0);
+        written.command() == SiiCommand::Reload
+    }
+
+    /// When the running command is done.
+    pub(super) fn due(&self) -> Option<Ns> {
+        self.running.map(|(_, due)| due)
+    }
+}

@@ -1,0 +1,250 @@
+//! The mailbox of a slave: requests out of sync manager 0, answers into sync manager 1, the last one once more if the master
+//! asks for it.
+
+use super::information::Information;
+use super::managers::Managers;
+use super::memory::Memory;
+use super::sdo_server::{SdoAnswer, SdoServer};
+use crate::coe::{CoeMessage, Emergency, SdoRequest};
+use crate::ethercat::mailbox::{
+    MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
+};
+use crate::ethercat::registers::{SmActivate, SmPdiControl, SmStatus};
+use crate::ethercat::{WireError, registers::SyncManager};
+use crate::slave::Slave;
+
+/// The sync manager of requests.
+pub(super) const REQUESTS: u8 = 0;
+/// The sync manager of answers.
+pub(super) const ANSWERS: u8 = 1;
+/// \[OURS] How many emergencies wait at most; others are lost.
+pub const EMERGENCIES_MAX: usize = 8;
+
+/// A message in a buffer that is used again and again.
+#[derive(Clone, Debug, Default)]
+struct Slot {
+    bytes: Vec<u8>,
+    is_used: bool,
+}
+
+impl Slot {
+    fn keep(&mut self, bytes: &[u8]) {
+        self.bytes.clear();
+        self.bytes.extend_from_slice(bytes);
+        self.is_used = true;
+    }
+}
+
+/// The mailbox.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Mailbox {
+    /// The counter of the last request.
+    last_request: MailboxCounter,
+    /// The counter of the last answer.
+    counter: MailboxCounter,
+    request: Vec<u8>,
+    /// An answer that does not stand in sync manager 1 yet.
+    answer: Slot,
+    /// A message that stood there and made room for an older one.
+    put_back: Slot,
+    /// What stands in sync manager 1.
+    posted: Vec<u8>,
+    /// It stands there once more.
+    is_repeat: bool,
+    /// What the master has read last.
+    read: Slot,
+    emergencies: [Emergency; EMERGENCIES_MAX],
+    emergencies_waiting: usize,
+    sdo: SdoServer,
+    information: Information,
+}
+
+impl Mailbox {
+    /// The mailbox begins anew, with sync managers of these lengths.
+    pub(super) fn reset(&mut self, requests: usize, answers: usize) {
+        for (bytes, len) in [
+            (&mut self.request, requests),
+            (&mut self.answer.bytes, answers),
+            (&mut self.put_back.bytes, answers),
+            (&mut self.posted, answers),
+            (&mut self.read.bytes, answers),
+        ] {
+            bytes.clear();
+            bytes.reserve(len);
+        }
+        (self.answer.is_used, self.put_back.is_used, self.read.is_used) = (false, false, false);
+        (self.last_request, self.counter) = (MailboxCounter::NONE, MailboxCounter::NONE);
+        (self.is_repeat, self.emergencies_waiting) = (false, 0);
+        self.sdo.reset();
+        self.information.reset();
+    }
+
+    /// An error has come or gone. If too many wait already, it is lost.
+    pub(super) fn raise(&mut self, emergency: Emergency) {
+        if let Some(place) = self.emergencies.get_mut(self.emergencies_waiting) {
+            *place = emergency;
+            self.emergencies_waiting += 1;
+        }
+    }
+
+    /// Does what there is to do, after a frame has passed.
+    pub(super) fn serve(&mut self, managers: &mut Managers, memory: &mut Memory, device: &mut dyn Slave) {
+        if managers.events.read & 1 << ANSWERS != 0 {
+            let posted = std::mem::take(&mut self.posted);
+            self.read.keep(&posted);
+            self.posted = posted;
+        }
+        self.repeat(managers, memory);
+        // One request is in work at a time.
+        if !self.answer.is_used && !self.information.is_waiting() {
+            self.take_request(managers, memory, device);
+        }
+        self.post(managers, memory);
+    }
+
+    /// Puts the last message that was read into sync manager 1 once more, if the master asks for it.
+    fn repeat(&mut self, managers: &mut Managers, memory: &mut Memory) {
+        let SyncManager { activate, pdi, .. } = managers.registers(ANSWERS);
+        let asked = activate.contains(SmActivate::REPEAT) != pdi.contains(SmPdiControl::REPEAT_ACKNOWLEDGE);
+        if !asked {
+            return;
+        }
+        if let Some(newer) = managers.take_back(ANSWERS, memory)
+            && !self.is_repeat
+        {
+            self.put_back.keep(newer);
+        }
+        if self.read.is_used && managers.put(ANSWERS, &self.read.bytes, memory) {
+            self.posted.clone_from(&self.read.bytes);
+            self.is_repeat = true;
+        }
+        managers.acknowledge_repeat(ANSWERS, memory);
+    }
+
+    fn take_request(&mut self, managers: &mut Managers, memory: &mut Memory, device: &mut dyn Slave) {
+        if !managers.registers(REQUESTS).status.contains(SmStatus::FULL) {
+            return;
+        }
+        let Some(bytes) = managers.take(REQUESTS, memory) else { return };
+        let mut request = std::mem::take(&mut self.request);
+        request.clear();
+        request.extend_from_slice(bytes);
+        let room = usize::from(managers.registers(ANSWERS).len);
+        self.handle(&request, room, device);
+        self.request = request;
+    }
+
+    fn handle(&mut self, request: &[u8], room: usize, device: &mut dyn Slave) {
+        let message = match MailboxMessage::decode(request) {
+            Ok(message) => message,
+            // It claims to be longer than its box.
+            Err(_) => return self.answer_fault(MailboxFault::INVALID_SIZE, room),
+        };
+        if message.header.counter.repeats(self.last_request) {
+            return;
+        }
+        self.last_request = message.header.counter;
+        match message.header.protocol {
+            MailboxProtocol::Coe => self.handle_coe(message.data, room, device),
+            MailboxProtocol::Error => {}
+            _ => self.answer_fault(MailboxFault::UNSUPPORTED_PROTOCOL, room),
+        }
+    }
+
+    fn handle_coe(&mut self, data: &[u8], room: usize, device: &mut dyn Slave) {
+        let request = match CoeMessage::decode(data) {
+            Ok(request) => request,
+            Err(_) => return self.answer_fault(MailboxFault::TOO_SHORT, room),
+        };
+        match request {
+            CoeMessage::SdoRequest(request) => {
+                let mut sdo = std::mem::take(&mut self.sdo);
+                match sdo.answer(request, room, device) {
+                    SdoAnswer::Response(response) => self.answer_coe(CoeMessage::SdoResponse(response), room),
+                    SdoAnswer::Abort(object, code) => {
+                        self.answer_coe(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }), room);
+                    }
+                    SdoAnswer::None => {}
+                }
+                self.sdo = sdo;
+            }
+            CoeMessage::Information(question) => {
+                if self.information.ask(question, device.object_directory()).is_err() {
+                    self.answer_fault(MailboxFault::TOO_SHORT, room);
+                }
+            }
+            // What only slaves send, and services that no slave here has.
+            _ => self.answer_fault(MailboxFault::SERVICE_UNSUPPORTED, room),
+        }
+    }
+
+    fn next_header(&mut self, protocol: MailboxProtocol) -> MailboxHeader {
+        self.counter = self.counter.next();
+        MailboxHeader::new(protocol, self.counter)
+    }
+
+    fn answer_fault(&mut self, fault: MailboxFault, room: usize) {
+        self.write_answer(MailboxProtocol::Error, room, |place| {
+            let len = MailboxFault::LEN.min(place.len());
+            place[..len].copy_from_slice(&fault.encode()[..len]);
+            Ok(len)
+        });
+    }
+
+    fn answer_coe(&mut self, message: CoeMessage<'_>, room: usize) {
+        self.write_answer(MailboxProtocol::Coe, room, |place| message.encode(place));
+    }
+
+    /// Writes an answer that is as long as its mailbox. One that does not fit is left out: masters cannot make a mailbox so
+    /// small.
+    fn write_answer(
+        &mut self,
+        protocol: MailboxProtocol,
+        room: usize,
+        encode: impl FnOnce(&mut [u8]) -> Result<usize, WireError>,
+    ) {
+        let header = self.next_header(protocol);
+        let bytes = &mut self.answer.bytes;
+        bytes.clear();
+        bytes.resize(room, 0);
+        let written = bytes.get_mut(MAILBOX_HEADER_LEN..).map(encode);
+        self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
+    }
+
+    /// Puts the next message into sync manager 1, if that is empty.
+    fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
+        let manager = managers.registers(ANSWERS);
+        if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {
+            return;
+        }
+        let room = usize::from(manager.len);
+        if self.put_back.is_used {
+            std::mem::swap(&mut self.posted, &mut self.put_back.bytes);
+            self.put_back.is_used = false;
+        } else {
+            if !self.answer.is_used {
+                self.write_waiting(room);
+            }
+            if !std::mem::take(&mut self.answer.is_used) {
+                return;
+            }
+            std::mem::swap(&mut self.posted, &mut self.answer.bytes);
+        }
+        self.is_repeat = false;
+        managers.put(ANSWERS, &self.posted, memory);
+    }
+
+    /// Writes a fragment or an emergency that waits.
+    fn write_waiting(&mut self, room: usize) {
+        let mut information = std::mem::take(&mut self.information);
+        if let Some(fragment) = information.next(room) {
+            self.answer_coe(CoeMessage::Information(fragment), room);
+        } else if self.emergencies_waiting > 0 {
+            let emergency = self.emergencies[0];
+            self.emergencies.rotate_left(1);
+            self.emergencies_waiting -= 1;
+            self.answer_coe(CoeMessage::Emergency(emergency), room);
+        }
+        self.information = information;
+    }
+}

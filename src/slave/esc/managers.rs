@@ -1,0 +1,364 @@
+//! The sync managers of a controller: mailboxes with their handshake, and three buffers of which the reader gets the newest.
+//!
+//! A buffer is opened by its first byte and done with its last one. \[OURS] Effects take place with the datagram, not at the
+//! end of the frame.
+
+use super::memory::Memory;
+use crate::ethercat::registers::{
+    self, BufferMode, RAM, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
+};
+
+/// The most sync managers that a controller has.
+pub(super) const MANAGERS_MAX: usize = 16;
+
+/// One sync manager and what it keeps.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Manager {
+    registers: SyncManager,
+    /// The last written buffer; `None`: none.
+    last: Option<u8>,
+    /// The buffer that the writer has opened.
+    writing: Option<u8>,
+    /// The buffer that the reader has opened.
+    reading: Option<u8>,
+}
+
+/// What the network has done to sync managers since somebody asked: a bit for each.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ManagerEvents {
+    /// A buffer was written whole.
+    pub(super) written: u16,
+    /// A buffer was read whole.
+    pub(super) read: u16,
+    /// The activation was written.
+    pub(super) activated: u16,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Managers {
+    managers: [Manager; MANAGERS_MAX],
+    count: u8,
+    /// A bit for each that is enabled and has an area.
+    enabled: u16,
+    pub(super) events: ManagerEvents,
+}
+
+/// Which side of a sync manager.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Writer,
+    Reader,
+}
+
+impl Manager {
+    fn area(&self) -> std::ops::Range<usize> {
+        let start = usize::from(self.registers.start);
+        start..start + usize::from(self.registers.len)
+    }
+
+    fn is_active(&self) -> bool {
+        self.registers.is_enabled() && self.registers.len > 0
+    }
+
+    /// Whether the slave's own controller may use it: it does not lie over registers.
+    fn is_usable(&self) -> bool {
+        self.is_active() && self.registers.start >= RAM
+    }
+
+    fn is_mailbox(&self) -> bool {
+        self.registers.control.mode() == BufferMode::Mailbox
+    }
+
+    /// Where a buffer lies.
+    fn buffer_start(&self, buffer: u8) -> usize {
+        // A buffer of one byte is a single one.
+        let distance = if self.registers.len == 1 { 0 } else { usize::from(self.registers.len) };
+        usize::from(self.registers.start) + usize::from(buffer) * distance
+    }
+
+    /// Opens a buffer for a side; `None`: it has to wait.
+    fn open(&mut self, side: Side) -> Option<u8> {
+        let is_full = self.registers.status.contains(SmStatus::FULL);
+        let buffer = match (side, self.is_mailbox()) {
+            (Side::Writer, true) if is_full => return None,
+            (Side::Reader, true) if !is_full => return None,
+            (_, true) => 0,
+            (Side::Writer, false) => {
+                (0..3).find(|buffer| Some(*buffer) != self.last && Some(*buffer) != self.reading)?
+            }
+            (Side::Reader, false) => self.last.unwrap_or(0),
+        };
+        let status = &mut self.registers.status;
+        match side {
+            Side::Writer => {
+                self.writing = Some(buffer);
+                *status = status.without(SmStatus::READ).with(SmStatus::WRITING);
+            }
+            Side::Reader => {
+                self.reading = Some(buffer);
+                *status = status.without(SmStatus::WRITTEN).with(SmStatus::READING);
+            }
+        }
+        Some(buffer)
+    }
+
+    /// The last byte of a buffer was written or read.
+    fn close(&mut self, side: Side) {
+        let is_mailbox = self.is_mailbox();
+        let status = &mut self.registers.status;
+        match side {
+            Side::Writer => {
+                *status = status.without(SmStatus::WRITING).with(SmStatus::WRITTEN);
+                let buffer = self.writing.take();
+                if is_mailbox {
+                    *status = status.with(SmStatus::FULL);
+                } else {
+                    self.last = buffer;
+                    *status = status.with_last_buffer(buffer.unwrap_or(3));
+                }
+            }
+            Side::Reader => {
+                self.reading = None;
+                *status = status.without(SmStatus::READING).with(SmStatus::READ);
+                if is_mailbox {
+                    *status = status.without(SmStatus::FULL);
+                }
+            }
+        }
+    }
+
+    /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
+    fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
+        if offset == 0 {
+            return self.open(side);
+        }
+        match side {
+            Side::Writer => self.writing,
+            Side::Reader => self.reading,
+        }
+    }
+}
+
+impl Managers {
+    pub(super) fn new(count: u8) -> Self {
+        let count = count.min(MANAGERS_MAX as u8);
+        Self { managers: Default::default(), count, enabled: 0, events: ManagerEvents::default() }
+    }
+
+    pub(super) fn registers(&self, n: u8) -> SyncManager {
+        self.managers[usize::from(n)].registers
+    }
+
+    /// Puts the registers of a sync manager into the memory.
+    fn show(&self, n: usize, memory: &mut Memory) {
+        memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
+    }
+
+    /// A byte of the registers is written from the network.
+    pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
+        let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
+        let manager = &mut self.managers[n];
+        let mut bytes = manager.registers.encode();
+        match at {
+            // Start, length and control do not change while it is enabled.
+            0..=4 if !manager.registers.is_enabled() => bytes[at] = value,
+            6 => {
+                bytes[6] = value;
+                self.events.activated |= 1 << n;
+            }
+            _ => return,
+        }
+        manager.registers = SyncManager::decode(&bytes);
+        if !manager.registers.is_enabled() {
+            let registers = SyncManager { status: Self::idle(manager.registers.control), ..manager.registers };
+            *manager = Manager { registers, ..Manager::default() };
+        }
+        let bit = 1 << n;
+        self.enabled = if manager.is_active() { self.enabled | bit } else { self.enabled & !bit };
+        self.show(n, memory);
+    }
+
+    /// The status of a sync manager that nobody has used.
+    fn idle(control: SmControl) -> SmStatus {
+        match control.mode() {
+            BufferMode::Buffered => SmStatus::NONE.with_last_buffer(3),
+            _ => SmStatus::NONE,
+        }
+    }
+
+    /// The enabled sync manager that has an address, and where its area or, without one, the next area begins.
+    fn at(&self, address: usize) -> (Option<usize>, usize) {
+        let (mut bits, mut next) = (self.enabled, usize::MAX);
+        while bits != 0 {
+            let n = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            let area = self.managers[n].area();
+            if area.contains(&address) {
+                return (Some(n), area.end);
+            }
+            if area.start > address {
+                next = next.min(area.start);
+            }
+        }
+        (None, next)
+    }
+
+    /// Whether an area belongs to a sync manager that the network may not use in this way now.
+    fn may_use(&self, n: usize, side: Side) -> bool {
+        let SyncManager { control, pdi, .. } = self.managers[n].registers;
+        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
+        control.direction() == wanted
+            && control.mode() != BufferMode::Unknown
+            && !pdi.contains(SmPdiControl::DEACTIVATE)
+    }
+
+    /// The network writes RAM. Whether any byte was written.
+    pub(super) fn write(&mut self, address: usize, data: &[u8], memory: &mut Memory) -> bool {
+        let mut done = false;
+        let mut at = 0;
+        while at < data.len() {
+            let (manager, end) = self.at(address + at);
+            let len = (end - (address + at)).min(data.len() - at);
+            let part = &data[at..at + len];
+            done |= match manager {
+                None => put(memory, address + at, part),
+                Some(n) => self.write_area(n, address + at, part, memory),
+            };
+            at += len;
+        }
+        done
+    }
+
+    fn write_area(&mut self, n: usize, address: usize, data: &[u8], memory: &mut Memory) -> bool {
+        if !self.may_use(n, Side::Writer) {
+            return false;
+        }
+        let manager = &mut self.managers[n];
+        let area = manager.area();
+        let offset = address - area.start;
+        let Some(buffer) = manager.buffer(Side::Writer, offset) else { return false };
+        let done = put(memory, manager.buffer_start(buffer) + offset, data);
+        if address + data.len() == area.end {
+            manager.close(Side::Writer);
+            self.events.written |= 1 << n;
+        }
+        self.show(n, memory);
+        done
+    }
+
+    /// The network reads RAM. Whether any byte was read; others stay as they are.
+    pub(super) fn read(&mut self, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
+        let mut done = false;
+        let mut at = 0;
+        while at < data.len() {
+            let (manager, end) = self.at(address + at);
+            let len = (end - (address + at)).min(data.len() - at);
+            let part = &mut data[at..at + len];
+            done |= match manager {
+                None => take(memory, address + at, part),
+                Some(n) => self.read_area(n, address + at, part, memory),
+            };
+            at += len;
+        }
+        done
+    }
+
+    fn read_area(&mut self, n: usize, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
+        if !self.may_use(n, Side::Reader) {
+            return false;
+        }
+        let manager = &mut self.managers[n];
+        let area = manager.area();
+        let offset = address - area.start;
+        let Some(buffer) = manager.buffer(Side::Reader, offset) else { return false };
+        let done = take(memory, manager.buffer_start(buffer) + offset, data);
+        if address + data.len() == area.end {
+            manager.close(Side::Reader);
+            self.events.read |= 1 << n;
+        }
+        self.show(n, memory);
+        done
+    }
+
+    /// The slave's own controller writes a whole buffer; `false`: the sync manager is off, or its mailbox is full.
+    pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
+        let n = usize::from(n);
+        let manager = &mut self.managers[n];
+        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
+            return false;
+        }
+        let Some(buffer) = manager.open(Side::Writer) else { return false };
+        let room = memory.slice_mut(manager.buffer_start(buffer), usize::from(manager.registers.len));
+        let len = data.len().min(room.len());
+        room[..len].copy_from_slice(&data[..len]);
+        room[len..].fill(0);
+        manager.close(Side::Writer);
+        self.show(n, memory);
+        true
+    }
+
+    /// The slave's own controller reads a whole buffer; `None`: the sync manager is off, or its mailbox is empty.
+    pub(super) fn take<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
+        let n = usize::from(n);
+        let manager = &mut self.managers[n];
+        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Write {
+            return None;
+        }
+        let buffer = manager.open(Side::Reader)?;
+        let (start, len) = (manager.buffer_start(buffer), usize::from(manager.registers.len));
+        manager.close(Side::Reader);
+        self.show(n, memory);
+        Some(memory.slice(start, len))
+    }
+
+    /// Takes back a message that the network has not read yet, with the whole mailbox.
+    pub(super) fn take_back<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
+        let n = usize::from(n);
+        let manager = &mut self.managers[n];
+        if !manager.is_usable() || !manager.registers.status.contains(SmStatus::FULL) {
+            return None;
+        }
+        let status = manager.registers.status;
+        manager.registers.status = status.without(SmStatus::FULL).without(SmStatus::WRITTEN);
+        manager.reading = None;
+        let (start, len) = (manager.buffer_start(0), usize::from(manager.registers.len));
+        self.show(n, memory);
+        Some(memory.slice(start, len))
+    }
+
+    /// The repeat that the master has asked for is done.
+    pub(super) fn acknowledge_repeat(&mut self, n: u8, memory: &mut Memory) {
+        let SyncManager { activate, pdi, .. } = self.managers[usize::from(n)].registers;
+        let wanted = activate.contains(SmActivate::REPEAT);
+        let acknowledge = SmPdiControl::REPEAT_ACKNOWLEDGE;
+        let pdi = if wanted { pdi.with(acknowledge) } else { pdi.without(acknowledge) };
+        self.managers[usize::from(n)].registers.pdi = pdi;
+        self.show(n.into(), memory);
+    }
+
+    /// The slave's own controller switches a sync manager off, or lets it be on again.
+    pub(super) fn deactivate(&mut self, n: u8, is_off: bool, memory: &mut Memory) {
+        let pdi = &mut self.managers[usize::from(n)].registers.pdi;
+        *pdi = if is_off { pdi.with(SmPdiControl::DEACTIVATE) } else { pdi.without(SmPdiControl::DEACTIVATE) };
+        self.show(n.into(), memory);
+    }
+
+    /// The number of sync managers.
+    pub(super) const fn count(&self) -> u8 {
+        self.count
+    }
+}
+
+/// Puts bytes into the memory, as far as there is any. Whether there is some.
+fn put(memory: &mut Memory, address: usize, data: &[u8]) -> bool {
+    let len = data.len().min(memory.end().saturating_sub(address));
+    memory.slice_mut(address, len).copy_from_slice(&data[..len]);
+    len > 0
+}
+
+/// Takes bytes from the memory, as far as there is any. Whether there is some.
+fn take(memory: &Memory, address: usize, data: &mut [u8]) -> bool {
+    let len = data.len().min(memory.end().saturating_sub(address));
+    data[..len].copy_from_slice(memory.slice(address, len));
+    len > 0
+}

@@ -1,0 +1,139 @@
+//! The memory of a controller: registers below 0x1000 and RAM from there on, and which bytes the network may write.
+
+use super::EscSettings;
+use crate::ethercat::registers::{
+    self, CLOCK_REGISTERS, FMMU, FMMU_LEN, Features, MAP, RAM, RegisterAccess, SYNC_MANAGER, SYNC_MANAGER_LEN,
+};
+
+/// What the network can do with a byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ByteAccess {
+    /// No register has it.
+    Absent,
+    Read,
+    Write,
+    /// A write clears it, whatever is written.
+    Clear,
+}
+
+const REGISTERS: usize = RAM as usize;
+
+/// What the network can do with each byte of the registers, by [`MAP`].
+static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
+    let mut bytes = [ByteAccess::Absent; REGISTERS];
+    let mut n = 0;
+    while n < MAP.len() {
+        let register = &MAP[n];
+        let access = match register.access {
+            RegisterAccess::Read => ByteAccess::Read,
+            RegisterAccess::Write => ByteAccess::Write,
+            RegisterAccess::Clear => ByteAccess::Clear,
+        };
+        let mut at = register.address;
+        while at < register.address + register.len {
+            bytes[at as usize] = access;
+            at += 1;
+        }
+        n += 1;
+    }
+    bytes
+};
+
+/// The memory.
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    bytes: Box<[u8]>,
+    fmmus_end: u16,
+    managers_end: u16,
+    has_clock: bool,
+}
+
+impl Memory {
+    pub(super) fn new(settings: &EscSettings) -> Self {
+        let ram = usize::from(settings.ram_kib.clamp(1, 60)) * 1024;
+        Self {
+            bytes: vec![0; REGISTERS + ram].into(),
+            fmmus_end: FMMU + u16::from(settings.fmmus.min(16)) * FMMU_LEN as u16,
+            managers_end: SYNC_MANAGER + u16::from(settings.sync_managers.min(16)) * SYNC_MANAGER_LEN as u16,
+            has_clock: settings.features.contains(Features::CLOCK),
+        }
+    }
+
+    /// All bytes are 0, as at power-on.
+    pub(super) fn clear(&mut self) {
+        self.bytes.fill(0);
+    }
+
+    /// Where the RAM ends.
+    pub(super) fn end(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// What the network can do with the byte at an address.
+    pub(super) fn access(&self, address: usize) -> ByteAccess {
+        let Some(access) = REGISTER_BYTES.get(address) else {
+            return if address < self.bytes.len() { ByteAccess::Write } else { ByteAccess::Absent };
+        };
+        let at = address as u16;
+        let is_absent = (FMMU..registers::FMMU + 16 * FMMU_LEN as u16).contains(&at) && at >= self.fmmus_end
+            || (SYNC_MANAGER..SYNC_MANAGER + 16 * SYNC_MANAGER_LEN as u16).contains(&at) && at >= self.managers_end
+            || CLOCK_REGISTERS.contains(&at) && !self.has_clock;
+        if is_absent { ByteAccess::Absent } else { *access }
+    }
+
+    /// The bytes from an address on; none where there is no memory.
+    pub(super) fn slice(&self, address: usize, len: usize) -> &[u8] {
+        self.bytes.get(address..address.saturating_add(len)).unwrap_or_default()
+    }
+
+    pub(super) fn slice_mut(&mut self, address: usize, len: usize) -> &mut [u8] {
+        self.bytes.get_mut(address..address.saturating_add(len)).unwrap_or_default()
+    }
+
+    /// The `N` bytes of a register.
+    pub(super) fn get<const N: usize>(&self, address: u16) -> [u8; N] {
+        self.bytes[usize::from(address)..].first_chunk().copied().unwrap_or([0; N])
+    }
+
+    pub(super) fn put(&mut self, address: u16, bytes: &[u8]) {
+        let address = usize::from(address);
+        self.bytes[address..address + bytes.len()].copy_from_slice(bytes);
+    }
+
+    pub(super) fn u8(&self, address: u16) -> u8 {
+        self.bytes[usize::from(address)]
+    }
+
+    pub(super) fn u16(&self, address: u16) -> u16 {
+        u16::from_le_bytes(self.get(address))
+    }
+
+    pub(super) fn u32(&self, address: u16) -> u32 {
+        u32::from_le_bytes(self.get(address))
+    }
+
+    pub(super) fn u64(&self, address: u16) -> u64 {
+        u64::from_le_bytes(self.get(address))
+    }
+
+    pub(super) fn set_u8(&mut self, address: u16, value: u8) {
+        self.put(address, &[value]);
+    }
+
+    pub(super) fn set_u16(&mut self, address: u16, value: u16) {
+        self.put(address, &value.to_le_bytes());
+    }
+
+    pub(super) fn set_u32(&mut self, address: u16, value: u32) {
+        self.put(address, &value.to_le_bytes());
+    }
+
+    pub(super) fn set_u64(&mut self, address: u16, value: u64) {
+        self.put(address, &value.to_le_bytes());
+    }
+
+    /// Counts one more in a counter, which stops at 0xFF.
+    pub(super) fn count(&mut self, address: u16) {
+        self.set_u8(address, self.u8(address).saturating_add(1));
+    }
+}

@@ -1,0 +1,52 @@
+//! Slave controllers (ESC) around simulated slaves, as the network sees them: frames pass a [`Chain`] of them and come back.
+//!
+//! Everything here is plain data and pure steps: time is an argument, in nanoseconds of one clock for the whole network,
+//! and a frame allocates nothing.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `settings.rs` | what kind of controller it is: [`EscSettings`] |
+//! | `controller.rs` | the [`Controller`]: its parts, its ports, its events |
+//! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
+//! | `memory.rs` | its memory, and which bytes the network may write |
+//! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
+//! | `managers.rs` | sync managers: mailboxes, and three buffers |
+//! | `eeprom.rs` | the interface to the EEPROM |
+//! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
+//! | `watchdog.rs` | the watchdog of process data |
+//! | `slave.rs` | a controller with its device: [`EscSlave`] |
+//! | `application.rs` | the AL state machine with its checks |
+//! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
+//! | `description.rs` | the EEPROM of a device |
+//! | `chain.rs` | slaves on a cable: [`Chain`] |
+//!
+//! Rules: ECAT-8 and on.
+
+mod application;
+mod chain;
+mod clock;
+mod controller;
+mod datagrams;
+mod description;
+mod eeprom;
+mod fmmus;
+mod information;
+mod mailbox;
+mod managers;
+mod memory;
+mod sdo_server;
+mod settings;
+mod slave;
+mod sync_unit;
+mod watchdog;
+
+pub use application::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, OP_WAIT_NS, SYNC0_CYCLE_MIN_NS};
+pub use chain::{Chain, FrameFate, HOP_NS};
+pub use clock::SLEW_MAX_NS;
+pub use controller::{Controller, Passage};
+pub use description::{DescriptionError, eeprom_of};
+pub use mailbox::EMERGENCIES_MAX;
+pub use sdo_server::VALUE_BYTES_MAX;
+pub use settings::EscSettings;
+pub use slave::{ERROR_CYCLE_NS, EscSlave, FREE_RUN_CYCLE_NS};
+pub use sync_unit::SyncPulse;

@@ -1,0 +1,284 @@
+//! A controller with its device: what the device does after a frame has passed, and while time passes.
+
+use super::application::{Application, Change, active_len};
+use super::mailbox::Mailbox;
+use super::{Controller, EscSettings, Passage, SyncPulse};
+use crate::coe::{Emergency, ObjectAddress};
+use crate::ethercat::registers::SyncActivation;
+use crate::ethercat::sii::Sii;
+use crate::ethercat::{AlState, AlStatus, DatagramMut, Ns};
+use crate::slave::Slave;
+
+/// \[OURS] How often a device works that no process data and no SYNC0 drive, ns. It takes its newest outputs then, too.
+pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
+/// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
+pub const ERROR_CYCLE_NS: Ns = 10_000_000;
+/// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
+const PULSES_MAX: u32 = 10_000;
+/// The error code and the error register of a device, which emergencies carry.
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::cia402::ERROR_CODE, 0);
+const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
+
+/// A slave as the network sees it: a controller, and a device behind it.
+pub struct EscSlave {
+    controller: Controller,
+    device: Box<dyn Slave>,
+    application: Application,
+    mailbox: Mailbox,
+    /// The newest outputs, as long as sync manager 2.
+    outputs: Vec<u8>,
+    /// Room for the inputs, as long as sync manager 3.
+    inputs: Vec<u8>,
+    /// Up to when time has passed in the controller.
+    now: Ns,
+    /// Up to when it has passed in the device.
+    stepped: Ns,
+    /// When the device looked for errors, and the code that it saw.
+    looked: Ns,
+    error_code: u16,
+}
+
+impl EscSlave {
+    /// A slave that is switched on at `now`, with the content of its EEPROM. The device has to be in Init.
+    pub fn new(device: Box<dyn Slave>, settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
+        let has_mailbox = Sii::new(&eeprom).is_ok_and(|sii| sii.info().protocols.0 != 0);
+        Self {
+            controller: Controller::new(settings, eeprom, now),
+            device,
+            application: Application::new(has_mailbox),
+            mailbox: Mailbox::default(),
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+            now,
+            stepped: now,
+            looked: now,
+            error_code: 0,
+        }
+    }
+
+    /// Switches the slave off and on again.
+    pub fn power_on(&mut self, now: Ns) {
+        // Every device can go to Init.
+        let _ = self.device.enter(AlState::Init);
+        self.controller.power_on(now);
+        self.application = Application::new(self.application.has_mailbox);
+        (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
+        self.outputs.clear();
+        self.inputs.clear();
+    }
+
+    /// The controller.
+    pub const fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// The controller, for its ports, its error counters and its EEPROM.
+    pub const fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
+    }
+
+    /// The device.
+    pub fn device(&self) -> &dyn Slave {
+        &*self.device
+    }
+
+    /// The device, to cause faults in it.
+    pub fn device_mut(&mut self) -> &mut dyn Slave {
+        &mut *self.device
+    }
+
+    /// The AL state.
+    pub fn state(&self) -> AlState {
+        self.application.state()
+    }
+
+    /// Sends an emergency as soon as the mailbox has room for it.
+    pub fn send_emergency(&mut self, emergency: Emergency) {
+        self.mailbox.raise(emergency);
+        self.react(self.controller.passage.arrival);
+    }
+
+    /// A frame comes to the slave.
+    pub fn begin_frame(&mut self, passage: Passage) {
+        self.advance(passage.arrival);
+        self.controller.begin_frame(passage);
+    }
+
+    /// A datagram of the frame passes the slave.
+    pub fn pass(&mut self, datagram: &mut DatagramMut<'_>) {
+        self.controller.pass(datagram);
+    }
+
+    /// The frame has passed: the device sees what it has brought.
+    pub fn end_frame(&mut self) {
+        self.react(self.controller.passage.arrival);
+    }
+
+    /// Time passes up to `now`.
+    pub fn advance(&mut self, now: Ns) {
+        let mut pulses = 0;
+        while self.due() < now {
+            pulses += self.run_to(self.due().max(self.now));
+            if pulses > PULSES_MAX {
+                self.controller.skip_pulses(now);
+            }
+        }
+        self.run_to(now);
+    }
+
+    /// Whether the device works at the pulses of SYNC0.
+    fn follows_pulses(&self) -> bool {
+        self.application.is_synchronized && self.state() >= AlState::SafeOp
+    }
+
+    /// When something happens next without a frame.
+    fn due(&self) -> Ns {
+        let pulse = self.controller.next_pulse(self.now).filter(|_| self.follows_pulses());
+        let others = [pulse, self.controller.next_due(), self.application.due()];
+        others.into_iter().flatten().fold(self.stepped + FREE_RUN_CYCLE_NS, Ns::min)
+    }
+
+    /// Time passes up to `now`, before which nothing happens. How many pulses have come.
+    fn run_to(&mut self, now: Ns) -> u32 {
+        self.now = self.now.max(now);
+        self.controller.advance(now);
+        let mut pulses = 0;
+        while let Some(pulse) = self.controller.take_pulse() {
+            pulses += 1;
+            if !self.follows_pulses() {
+                // Nobody looks at each of them.
+                self.controller.skip_pulses(now);
+            } else if pulse == SyncPulse::Sync0 {
+                self.application.sync_came = true;
+                self.cycle(now);
+            }
+            if pulses > PULSES_MAX {
+                self.controller.skip_pulses(now);
+            }
+        }
+        if now.saturating_sub(self.stepped) >= FREE_RUN_CYCLE_NS {
+            self.cycle(now);
+        }
+        self.react(now);
+        pulses
+    }
+
+    /// The device works: time passes in it, it takes its newest outputs and gives new inputs.
+    fn cycle(&mut self, now: Ns) {
+        let passed = now.saturating_sub(self.stepped);
+        if passed > 0 {
+            self.device.step(passed);
+            self.stepped = now;
+        }
+        let state = self.state();
+        if state >= AlState::SafeOp {
+            let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
+            self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
+            let Controller { managers, memory, .. } = &mut self.controller;
+            managers.put(self.application.managers.inputs, &self.inputs, memory);
+        }
+        self.look_for_errors(now);
+    }
+
+    fn look_for_errors(&mut self, now: Ns) {
+        if !self.controller.settings().emergencies
+            || self.state() == AlState::Init
+            || now.saturating_sub(self.looked) < ERROR_CYCLE_NS
+        {
+            return;
+        }
+        self.looked = now;
+        let Ok(code) = self.device.upload(ERROR_CODE) else { return };
+        let code = code.bits as u16;
+        if code != self.error_code {
+            self.error_code = code;
+            let register = self.device.upload(ERROR_REGISTER).map_or(0, |register| register.bits as u8);
+            self.mailbox.raise(Emergency { code, register, data: [0; 5] });
+        }
+    }
+
+    /// What the device does at once, after a frame or when time has passed.
+    fn react(&mut self, now: Ns) {
+        let events = self.controller.take_events();
+        if events.reset {
+            return self.power_on(now);
+        }
+        let written = self.controller.managers.events.written;
+        let activated = self.controller.managers.events.activated;
+        if activated != 0 {
+            let lens = (self.outputs.len(), self.inputs.len());
+            self.application.check_again(activated, lens, &mut self.controller, &mut *self.device);
+        }
+        if events.sync_changed {
+            self.sync_changed();
+        }
+        if written & 1 << self.application.managers.outputs != 0 {
+            self.take_outputs(now);
+        }
+        if events.watchdog {
+            self.watchdog_expired();
+        }
+        if events.al_control {
+            let due = now + self.controller.settings().state_change_ns;
+            self.application.request(self.controller.al_control(), due);
+        }
+        let change = self.application.advance(now, &mut self.controller, &mut *self.device);
+        self.begin(change, now);
+        if self.application.has_mailbox && self.state() > AlState::Init {
+            let Controller { managers, memory, .. } = &mut self.controller;
+            self.mailbox.serve(managers, memory, &mut *self.device);
+        }
+        self.controller.managers.events = Default::default();
+    }
+
+    /// The state has changed to one with a mailbox or with process data.
+    fn begin(&mut self, change: Change, now: Ns) {
+        let managers = self.application.managers;
+        let len = |n: u8| usize::from(active_len(&self.controller.managers.registers(n)));
+        match change {
+            Change::None => {}
+            Change::MailboxOn => {
+                self.mailbox.reset(len(super::mailbox::REQUESTS), len(super::mailbox::ANSWERS));
+                self.error_code = 0;
+            }
+            Change::ProcessDataOn => {
+                let (outputs, inputs) = (len(managers.outputs), len(managers.inputs));
+                self.outputs.clear();
+                self.outputs.resize(outputs, 0);
+                self.inputs.clear();
+                self.inputs.resize(inputs, 0);
+                self.cycle(now);
+            }
+        }
+    }
+
+    fn take_outputs(&mut self, now: Ns) {
+        if self.state() < AlState::SafeOp {
+            return;
+        }
+        let Controller { managers, memory, .. } = &mut self.controller;
+        if let Some(outputs) = managers.take(self.application.managers.outputs, memory) {
+            let len = outputs.len().min(self.outputs.len());
+            self.outputs[..len].copy_from_slice(&outputs[..len]);
+            self.application.outputs_came = true;
+            if !self.application.is_synchronized {
+                self.cycle(now);
+            }
+        }
+    }
+
+    /// No outputs have come for too long.
+    fn watchdog_expired(&mut self) {
+        if self.state() == AlState::Op && !self.outputs.is_empty() {
+            self.application.lose_outputs(&mut self.controller, &mut *self.device);
+        }
+    }
+
+    /// The unit for SYNC was switched on or off.
+    fn sync_changed(&mut self) {
+        let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
+        if self.state() == AlState::Op && self.application.is_synchronized && !is_running {
+            self.application.fall(AlState::SafeOp, AlStatus::FATAL_SYNC, &mut self.controller, &mut *self.device);
+        }
+    }
+}

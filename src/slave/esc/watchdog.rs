@@ -1,0 +1,71 @@
+//! The watchdog of process data, registers 0x0400 to 0x0443.
+
+use super::memory::Memory;
+use crate::ethercat::Ns;
+use crate::ethercat::registers::{
+    WATCHDOG_COUNTER_PROCESS_DATA, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
+};
+
+/// The divider at power-on: units of 100 us.
+const DIVIDER: u16 = 0x09C2;
+/// The time at power-on: 1000 units.
+const TIME: u16 = 0x03E8;
+/// The length of a tick of the divider, ns.
+const TICK_NS: Ns = 40;
+
+/// The watchdog. It begins with the first outputs.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Watchdog {
+    /// When it expires.
+    due: Option<Ns>,
+}
+
+impl Watchdog {
+    pub(super) fn power_on(memory: &mut Memory) -> Self {
+        memory.set_u16(WATCHDOG_DIVIDER, DIVIDER);
+        memory.set_u16(WATCHDOG_DIVIDER + 0x10, TIME);
+        memory.set_u16(WATCHDOG_PROCESS_DATA, TIME);
+        Self::default()
+    }
+
+    /// The time that is set; `None`: it is off.
+    fn time(memory: &Memory) -> Option<Ns> {
+        let units = Ns::from(memory.u16(WATCHDOG_PROCESS_DATA));
+        let unit = (Ns::from(memory.u16(WATCHDOG_DIVIDER)) + 2) * TICK_NS;
+        (units > 0).then(|| units * unit)
+    }
+
+    fn show(&self, memory: &mut Memory) {
+        let runs = self.due.is_some() || Self::time(memory).is_none();
+        memory.set_u16(WATCHDOG_STATUS, runs.into());
+    }
+
+    /// Outputs have come.
+    pub(super) fn trigger(&mut self, now: Ns, memory: &mut Memory) {
+        self.due = Self::time(memory).map(|time| now + time);
+        self.show(memory);
+    }
+
+    /// The time was written. A watchdog that runs begins anew.
+    pub(super) fn set(&mut self, now: Ns, memory: &mut Memory) {
+        if self.due.is_some() {
+            self.due = Self::time(memory).map(|time| now + time);
+        }
+        self.show(memory);
+    }
+
+    /// When it expires.
+    pub(super) const fn due(&self) -> Option<Ns> {
+        self.due
+    }
+
+    /// Time has passed. True: it has just expired.
+    pub(super) fn advance(&mut self, now: Ns, memory: &mut Memory) -> bool {
+        let expired = self.due.take_if(|due| *due <= now).is_some();
+        if expired {
+            memory.count(WATCHDOG_COUNTER_PROCESS_DATA);
+            self.show(memory);
+        }
+        expired
+    }
+}

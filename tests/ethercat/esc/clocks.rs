@@ -1,0 +1,286 @@
+//! Distributed clocks.
+
+use ecmsk::ethercat::registers::{self, SystemTimeDifference};
+use ecmsk::ethercat::{AlState, AlStatus, Command, Ns};
+use ecmsk::slave::esc::{EscSettings, HOP_NS, OP_WAIT_NS, SLEW_MAX_NS};
+use ecmsk::slave::{Io, IoConfig};
+
+use super::rig::{FIRST, MS, Rig, US, drive, slave};
+
+fn clock(local_time_ns: u64, drift_ppb: i32) -> EscSettings {
+    EscSettings { local_time_ns, drift_ppb, ..EscSettings::default() }
+}
+
+/// Receive times of ports 0 and 1.
+fn receive_times(rig: &mut Rig, station: u16) -> [u32; 2] {
+    [0, 1].map(|port| rig.read_u32(station, registers::receive_time(port)))
+}
+
+/// ECAT-13.1 A write to 0x0900 keeps the local times at which its frame passed: at the processing unit and at each port; from
+/// them a master computes the delays along the cable.
+#[test]
+fn s37_receive_times_tell_delays() {
+    let mut rig =
+        Rig::new([drive(clock(7_000_000_000, 0)), drive(clock(1, 0)), drive(clock(u64::from(u32::MAX) - 500, 0))]);
+    rig.chain.set_hop(2, 450);
+    rig.give_stations();
+    assert_eq!(rig.one(Command::Bwr, 0, registers::RECEIVE_TIMES, &[0; 4]).wkc, 3);
+    for (n, local) in [7_000_000_000, 1, u64::from(u32::MAX) - 500].into_iter().enumerate() {
+        let arrival = [0, HOP_NS, HOP_NS + 450][n];
+        let unit = rig.read_u64(FIRST + n as u16, registers::RECEIVE_TIME_UNIT);
+        assert_eq!(unit, local + (MS + 4 * 100 * US) + arrival);
+        assert_eq!(receive_times(&mut rig, FIRST + n as u16)[0], unit as u32);
+    }
+    let around = [0, 1].map(|n| {
+        let [port0, port1] = receive_times(&mut rig, FIRST + n);
+        port1.wrapping_sub(port0)
+    });
+    assert_eq!(around.map(u64::from), [2 * (HOP_NS + 450), 2 * 450]);
+    // As masters compute it: half of what is around minus what is behind.
+    assert_eq!((around[0] - around[1]) / 2, HOP_NS as u32);
+    assert_eq!(rig.one(Command::Fprd, FIRST, registers::RECEIVE_TIMES, &[0; 16]).wkc, 1);
+    // Reading and other writes leave the times.
+    let before = receive_times(&mut rig, FIRST);
+    rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &[1, 0, 0, 0]);
+    assert_eq!(receive_times(&mut rig, FIRST), before);
+}
+
+/// ECAT-13.1 In a tree each port has the time at which the frame came back from its branch.
+#[test]
+fn s37_receive_times_of_branches() {
+    let settings = || EscSettings { ports: [3; 4], ..EscSettings::default() };
+    let mut rig = Rig::new([drive(settings())]);
+    for (port, hop_ns) in [(1, 100), (2, 200), (3, 300)] {
+        let n = rig.chain.add(drive(settings()), 0, port);
+        rig.chain.set_hop(n, hop_ns);
+    }
+    rig.one(Command::Bwr, 0, registers::RECEIVE_TIMES, &[0; 4]);
+    let times = rig.one(Command::Aprd, 0, registers::RECEIVE_TIMES, &[0; 16]);
+    let times: Vec<u32> = times.data.as_chunks().0.iter().map(|time| u32::from_le_bytes(*time)).collect();
+    // Ports 3, 1, 2 in this order.
+    assert_eq!([3, 1, 2].map(|port| times[port] - times[0]), [600, 800, 1200]);
+}
+
+/// Offsets and delays as masters set them: all clocks show the time of the master.
+fn synchronize(rig: &mut Rig, master: u64) {
+    rig.one(Command::Bwr, 0, registers::RECEIVE_TIMES, &[0; 4]);
+    for n in 0..rig.chain.len() as u16 {
+        let unit = rig.read_u64(FIRST + n, registers::RECEIVE_TIME_UNIT);
+        rig.write(FIRST + n, registers::SYSTEM_TIME_OFFSET, &master.wrapping_sub(unit).to_le_bytes());
+        rig.write(FIRST + n, registers::SYSTEM_TIME_DELAY, &(u32::from(n) * HOP_NS as u32).to_le_bytes());
+    }
+}
+
+/// The difference that a slave shows, ns.
+fn difference(rig: &mut Rig, station: u16) -> i64 {
+    SystemTimeDifference(rig.read_u32(station, registers::SYSTEM_TIME_DIFFERENCE)).ahead_ns()
+}
+
+/// ECAT-13.2 A received system time changes a clock by no more than the limit, whatever it is; clocks that drift by 100 ppm are
+/// held within a microsecond by a time each millisecond.
+#[test]
+fn s38_clocks_are_slewed_and_never_jump() {
+    let mut rig = Rig::new([drive(clock(5_000, 0)), drive(clock(9_999_999, 100_000)), drive(clock(0, -100_000))]);
+    rig.give_stations();
+    rig.write(FIRST + 1, registers::TIME_DIFFERENCE_FILTER, &[0]);
+    rig.write(FIRST + 2, registers::TIME_DIFFERENCE_FILTER, &[0]);
+    synchronize(&mut rig, 800_000_000_000_000_000);
+    // What masters write at their start.
+    assert_eq!(rig.one(Command::Bwr, 0, registers::SYSTEM_TIME, &[0; 4]).wkc, 3);
+    rig.now += MS;
+    synchronize(&mut rig, 800_000_000_000_000_000);
+
+    rig.pause = MS;
+    let mut worst = [0; 2];
+    for turn in 0..1000 {
+        assert_eq!(rig.one(Command::Frmw, FIRST, registers::SYSTEM_TIME, &[0; 8]).wkc, 3);
+        if turn % 100 == 99 {
+            for (worst, n) in worst.iter_mut().zip(1..) {
+                *worst = difference(&mut rig, FIRST + n).abs().max(*worst);
+            }
+        }
+    }
+    assert!(worst.iter().all(|worst| *worst < 1_000), "{worst:?}");
+    assert!(worst.iter().all(|worst| *worst > 0), "they do drift: {worst:?}");
+}
+
+/// ECAT-13.2 One time, however wrong, moves a clock by the limit and not at once.
+#[test]
+fn s38_one_wrong_time_moves_a_clock_by_the_limit() {
+    for wrong in [0u32, 1, u32::MAX, 0x8000_0000, 123_456_789] {
+        let mut rig = Rig::new([drive(clock(50_000_000, 0))]);
+        rig.give_stations();
+        let system = |rig: &mut Rig| {
+            rig.chain.advance(rig.now);
+            rig.chain.slave(0).controller().system_time_ns() as i64
+        };
+        let before = system(&mut rig);
+        let begin = rig.now;
+        rig.write(FIRST, registers::SYSTEM_TIME, &wrong.to_le_bytes());
+        let mut last = before;
+        for _ in 0..50 {
+            rig.now += 10 * US;
+            let now = system(&mut rig);
+            assert!(now > last, "time never goes back");
+            last = now;
+            let moved = now - before - (rig.now - begin) as i64;
+            assert!(moved.abs() <= SLEW_MAX_NS, "{moved} ns");
+        }
+        let moved = last - before - (rig.now - begin) as i64;
+        assert_eq!(moved.abs(), SLEW_MAX_NS);
+    }
+}
+
+/// ECAT-13.2 The difference is averaged as the filter says, and a write to the speed counter begins it anew.
+#[test]
+fn the_difference_is_filtered() {
+    let mut rig = Rig::new([drive(EscSettings::default()), drive(EscSettings::default())]);
+    rig.give_stations();
+    // 16 us ahead, of which each time takes back at most 1 us.
+    rig.write(FIRST, registers::SYSTEM_TIME_OFFSET, &16_000u64.to_le_bytes());
+    rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &(HOP_NS as u32).to_le_bytes());
+    rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &0u32.to_le_bytes());
+    rig.write(FIRST, registers::TIME_DIFFERENCE_FILTER, &[4]);
+    let time = |rig: &mut Rig| rig.read_u64(FIRST + 1, registers::SYSTEM_TIME);
+    let ahead = time(&mut rig) as u32;
+    rig.write(FIRST, registers::SYSTEM_TIME, &ahead.wrapping_add(100_000).to_le_bytes());
+    let shown = difference(&mut rig, FIRST);
+    assert!((900..1_100).contains(&shown), "a sixteenth of 16 us: {shown}");
+    rig.write(FIRST, registers::SPEED_COUNTER_START, &[0, 0x10]);
+    assert_eq!(difference(&mut rig, FIRST), 0);
+}
+
+/// The unit for SYNC0: a start time, a cycle, and the activation.
+fn activate(rig: &mut Rig, start: u64, cycle_ns: u32, activation: u8) {
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0]);
+    rig.write(FIRST, registers::SYNC0_START, &start.to_le_bytes());
+    rig.write(FIRST, registers::SYNC0_CYCLE, &cycle_ns.to_le_bytes());
+    rig.write(FIRST, registers::CYCLIC_UNIT_CONTROL, &[0, activation]);
+}
+
+/// The time at which the next frame comes, as slaves without drift and offset see it.
+const fn soon(rig: &Rig, after: Ns) -> u64 {
+    rig.now + after
+}
+
+/// ECAT-13.3 SYNC0 comes first at the start time and then with its cycle, until it is switched off; a start time in the past
+/// gives none.
+#[test]
+fn s39_sync0_begins_at_its_start_time() {
+    let mut rig = Rig::new([drive(EscSettings::default())]);
+    rig.give_stations();
+    let start = soon(&rig, 10 * MS);
+    activate(&mut rig, start, 1_000_000, 3);
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 1);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start);
+    // The frame that comes a moment before the pulse, and the one that comes with it.
+    rig.now = start - 100 * US - 1;
+    assert_eq!((rig.read_u8(FIRST, registers::SYNC0_STATUS), rig.now), (0, start - 1));
+    rig.now = start - 100 * US;
+    assert_eq!((rig.read_u8(FIRST, registers::SYNC0_STATUS), rig.now), (1, start));
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 0);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start + MS);
+    rig.now = start + 20 * MS;
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start + 21 * MS);
+    assert_eq!(rig.read_u32(FIRST, registers::AL_EVENT) & 0b100, 0b100);
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0]);
+    rig.now += 20 * MS;
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 0);
+
+    let mut rig = Rig::new([drive(EscSettings::default())]);
+    rig.give_stations();
+    let past = rig.now - 1;
+    activate(&mut rig, past, 1_000_000, 3);
+    rig.now += 100 * MS;
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC0_STATUS), 0);
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 0);
+}
+
+/// ECAT-13.3 With a cycle of 0 there is one pulse; SYNC1 follows SYNC0 by its own time.
+#[test]
+fn s39_one_pulse_and_sync1() {
+    let mut rig = Rig::new([drive(EscSettings::default())]);
+    rig.give_stations();
+    let start = soon(&rig, 10 * MS);
+    activate(&mut rig, start, 0, 3);
+    rig.now += 50 * MS;
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC0_STATUS), 1);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start, "none comes after it");
+
+    let mut rig = Rig::new([drive(EscSettings::default())]);
+    rig.give_stations();
+    rig.write(FIRST, registers::SYNC1_CYCLE, &1_200_000u32.to_le_bytes());
+    let start = soon(&rig, 10 * MS);
+    activate(&mut rig, start, 1_000_000, 7);
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 3);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC1_NEXT), start + 1_200_000);
+    rig.now = start + 1_200_000;
+    // Its period is that of SYNC0, as often as it fits into the delay, and once more.
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC1_NEXT), start + 1_200_000 + 2 * MS);
+    assert_eq!(rig.read_u8(FIRST, registers::SYNC1_STATUS), 1);
+}
+
+/// An IO module on its way to OP with SYNC0.
+fn synchronized_io() -> (Rig, usize, u64) {
+    let mut rig = Rig::new([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
+    rig.give_stations();
+    rig.bring_to_preop(FIRST);
+    let len = rig.set_process_data(FIRST, 0);
+    let start = soon(&rig, 10 * MS);
+    activate(&mut rig, start, 1_000_000, 3);
+    rig.reach(FIRST, AlState::SafeOp);
+    (rig, len, start)
+}
+
+/// ECAT-13.4 With SYNC0 a device takes its outputs at the pulses and not when they come.
+#[test]
+fn outputs_are_taken_at_pulses() {
+    let (mut rig, len, start) = synchronized_io();
+    let mut data = vec![0; len];
+    rig.logical(Command::Lrw, 0, &data);
+    assert_eq!(rig.request(FIRST, 0x08), (0x04, AlStatus::NONE), "no SYNC0 yet");
+    rig.now = start;
+    assert_eq!(rig.al_status(FIRST), (0x08, AlStatus::NONE));
+    // Outputs of an IO module are wired to its inputs.
+    rig.now = start + 5 * MS + 100 * US;
+    data[0] = 0x5A;
+    let inputs = |rig: &mut Rig, data: &[u8]| rig.logical(Command::Lrw, 0, data).data[2];
+    assert_eq!(inputs(&mut rig, &data), 0);
+    assert_eq!(inputs(&mut rig, &data), 0, "before the pulse");
+    rig.now = start + 7 * MS;
+    assert_eq!(inputs(&mut rig, &data), 0x5A, "after it");
+}
+
+/// ECAT-13.5 A slave with SYNC0 that is switched off in OP leaves OP with 0x2C; one whose SYNC0 does not come does not reach
+/// OP, with 0x2D; a unit that is set up wrong is refused with 0x30 or 0x36.
+#[test]
+fn sync_that_is_missing_or_wrong() {
+    let (mut rig, len, start) = synchronized_io();
+    rig.logical(Command::Lrw, 0, &vec![0; len]);
+    rig.now = start;
+    rig.reach(FIRST, AlState::Op);
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0]);
+    assert_eq!(rig.al_status(FIRST), (0x14, AlStatus::FATAL_SYNC));
+
+    let mut rig = Rig::new([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
+    rig.give_stations();
+    rig.bring_to_preop(FIRST);
+    rig.set_process_data(FIRST, 0);
+    for (cycle_ns, activation, code) in [
+        (1_000_000, 5, AlStatus::INVALID_DC_SYNC),
+        (99_999, 3, AlStatus::INVALID_SYNC0_CYCLE),
+        (0, 3, AlStatus::INVALID_SYNC0_CYCLE),
+    ] {
+        let start = soon(&rig, 3_600_000 * MS);
+        activate(&mut rig, start, cycle_ns, activation);
+        assert_eq!(rig.request(FIRST, 0x14), (0x12, code));
+    }
+    let start = soon(&rig, 3_600_000 * MS);
+    activate(&mut rig, start, 1_000_000, 3);
+    assert_eq!(rig.request(FIRST, 0x14), (0x04, AlStatus::NONE));
+    rig.write(FIRST, registers::WATCHDOG_PROCESS_DATA, &[0, 0]);
+    rig.logical(Command::Lrw, 0, &vec![0; len]);
+    assert_eq!(rig.request(FIRST, 0x08), (0x04, AlStatus::NONE));
+    rig.now += OP_WAIT_NS;
+    assert_eq!(rig.al_status(FIRST), (0x14, AlStatus::NO_SYNC));
+}

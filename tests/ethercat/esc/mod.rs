@@ -1,0 +1,24 @@
+//! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
+//! checklist that these tests show stand in their names, `s07` for number 7.
+//!
+//! - `rig.rs`: the master
+//! - `datagrams.rs`: the commands, and frames as a whole
+//! - `ports.rs`, `eeprom.rs`: cables and power; the EEPROM
+//! - `logical.rs`, `managers.rs`: FMMUs; sync managers
+//! - `states.rs`: the AL state machine, the watchdog
+//! - `mailbox.rs`: SDO, SDO information, emergencies
+//! - `clocks.rs`: distributed clocks
+//! - `masters.rs`: what known masters send at their start
+//! - `bad_input.rs`: frames that nobody should send
+
+mod bad_input;
+mod clocks;
+mod datagrams;
+mod eeprom;
+mod logical;
+mod mailbox;
+mod managers;
+mod masters;
+mod ports;
+mod rig;
+mod states;

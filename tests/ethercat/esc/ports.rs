@@ -1,0 +1,127 @@
+//! Cables and power.
+
+use ecmsk::ethercat::registers::{self, DlControl};
+use ecmsk::ethercat::{AlState, Command};
+use ecmsk::slave::esc::{EscSettings, FrameFate};
+
+use super::rig::{FIRST, MS, Rig, drive};
+
+/// ECAT-9.1 DL status tells an inner slave from the last one; a slave that is cut off is not counted any more, and the one
+/// before it has closed its port.
+#[test]
+fn s11_a_cut_cable_closes_a_port() {
+    let mut rig = Rig::drives(3);
+    let status = |rig: &mut Rig, n| rig.read_u16(FIRST + n, registers::DL_STATUS);
+    assert_eq!([0, 1, 2].map(|n| status(&mut rig, n)), [0x5A31, 0x5A31, 0x5611]);
+    assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 3);
+
+    rig.chain.connect(2, false);
+    assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 2);
+    assert_eq!([0, 1].map(|n| status(&mut rig, n)), [0x5A31, 0x5611]);
+    assert_eq!(rig.read_u8(FIRST + 1, registers::LOST_LINKS + 1), 1);
+    rig.write(FIRST + 1, registers::LOST_LINKS, &[0]);
+    assert_eq!(rig.read_u8(FIRST + 1, registers::LOST_LINKS + 1), 0);
+
+    rig.chain.connect(2, true);
+    assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 3);
+    assert_eq!(status(&mut rig, 2), 0x5611);
+    assert_eq!(rig.read_u16(FIRST + 2, registers::STATION_ADDRESS), FIRST + 2, "it kept its power");
+
+    rig.chain.connect(0, false);
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+}
+
+/// ECAT-9.2 After power-on station address, sync managers and FMMUs are 0, the state is Init, the alias is that of the
+/// EEPROM; AL Init alone keeps the station address.
+#[test]
+fn s12_power_on_begins_anew() {
+    let mut rig = Rig::drives(2);
+    rig.bring_to_op(FIRST + 1, 0);
+    rig.reach(FIRST + 1, AlState::Init);
+    assert_eq!(rig.read_u16(FIRST + 1, registers::STATION_ADDRESS), FIRST + 1);
+
+    rig.bring_to_op(FIRST + 1, 0);
+    rig.chain.power(1, false, rig.now);
+    assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 1);
+    rig.now += 50 * MS;
+    rig.chain.power(1, true, rig.now);
+    let read = |rig: &mut Rig, ado, len| rig.one(Command::Aprd, 0xFFFF, ado, &vec![0xEE; len]);
+    let address = read(&mut rig, registers::STATION_ADDRESS, 4);
+    assert_eq!((address.wkc, address.data), (1, vec![0, 0, 0, 0]));
+    assert_eq!(read(&mut rig, registers::AL_STATUS, 6).data, [1, 0, 0, 0, 0, 0]);
+    assert_eq!(read(&mut rig, registers::FMMU, 128).data, [0; 128]);
+    assert_eq!(read(&mut rig, registers::SYNC_MANAGER, 64).data, [0; 64]);
+    assert_eq!(rig.chain.slave(1).device().state(), AlState::Init);
+}
+
+/// ECAT-9.2 Three frames that write R, E, S reset a slave as power-on does; other bytes do not.
+#[test]
+fn three_frames_reset_a_slave() {
+    let mut rig = Rig::drives(1);
+    for byte in b"RRERE" {
+        rig.write(FIRST, registers::RESET_ECAT, &[*byte]);
+    }
+    assert_eq!(rig.read_u16(FIRST, registers::STATION_ADDRESS), FIRST);
+    for byte in b"RES" {
+        rig.write(FIRST, registers::RESET_ECAT, &[*byte]);
+    }
+    assert_eq!(rig.one(Command::Aprd, 0, registers::STATION_ADDRESS, &[0xEE; 2]).data, [0, 0]);
+}
+
+/// ECAT-9.8 The master closes and opens ports by DL control: closed, what is behind is not reached; opened without a link,
+/// frames are lost; closed automatically, a port is opened by a write alone.
+#[test]
+fn loops_are_controlled() {
+    let mut rig = Rig::drives(3);
+    let set = |rig: &mut Rig, bits: u32| {
+        let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | bits << 10;
+        rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
+    };
+    let count = |rig: &mut Rig| rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc;
+    set(&mut rig, 3);
+    assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (1, 0x5631));
+    set(&mut rig, 0);
+    assert_eq!(count(&mut rig), 3);
+
+    set(&mut rig, 1);
+    assert_eq!(count(&mut rig), 3);
+    rig.chain.connect(1, false);
+    rig.chain.connect(1, true);
+    assert_eq!(count(&mut rig), 1, "it stays closed");
+    set(&mut rig, 1);
+    assert_eq!(count(&mut rig), 3);
+
+    set(&mut rig, 2);
+    rig.chain.connect(1, false);
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+}
+
+/// ECAT-9.9 A second branch is visited by ports 3, 1, 2 in this order.
+#[test]
+fn branches_are_visited_in_the_order_of_ports() {
+    let settings = |revision| EscSettings { revision, ports: [3; 4], ..EscSettings::default() };
+    let mut rig = Rig::new([drive(settings(0))]);
+    for (revision, port) in [(1, 1), (2, 2), (3, 3)] {
+        rig.chain.add(drive(settings(revision)), 0, port);
+    }
+    let order: Vec<u8> =
+        (0..4).map(|n: u16| rig.one(Command::Aprd, n.wrapping_neg(), registers::REVISION, &[0]).data[0]).collect();
+    assert_eq!(order, [0, 3, 1, 2]);
+    rig.give_stations();
+    assert_eq!(rig.read_u16(FIRST, registers::DL_STATUS), 0xAAF1);
+}
+
+/// ECAT-9.10 Error counters stop at 255 and are cleared by a write to any of their group.
+#[test]
+fn error_counters_stop_and_are_cleared() {
+    let mut rig = Rig::drives(1);
+    for _ in 0..300 {
+        rig.chain.slave_mut(0).controller_mut().note_invalid_frame(1);
+    }
+    rig.chain.slave_mut(0).controller_mut().note_wrong_structure();
+    assert_eq!(rig.read(FIRST, registers::RX_ERRORS, 13), [0, 0, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
+    rig.write(FIRST, registers::FORWARDED_ERRORS, &[0x55]);
+    assert_eq!(rig.read(FIRST, registers::RX_ERRORS, 13), [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
+    rig.write(FIRST, registers::PROCESSING_UNIT_ERRORS, &[0x55]);
+    assert_eq!(rig.read(FIRST, registers::RX_ERRORS, 13), [0; 13]);
+}

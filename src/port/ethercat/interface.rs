@@ -101,22 +101,25 @@ fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
     // Without these files there is no IP, and no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
-    let routes =
-        [default_routes_v4(&read("/proc/net/route")), default_routes_v6(&read("/proc/net/ipv6_route"))].concat();
+    let routes = [
+        default_routes_v4(&read("/proc/thread-self/net/route")),
+        default_routes_v6(&read("/proc/thread-self/net/ipv6_route")),
+    ]
+    .concat();
     for interface in &mut all {
         interface.has_default_route = routes.contains(&interface.name);
     }
     Ok(all)
 }
 
-/// The interfaces that have a default route in `/proc/net/route`: name, destination, .., mask in the 8th column.
+/// The interfaces that have a default route in the kernel's `route`: name, destination, .., mask in the 8th column.
 fn default_routes_v4(table: &str) -> Vec<String> {
     let rows = table.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
     let is_default = |row: &Vec<&str>| row.get(1) == Some(&"00000000") && row.get(7) == Some(&"00000000");
     rows.filter(is_default).map(|row| row[0].to_owned()).collect()
 }
 
-/// The interfaces that have a default route in `/proc/net/ipv6_route`: destination, its length, .., name in the last
+/// The interfaces that have a default route in the kernel's `ipv6_route`: destination, its length, .., name in the last
 /// column. The kernel rejects what goes to `lo`.
 fn default_routes_v6(table: &str) -> Vec<String> {
     let rows = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());

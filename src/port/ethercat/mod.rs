@@ -31,6 +31,7 @@ use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
 use crate::link::tcp::Waker;
+use crate::slave::cable::Cable;
 use crate::slave::esc::DescriptionError;
 use crate::threads;
 use service::Service;
@@ -86,6 +87,7 @@ struct Shared {
 
 /// Slaves that are served until this value is stopped or dropped.
 pub struct Server {
+    cable: Cable,
     shared: Arc<Shared>,
     teller: Teller<String>,
     thread: Option<JoinHandle<()>>,
@@ -104,6 +106,7 @@ impl Server {
         let script = options.script.as_deref();
         let script = script.map(|path| simulated_slaves::script(path, &options.slaves)).transpose()?;
         let network = Network::new(simulated_slaves::build(&options.slaves)?, script)?;
+        let cable = network.cable().clone();
         let index = interface::check(&options.interface, options.allow_default_route)?;
         let socket = Socket::open(&options.interface, index)?;
         let record = |file: PathBuf| {
@@ -119,7 +122,12 @@ impl Server {
         let service = Service::new(options.interface, network, socket, recording, begin, Arc::clone(&shared), notes);
         let thread = threads::spawn("ecmsk-ethercat", move || service.run());
         let thread = thread.map_err(system("start the thread of the slaves"))?;
-        Ok(Self { shared, teller, thread: Some(thread) })
+        Ok(Self { cable, shared, teller, thread: Some(thread) })
+    }
+
+    /// The cable of the slaves, for faults.
+    pub const fn cable(&self) -> &Cable {
+        &self.cable
     }
 
     /// Waits until [`Options::tell`] has been called for all lines so far, at most 1 s.

@@ -23,4 +23,54 @@ mod needs_pysoem {
         }
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
+
+    /// ECAT-15.5 A drive follows a path in CSP, and stands at its end.
+    #[test]
+    fn a_drive_moves_in_csp() {
+        run("drive*2", "csp");
+    }
+
+    /// ECAT-15.12 A DP3CL is homed, moved by profiles and along a path.
+    #[test]
+    fn a_dp3cl_homes_and_moves_by_profiles() {
+        run("dp3cl*2", "dp3cl");
+    }
+
+    /// ECAT-15.6 Values of 1 to 300 bytes, complete access, abort codes, and those of a script.
+    #[test]
+    fn sdos_of_each_length_and_their_aborts() {
+        run("drive,dp3cl", "sdo");
+    }
+
+    /// ECAT-15.7 An alarm sends an emergency, and a fault reset another one.
+    #[test]
+    fn an_alarm_sends_an_emergency() {
+        run("drive*2", "emergency");
+    }
+
+    /// ECAT-15.8 A master that stops finds its slaves in SafeOP with code 0x001B; without the watchdog they stay in OP.
+    #[test]
+    fn the_watchdog_ends_op() {
+        let said = run("drive*2", "watchdog");
+        let line = "slaves 1 to 2 are in SafeOP with AL status 0x001B";
+        assert!(said.iter().any(|said| said.starts_with(line)), "{said:?}");
+    }
+
+    /// ECAT-15.9 States that are refused have the code that says why; also that of a script.
+    #[test]
+    fn refused_states_have_their_codes() {
+        run("drive*2", "refused");
+    }
+
+    /// ECAT-15.10 Slaves behind a cut vanish and come back as they were; one that has lost its power is configured again.
+    #[test]
+    fn slaves_vanish_and_come_back() {
+        run("drive*3", "vanish");
+    }
+
+    /// ECAT-15.11 40 drives with process data in several frames.
+    #[test]
+    fn forty_drives_in_several_frames() {
+        run("drive*40", "many");
+    }
 }

@@ -21,6 +21,12 @@ def expect(found, wanted, what):
         raise AssertionError(f"{what}: {found!r}, and not {wanted!r}")
 
 
+def fault(line):
+    """Makes a line of a script happen to the slaves."""
+    print(f"fault: {line}", flush=True)
+    input()
+
+
 def wait_for(condition, what, seconds=10.0, step=lambda: time.sleep(CYCLE_S)):
     """Calls `step` until `condition` holds."""
     end = time.monotonic() + seconds
@@ -46,7 +52,7 @@ class Network:
             slave.add_emergency_callback(lambda emergency, number=number: self.emergencies.append((number, emergency.error_code)))
 
     def map(self, with_dc=True, watchdog_ms=WATCHDOG_MS):
-        """From PreOP to SafeOP. An entry of `PDOS` would stand in a config_func of the caller's."""
+        """From PreOP to SafeOP."""
         for slave in self.slaves:
             slave.set_watchdog("processdata", watchdog_ms)
         self.master.config_map()

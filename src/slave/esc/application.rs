@@ -133,6 +133,11 @@ impl Application {
         [self.requested.map(|(_, due)| due), self.waiting].into_iter().flatten().min()
     }
 
+    /// Whether [`Self::advance`] has something to do, now or later.
+    pub(super) const fn is_busy(&self) -> bool {
+        self.requested.is_some() || self.waiting.is_some()
+    }
+
     /// Time has passed, or a frame: works on a request that is due, and on the way to OP.
     pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {

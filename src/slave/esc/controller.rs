@@ -59,6 +59,8 @@ pub struct Controller {
     links: [bool; PORTS],
     /// Which ports with the loop control "auto close" are open.
     opened: [bool; PORTS],
+    /// Which ports are open.
+    open: [bool; PORTS],
     /// How many bytes of the reset sequence have come.
     reset_progress: usize,
     /// Room for the bytes of a datagram while they are combined.
@@ -81,6 +83,7 @@ impl Controller {
             passage: Passage::default(),
             links: [false; PORTS],
             opened: [true; PORTS],
+            open: [false; PORTS],
             reset_progress: 0,
             scratch: Vec::with_capacity(2048),
             settings,
@@ -181,10 +184,12 @@ impl Controller {
     }
 
     /// Whether a frame leaves by a port, or comes back at once.
-    pub fn is_open(&self, port: usize) -> bool {
-        if self.settings.ports[port] < 2 {
-            return false;
-        }
+    pub const fn is_open(&self, port: usize) -> bool {
+        self.open[port]
+    }
+
+    /// Whether a port that is there is open, by its loop control and its link.
+    fn opens(&self, port: usize) -> bool {
         match DlControl(self.memory.u32(DL_CONTROL)).loop_control(port) {
             LoopControl::Auto => self.links[port],
             LoopControl::AutoClose => self.links[port] && self.opened[port],
@@ -194,11 +199,13 @@ impl Controller {
     }
 
     fn show_links(&mut self) {
+        let exists = self.settings.ports.map(|port| port >= 2);
+        for port in 0..PORTS {
+            self.open[port] = exists[port] && self.opens(port);
+        }
         let before = DlStatus(self.memory.u16(DL_STATUS));
-        let status = (0..PORTS).fold(before, |status, port| {
-            let link = self.links[port] && self.settings.ports[port] >= 2;
-            status.with_port(port, link, !self.is_open(port))
-        });
+        let status = (0..PORTS)
+            .fold(before, |status, port| status.with_port(port, self.links[port] && exists[port], !self.open[port]));
         if status != before {
             self.memory.set_u16(DL_STATUS, status.0);
             self.raise(EcatEvents::DL_STATUS);

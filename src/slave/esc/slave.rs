@@ -9,8 +9,10 @@ use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, AlStatus, DatagramMut, Ns};
 use crate::slave::Slave;
 
-/// \[OURS] How often a device works that no process data and no SYNC0 drive, ns. It takes its newest outputs then, too.
+/// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
+/// \[OURS] How long after outputs, or after SYNC0, a device waits for the next ones before it works by itself, ns.
+pub const DRIVEN_NS: Ns = 20_000_000;
 /// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
 pub const ERROR_CYCLE_NS: Ns = 10_000_000;
 /// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
@@ -33,6 +35,8 @@ pub struct EscSlave {
     now: Ns,
     /// Up to when it has passed in the device.
     stepped: Ns,
+    /// When the device works next by itself.
+    free_run: Ns,
     /// When the device looked for errors, and the code that it saw.
     looked: Ns,
     error_code: u16,
@@ -51,6 +55,7 @@ impl EscSlave {
             inputs: Vec::new(),
             now,
             stepped: now,
+            free_run: now + FREE_RUN_CYCLE_NS,
             looked: now,
             error_code: 0,
         }
@@ -63,6 +68,7 @@ impl EscSlave {
         self.controller.power_on(now);
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
+        self.free_run = now + FREE_RUN_CYCLE_NS;
         self.outputs.clear();
         self.inputs.clear();
     }
@@ -135,7 +141,7 @@ impl EscSlave {
     fn due(&self) -> Ns {
         let pulse = self.controller.next_pulse(self.now).filter(|_| self.follows_pulses());
         let others = [pulse, self.controller.next_due(), self.application.due()];
-        others.into_iter().flatten().fold(self.stepped + FREE_RUN_CYCLE_NS, Ns::min)
+        others.into_iter().flatten().fold(self.free_run, Ns::min)
     }
 
     /// Time passes up to `now`, before which nothing happens. How many pulses have come.
@@ -150,21 +156,23 @@ impl EscSlave {
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
-                self.cycle(now);
+                self.cycle(now, DRIVEN_NS);
             }
             if pulses > PULSES_MAX {
                 self.controller.skip_pulses(now);
             }
         }
-        if now.saturating_sub(self.stepped) >= FREE_RUN_CYCLE_NS {
-            self.cycle(now);
+        if now >= self.free_run {
+            self.cycle(now, FREE_RUN_CYCLE_NS);
         }
         self.react(now);
         pulses
     }
 
-    /// The device works: time passes in it, it takes its newest outputs and gives new inputs.
-    fn cycle(&mut self, now: Ns) {
+    /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
+    /// in `next_ns`.
+    fn cycle(&mut self, now: Ns, next_ns: Ns) {
+        self.free_run = now + next_ns;
         let passed = now.saturating_sub(self.stepped);
         if passed > 0 {
             self.device.step(passed);
@@ -203,16 +211,15 @@ impl EscSlave {
         if events.reset {
             return self.power_on(now);
         }
-        let written = self.controller.managers.events.written;
-        let activated = self.controller.managers.events.activated;
-        if activated != 0 {
+        let done = std::mem::take(&mut self.controller.managers.events);
+        if done.activated != 0 {
             let lens = (self.outputs.len(), self.inputs.len());
-            self.application.check_again(activated, lens, &mut self.controller, &mut *self.device);
+            self.application.check_again(done.activated, lens, &mut self.controller, &mut *self.device);
         }
         if events.sync_changed {
             self.sync_changed();
         }
-        if written & 1 << self.application.managers.outputs != 0 {
+        if done.written & 1 << self.application.managers.outputs != 0 {
             self.take_outputs(now);
         }
         if events.watchdog {
@@ -222,13 +229,16 @@ impl EscSlave {
             let due = now + self.controller.settings().state_change_ns;
             self.application.request(self.controller.al_control(), due);
         }
-        let change = self.application.advance(now, &mut self.controller, &mut *self.device);
-        self.begin(change, now);
-        if self.application.has_mailbox && self.state() > AlState::Init {
-            let Controller { managers, memory, .. } = &mut self.controller;
-            self.mailbox.serve(managers, memory, &mut *self.device);
+        let mut change = Change::None;
+        if self.application.is_busy() {
+            change = self.application.advance(now, &mut self.controller, &mut *self.device);
+            self.begin(change, now);
         }
-        self.controller.managers.events = Default::default();
+        let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
+        if has_mailbox && (self.mailbox.is_touched(done) || change == Change::MailboxOn) {
+            let Controller { managers, memory, .. } = &mut self.controller;
+            self.mailbox.serve(done, managers, memory, &mut *self.device);
+        }
     }
 
     /// The state has changed to one with a mailbox or with process data.
@@ -247,7 +257,7 @@ impl EscSlave {
                 self.outputs.resize(outputs, 0);
                 self.inputs.clear();
                 self.inputs.resize(inputs, 0);
-                self.cycle(now);
+                self.cycle(now, FREE_RUN_CYCLE_NS);
             }
         }
     }
@@ -262,7 +272,7 @@ impl EscSlave {
             self.outputs[..len].copy_from_slice(&outputs[..len]);
             self.application.outputs_came = true;
             if !self.application.is_synchronized {
-                self.cycle(now);
+                self.cycle(now, DRIVEN_NS);
             }
         }
     }

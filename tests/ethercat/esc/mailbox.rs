@@ -244,6 +244,31 @@ fn s33_a_request_is_worked_on_once() {
     assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 7 + 1), "{counters:?}");
 }
 
+/// ECAT-12.7 A request that waits in its box is worked on once there is a mailbox, also if the change of state takes its time.
+#[test]
+fn a_request_waits_for_preop() {
+    let mut rig = Rig::new([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
+    rig.give_stations();
+    rig.set_mailbox(FIRST);
+    let upload = rig.message(MailboxProtocol::Coe, &[0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0]);
+    assert_eq!(rig.post(FIRST, &upload), 1);
+    rig.request(FIRST, 2);
+    assert_eq!(rig.collect(FIRST), None);
+    rig.now += 5 * MS;
+    assert!(rig.collect(FIRST).is_some());
+}
+
+/// ECAT-12.3 Requests are taken while answers wait: the third one stays in its box until the first answer is read.
+#[test]
+fn s33_requests_queue_up() {
+    let mut rig = blob(bytes(2));
+    let upload = [0, 0x20, 0x40, 0, 0x20, 0, 0, 0, 0, 0];
+    let messages: Vec<Vec<u8>> = (0..4).map(|_| rig.message(MailboxProtocol::Coe, &upload)).collect();
+    assert_eq!([0, 1, 2, 3].map(|n| rig.post(FIRST, &messages[n])), [1, 1, 1, 0]);
+    assert!((0..3).all(|_| rig.collect(FIRST).is_some()));
+    assert_eq!(rig.collect(FIRST), None);
+}
+
 fn fault(answer: Option<Vec<u8>>) -> MailboxFault {
     let answer = answer.expect("an answer");
     let message = MailboxMessage::decode(&answer).expect("a message");

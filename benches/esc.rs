@@ -56,7 +56,7 @@ fn slave() -> EscSlave {
     drive.write(ObjectAddress::new(0x6060, 0), SdoScope::Entry, &[8]).expect("it has CSP");
     drive.enter(AlState::Init).expect("from PreOP");
     let settings = EscSettings::default();
-    let eeprom = eeprom_of(&mut drive, &settings, 0).expect("it can be described");
+    let eeprom = eeprom_of(&mut drive, &settings).expect("it can be described");
     EscSlave::new(Box::new(drive), settings, eeprom, 0)
 }
 

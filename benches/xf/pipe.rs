@@ -4,12 +4,12 @@ use std::convert::Infallible;
 use std::hint::black_box;
 
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
-use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, ProcessData, ProcessOutcome, Wires};
+use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, ProcessKind, ProcessOutcome, Wires};
 use ecmsk::xf::request::{PdoDataFifo, PdoOperation};
 use ecmsk::xf::response::PdoExchange;
 use ecmsk::xf::{
-    AnswerHeader, CheckRule, CommandCode, CommandHeader, DataSize, MAX_PACKET, Status, TRAILER_LEN, write_answer,
-    write_request,
+    AnswerHeader, CheckRule, CommandCode, CommandHeader, DataSize, HEADER_LEN, MAX_PACKET, Status, TRAILER_LEN,
+    write_answer, write_request,
 };
 
 /// Where the index stands in a header.
@@ -104,11 +104,26 @@ impl Wires for Line {
     }
 }
 
+/// The program: what it puts into each packet.
+struct Program {
+    outputs: Vec<u8>,
+}
+
+impl Program {
+    fn new(size: DataSize) -> Self {
+        Self { outputs: vec![0xA5; size.bytes()] }
+    }
+
+    fn put_outputs(&self, place: &mut [u8]) {
+        place.copy_from_slice(black_box(&self.outputs));
+    }
+}
+
 /// The driver with a program that has process data for each exchange.
 pub struct Driver {
     host: Host,
     line: Line,
-    outputs: Vec<u8>,
+    program: Program,
 }
 
 impl Driver {
@@ -119,7 +134,7 @@ impl Driver {
         let mut driver = Self {
             host: Host::new(0, config),
             line: Line { chip: Some(ChipPort::new(chip)), pipe: Pipe::new(size), now: 0 },
-            outputs: vec![0xA5; size.bytes()],
+            program: Program::new(size),
         };
         while driver.host.state() != HostState::Running {
             driver.step();
@@ -134,8 +149,8 @@ impl Driver {
 
     /// One exchange, the idle time before it and new process data for it; time passes at once.
     pub fn exchange(&mut self) {
-        let data = ProcessData::Exchange { count: 1, outputs: black_box(&self.outputs) };
-        match self.host.process(data) {
+        let (kind, len) = (ProcessKind::Exchange { count: 1 }, self.program.outputs.len());
+        match self.host.process_in_place(kind, len, |place| self.program.put_outputs(place)) {
             // Behind the start, which has none, process data are sent twice.
             Ok(_) | Err(HostError::ProcessBusy { .. }) => {}
             Err(error) => panic!("{error}"),
@@ -159,8 +174,9 @@ impl Driver {
     }
 }
 
-/// A loop that copies the packets and computes their check words.
+/// A loop with the same program that copies the packets and computes their check words.
 pub struct PlainLoop {
+    program: Program,
     pipe: Pipe,
     command: Vec<u8>,
     back: [u8; MAX_PACKET],
@@ -168,17 +184,18 @@ pub struct PlainLoop {
 
 impl PlainLoop {
     pub fn new(size: DataSize) -> Self {
-        let outputs = vec![0xA5; size.bytes()];
-        let request = PdoDataFifo { count: 1, operation: OPERATION, data: &outputs };
+        let program = Program::new(size);
+        let request = PdoDataFifo { count: 1, operation: OPERATION, data: &program.outputs };
         let mut buffer = [0; MAX_PACKET];
         let header = CommandHeader::default();
         let command = write_request(&mut buffer, size, CheckRule::CRC32, header, &request).expect("it fits").to_vec();
-        Self { pipe: Pipe::new(size), command, back: [0; MAX_PACKET] }
+        Self { program, pipe: Pipe::new(size), command, back: [0; MAX_PACKET] }
     }
 
     pub fn exchange(&mut self) {
         let checked = self.command.len() - TRAILER_LEN;
         let (covered, word) = self.command.split_at_mut(checked);
+        self.program.put_outputs(&mut covered[HEADER_LEN..]);
         covered[INDEX] = covered[INDEX].wrapping_add(1);
         word[..4].copy_from_slice(&crc32fast::hash(covered).to_le_bytes());
         let back = &mut self.back[..self.command.len()];

@@ -21,6 +21,7 @@ fuzz_target!(|bytes: &[u8]| {
         tolerance_counts: if choice & 2 == 0 { 0 } else { u32::from(low) << 16 },
         statusword_mask: u16::from_le_bytes([low, high]),
         ignore_repeats: choice & 4 != 0,
+        latency_cycles: (choice & 16 != 0).then_some(u32::from(choice >> 5)),
         ..Options::default()
     };
     // The second run is what is left, or the first one's begin.

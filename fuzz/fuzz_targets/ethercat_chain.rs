@@ -31,7 +31,7 @@ struct Rig {
 
 fn slave(mut device: Box<dyn Slave>) -> EscSlave {
     let settings = EscSettings { ports: [3; 4], ..EscSettings::default() };
-    let eeprom = eeprom_of(&mut *device, &settings, 7).expect("it can be described");
+    let eeprom = eeprom_of(&mut *device, &settings).expect("it can be described");
     EscSlave::new(device, settings, eeprom, 0)
 }
 

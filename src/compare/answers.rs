@@ -1,40 +1,28 @@
 //! What differs between two answers to the same command.
 
 use super::difference::Deviation;
-use super::steps::{Answer, Step};
-use super::{Options, Side};
+use super::report::Answer;
+use super::steps::Step;
+use super::{Options, STANDS_REPORTS, Side};
 use crate::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
 /// All differences between the answers of two steps: those of slot 0 first, then by slave. Where one step has no answer only
-/// lost commands are compared.
+/// lost commands and faults are compared.
 pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
     let mut found = Vec::new();
     if a.lost != b.lost {
         found.push(Deviation::Lost { side: if a.lost { Side::A } else { Side::B } });
     }
-    let (Some(answer_a), Some(answer_b)) = (&a.answer, &b.answer) else { return found };
-    let boards = [answer_a.board(), answer_b.board()];
-    if boards[0].state != boards[1].state {
-        // What the slaves' slots mean depends on the state, so they are not compared.
-        found.push(Deviation::State { states: boards.map(|board| board.state) });
-        return found;
+    if let (Some(answer_a), Some(answer_b)) = (&a.answer, &b.answer) {
+        answer_differences(a.size.max_slaves() as u8, answer_a, answer_b, options, &mut found);
+        rest_differences(a, b, options, &mut found);
     }
-    if boards[0].result != boards[1].result {
-        found.push(Deviation::Result { results: boards.map(|board| board.result) });
-    }
-    if !answer_a.is_op() {
-        return found;
-    }
-    for slave in 1..=a.size.max_slaves() as u8 {
-        slave_differences(slave, answer_a, answer_b, options, &mut found);
-    }
-    // A fault that the answer does not show any more. One that it still shows is among the differences above.
+    // An answer need not show a fault any more that there was.
     for (side, faults, faults_of_other) in [(Side::A, &a.faults, &b.faults), (Side::B, &b.faults, &a.faults)] {
         for (slave, error_code) in faults.iter().copied() {
-            let is_found = found.iter().any(|what| what.slave() == Some(slave));
-            if !is_found && !faults_of_other.contains(&(slave, error_code)) {
+            if !faults_of_other.contains(&(slave, error_code)) {
                 found.push(Deviation::Fault { slave, side, error_code });
             }
         }
@@ -42,7 +30,50 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
     found
 }
 
-fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
+fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
+    let boards = [a.board(), b.board()];
+    if boards[0].state != boards[1].state {
+        // What the slaves' slots mean depends on the state, so they are not compared.
+        found.push(Deviation::State { states: boards.map(|board| board.state) });
+        return;
+    }
+    if boards[0].result != boards[1].result {
+        found.push(Deviation::Result { results: boards.map(|board| board.result) });
+    }
+    if a.is_op() {
+        for slave in 1..=slaves {
+            slave_differences(slave, a, b, options, found);
+        }
+    }
+}
+
+/// Where a command has ended OP: axes that stood at another place before.
+fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Deviation>) {
+    let has_left = |step: &Step| step.answer.as_ref().is_some_and(|answer| !answer.is_op());
+    if !(has_left(a) && has_left(b)) {
+        return;
+    }
+    let [Some(a), Some(b)] = [a, b].map(|step| step.kept.iter().rev().find(|report| report.is_op())) else { return };
+    for slave in 1..=a.size.max_slaves() as u8 {
+        let stands = [a, b].iter().all(|report| report.still(slave) >= STANDS_REPORTS);
+        let mut differs = Vec::new();
+        slave_differences(slave, a, b, options, &mut differs);
+        found.extend(differs.into_iter().filter(|what| stands && matches!(what, Deviation::Position { .. })));
+    }
+}
+
+/// Whether two reports show the same of a slave, as far as it is compared.
+pub fn is_same(slave: u8, a: &Answer, b: &Answer, options: &Options) -> bool {
+    let mut found = Vec::new();
+    slave_differences(slave, a, b, options, &mut found);
+    found.is_empty()
+}
+
+/// What differs of a slave between two reports of OP.
+pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
+    if a.shows_the_same(b, slave) {
+        return;
+    }
     let statuswords = |words: [Statusword; 2]| {
         let differ = (words[0].0 ^ words[1].0) & options.statusword_mask != 0;
         differ.then_some(Deviation::Statusword { slave, words })

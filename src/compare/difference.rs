@@ -21,6 +21,14 @@ pub enum Deviation {
     Ends { side: Side },
     /// In the run `side` commands were lost or refused for their CRC, and in the other one not.
     Lost { side: Side },
+    /// The run `side` answers so many cycles later than the other one, which is more than allowed
+    /// ([`super::Options::latency_cycles`]).
+    Late {
+        side: Side,
+        cycles: u64,
+        /// The number of the first command with that latency.
+        from_command: u64,
+    },
     /// The state of the network differs.
     State {
         /// Byte 2 of slot 0.
@@ -161,6 +169,12 @@ impl Display for Deviation {
             }
             Self::Ends { side } => write!(f, "{side} ends before it"),
             Self::Lost { side } => write!(f, "commands were lost in {side}, and not in {}", side.other()),
+            Self::Late { side, cycles, from_command } => {
+                write!(
+                    f,
+                    "{side} answers {cycles} cycles later from command {from_command} on, which is more than allowed"
+                )
+            }
             Self::State { states: [a, b] } => write!(f, "state {a} in A, {b} in B"),
             Self::Result { results: [a, b] } => write!(f, "result {a} (0x{a:X}) in A, {b} (0x{b:X}) in B"),
             Self::Fault { slave, side, error_code: 0 } => write!(f, "slave {slave} had a fault in {side}"),

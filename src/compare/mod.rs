@@ -3,7 +3,8 @@
 //! Runs are aligned by the program's commands and not by time: command frame 214 of one run is compared with command frame
 //! 214 of the other, and the answer that one board had given to it when the program sent its next command with that of the
 //! other. Differences of timing alone are ignored: frames of nothing but GET_STATUS, the number of reports and their times.
-//! The rules stand at [`Step`].
+//! The rules stand at [`Step`]. A board that answers some cycles later, as one over an ECM-XF, shows the same some cycles later:
+//! that is found, told as a number, and no difference ([`Options::latency_cycles`]).
 //!
 //! How to read it:
 //!
@@ -11,8 +12,11 @@
 //! | --- | --- |
 //! | `mod.rs` | the options, and [`files`], which compares two recordings |
 //! | `recorded_run.rs` | [`RecordedRun`]: a recording as a run |
-//! | `steps.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
+//! | `steps.rs`, `cycles.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
+//! | `report.rs` | [`Answer`]: a report with what is known beside its bytes |
 //! | `answers.rs` | what differs between two answers |
+//! | `timing.rs` | what of that is but timing |
+//! | `latency.rs`, `gaps.rs` | by how many cycles one run answers later: [`Latency`]; cycles that one has more: [`Gaps`] |
 //! | `difference.rs` | [`Difference`] and its text |
 //! | `runs.rs` | [`compare`]: two runs side by side |
 //!
@@ -35,20 +39,44 @@
 //! ```
 
 mod answers;
+mod cycles;
 mod difference;
+mod gaps;
+mod latency;
 mod recorded_run;
+mod report;
 mod runs;
 mod steps;
+mod timing;
 
 use std::path::Path;
 
 pub use difference::{Deviation, Difference};
+pub use gaps::Gaps;
+pub use latency::{Latency, LatencyStretch};
 pub use recorded_run::{CompareError, RecordedRun};
+pub use report::Answer;
 pub use runs::{Comparison, Context, Counts, compare, compare_steps};
-pub use steps::{Answer, Step, Steps};
+pub use steps::{Step, Steps};
 
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
+
+/// By so many cycles of the board at most what two runs answer to the same command may be apart, if no smaller number is given:
+/// with its slaves behind an ECM-XF a board answers up to 8 cycles later, and takes up to 12 for SET_FIFO 1. \[OURS]
+pub const WINDOW_CYCLES: usize = 24;
+
+/// An axis stands whose positions have not changed for so many reports. \[OURS]
+const STANDS_REPORTS: u16 = 8;
+
+/// For so long, in nanoseconds, it may be unsure which cycle a report is of: a host writes while a report is on its way, which
+/// takes an ECM-XF two exchanges. \[OURS]
+const UNSURE_NS: i64 = 2_000_000;
+
+/// By so many cycles of that length a report may be taken for another one.
+fn unsure_cycles(cycle_ns: i64) -> u64 {
+    (UNSURE_NS / cycle_ns.max(1)).unsigned_abs().max(1)
+}
 
 /// One of the two runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,6 +88,11 @@ pub enum Side {
 }
 
 impl Side {
+    /// The place of what is about this run in an array of both.
+    pub(crate) const fn index(self) -> usize {
+        self as usize
+    }
+
     /// The other run.
     pub const fn other(self) -> Self {
         match self {
@@ -101,6 +134,10 @@ pub struct Options {
     /// Whether the same frame sent several times in a row counts as one. For programs that send a state or a target until
     /// it is reached, which may be more or less often. Default: no.
     pub ignore_repeats: bool,
+    /// By how many cycles of the board answers may come later in one run than in the other. 0: what one board had answered when
+    /// the program moved on, the other has to have answered, too. Default: `None`, any number, and what answers show may be
+    /// [`WINDOW_CYCLES`] apart.
+    pub latency_cycles: Option<u32>,
     /// The slot size; `None` for that of the recordings.
     pub slot: Option<SlotSize>,
     /// Whether two recordings count as equal if one of them is cut off, was not ended or lacks frames, and they are equal as
@@ -114,6 +151,7 @@ impl Default for Options {
             tolerance_counts: 0,
             statusword_mask: u16::MAX,
             ignore_repeats: false,
+            latency_cycles: None,
             slot: None,
             allow_incomplete: false,
         }

@@ -5,7 +5,10 @@ use std::fmt::{self, Display, Formatter};
 
 use super::answers::{self, Transfer};
 use super::difference::{Deviation, Difference, seconds, words};
+use super::gaps::{GapCount, Gaps};
+use super::latency::{Latency, LatencyFinder, LatencyStretch};
 use super::steps::{Step, Steps};
+use super::timing::{Follows, Pair, Timing};
 use super::{Options, Side, TimedFrame};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
@@ -48,6 +51,13 @@ pub struct Comparison {
     pub answers: u64,
     /// At how many equal commands the answers differ.
     pub differing_answers: u64,
+    /// At how many equal commands the answers are the same but for their timing: the other run shows the same some cycles before
+    /// or later, or an axis is on its way in a run that has cycles more or less.
+    pub shifted_answers: u64,
+    /// By how many cycles run B answers later.
+    pub latency: Latency,
+    /// The gaps of run A and run B.
+    pub gaps: [Gaps; 2],
     /// The first difference; `None` if the runs are equal.
     pub first: Option<Difference>,
     /// The run that ends first although all its commands are equal; `None` if both have the same commands.
@@ -83,12 +93,12 @@ where
     A: Iterator<Item = TimedFrame>,
     B: Iterator<Item = TimedFrame>,
 {
-    let mut found = Found::default();
+    let mut found = Found::new(options);
     loop {
         match (a.next(), b.next()) {
             (None, None) => break,
             _ if found.apart => {}
-            (Some(a), Some(b)) => found.pair(a, b, options),
+            (Some(a), Some(b)) => found.pair(a, b),
             (a, b) => found.ended(a.as_ref(), b.as_ref()),
         }
     }
@@ -96,41 +106,95 @@ where
 }
 
 /// The result so far.
-#[derive(Default)]
 struct Found {
+    options: Options,
+    /// A command differs that was not judged yet, or was.
+    differ: bool,
     /// The commands differ, or one run has ended.
     apart: bool,
     transfer: Transfer,
+    timing: Timing,
+    latency: LatencyFinder,
+    gaps: GapCount,
+    /// The first command of a latency that was too long.
+    late_from: Option<u64>,
     recent: VecDeque<(Step, Step)>,
     result: Comparison,
 }
 
 impl Found {
-    fn pair(&mut self, a: Step, b: Step, options: &Options) {
-        if let Some(slot) = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i)) {
-            let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot);
-            if let (Some(line_a), Some(line_b)) = (line(&a), line(&b)) {
-                self.set_first(Some(&a), Some(&b), vec![Deviation::Command { lines: Box::new([line_a, line_b]) }]);
-            }
-            self.apart = true;
+    fn new(options: &Options) -> Self {
+        Self {
+            options: *options,
+            differ: false,
+            apart: false,
+            transfer: Transfer::default(),
+            timing: Timing::new(options),
+            latency: LatencyFinder::default(),
+            gaps: GapCount::default(),
+            late_from: None,
+            recent: VecDeque::new(),
+            result: Comparison::default(),
+        }
+    }
+
+    fn pair(&mut self, a: Step, b: Step) {
+        let slot = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i));
+        if slot.is_some() || self.differ {
+            // The pairs behind it only tell about those before it.
+            let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot?);
+            let lines = line(&a).zip(line(&b)).filter(|_| !std::mem::replace(&mut self.differ, true));
+            let what = lines.map(|(a, b)| Deviation::Command { lines: Box::new([a, b]) });
+            self.timing.push(Pair::new(a, b, what.into_iter().collect()));
+            self.judge(Follows::More);
             return;
         }
         self.result.answers += u64::from(a.answer.is_some() && b.answer.is_some());
-        let mut what = answers::differences(&a, &b, options);
-        what.extend(self.transfer.steps(&a, &b));
-        if !what.is_empty() {
-            self.result.differing_answers += 1;
-            self.set_first(Some(&a), Some(&b), what);
+        let mut what = answers::differences(&a, &b, &self.options);
+        // In a motion commands wait behind others, as many as the program likes.
+        let moves = self.gaps.pair(&a, &b, what.is_empty());
+        if !moves {
+            self.latency.pair(&a, &b);
         }
-        if self.result.first.is_none() {
-            if self.recent.len() == CONTEXT_MAX {
-                self.recent.pop_front();
+        what.extend(self.transfer.steps(&a, &b));
+        what.extend(self.late());
+        self.timing.push(Pair::new(a, b, what));
+        self.judge(Follows::More);
+    }
+
+    /// A latency that is longer than allowed, where it begins.
+    fn late(&mut self) -> Option<Deviation> {
+        let allowed = self.options.latency_cycles?;
+        let now = self.latency.now().filter(|now| now.cycles.unsigned_abs() > u64::from(allowed))?;
+        let is_new = self.late_from.replace(now.from_command) != Some(now.from_command);
+        let side = if now.cycles > 0 { Side::B } else { Side::A };
+        is_new.then_some(Deviation::Late { side, cycles: now.cycles.unsigned_abs(), from_command: now.from_command })
+    }
+
+    /// Judges the pairs of which it is known what follows them, up to the first command that differs.
+    fn judge(&mut self, follows: Follows) {
+        while !self.apart
+            && let Some((Pair { a, b, .. }, what)) = self.timing.judge(follows)
+        {
+            self.apart = matches!(what.first(), Some(Deviation::Command { .. }));
+            if !what.is_empty() {
+                self.result.differing_answers += u64::from(!self.apart);
+                self.set_first(Some(&a), Some(&b), what);
             }
-            self.recent.push_back((a, b));
+            if self.result.first.is_none() {
+                if self.recent.len() == CONTEXT_MAX {
+                    self.recent.pop_front();
+                }
+                self.recent.push_back((a, b));
+            }
         }
     }
 
     fn ended(&mut self, a: Option<&Step>, b: Option<&Step>) {
+        self.judge(Follows::OneRun);
+        if self.differ {
+            return;
+        }
         let side = if a.is_none() { Side::A } else { Side::B };
         self.result.ends_early = Some(side);
         self.set_first(a, b, vec![Deviation::Ends { side }]);
@@ -152,6 +216,7 @@ impl Found {
     }
 
     fn finish(mut self, counts: [Counts; 2]) -> Comparison {
+        self.judge(Follows::Nothing);
         if !self.apart
             && let Some(what) = self.transfer.end()
         {
@@ -160,7 +225,57 @@ impl Found {
             self.result.differing_answers += 1;
             self.set_first(a.as_ref(), b.as_ref(), vec![what]);
         }
-        Comparison { counts, ..self.result }
+        let (latency, gaps, shifted) = (self.latency.end(), self.gaps.end(), self.timing.shifted);
+        Comparison { counts, latency, gaps, shifted_answers: shifted, ..self.result }
+    }
+}
+
+impl Comparison {
+    /// How the times of the two runs differ, a line each; none where nothing does.
+    fn timing(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Latency { commands, usual, least, most, ref stretches } = self.latency;
+        // Which cycle a report is of is known to a cycle or two.
+        if usual != 0 || stretches.iter().any(|stretch| stretch.cycles != 0) {
+            write!(f, "latency: {}", Later(usual))?;
+            if least != most {
+                write!(f, ", of {commands} commands that did not wait; from {least} to {most}")?;
+            }
+            for LatencyStretch { from_command, cycles } in stretches.iter().skip(1).take(SHOWN_STRETCHES) {
+                write!(f, "; {} from command {from_command} on", Later(*cycles))?;
+            }
+            match stretches.len().saturating_sub(1 + SHOWN_STRETCHES) {
+                0 => {}
+                more => write!(f, "; {more} changes more")?,
+            }
+            writeln!(f)?;
+        }
+        for (side, Gaps { count, cycles, longest }) in [Side::A, Side::B].into_iter().zip(&self.gaps) {
+            if *count > 0 {
+                let gaps = if *count == 1 { "gap" } else { "gaps" };
+                writeln!(f, "{side}: {count} {gaps} of {cycles} cycles together, the longest {longest}")?;
+            }
+        }
+        if self.shifted_answers > 0 {
+            writeln!(f, "the same some cycles before or later: {} answers", self.shifted_answers)?;
+        }
+        Ok(())
+    }
+}
+
+/// How many changes of the latency are written. \[OURS]
+const SHOWN_STRETCHES: usize = 4;
+
+/// By how many cycles B answers later, in words.
+struct Later(i64);
+
+impl Display for Later {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let (side, cycles) = (if self.0 < 0 { Side::A } else { Side::B }, self.0.unsigned_abs());
+        match cycles {
+            0 => f.write_str("both answer in the same cycle"),
+            1 => write!(f, "{side} answers 1 cycle later"),
+            _ => write!(f, "{side} answers {cycles} cycles later"),
+        }
     }
 }
 
@@ -169,6 +284,7 @@ impl Display for Comparison {
         for (side, counts) in [Side::A, Side::B].into_iter().zip(&self.counts) {
             writeln!(f, "{side}: {counts}")?;
         }
+        self.timing(f)?;
         let Some(first) = &self.first else {
             return write!(f, "equal: {} commands and {} answers", self.counts[0].commands, self.answers);
         };
@@ -181,8 +297,10 @@ impl Display for Comparison {
             first.what.first(),
             Some(Deviation::Command { .. } | Deviation::Ends { .. })
         )));
-        if more > 0 {
-            write!(f, "\nanswers to {more} later commands differ too")?;
+        match more {
+            0 => {}
+            1 => write!(f, "\nthe answer to a later command differs too")?,
+            _ => write!(f, "\nanswers to {more} later commands differ too")?,
         }
         if let Some(side) = self.ends_early {
             let [a, b] = self.counts.map(|counts| counts.commands);

@@ -2,28 +2,30 @@
 
 use std::collections::VecDeque;
 
-use super::{Counts, TimedFrame};
+use super::cycles::Cycles;
+use super::report::Answer;
+use super::{Counts, TimedFrame, WINDOW_CYCLES};
 use crate::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};
-use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
-use crate::sk::{
-    CommandId, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SdoResponse,
-    SlaveKind, SlotSize,
-};
+use crate::sk::dump::{MAX_SLAVES, SlaveData};
+use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SlotSize};
 
 /// The EtherCAT cycle until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
 /// How many steps may wait for their answers: more than the FIFO has entries. The oldest is given up without one. \[OURS]
 const OPEN_STEPS_MAX: usize = 1024;
 
+/// How many reports may wait for the one that tells to which commands they are answers. \[OURS]
+const DOUBTFUL_MAX: usize = 32;
+
 /// A command frame that requests something, and the board's answer to it.
 ///
 /// - A frame of nothing but GET_STATUS is no step, because it depends on timing how many of them a program sends while it
 ///   waits. With [`super::Options::ignore_repeats`] repeats of a frame are no steps either.
 /// - A report belongs to the step whose command was the last one executed when the board made it. Outside OP that is the
-///   last one sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report for which it is doubtful
-///   belongs to no step.
+///   last one sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report that has crossed a
+///   command belongs to no step, if those around it do not tell; the faults that it shows are those of the newest step.
 /// - The answer is the last report of a step: what the program could know when its next command was executed. Faults of
 ///   drives in earlier reports of the step are kept too. \[OURS]
 #[derive(Clone, Debug)]
@@ -46,68 +48,19 @@ pub struct Step {
     pub lost: bool,
     /// How many reports belong to the step.
     pub reports: u64,
+    /// How many cycles of the board passed in OP from the sending of the command to the end of the one in which it was executed,
+    /// as the reports tell; `None` outside OP.
+    pub answered_after: Option<u64>,
+    /// The EtherCAT cycle when it was sent, in nanoseconds.
+    pub(super) cycle_ns: i64,
+    /// The cycle of OP in which it was sent.
+    sent_in: i64,
+    /// The cycle of OP that its answer is of; `None` outside OP and without an answer.
+    pub answered_in: Option<i64>,
+    /// The first and the last reports of the step, with those between them of which it is doubtful.
+    pub(super) kept: VecDeque<Answer>,
     /// The number of the command among the frames sent in OP; `None` if it was sent outside OP and executed on arrival.
     entry: Option<u64>,
-}
-
-/// A report, with the kinds of the slaves at its time.
-#[derive(Clone, Debug)]
-pub struct Answer {
-    /// The number of the report in the run.
-    pub frame_number: u64,
-    /// When the report was received, in nanoseconds.
-    pub at_ns: i64,
-    frame: Frame,
-    size: SlotSize,
-    kinds: [Option<SlaveKind>; MAX_SLAVES],
-}
-
-impl Answer {
-    /// Slot 0, decoded.
-    pub fn board(&self) -> MasterResponse {
-        MasterResponse::decode(&self.frame.slot(self.size, 0))
-    }
-
-    /// The SDO slot, decoded.
-    pub fn sdo(&self) -> SdoResponse {
-        SdoResponse::decode(&self.frame.slot(self.size, self.size.sdo_slot()))
-    }
-
-    /// The slot of `slave`, from 1, decoded for the kind that SET_AXIS has declared, or else for the kind that its fields show.
-    pub fn slave(&self, slave: u8) -> SlaveData {
-        reading(&self.frame, self.size, &self.kinds, slave.into())
-    }
-
-    /// The command that the slot of `slave` answers.
-    pub fn answers(&self, slave: u8) -> CommandId {
-        CommandId::from_code(self.frame.slot(self.size, slave.into()).id)
-    }
-
-    /// The actual position of the first axis of `slave` in counts; `None` if it has no axis or the network is not in OP.
-    pub fn position(&self, slave: u8) -> Option<i32> {
-        match self.slave(slave) {
-            SlaveData::Drive(drive) if self.is_op() => Some(drive.position),
-            SlaveData::Hsp(hsp) if self.is_op() => Some(hsp.first.position),
-            _ => None,
-        }
-    }
-
-    /// Whether the network is in OP, so that the slaves' slots hold process data.
-    pub fn is_op(&self) -> bool {
-        self.board().state.state() == Some(MasterState::Op)
-    }
-}
-
-fn reading(frame: &Frame, size: SlotSize, kinds: &[Option<SlaveKind>; MAX_SLAVES], slave: usize) -> SlaveData {
-    let given = kinds.map(Option::unwrap_or_default);
-    let dump = match kinds.get(slave.wrapping_sub(1)) {
-        Some(Some(_)) => ResponseDump::new(frame, size).kinds(&given),
-        _ => ResponseDump::new(frame, size),
-    };
-    match dump.line(slave).map(|line| line.meaning) {
-        Some(SlotMeaning::SlaveResponse(reading)) => reading.data,
-        _ => SlaveData::Nothing,
-    }
 }
 
 impl Step {
@@ -120,6 +73,24 @@ impl Step {
     /// The number of the first slot of the command that requests something.
     pub(super) fn asking_slot(&self) -> usize {
         (0..self.size.slots()).find(|i| !self.slot(*i).is_zero()).unwrap_or_default()
+    }
+
+    /// Takes a report that belongs to the step, or may.
+    fn look(&mut self, answer: &Answer, size: SlotSize) {
+        if answer.is_op() {
+            for slave in 1..=size.max_slaves() as u8 {
+                if answer.frame.slot(size, slave.into()).is_zero() {
+                    continue;
+                }
+                if let Some(code) = fault(&answer.slave(slave)) {
+                    add_fault(&mut self.faults, slave, code);
+                }
+            }
+        }
+        self.kept.push_back(answer.clone());
+        if self.kept.len() > 2 * WINDOW_CYCLES {
+            self.kept.remove(WINDOW_CYCLES);
+        }
     }
 
     /// The SDO transfer that the command requests; `None` if it requests none.
@@ -141,6 +112,13 @@ pub struct Steps<I> {
     cycle_ns: i64,
     in_op: bool,
     losses: Option<(u16, u8)>,
+    cycles: Cycles,
+    /// Reports of which it is not known yet to which command they are answers, with their cycles.
+    doubtful: Vec<(Answer, i64)>,
+    /// The newest report of which it is known: the last command executed, by its number among those of OP, and the cycle.
+    known: Option<(Option<u64>, i64)>,
+    /// What each slave showed for how many reports: both positions.
+    still: [([Option<i32>; 2], u16); MAX_SLAVES],
     open: VecDeque<Step>,
     done: VecDeque<Step>,
     ended: bool,
@@ -160,6 +138,10 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
             cycle_ns: DEFAULT_CYCLE_NS,
             in_op: false,
             losses: None,
+            cycles: Cycles::default(),
+            doubtful: Vec::new(),
+            known: None,
+            still: [([None; 2], 0); MAX_SLAVES],
             open: VecDeque::new(),
             done: VecDeque::new(),
             ended: false,
@@ -188,6 +170,11 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
             faults: Vec::new(),
             lost: false,
             reports: 0,
+            answered_after: None,
+            cycle_ns: self.cycle_ns,
+            sent_in: self.cycles.passed(),
+            answered_in: None,
+            kept: VecDeque::new(),
             entry,
         };
         if (0..size.slots()).all(|i| step.slot(i).is_zero()) {
@@ -224,37 +211,87 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
                 self.executed.reset(self.cycle_ns);
                 self.open.iter_mut().for_each(|step| step.entry = None);
             }
-            return self.add_report(self.open.len().wrapping_sub(1), number, at_ns, frame);
+            self.give_up_doubtful();
+            let answer = self.answer(number, at_ns, frame);
+            return self.add_report(self.open.len().wrapping_sub(1), answer, 0);
         }
         if !was_op {
             self.executed.reset(self.cycle_ns);
+            (self.cycles, self.known) = (Cycles::default(), None);
         }
+        self.cycles.report(at_ns, self.cycle_ns);
         let last = match self.executed.report(at_ns, &board) {
             LastExecuted::Command(last) => Some(last),
             LastExecuted::Nothing => None,
-            LastExecuted::Doubtful | LastExecuted::Unknown => return,
+            LastExecuted::Doubtful => {
+                let answer = self.answer(number, at_ns, frame);
+                self.doubtful.push((answer, self.cycles.passed()));
+                if self.doubtful.len() > DOUBTFUL_MAX {
+                    self.give_up_doubtful();
+                }
+                return;
+            }
+            LastExecuted::Unknown => return self.give_up_doubtful(),
         };
-        // A step that was executed on arrival has the entry `None`, which is less than any.
-        if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
-            self.add_report(i, number, at_ns, frame);
+        let cycle = self.cycles.passed();
+        self.decide_doubtful(last, cycle);
+        let answer = self.answer(number, at_ns, frame);
+        self.add_report_after(last, answer, cycle);
+        self.known = Some((last, cycle));
+    }
+
+    /// A report is known of which `last` was the last command executed. If one command was executed in each cycle since the one
+    /// that was known before, it is known of those between, too.
+    fn decide_doubtful(&mut self, last: Option<u64>, cycle: i64) {
+        let number = |last: Option<u64>| last.map_or(-1, |last| i64::try_from(last).unwrap_or(i64::MAX));
+        let Some((before, cycle_before)) = self.known else { return self.give_up_doubtful() };
+        let before = number(before);
+        if number(last).saturating_sub(before) != cycle.saturating_sub(cycle_before) {
+            return self.give_up_doubtful();
+        }
+        for (answer, cycle) in std::mem::take(&mut self.doubtful) {
+            let last = before.saturating_add(cycle.saturating_sub(cycle_before));
+            self.add_report_after(u64::try_from(last).ok(), answer, cycle);
         }
     }
 
-    /// Adds a report to the open step `i`. The steps before it get no further reports and are done.
-    fn add_report(&mut self, i: usize, frame_number: u64, at_ns: i64, frame: Frame) {
-        let kinds = std::array::from_fn(|n| self.kinds.of(n + 1));
-        let Some(step) = self.open.get_mut(i) else { return };
-        let answer = Answer { frame_number, at_ns, frame, size: self.size, kinds };
-        if answer.is_op() {
-            for slave in 1..=self.size.max_slaves() as u8 {
-                if answer.frame.slot(self.size, slave.into()).is_zero() {
-                    continue;
-                }
-                if let Some(code) = fault(&answer.slave(slave)) {
-                    add_fault(&mut step.faults, slave, code);
-                }
-            }
+    /// It stays doubtful to which commands these reports are answers: to the newest one of which it is known, or to the next.
+    fn give_up_doubtful(&mut self) {
+        let size = self.size;
+        for (answer, _) in std::mem::take(&mut self.doubtful) {
+            self.open.iter_mut().take(1).for_each(|step| step.look(&answer, size));
         }
+    }
+
+    /// Adds a report of OP to the step that was executed last. One that was executed on arrival has the entry `None`, which is
+    /// less than any.
+    fn add_report_after(&mut self, last: Option<u64>, answer: Answer, cycle: i64) {
+        if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
+            self.add_report(i, answer, cycle);
+        }
+    }
+
+    /// A report, with what is known at its time.
+    fn answer(&mut self, frame_number: u64, at_ns: i64, frame: Frame) -> Answer {
+        let kinds = std::array::from_fn(|n| self.kinds.of(n + 1));
+        let mut answer = Answer { frame_number, at_ns, frame, size: self.size, kinds, still: [0; MAX_SLAVES] };
+        for (n, (shown, count)) in self.still.iter_mut().enumerate().take(self.size.max_slaves()) {
+            let positions = answer.positions(n as u8 + 1);
+            *count = if std::mem::replace(shown, positions) == positions { count.saturating_add(1) } else { 0 };
+            answer.still[n] = *count;
+        }
+        answer
+    }
+
+    /// Adds a report to the open step `i`. The steps before it get no further reports and are done.
+    fn add_report(&mut self, i: usize, answer: Answer, cycle: i64) {
+        for step in self.open.iter_mut().take(i.saturating_add(1)).filter(|step| step.entry.is_some()) {
+            let after = cycle.saturating_sub(step.sent_in).max(0).unsigned_abs();
+            step.answered_after.get_or_insert(after);
+        }
+        let Some(step) = self.open.get_mut(i) else { return };
+        step.look(&answer, self.size);
+        step.answered_in = step.entry.map(|_| cycle);
         step.answer = Some(answer);
         step.reports += 1;
         self.done.extend(self.open.drain(..i));
@@ -289,6 +326,7 @@ impl<I: Iterator<Item = TimedFrame>> Iterator for Steps<I> {
         while self.done.is_empty() && !self.ended {
             let Some(observed) = self.frames.next() else {
                 self.ended = true;
+                self.give_up_doubtful();
                 self.done.append(&mut self.open);
                 break;
             };

@@ -16,7 +16,9 @@ use super::{FAILED_OPEN, LinkError, Share};
 use crate::engine::{Board, Rate};
 use crate::fieldbus::sim::{SimBus, SimHandle};
 use crate::fieldbus::{Fieldbus, MAX_AXES, Ns};
-use crate::slave::{Channels, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel};
+use crate::slave::{
+    Channels, Dp3cl, Dp3clConfig, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel,
+};
 use crate::xf::chip::SlaveModels;
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
@@ -144,6 +146,12 @@ fn models(specs: &[SlaveSpec], manufacturer_objects: Vec<Option<ManufacturerObje
 pub(super) fn drive(config: DriveConfig, said: &TravelSpec) -> Box<dyn Slave> {
     let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
     Box::new(Drive::new(DriveConfig { position, travel, ..config }))
+}
+
+/// A DP3CL as a link describes it.
+pub(super) fn dp3cl(config: Dp3clConfig, said: &TravelSpec) -> Box<dyn Slave> {
+    let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
+    Box::new(Dp3cl::new(Dp3clConfig { position, travel, ..config }))
 }
 
 /// A pulse module as a link describes it.

@@ -14,9 +14,6 @@ use super::travel::TravelSpec;
 use super::uri::suggestion;
 use crate::sk::SlotSize;
 
-/// Kinds that are not implemented yet, but get an error of their own: Xinje DP3CL.
-const NOT_IMPLEMENTED: [&str; 1] = ["dp3cl"];
-
 /// The value for a network without slaves.
 const NONE: &str = "none";
 
@@ -102,12 +99,8 @@ pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             None => (kind, None),
         };
         let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
-            let (state, near) = if NOT_IMPLEMENTED.contains(&kind) {
-                ("not in this build yet", String::new())
-            } else {
-                ("unknown", suggestion(kind, SlaveModel::ALL.map(SlaveModel::name)))
-            };
-            format!("kind `{kind}` is {state};{near} allowed: {}", kinds())
+            let near = suggestion(kind, SlaveModel::ALL.map(SlaveModel::name));
+            format!("kind `{kind}` is unknown;{near} allowed: {}", kinds())
         })?;
         let in_item = |why| format!("in `{item}`, {why}");
         let (travel, manufacturer_objects) = parts.map_or(Ok((None, None)), split_parts).map_err(in_item)?;

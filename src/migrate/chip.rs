@@ -8,20 +8,13 @@ use crate::fieldbus::xf::plan::CycleDemand;
 use crate::fieldbus::xf::{XfBusOptions, fifo_entries};
 use crate::sk::CycleTime;
 use crate::xf::DataSize;
-use crate::xf::host::{Budget, HostConfig};
+use crate::xf::host::HostConfig;
 
 /// How long the chip takes for a packet where INT0 says when it is ready, in nanoseconds. \[OURS] The manual says less than
 /// 150 us (XF EN, "ECM-XF Interrupt"); the model takes as long as this.
 pub const INT0_IDLE_NS: Ns = 100_000;
 /// How long nothing is sent behind a packet without INT0, in nanoseconds (XF EN 1706).
 pub const IDLE_NS: Ns = HostConfig::DEFAULT.idle_ns;
-/// The packets of a turn: two for an exchange of process data, and two for a command beside it, since the states of the
-/// slaves are read while they move. \[OURS]
-const PACKETS_A_TURN: u32 = 4;
-/// So many half turns after it was handed over a set may still count as one that lies in the chip: it is under way, and the
-/// counts that tell that it was sent are two exchanges old (OBS). \[OURS] With as many sets and one more no cycle of the model's repeats its
-/// outputs, whatever the packets.
-const HALF_TURNS_KNOWN: u64 = 5;
 /// The part of a cycle that the exchanges may take at the least clock, in tenths. \[OURS]
 const USED_TENTHS: Ns = 9;
 /// Clocks are told in steps of this, in Hz.
@@ -40,7 +33,8 @@ pub struct Packets {
     /// The least clock of SPI in Hz with which the cycle holds with one exchange under way and a tenth of the time to spare,
     /// be it with other packets; the clock that was given, if that is less.
     pub least_clock_hz: u32,
-    /// How many sets have to lie in the chip for the transport alone, at the clock that was given.
+    /// How many sets have to lie in the chip for the transport alone, at the clock that was given: the bus adds them to
+    /// `ahead=`.
     pub transport_sets: u16,
 }
 
@@ -70,7 +64,7 @@ pub struct Needs {
     pub without_int0: Result<Packets, Refused>,
     /// Entries of each FIFO in the memory that both share.
     pub entries: u8,
-    /// The most that `ahead=` can be.
+    /// The most cycles that `ahead=` bridges: what the chip's FIFO holds beside the transport.
     pub ahead_max: u16,
 }
 
@@ -83,27 +77,34 @@ impl Needs {
             process_bytes: output_bytes.max(input_bytes),
             fifo_entries: entries,
             cycle_ns: network.cycle.ns(),
-            ahead: XfBusOptions::DEFAULT.ahead,
             clock_hz: Some(clock_hz),
             idle_ns,
             present: DataSize::MANUAL,
             size_is_fixed: false,
         };
-        Self {
+        let with_int0 = packets(&demand(INT0_IDLE_NS), clock_hz);
+        let mut needs = Self {
             output_bytes,
             input_bytes,
             cycle: network.cycle,
             clock_hz,
-            with_int0: packets(&demand(INT0_IDLE_NS), clock_hz),
+            with_int0,
             without_int0: packets(&demand(IDLE_NS), clock_hz),
             entries,
-            ahead_max: XfBusOptions::AHEAD_MAX.min(entries.into()),
-        }
+            ahead_max: 0,
+        };
+        needs.ahead_max = u16::from(entries).saturating_sub(needs.transport_sets()).clamp(1, XfBusOptions::AHEAD_MAX);
+        needs
     }
 
     /// Bytes of one set of process data in a packet: the larger direction.
     pub fn set_bytes(&self) -> usize {
         self.output_bytes.max(self.input_bytes)
+    }
+
+    /// How many sets the transport takes with INT0; 0 if the cycle cannot be held.
+    pub fn transport_sets(&self) -> u16 {
+        self.with_int0.map_or(0, |packets| packets.transport_sets)
     }
 
     /// The least n that holds one set.
@@ -117,26 +118,12 @@ impl Needs {
 fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     let refused = |limit| Refused { limit, next_cycle: next_cycle(demand) };
     let plan = demand.plan().map_err(refused)?;
-    let turn = Budget {
-        process_bytes: demand.process_bytes,
-        clock_hz,
-        idle_ns: demand.idle_ns,
-        cycle_ns: demand.cycle_ns,
-        exchanges: PACKETS_A_TURN,
-    };
-    let known_ns = turn.needed_ns(plan.size).saturating_mul(HALF_TURNS_KNOWN) / 2;
-    let sets = (plan.size.bytes() / demand.process_bytes.max(1)).min(demand.ahead.into());
-    if plan.in_flight > 1 && sets > 1 {
-        // [OURS] The bus would take it, and the model of the chip does not come to OP with it.
-        let needed_ns = turn.needed_ns(plan.size) / sets as Ns;
-        return Err(refused(HardwareLimit::Cycle { cycle_ns: demand.cycle_ns, needed_ns }));
-    }
     Ok(Packets {
         size: plan.size,
-        sets: sets as u16,
+        sets: plan.sets,
         in_flight: plan.in_flight,
         least_clock_hz: least_clock_hz(demand, clock_hz),
-        transport_sets: u16::try_from(known_ns.div_ceil(demand.cycle_ns) + 1).unwrap_or(u16::MAX),
+        transport_sets: plan.transport_sets,
     })
 }
 

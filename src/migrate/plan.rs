@@ -15,7 +15,7 @@ const LOCAL_IN: &str = "&local_in=6,7,8,9,10,11";
 /// And for its outputs.
 const LOCAL_OUT: &str = "&local_out=0,1,2,3,4,5";
 
-/// How many sets of outputs have to lie in the chip.
+/// How many cycles of a stall what lies in the chip has to bridge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ahead {
     /// The host's longest stall; `None`: no sign of any, or nothing is known.
@@ -24,11 +24,10 @@ pub struct Ahead {
     pub is_known: bool,
     /// The cycles that the stall lasted, rounded up.
     pub stall_cycles: u16,
-    /// Sets that the transport needs: those of which nobody knows yet whether they were sent.
+    /// Sets that the bus hands over for the transport besides: those of which nobody knows yet whether they were sent.
     pub transport_sets: u16,
-    /// The sum of both.
-    pub wanted: u32,
-    /// The value for `ahead=`: the sum, but the default at least, and as many as the chip's FIFO holds at most.
+    /// The value for `ahead=`: the cycles of the stall, but the default at least, and as many as the chip's FIFO holds at
+    /// most.
     pub value: u16,
     /// Whether that covers the stall: by the default, by `ahead=`, or not.
     pub verdict: Verdict,
@@ -51,7 +50,7 @@ pub struct Plan {
     pub network: Network,
     /// What it needs.
     pub needs: Needs,
-    /// How many sets have to lie in the chip.
+    /// What has to lie in the chip.
     pub ahead: Ahead,
     /// The links that result.
     pub links: Links,
@@ -72,16 +71,16 @@ impl Ahead {
         let is_known = setting.clock == Clock::Real && timing.op_ns > 0;
         let stall = if is_known { timing.stall(cycle_ns) } else { None };
         let stall_cycles = stall.map_or(0, |stall| (stall.ns + cycle_ns - 1) / cycle_ns);
-        let transport_sets = needs.with_int0.map_or(0, |packets| packets.transport_sets);
-        let wanted = u32::try_from(stall_cycles).unwrap_or(u32::MAX).saturating_add(transport_sets.into());
+        let stall_cycles = u16::try_from(stall_cycles).unwrap_or(u16::MAX);
+        let transport_sets = needs.transport_sets();
         let default = XfBusOptions::DEFAULT.ahead;
-        let value = u16::try_from(wanted).unwrap_or(u16::MAX).max(default).min(needs.ahead_max);
-        let verdict = if wanted > needs.ahead_max.into() {
+        let value = stall_cycles.max(default).min(needs.ahead_max);
+        let verdict = if stall_cycles > needs.ahead_max {
             Verdict::No {
                 row: Row::Stall,
                 reason: format!(
-                    "the host stood still for {stall_cycles} cycles, and the chip holds {} sets, of which the transport \
-                     takes {transport_sets}",
+                    "the host stood still for {stall_cycles} cycles, and what the chip holds beside the transport bridges \
+                     {}",
                     needs.ahead_max
                 ),
                 next: "give the process real-time priority and a quiet machine (`ecmsk doctor`), or record again with nothing \
@@ -93,15 +92,7 @@ impl Ahead {
         } else {
             Verdict::Yes
         };
-        Self {
-            stall,
-            is_known,
-            stall_cycles: u16::try_from(stall_cycles).unwrap_or(u16::MAX),
-            transport_sets,
-            wanted,
-            value,
-            verdict,
-        }
+        Self { stall, is_known, stall_cycles, transport_sets, value, verdict }
     }
 }
 

@@ -233,9 +233,9 @@ fn a_cycle_that_the_chip_cannot_hold() {
     let packets = plan.needs.without_int0.expect("packets");
     assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
     // 640 bytes of a set both ways, in 16384.
-    assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 25));
-    assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=8&use_n=400&speed=24M");
-    assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=8&use_n=400&speed=24M");
+    assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 21));
+    assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=4&use_n=400&speed=24M");
+    assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=4&use_n=400&speed=24M");
 }
 
 /// TOOL-178 Two exchanges under way count where each carries one set, and not where each carries several: the model does not come
@@ -263,7 +263,7 @@ fn small_packets() {
     let plan = found.plan.expect("a plan");
     assert_eq!((plan.needs.output_bytes, plan.needs.input_bytes), (12, 20));
     assert_eq!(plan.needs.least_size().expect("a size").bytes(), 32);
-    assert!(plan.links.machine.ends_with("&ahead=8&use_n=112&speed=24M"), "{}", plan.links.machine);
+    assert!(plan.links.machine.ends_with("&ahead=4&use_n=112&speed=24M"), "{}", plan.links.machine);
     let packets = plan.needs.with_int0.expect("packets");
     // Eight sets in 192 bytes, in 1700 us.
     assert_eq!((packets.sets, packets.least_clock_hz), (5, 904_000));
@@ -341,7 +341,7 @@ fn silence() {
     assert_eq!((stall.ns, stall.seen_by), (14 * MS, SeenBy::Silence));
 }
 
-/// TOOL-180 `ahead=` is the stall and the transport, from the default on up to what the chip holds.
+/// TOOL-180 `ahead=` is the stall, from the default on up to what the chip holds.
 #[test]
 fn sets_ahead() {
     let stalled = |drives, ms: i64| {
@@ -353,22 +353,21 @@ fn sets_ahead() {
         run.moves(100..200, 100, MS).found().plan.expect("a plan").ahead
     };
     let ahead = stalled(2, 0);
-    assert_eq!((ahead.stall, ahead.is_known, ahead.value, &ahead.verdict), (None, true, 8, &Verdict::Yes));
-    let transport = ahead.transport_sets;
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value, &ahead.verdict), (None, true, 4, &Verdict::Yes));
     let ahead = stalled(2, 20);
-    assert_eq!((ahead.stall_cycles, ahead.wanted, ahead.value), (20, 20 + u32::from(transport), 20 + transport));
+    assert_eq!((ahead.stall_cycles, ahead.value), (20, 20));
     assert_eq!(ahead.verdict, Verdict::Differs(Row::Stall));
     let ahead = stalled(2, 90);
     assert_eq!((ahead.stall_cycles, ahead.value), (90, 60));
     assert!(matches!(ahead.verdict, Verdict::No { row: Row::Stall, .. }), "{ahead:?}");
     let ahead = stalled(40, 30);
-    assert_eq!((ahead.value, ahead.verdict.word()), (25, "no"));
+    assert_eq!((ahead.value, ahead.verdict.word()), (21, "no"));
     // On a virtual clock, and below OP, nothing is known.
     let mut run = Run::in_op(2, 1000);
     run.moves(0..100, 100, MS).pass(50 * MS).moves(100..200, 100, MS);
     let setting = Setting { clock: Clock::Virtual, ..Setting::default() };
     let ahead = Migration::of(&run.survey, &setting).plan.expect("a plan").ahead;
-    assert_eq!((ahead.stall, ahead.is_known, ahead.value), (None, false, 8));
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value), (None, false, 4));
 }
 
 /// TOOL-176 A program that was never in OP was not seen to do what it is for.

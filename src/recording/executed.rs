@@ -31,12 +31,14 @@ pub struct Executed {
     losses: Option<(u16, u8)>,
     /// The last report: when it was made, commands executed by then, commands that waited.
     before: Option<(i64, u64, u64)>,
+    /// The last report of which it was known: when it was made, commands executed by then.
+    known: Option<(i64, u64)>,
 }
 
 impl Executed {
     /// Of a board with that cycle, in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
-        Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, before: None }
+        Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, before: None, known: None }
     }
 
     /// Commands sent so far.
@@ -68,7 +70,11 @@ impl Executed {
         let waiting = u64::from(FIFO_ENTRIES.saturating_sub(board.fifo_free));
         let executed = self.count.saturating_sub(waiting);
         let fits =
-            self.before.replace((at_ns, executed, waiting)).is_none_or(|before| self.fits(before, at_ns, executed));
+            self.before.replace((at_ns, executed, waiting)).is_none_or(|before| self.fits(before, at_ns, executed))
+                || self.known.is_some_and(|known| self.goes_on(known, at_ns, executed));
+        if fits {
+            self.known = Some((at_ns, executed));
+        }
         match executed.checked_sub(1) {
             None if self.known_from == 0 => LastExecuted::Nothing,
             Some(last) if last >= self.known_from && fits => LastExecuted::Command(last),
@@ -79,9 +85,20 @@ impl Executed {
 
     /// Whether one command was executed in each cycle since the report before, if enough of them waited.
     fn fits(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
-        let passed = at_ns.saturating_sub(then_ns).max(0);
-        let cycles = (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs();
+        let cycles = self.cycles(then_ns, at_ns);
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
+    }
+
+    /// Whether one command was executed in each cycle since the last report of which it was known: those between crossed
+    /// commands, and this one does not.
+    fn goes_on(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
+        executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
+    }
+
+    /// The cycles between two times, in nanoseconds.
+    fn cycles(&self, then_ns: i64, at_ns: i64) -> u64 {
+        let passed = at_ns.saturating_sub(then_ns).max(0);
+        (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs()
     }
 
     /// OP was left: the FIFO is empty. `cycle_ns`: what it will be in OP again.

@@ -10,6 +10,8 @@ pub const WATCHDOG_NS: Ns = 100_000_000;
 #[derive(Clone, Debug, Default)]
 pub struct ApplicationLayer {
     state: AlState,
+    /// The AL status code of the last change that was refused, or of the watchdog; 0 after a change that was made.
+    status: u16,
     /// Outputs have come since the last step.
     outputs_came: bool,
     /// For how long no outputs have come.
@@ -22,19 +24,31 @@ impl ApplicationLayer {
         self.state
     }
 
-    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the mapping
-    /// of the device allows SafeOP.
+    /// The AL status code of the last change that was refused, or of the watchdog if that has ended OP since.
+    pub const fn status(&self) -> AlStatus {
+        AlStatus(self.status)
+    }
+
+    /// Falls back to a lower state, or stays, for the reason that the AL status code says.
+    pub fn fall(&mut self, target: AlState, AlStatus(status): AlStatus) {
+        self.state = self.state.min(target);
+        self.status = status;
+    }
+
+    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the device
+    /// allows the step up.
     ///
     /// # Errors
     /// [`AlStatus::INVALID_CHANGE`] if a state is left out on the way up, or the error in `ready`.
     pub fn enter(&mut self, target: AlState, ready: Result<(), AlStatus>) -> Result<(), AlStatus> {
         use AlState::*;
-        match (self.state, target) {
-            (from, to) if to <= from => {}
-            (Init, PreOp) | (SafeOp, Op) => {}
-            (PreOp, SafeOp) => ready?,
-            _ => return Err(AlStatus::INVALID_CHANGE),
-        }
+        let allowed = match (self.state, target) {
+            (from, to) if to <= from => Ok(()),
+            (Init, PreOp) | (PreOp, SafeOp) | (SafeOp, Op) => ready,
+            _ => Err(AlStatus::INVALID_CHANGE),
+        };
+        self.status = allowed.map_or_else(|AlStatus(code)| code, |()| 0);
+        allowed?;
         self.state = target;
         self.outputs_came = false;
         self.without_outputs_ns = 0;
@@ -57,7 +71,7 @@ impl ApplicationLayer {
         self.without_outputs_ns += dt_ns;
         let expired = self.without_outputs_ns >= WATCHDOG_NS;
         if expired {
-            self.state = AlState::SafeOp;
+            self.fall(AlState::SafeOp, AlStatus::WATCHDOG);
         }
         expired
     }

@@ -58,6 +58,8 @@ pub struct Settings {
     pub options: OptionCodes,
     /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
     pub homing: HomingSettings,
+    /// The ramp on which an axis brakes if homing mode is left while it moves; `None`: the homing acceleration, 0x609A.
+    pub homing_exit: Option<u32>,
 }
 
 /// Targets of the cyclic modes.
@@ -245,6 +247,38 @@ impl Axis {
             self.reset_standstill();
             self.homing.enter(self.machine.controlword(), self.settings.homing);
         }
+    }
+
+    /// The switches along the travel.
+    pub const fn switches(&self) -> &Switches {
+        &self.switches
+    }
+
+    /// Sets the position actual value of where the shaft is.
+    pub fn set_position(&mut self, position: i64) {
+        self.origin = position.wrapping_sub(self.plant.position());
+        self.targets.position = position as i32;
+        self.measure();
+    }
+
+    /// Whether the target position that has just come is the one that is discarded after homing, see `axis/homing.rs`.
+    pub const fn skips_target(&mut self) -> bool {
+        std::mem::replace(&mut self.skip_next_target, false)
+    }
+
+    /// Replaces the switches along the travel.
+    pub fn set_switches(&mut self, switches: Switches) {
+        self.switches = switches;
+    }
+
+    /// The position demand in counts of the shaft, whatever homing has set.
+    pub const fn shaft_demand(&self) -> i64 {
+        self.demand.whole
+    }
+
+    /// Whether the motor follows a target or a homing run.
+    pub fn follows(&self) -> bool {
+        self.motion == Motion::Follow
     }
 
     /// The targets in force.

@@ -169,6 +169,7 @@ impl AxisSlots {
             position_limits: (0, 0),
             max_velocity: values.get(self.max_velocity),
             max_torque: 0,
+            homing_exit: None,
             slow_down: values.get(self.slow_down),
             quick_stop: values.get(self.quick_stop),
             options: OptionCodes {
@@ -184,6 +185,7 @@ impl AxisSlots {
                 zero_speed: values.get(self.homing_speed_zero),
                 acceleration: values.get(self.homing_acceleration),
                 halt_option: values.get(self.halt_option),
+                stays_beyond_home: false,
             },
         }
     }

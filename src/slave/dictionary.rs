@@ -8,6 +8,9 @@
 //!   is compiled: neither a search nor a wrong type is possible at run time.
 //! - *live*: in a field of the device, behind accessor functions. Values that a cycle moves are live.
 //!
+//! [`object_from`], [`describe_object`] and [`describe_entry`] are what a table says of itself, for masters that ask a device
+//! for its objects.
+//!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 //! use ecmsk::ethercat::AlState;
@@ -37,9 +40,14 @@
 //! ```
 
 mod complete;
+mod information;
 mod object;
 mod values;
 
+pub use information::{
+    DataTypeCode, EntryAccess, EntryDescription, EntryValues, NUMBER_OF_ENTRIES, ObjectCode, ObjectDescription,
+    ObjectListKind, describe_entry, describe_object, object_from,
+};
 pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, rows};
 pub use values::{Slot, Value, Values, slot};
 

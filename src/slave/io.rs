@@ -4,7 +4,7 @@
 
 use std::slice;
 
-use super::device::{Base, Identity, Model, VENDOR_ID, identity};
+use super::device::{Base, Identity, Model, VENDOR_ID, description, free_run, identity};
 use super::dictionary::{Object, Values, check, join, rows};
 use super::lines::Lines;
 use super::process_data::{Pdo, rx_pdo, tx_pdo};
@@ -105,7 +105,7 @@ type Row = Object<Io>;
 /// 0x7000. Outputs are written by process data alone.
 const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 2] = [&identity(), OWN];
+const PARTS: [&[Row]; 4] = [&description(), &identity(), &free_run(), OWN];
 
 const OWN: &[Row] = &[
     Row::u8(0x6000, 0, "Digital inputs").default(1),

@@ -60,6 +60,11 @@ impl Lines {
         self.forced = pattern.map(|pattern| (pattern, 0));
     }
 
+    /// Whether the inputs are forced.
+    pub const fn is_forced(&self) -> bool {
+        self.forced.is_some()
+    }
+
     /// `dt_ns` pass.
     pub const fn pass(&mut self, dt_ns: Ns) {
         self.inputs = match &mut self.forced {

@@ -22,7 +22,9 @@ mod format;
 
 use std::fmt;
 
-use super::dictionary::{Access, number_of, put_first};
+use super::dictionary::{
+    Access, DataType, DataTypeCode, EntryAccess, EntryDescription, ObjectCode, ObjectDescription, number_of, put_first,
+};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
@@ -105,6 +107,25 @@ impl ManufacturerType {
             Self::I32 | Self::U32 | Self::F32 => Some(4),
             Self::I64 | Self::U64 | Self::F64 => Some(8),
             Self::Text | Self::Any => None,
+        }
+    }
+
+    /// The number of the data type in an object dictionary. \[OURS] Values of unknown size are octets.
+    const fn code(self) -> DataTypeCode {
+        match self {
+            Self::Bool => DataTypeCode::of(DataType::Bool),
+            Self::I8 => DataTypeCode::of(DataType::I8),
+            Self::U8 => DataTypeCode::of(DataType::U8),
+            Self::I16 => DataTypeCode::of(DataType::I16),
+            Self::U16 => DataTypeCode::of(DataType::U16),
+            Self::I32 => DataTypeCode::of(DataType::I32),
+            Self::U32 => DataTypeCode::of(DataType::U32),
+            Self::F32 => DataTypeCode::REAL32,
+            Self::I64 => DataTypeCode::of(DataType::I64),
+            Self::U64 => DataTypeCode::of(DataType::U64),
+            Self::F64 => DataTypeCode::REAL64,
+            Self::Text => DataTypeCode::of(DataType::Text),
+            Self::Any => DataTypeCode::OCTET_STRING,
         }
     }
 
@@ -194,6 +215,36 @@ impl ManufacturerObjects {
     /// The objects, in ascending order of their addresses.
     pub fn objects(&self) -> &[ManufacturerObject] {
         &self.objects
+    }
+
+    /// The first index of these objects from `from` on.
+    pub(super) fn index_from(&self, from: u16) -> Option<u16> {
+        self.objects.iter().map(|object| object.address.index).find(|index| *index >= from)
+    }
+
+    /// The description of an object. \[OURS] One with several sub-indices is a record.
+    pub(super) fn describe_object(&self, index: u16) -> Option<ObjectDescription<'_>> {
+        let objects = || self.objects.iter().filter(|object| object.address.index == index);
+        let (first, last) = (objects().next()?, objects().next_back()?);
+        let max_sub = last.address.sub;
+        let (code, data_type) = match max_sub {
+            0 => (ObjectCode::Variable, first.data.code()),
+            _ => (ObjectCode::Record, DataTypeCode::NONE),
+        };
+        Some(ObjectDescription { index, data_type, max_sub, code, name: &first.name })
+    }
+
+    /// The description of an entry.
+    pub(super) fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'_>> {
+        let object = &self.objects[self.find(at).ok()?];
+        Some(EntryDescription {
+            at,
+            data_type: object.data.code(),
+            bits: u16::from(object.data.shown_bytes()) * 8,
+            access: EntryAccess::of(object.access),
+            values: None,
+            name: &object.name,
+        })
     }
 
     fn find(&self, at: ObjectAddress) -> Result<usize, usize> {

@@ -3,7 +3,9 @@
 //! | file or folder | what it answers |
 //! | --- | --- |
 //! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
-//! | `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `dp3cl/` | the stepper drive Xinje DP3CL, whole |
+//! | `device/`, `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `communication.rs` | what a device reads from the registers of its controller |
 //! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
 //! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
 //! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
@@ -17,7 +19,6 @@
 //! | `lines.rs` | digital inputs and outputs |
 //! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
 //! | `handle.rs` | the handle by which scripts and tests reach a network while it runs |
-//! | `object_directory.rs` | names, types and access of objects, for SDO information |
 //! | `esc/` | the slave controllers around the slaves, as the network sees them |
 //! | `cable.rs` | what goes wrong between a network and its slaves: cut cables, slaves without power, refused states, aborted SDOs |
 //!
@@ -30,8 +31,10 @@ pub mod al;
 pub mod axis;
 mod axis_objects;
 pub mod cable;
+mod communication;
 pub mod device;
 pub mod dictionary;
+pub mod dp3cl;
 pub mod drive;
 pub mod esc;
 mod fault;
@@ -41,12 +44,13 @@ pub mod hsp;
 pub mod io;
 pub mod lines;
 mod manufacturer;
-mod object_directory;
 pub mod plant;
 pub mod process_data;
 pub mod state_machine;
 pub mod switches;
 
+pub use communication::{Communication, SyncEvent, SyncManagerSettings};
+pub use dp3cl::{Dp3cl, Dp3clConfig};
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use fault::Fault;
 pub use hsp::{Channels, Hsp, HspConfig};
@@ -55,13 +59,14 @@ pub use lines::InputPattern;
 pub use manufacturer::{
     FormatError, MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType,
 };
-pub use object_directory::ObjectDirectory;
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
 pub use crate::ethercat::AlStatus;
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
+use device::Identity;
+use dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
 use crate::ethercat::{AlState, Ns};
@@ -95,6 +100,16 @@ pub trait Slave: Send {
     /// The name that people know it by, e.g. `drive`.
     fn name(&self) -> &str;
 
+    /// The identity of the slave and its serial number, in any state; `None`: the slave tells none.
+    fn identity(&self) -> Option<(&Identity, u32)> {
+        None
+    }
+
+    /// The station alias that the slave has at power-on; 0: none.
+    fn station_alias(&self) -> u16 {
+        0
+    }
+
     /// The AL state. A slave may leave a state by itself, e.g. when no outputs come.
     fn state(&self) -> AlState;
 
@@ -103,6 +118,30 @@ pub trait Slave: Send {
     /// # Errors
     /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
+
+    /// Requests the AL state with that code in the AL control register: 1, 2, 4, 8, or 3 for bootstrap, which no slave here
+    /// has.
+    ///
+    /// # Errors
+    /// The AL status code with which the slave refuses. It may have fallen back to a lower state.
+    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
+        match device::state_of(code) {
+            Ok(state) => self.enter(state),
+            Err(status) => Err(status),
+        }
+    }
+
+    /// The AL status code of the last change of state that the slave has refused, or with which it has left a state by
+    /// itself; 0 after a change that was made.
+    fn al_status(&self) -> AlStatus {
+        AlStatus(0)
+    }
+
+    /// The slave is switched off and on again.
+    fn restart(&mut self) {
+        // Every slave can go to Init.
+        let _ = self.enter(AlState::Init);
+    }
 
     /// SDO upload: puts as many of the first bytes of the value into `value` as there is room for. The length of the whole
     /// value.
@@ -116,6 +155,47 @@ pub trait Slave: Send {
     /// # Errors
     /// The SDO abort code.
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
+
+    /// The first object of the slave with an index of at least `from`; `None`: there is none. SDO information tells a master
+    /// which objects there are.
+    fn object_from(&self, from: u16) -> Option<u16> {
+        let _ = from;
+        None
+    }
+
+    /// The description of an object.
+    ///
+    /// # Errors
+    /// [`AbortCode::NO_OBJECT`]; [`AbortCode::NO_DICTIONARY`]: the slave tells nothing of its objects.
+    fn describe_object(&self, index: u16) -> Result<ObjectDescription<'_>, AbortCode> {
+        let _ = index;
+        Err(AbortCode::NO_DICTIONARY)
+    }
+
+    /// The description of an entry.
+    ///
+    /// # Errors
+    /// As [`Slave::describe_object`], and [`AbortCode::NO_SUB_INDEX`].
+    fn describe_entry(&self, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
+        let _ = at;
+        Err(AbortCode::NO_DICTIONARY)
+    }
+
+    /// The indexes of the objects in a list of the SDO information services, in ascending order.
+    fn object_list(&self, kind: ObjectListKind) -> Vec<u16> {
+        let mut from = Some(0);
+        let objects = std::iter::from_fn(|| {
+            let index = self.object_from(from?)?;
+            from = index.checked_add(1);
+            Some(index)
+        });
+        let is_in = |index: &u16| {
+            let subs = self.describe_object(*index).map_or(0, |object| object.max_sub);
+            let mut entries = (0..=subs).filter_map(|sub| self.describe_entry(ObjectAddress::new(*index, sub)).ok());
+            entries.any(|entry| kind.has(entry.access))
+        };
+        objects.filter(is_in).collect()
+    }
 
     /// SDO upload of one sub-index; of a value of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
     ///
@@ -137,6 +217,32 @@ pub trait Slave: Send {
     /// are as long as the process data that are mapped. Init sets both to 0.
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
         let _ = (outputs, inputs);
+    }
+
+    /// Hands over the registers of the controller in front of the slave, before a change of state. Without this call a slave
+    /// judges the lengths of its sync managers alone.
+    fn set_communication(&mut self, communication: &Communication) {
+        let [_, _, outputs, inputs] = communication.sync_managers;
+        self.set_sync_managers(outputs.length, inputs.length);
+    }
+
+    /// The controller tells the slave how it is synchronized.
+    fn report_sync(&mut self, event: SyncEvent) {
+        let _ = event;
+    }
+
+    /// The watchdog of outputs in the controller in front of the slave has expired, which runs from the first outputs on: the
+    /// slave leaves OP.
+    fn expire_watchdog(&mut self) {
+        if self.state() == AlState::Op {
+            // Every slave can go to a lower state.
+            let _ = self.enter(AlState::SafeOp);
+        }
+    }
+
+    /// Sets the cycle of SYNC0 on a network without controllers; `None`: the slave runs without distributed clocks.
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        let _ = cycle_ns;
     }
 
     /// The process data of a cycle: the slave takes the output image and puts what it measured last into the input image.
@@ -178,11 +284,6 @@ pub trait Slave: Send {
     /// The true position of the shaft of an axis (from 0), counts; `None`: the slave has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;
-        None
-    }
-
-    /// What the slave says about its objects; `None`: it says nothing.
-    fn object_directory(&self) -> Option<&dyn ObjectDirectory> {
         None
     }
 

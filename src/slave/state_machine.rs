@@ -178,6 +178,11 @@ impl StateMachine {
         self.controlword = word;
     }
 
+    /// Asks for a fault reset as bit 7 of the controlword does. It acts in the next [`StateMachine::step`].
+    pub const fn request_reset(&mut self) {
+        self.reset_requested = true;
+    }
+
     /// A fault occurs (transition 13). It replaces an earlier one that was not cleared.
     pub fn raise(&mut self, fault: DeviceFault) {
         let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);

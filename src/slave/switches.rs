@@ -149,8 +149,10 @@ impl Default for Travel {
 /// The switches of an axis as they are wired, and the values that they stick at.
 #[derive(Clone, Debug)]
 pub struct Switches {
-    /// The counts where each of the three switches is active.
+    /// The counts where each of the three switches is active, or, if it is inverted, where it is not.
     ranges: [(Input, Option<(i64, i64)>); 3],
+    /// Whether each of them is inverted.
+    inverted: [bool; 3],
     index: Option<i64>,
     turn: i64,
     search_limit: f64,
@@ -172,10 +174,24 @@ impl Switches {
                 (Input::PositiveLimit, travel.positive_limit.map(|first| (first, i64::MAX))),
                 (Input::Home, home),
             ],
+            inverted: [false; 3],
             index: travel.index.map(i64::from),
             turn: counts_per_turn.max(1).into(),
             search_limit: travel.search_limit as f64,
             stuck: [None; 4],
+        }
+    }
+
+    /// The same index pulse and the same greatest distance with other switches, none of which sticks: the range of counts of
+    /// each, both ends included, and whether it is active outside of that range instead. `None`: it is not wired.
+    #[must_use]
+    pub fn rewired(&self, wiring: impl Fn(Input) -> Option<((i64, i64), bool)>) -> Self {
+        let wired = self.ranges.map(|(input, _)| (input, wiring(input)));
+        Self {
+            ranges: wired.map(|(input, wired)| (input, wired.map(|(range, _)| range))),
+            inverted: wired.map(|(_, wired)| wired.is_some_and(|(_, inverted)| inverted)),
+            stuck: [None, None, None, self.stuck[Input::Index as usize]],
+            ..*self
         }
     }
 
@@ -201,9 +217,9 @@ impl Switches {
     /// The states of the switches with the shaft at that count.
     pub fn read(&self, position: i64) -> Inputs {
         let mut bits = 0;
-        for (input, range) in self.ranges {
+        for ((input, range), inverted) in self.ranges.into_iter().zip(self.inverted) {
             let Some((first, last)) = range else { continue };
-            if self.stuck[input as usize].unwrap_or(first <= position && position <= last) {
+            if self.stuck[input as usize].unwrap_or((first <= position && position <= last) != inverted) {
                 bits |= Inputs::bit(input);
             }
         }
@@ -239,6 +255,12 @@ impl Switches {
         let pulse = if index { self.next_index(from, up) } else { None };
         let places = edges.flatten().chain(pulse).filter(ahead);
         if up { places.min() } else { places.max() }
+    }
+
+    /// The first count after `from`, up to `to` and in its direction, where the index pulse comes.
+    pub fn next_pulse(&self, from: i64, to: i64) -> Option<i64> {
+        let up = to > from;
+        self.next_index(from, up).filter(|at| if up { *at <= to } else { to <= *at })
     }
 
     /// The count of the first index pulse beyond `from`.

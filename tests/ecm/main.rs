@@ -18,6 +18,7 @@ mod bad_states;
 mod board;
 mod close;
 mod common;
+mod dp3cl;
 mod ends;
 mod example;
 mod homing;

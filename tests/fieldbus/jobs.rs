@@ -5,8 +5,8 @@ use ecmsk::coe::{AbortCode, SdoSize};
 use ecmsk::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use ecmsk::fieldbus::sim::{SimBus, Timing};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Busy, Configured, Fieldbus, Job, JobDone, Ns, Role, SlaveSet};
-use ecmsk::sk::DriveSync;
-use ecmsk::slave::{AlStatus, Channels, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
+use ecmsk::sk::{CycleTime, DriveSync};
+use ecmsk::slave::{AlStatus, Channels, Dp3cl, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use support::fieldbus_rig::{Bench, MS, SECOND, configure, refused, sdo, set, state};
 
 use AlState::*;
@@ -361,5 +361,49 @@ fn images_of_each_role() {
         let mut taken = [seen; 2];
         data.take_inputs(&image[..data.input_bytes()], &mut taken);
         assert_eq!(taken, [expected, seen], "{role:?}: the second axis is left alone");
+    }
+}
+
+/// DP3CL-10.3 A DP3CL that has lost its power begins anew: what was not saved is gone, its mapping is that of power-on.
+#[test]
+fn a_slave_that_was_switched_off_begins_anew() {
+    let mut bench = Bench::of(vec![Box::<Dp3cl>::default()]);
+    assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 1 });
+    assert_eq!(bench.done(state(PreOp, 1)), JobDone::State(Ok(())));
+    let value = |bench: &mut Bench, index| match bench.done(sdo(1, index, None)) {
+        JobDone::Sdo(Ok(value)) => value,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(bench.done(sdo(1, 0x2005, Some((SdoSize::Two, 60)))), JobDone::Sdo(Ok(60)));
+    assert_eq!(bench.done(sdo(1, 0x1600, Some((SdoSize::One, 1)))), JobDone::Sdo(Ok(1)));
+    assert_eq!((value(&mut bench, 0x2005), value(&mut bench, 0x1600), value(&mut bench, 0x3200)), (60, 1, 1));
+    bench.handle.lose(1);
+    bench.poll();
+    bench.handle.find(1);
+    bench.poll();
+    assert_eq!(bench.done(Job::Scan), JobDone::Scan { found: 1 });
+    assert_eq!(bench.done(state(PreOp, 1)), JobDone::State(Ok(())));
+    assert_eq!((value(&mut bench, 0x2005), value(&mut bench, 0x1600), value(&mut bench, 0x3200)), (100, 3, 2));
+}
+
+/// DP3CL-10.2 The cycle of the bus is that of SYNC0; in free run any cycle is good.
+#[test]
+fn a_dp3cl_has_four_cycles() {
+    for (cycle_us, sync, answer) in [
+        (250, DriveSync::DcSync, Err(0x0035)),
+        (500, DriveSync::DcSync, Ok(())),
+        (4000, DriveSync::DcSync, Ok(())),
+        (8000, DriveSync::DcSync, Err(0x0035)),
+        (8000, DriveSync::FreeRun, Ok(())),
+    ] {
+        let mut bench = Bench::of(vec![Box::<Dp3cl>::default()]);
+        bench.done(Job::Scan);
+        assert_eq!(bench.done(state(PreOp, 1)), JobDone::State(Ok(())));
+        let Job::Configure(mut config) = configure(Role::Step(Mode::Csp)) else { panic!("it is a configuration") };
+        config.cycle = CycleTime::from_us(cycle_us).expect("a cycle of the board");
+        config.slaves.iter_mut().for_each(|slave| slave.sync = sync);
+        assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(Ok(Configured::default())));
+        let expected = answer.map_or_else(|status| JobDone::State(refused(1, status)), |()| JobDone::State(Ok(())));
+        assert_eq!(bench.done(state(Op, 1)), expected, "{cycle_us} {sync:?}");
     }
 }

@@ -268,9 +268,9 @@ fn a_board_takes_40_slaves_or_30() {
 }
 
 #[test]
-fn kinds_of_slaves_that_are_not_in_the_build_are_refused_by_name() {
-    let why = "kind `dp3cl` is not in this build yet; allowed: drive, io, step, hsp, hsp2";
-    refused("sim:?slaves=drive*3,dp3cl*2", &["`slaves`", why]);
+fn unknown_kinds_of_slaves_are_refused_by_name() {
+    let why = "kind `dp4cl` is unknown; did you mean `dp3cl`? allowed: drive, io, step, dp3cl, hsp, hsp2";
+    refused("sim:?slaves=drive*3,dp4cl*2", &["`slaves`", why]);
     refused("sim:?slaves=servo", &["`servo`", "unknown", "allowed: drive"]);
     for list in ["drive*0", "drive*", "drive*41", "drive*+1", "drive*99999999999999999999", "drive*1*2"] {
         refused(&format!("sim:?slaves={list}"), &["`slaves`", list, "from 1 to 40"]);

@@ -1,5 +1,6 @@
 //! The row `latency`: how many reports pass until one answers a command.
 
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::sk::{Motion, SlaveCommand};
 
 use crate::drives;
@@ -32,7 +33,7 @@ fn an_answer_comes_some_reports_later() {
     for (drives, size, most) in [(2, None, 8), (2, stall::SMALL, 6), (8, None, 8), (8, stall::SMALL, 6), (40, None, 8)]
     {
         assert_eq!(latency(drives::in_op(Behind::Board, drives), drives), 1, "{drives} drives");
-        let later = latency(stall::machine(8, drives, size).0, drives);
+        let later = latency(stall::machine(XfBusOptions::DEFAULT.ahead, drives, size).0, drives);
         assert!((2..=most).contains(&later), "{drives} drives, {size:?}: {later}");
     }
 }

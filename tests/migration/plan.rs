@@ -147,7 +147,7 @@ impl Plan {
         while units.len() < 5 && !dice.one_in(4) {
             units.push(Unit::random(size, &mut dice));
         }
-        let ahead = dice.pick(&[8, 8, 8, 12, 20]);
+        let ahead = dice.pick(&[4, 4, 1, 8, 20]);
         let mut steps = vec![Step::Op];
         let mut on = vec![false; units.len()];
         for _ in 0..6 + dice.below(5) {

@@ -23,8 +23,10 @@ const STATE_BITS: u16 = 0x006F;
 /// The most cycles by which a motion ends sooner or later, when the program ends it by what it sees or says: latency and
 /// SET_FIFO clear together, with 5 slaves (the rows `latency` and `clear`).
 const CUT_BY: usize = 24;
-/// The most cycles by which an answer comes later, beside what lies in the chip (the row `latency`).
+/// The most cycles by which an answer comes later, beside what lies in the chip for a stall and for the transport.
 const LATENCY: u64 = 8;
+/// For so long the transport lies in the chip, with any packets (the row `latency`).
+const TRANSPORT_US: u64 = 5000;
 /// By so many times the way of a cycle an alarm stops an axis elsewhere, where idle cycles came in between.
 const STOP: u32 = 20;
 const ALARM: DeviceFault = DeviceFault { code: 0x7500, resettable: true };

@@ -9,11 +9,12 @@ use support::root;
 
 /// Programs that print other numbers behind a chip, since they say how many reports something took, where an axis was after
 /// so many, or how many frames a full FIFO has lost: language, program, the row.
-const DIFFER: [(&str, &str, Row); 10] = [
+const DIFFER: [(&str, &str, Row); 11] = [
     ("cpp", "alarm_recovery", Row::Start),
     ("cpp", "habit_sdo_retry", Row::Latency),
     ("cpp", "habit_set_axis_burst", Row::Start),
     ("cpp", "habit_tight_writer", Row::Latency),
+    ("cpp", "hsp_16b", Row::Latency),
     ("cpp", "operator_panel", Row::Start),
     ("c", "csv_cst", Row::Latency),
     ("csharp", "OperatorPanel", Row::Start),

@@ -408,8 +408,13 @@ mod any_frames {
     proptest! {
         /// TOOL-55 Whatever frames there are, a run is equal to itself, and two runs differ the same way from either side.
         #[test]
-        fn compare_takes_any_frames(a in runs(), b in runs(), ignore_repeats: bool) {
-            let options = Options { ignore_repeats, ..Options::default() };
+        fn compare_takes_any_frames(
+            a in runs(),
+            b in runs(),
+            ignore_repeats: bool,
+            latency_cycles in prop::option::of(0_u32..30),
+        ) {
+            let options = Options { ignore_repeats, latency_cycles, ..Options::default() };
             let same = compare(a.clone(), a.clone(), SIZE, &options);
             prop_assert!(same.is_equal(), "{same}");
             let one = compare(a.clone(), b.clone(), SIZE, &options);

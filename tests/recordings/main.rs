@@ -9,6 +9,7 @@
 
 mod any;
 mod compare;
+mod latency;
 mod page;
 mod reader;
 mod replay;

@@ -240,7 +240,7 @@ fn the_same_link_is_the_chip_itself() {
     let folder = tempfile::tempdir().expect("a folder");
     let uri = |file: &Path| {
         let file = file.display();
-        format!("xf-sim:?slaves=drive,io&slot=16&clock=virtual&ahead=4&queue=3&record={file}")
+        format!("xf-sim:?slaves=drive,io&slot=16&clock=virtual&ahead=5&queue=3&record={file}")
     };
     let [of_board, of_chip] = ["board", "chip"].map(|name| folder.path().join(name));
 

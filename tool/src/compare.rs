@@ -68,6 +68,11 @@ pub struct How {
     #[arg(long)]
     ignore_repeats: bool,
 
+    /// Answers may come at most so many cycles later in one recording than in the other. 0: what one board had answered when the
+    /// program moved on, the other has to have answered, too [default: any number, and what they show may be 24 cycles apart]
+    #[arg(long, value_name = "CYCLES")]
+    latency: Option<u32>,
+
     /// Take a recording for the whole run that is cut off, was not ended or lacks frames: if no difference is found as far
     /// as it goes, that is equal
     #[arg(long)]
@@ -97,6 +102,7 @@ impl How {
             tolerance_counts: self.tolerance,
             statusword_mask: self.statusword_mask,
             ignore_repeats: self.ignore_repeats,
+            latency_cycles: self.latency,
             slot: slot_size::given(self.slot_size, self.slot),
             allow_incomplete: self.allow_incomplete,
         }

@@ -8,12 +8,13 @@ use ecmsk::sk::dump::MAX_SLAVES;
 pub struct KindList(Vec<SlaveKind>);
 
 /// The names. All names in a link's `slaves` are among them, so that the same list can be used for both.
-const WORDS: [(&str, SlaveKind); 6] = [
+const WORDS: [(&str, SlaveKind); 7] = [
     ("drive", SlaveKind::Drive),
     ("io", SlaveKind::Io),
     ("hsp", SlaveKind::Hsp),
     ("hsp2", SlaveKind::Hsp),
     ("step", SlaveKind::Step),
+    ("dp3cl", SlaveKind::Step),
     ("none", SlaveKind::None),
 ];
 

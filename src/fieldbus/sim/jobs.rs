@@ -7,6 +7,7 @@ use crate::fieldbus::{
     AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
     SlaveSet,
 };
+use crate::sk::DriveSync;
 use crate::slave::AlStatus;
 
 /// A job under way. `due` is the time at which its next part ends.
@@ -132,6 +133,10 @@ impl SimBus {
         if device.state() == AlState::PreOp {
             *process_data = None;
         }
+        device.set_sync_cycle(match wanted.sync {
+            DriveSync::FreeRun => None,
+            DriveSync::DcSync => Some(config.cycle.ns()),
+        });
         let configured = configure(&mut **device, wanted).map_err(|refusal| Refusal { slave, ..refusal })?;
         *process_data = configured;
         Ok(configured.is_some_and(|data| data.axes() > 1))

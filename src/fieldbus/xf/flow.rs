@@ -1,6 +1,6 @@
 //! Process data: which sets are written and read in which exchange, and what has come back.
 //!
-//! In OP each exchange writes as many of the sets that wait as the packet, the chip's FIFO and `ahead` let it, and reads as
+//! In OP each exchange writes as many of the sets that wait as the packet, the chip's FIFO and the depth let it, and reads as
 //! many cycles; where more cycles wait than come with that, every other one reads alone. Below OP the newest inputs are
 //! read past the FIFO.
 //!
@@ -12,7 +12,7 @@
 use super::{XfBus, tick_ns};
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{AxisIn, MAX_AXES, Outputs};
-use crate::xf::host::{HostState, ProcessData, ProcessOutcome, Wires};
+use crate::xf::host::{HostError, HostState, ProcessData, ProcessKind, ProcessOutcome, Wires};
 
 use super::answers::IMAGE_MAX;
 use super::clear::Clearing;
@@ -129,7 +129,8 @@ impl<W: Wires> XfBus<W> {
             _ if !self.network.mapped || self.network.at_least(AlState::SafeOp).is_empty() => {}
             None if !self.runs && now >= self.next_read => {
                 self.next_read = now.saturating_add(tick_ns());
-                self.fly(Load::Inputs, ProcessData::DirectRead);
+                let taken = self.host.process(ProcessData::DirectRead);
+                self.fly(Load::Inputs, taken);
             }
             _ => {}
         }
@@ -156,8 +157,8 @@ impl<W: Wires> XfBus<W> {
     }
 
     /// Whether the driver has taken it; if not, a later turn tries again.
-    fn fly(&mut self, load: Load, data: ProcessData<'_>) -> bool {
-        let sequence = self.host.process(data).ok();
+    fn fly(&mut self, load: Load, taken: Result<u32, HostError>) -> bool {
+        let sequence = taken.ok();
         if sequence.is_some() {
             self.flying.push_back(Flying { load, sequence });
         }
@@ -174,26 +175,28 @@ impl<W: Wires> XfBus<W> {
             self.repeat_with_lost_holding();
         }
         let under_way = self.sets_under_way();
-        let room = (self.options.ahead as usize)
+        let room = usize::from(self.depth())
             .saturating_sub(self.level.sets(now, cycle.ns()) as usize + under_way)
             .min(self.host.rx_free().into());
         let waiting = self.queue.len().saturating_sub(under_way);
         let sets = if may_write { waiting.min(both_fit).min(room) } else { 0 };
         let reads_alone = sets == 0 || self.wrote_last && usize::from(backlog) >= usize::from(BACKLOG) + sets;
         if !reads_alone {
-            let mut outputs = [0; IMAGE_MAX];
-            let places = outputs.chunks_exact_mut(rx_bytes.max(1));
-            for (set, place) in self.queue.iter().skip(under_way).zip(places).take(sets) {
-                place.copy_from_slice(&set.image[..rx_bytes]);
-            }
-            let outputs = &outputs[..sets * rx_bytes];
-            if self.fly(Load::Cycles(sets), ProcessData::Exchange { count: sets as u8, outputs }) {
+            let going = self.queue.iter().skip(under_way).take(sets);
+            let kind = ProcessKind::Exchange { count: sets as u8 };
+            let taken = self.host.process_in_place(kind, sets * rx_bytes, |outputs| {
+                for (set, place) in going.zip(outputs.chunks_exact_mut(rx_bytes.max(1))) {
+                    place.copy_from_slice(&set.image[..rx_bytes]);
+                }
+            });
+            if self.fly(Load::Cycles(sets), taken) {
                 (self.wrote_last, self.next_read) = (true, now.saturating_add(cycle.ns()));
             }
-        } else if (now >= self.next_read || backlog >= BACKLOG)
-            && self.fly(Load::Cycles(0), ProcessData::Read { count: cycles_fit as u8 })
-        {
-            (self.wrote_last, self.next_read) = (false, now.saturating_add(cycle.ns() / 2));
+        } else if now >= self.next_read || backlog >= BACKLOG {
+            let taken = self.host.process(ProcessData::Read { count: cycles_fit as u8 });
+            if self.fly(Load::Cycles(0), taken) {
+                (self.wrote_last, self.next_read) = (false, now.saturating_add(cycle.ns() / 2));
+            }
         }
     }
 

@@ -63,14 +63,18 @@ const ON_THE_WAY: u64 = 3;
 const SKEW_MAX_NS: Ns = 2_000_000;
 /// The same with a runner, which catches up on as much (`engine::Threaded`). \[OURS]
 const LATE_MAX_NS: Ns = 1_000_000_000;
+/// The longest packet with its idle time takes less at 24 MHz, and two of them hardly more. \[OURS]
+const CATCH_UP_NS: Ns = 1_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
 /// How an [`XfBus`] uses its chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct XfBusOptions {
-    /// How many sets of outputs may lie in the chip, 1 to 60. A host that is late by fewer cycles, less what the
-    /// transport takes, stops nothing: about 4 with cycles of 1 ms. What lies there was computed so many cycles ago.
+    /// How many sets of outputs lie in the chip for a host that is late, 1 to 60: one that is late by as many cycles stops
+    /// nothing. As many more as the transport takes are handed over besides
+    /// ([`CyclePlan::transport_sets`](plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1 ms), all together no more
+    /// than the chip's FIFO holds. What lies there was computed so many cycles ago.
     pub ahead: u16,
     /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
     pub clock_hz: Option<u32>,
@@ -84,11 +88,11 @@ pub struct XfBusOptions {
 }
 
 impl XfBusOptions {
-    /// The most sets that may lie in the chip: its FIFO has 64 entries (XF EN 1262), and some may be under way.
+    /// The most: the chip's FIFO has 64 entries (XF EN 1262), and the transport takes some.
     pub const AHEAD_MAX: u16 = 60;
-    /// 8 sets. \[OURS]
+    /// 4 sets. \[OURS]
     pub const DEFAULT: Self =
-        Self { ahead: 8, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
+        Self { ahead: 4, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
 }
 
 impl Default for XfBusOptions {
@@ -185,7 +189,6 @@ impl<W: Wires> XfBus<W> {
     /// The network behind the chip at the end of these wires, which is started.
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let ahead = options.ahead.clamp(1, XfBusOptions::AHEAD_MAX);
-        let depth = usize::from(ahead);
         let host = Host::new(wires.now(), HostConfig { pipelined_writes: true, ..config });
         Self {
             wires,
@@ -201,14 +204,14 @@ impl<W: Wires> XfBus<W> {
             sdo: None,
             ended: VecDeque::with_capacity(4),
             // One more for a set of our own.
-            queue: VecDeque::with_capacity(depth + 1),
+            queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
             hold_is_due: false,
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
             // Whether a set was sent is known as late as an answer comes, however few lie in the chip.
-            ledger: Ledger::new(2 * depth + usize::from(ANSWER_DELAY) + 1),
+            ledger: Ledger::new(2 * ENTRIES + usize::from(ANSWER_DELAY) + 1),
             clearing: Clearing::Idle,
             answers: VecDeque::with_capacity(ANSWERS),
             spare: (0..ANSWERS).map(|_| Answer::default()).collect(),
@@ -252,6 +255,12 @@ impl<W: Wires> XfBus<W> {
     /// What was counted.
     pub const fn counters(&self) -> XfBusCounters {
         self.counters
+    }
+
+    /// How many sets of outputs may lie in the chip or be on their way there.
+    fn depth(&self) -> u16 {
+        let Network { transport_sets, entries, .. } = self.network;
+        self.options.ahead.saturating_add(transport_sets).min(u16::from(entries).max(1))
     }
 
     /// The time of the wires at that time of the engine. Where the wires' clock is a real one and no runner tells its time, the
@@ -377,7 +386,7 @@ impl<W: Wires> XfBus<W> {
 
 impl<W: Wires + Send> Fieldbus for XfBus<W> {
     fn pacing(&self) -> Pacing {
-        Pacing::Bus { depth: self.options.ahead, answer_delay: ANSWER_DELAY }
+        Pacing::Bus { depth: ENTRIES as u16, answer_delay: ANSWER_DELAY }
     }
 
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy> {
@@ -426,7 +435,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
             return 0;
         }
         let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());
-        self.options.ahead.saturating_sub(held.min(u16::MAX.into()) as u16)
+        self.depth().saturating_sub(held.min(u16::MAX.into()) as u16)
     }
 
     fn held_estimate(&self) -> Option<u64> {
@@ -471,9 +480,11 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         if self.options.real_time {
             (self.skew, self.has_runner) = (Some(now.wrapping_sub(wires)), true);
         }
-        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on: after a stall what
-        // lies in the chip is topped up at once, and a machine that is too slow for its cycles has exchanges all the same.
-        let until = if now < until { self.wires_time(until) } else { wires.saturating_add(self.network.cycle.ns()) };
+        // [OURS] A late runner gives the wires the time of a cycle with each part that it catches up on, or that of two
+        // exchanges: after a stall what lies in the chip is topped up at once, and a machine that is too slow for its cycles
+        // has exchanges all the same.
+        let behind_ns = self.network.cycle.ns().min(CATCH_UP_NS);
+        let until = if now < until { self.wires_time(until) } else { wires.saturating_add(behind_ns) };
         self.work(until);
     }
 

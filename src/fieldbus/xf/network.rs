@@ -40,6 +40,8 @@ pub(super) struct Network {
     pub entries: u8,
     /// How many exchanges of process data may be under way, 1 or 2.
     pub in_flight: usize,
+    /// How many sets of outputs the transport takes, beside those that bridge a stall.
+    pub transport_sets: u16,
     pub lost: SlaveSet,
     /// The first outputs that a lost slave may not have got.
     pub lost_from: [Option<u64>; MAX_SLAVES],
@@ -61,6 +63,7 @@ impl Network {
             tx_bytes: 0,
             entries: 0,
             in_flight: 1,
+            transport_sets: 0,
             lost: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
         }

@@ -1,5 +1,5 @@
-//! How a cycle is held over an ECM-XF, or that it is not: which size the packets have, and how many exchanges of process
-//! data are under way.
+//! How a cycle is held over an ECM-XF, or that it is not: which size the packets have, how many exchanges of process data
+//! are under way, and how many sets of outputs the transport takes.
 
 use crate::ethercat::Ns;
 use crate::fieldbus::HardwareLimit;
@@ -8,6 +8,15 @@ use crate::xf::host::{Budget, BudgetError};
 
 /// The most exchanges of process data that are under way.
 pub(super) const IN_FLIGHT_MAX: usize = 2;
+/// The most sets of outputs that an exchange carries to hold a cycle: more are sent only where more wait. \[OURS]
+const SETS_MAX: usize = 8;
+/// The packets of a turn: two for an exchange of process data, and two for a command beside it, since the states of the
+/// slaves are read while they move. \[OURS]
+const PACKETS_A_TURN: u32 = 4;
+/// So many half turns after it was handed over a set may still count as one that lies in the chip: it is under way, and the
+/// counts that tell that it was sent are two exchanges old (OBS). \[OURS] With as many sets and one more no cycle of the
+/// model's repeats its outputs, whatever the packets.
+const HALF_TURNS_KNOWN: u64 = 5;
 
 /// What a cycle asks of the exchanges with the chip.
 ///
@@ -20,13 +29,12 @@ pub(super) const IN_FLIGHT_MAX: usize = 2;
 ///     process_bytes: 400,
 ///     fifo_entries: 25,
 ///     cycle_ns: 1_000_000,
-///     ahead: 8,
 ///     clock_hz: Some(24_000_000),
 ///     idle_ns: 150_000,
 ///     present: DataSize::NEWER,
 ///     size_is_fixed: false,
 /// };
-/// assert_eq!(forty_drives.plan().map(|plan| plan.size.bytes()), Ok(800));
+/// assert_eq!(forty_drives.plan().map(|plan| (plan.size.bytes(), plan.transport_sets)), Ok((800, 6)));
 /// let refused = CycleDemand { cycle_ns: 250_000, ..forty_drives }.plan();
 /// assert!(matches!(refused, Err(HardwareLimit::Cycle { cycle_ns: 250_000, .. })));
 /// ```
@@ -38,8 +46,6 @@ pub struct CycleDemand {
     pub fifo_entries: u8,
     /// The cycle in nanoseconds.
     pub cycle_ns: Ns,
-    /// How many sets of outputs may lie in the chip, 1 to 60.
-    pub ahead: u16,
     /// The clock of SPI in Hz; `None`: the link has none, and bytes take no time.
     pub clock_hz: Option<u32>,
     /// The idle time behind each exchange in nanoseconds.
@@ -58,6 +64,11 @@ pub struct CyclePlan {
     /// How many exchanges of process data are under way, 1 or 2. With 1 none is ever lost while packets get through at
     /// all; with 2 a set that the chip did not take is given up and counted.
     pub in_flight: usize,
+    /// How many sets of outputs a packet holds, of those that are sent together to hold the cycle: 8 at most.
+    pub sets: u16,
+    /// How many sets of outputs have to be handed over ahead of their cycle so that none is late while the host is not:
+    /// those under way, and those of which nobody knows yet that they were sent.
+    pub transport_sets: u16,
 }
 
 impl CycleDemand {
@@ -69,7 +80,7 @@ impl CycleDemand {
     pub fn plan(&self) -> Result<CyclePlan, HardwareLimit> {
         let Self { cycle_ns, present, .. } = *self;
         let bytes = self.process_bytes.max(1);
-        let sets_max = usize::from(self.ahead).min(self.fifo_entries.into()).max(1);
+        let sets_max = SETS_MAX.min(self.fifo_entries.into()).max(1);
         let mut needed_ns = Ns::MAX;
         for in_flight in 1..=IN_FLIGHT_MAX {
             let sets = (present.bytes() / bytes).min(sets_max);
@@ -80,7 +91,10 @@ impl CycleDemand {
                 match tried {
                     // [OURS] Two under way with several sets in each were not seen to hold.
                     Ok(size) if in_flight > 1 && size.bytes() >= 2 * bytes => {}
-                    Ok(size) => return Ok(CyclePlan { size, in_flight }),
+                    Ok(size) => {
+                        let sets = (size.bytes() / bytes).min(sets_max) as u16;
+                        return Ok(CyclePlan { size, in_flight, sets, transport_sets: self.transport_sets(size) });
+                    }
                     Err(BudgetError::CycleTooShort { needed_ns: together_ns, .. }) => {
                         needed_ns = needed_ns.min(together_ns.div_ceil(sets as Ns));
                     }
@@ -94,6 +108,12 @@ impl CycleDemand {
         } else {
             HardwareLimit::Cycle { cycle_ns, needed_ns }
         })
+    }
+
+    fn transport_sets(&self, size: DataSize) -> u16 {
+        let turn = Budget { exchanges: PACKETS_A_TURN, ..self.budget(1, 1) };
+        let known_ns = turn.needed_ns(size).saturating_mul(HALF_TURNS_KNOWN) / 2;
+        u16::try_from(known_ns.div_ceil(self.cycle_ns) + 1).unwrap_or(u16::MAX)
     }
 
     fn budget(&self, sets: usize, in_flight: usize) -> Budget {

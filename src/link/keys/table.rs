@@ -261,11 +261,10 @@ pub const KEYS: &[Key] = &[
         name: "ahead",
         schemes: XF,
         syntax: Syntax::Number(1, XfBusOptions::AHEAD_MAX as u64),
-        default: Some("8"),
+        default: Some("4"),
         example: "16",
-        meaning: "how many cycles' outputs may lie in the chip while a program streams: a machine that is late by fewer \
-                  cycles, less what the transport takes (about 4), stops nothing, but what lies there was computed so \
-                  many cycles ago",
+        meaning: "for how many cycles a machine may be late while a program streams: as many cycles' outputs lie in the \
+                  chip, and 3 to 6 more for the transport, so that they were computed so many cycles ago",
     },
     Key {
         name: "local_in",

@@ -7,7 +7,7 @@
 use crate::link::{sim, travel::TravelSpec};
 use crate::sk::SlaveKind;
 #[cfg(feature = "sim")]
-use crate::slave::{Channels, DriveConfig, Io, Slave};
+use crate::slave::{Channels, Dp3clConfig, DriveConfig, Io, Slave};
 
 /// A kind of simulated slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -16,6 +16,8 @@ pub enum SlaveModel {
     Drive,
     /// A CiA 402 stepper drive, which has no mode but CSP.
     Step,
+    /// The stepper drive Xinje DP3CL, which is a stepper for the board.
+    Dp3cl,
     /// A pulse module (HSP) with one channel.
     Hsp,
     /// A pulse module (HSP) with two channels.
@@ -26,7 +28,7 @@ pub enum SlaveModel {
 
 impl SlaveModel {
     /// Every model.
-    pub const ALL: [Self; 5] = [Self::Drive, Self::Io, Self::Step, Self::Hsp, Self::Hsp2];
+    pub const ALL: [Self; 6] = [Self::Drive, Self::Io, Self::Step, Self::Dp3cl, Self::Hsp, Self::Hsp2];
 
     /// The name of the model in a link.
     pub const fn name(self) -> &'static str {
@@ -87,6 +89,16 @@ impl SlaveModel {
                 channels: 0,
                 #[cfg(feature = "sim")]
                 build: |travel| sim::drive(DriveConfig::stepper(), travel),
+            },
+            Self::Dp3cl => Row {
+                name: "dp3cl",
+                with_article: "a dp3cl",
+                kind: SlaveKind::Step,
+                axes: 1,
+                motors: 1,
+                channels: 1,
+                #[cfg(feature = "sim")]
+                build: |travel| sim::dp3cl(Dp3clConfig::default(), travel),
             },
             Self::Hsp => Row {
                 name: "hsp",

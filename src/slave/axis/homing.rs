@@ -69,11 +69,26 @@ impl Axis {
         self.homing.command(word, shaft, &self.settings.homing, &self.switches);
         let Some((at, speed)) = self.homing.destination() else {
             let way = self.ramp_demand(self.homing.velocity(), self.homing_ramp(), ns);
-            return self.homing.pass(from, self.plant.position(), way, &self.switches);
+            self.homing.pass(from, self.plant.position(), way, &self.switches);
+            if self.homing.stays_beyond_home() {
+                self.attain_home();
+            }
+            return;
         };
+        if self.homing.stays_beyond_home() {
+            self.ramp_demand(0.0, self.homing_ramp(), ns);
+            return self.attain_home();
+        }
         self.run_to(at, speed, ns);
         let has_arrived = self.demand.whole == at && self.plant.position() == at && self.is_standing_still();
-        if has_arrived && let Some(homed) = self.homing.arrive() {
+        if has_arrived {
+            self.attain_home();
+        }
+    }
+
+    /// Home is attained, if it has been found.
+    fn attain_home(&mut self) {
+        if let Some(homed) = self.homing.arrive() {
             self.set_origin_at_home(homed);
         }
     }
@@ -99,7 +114,8 @@ impl Axis {
             self.skip_next_target = true;
             return false;
         }
-        self.ramp_demand(0.0, self.homing.acceleration(), ns);
+        let ramp = self.settings.homing_exit.map_or(self.homing.acceleration(), f64::from);
+        self.ramp_demand(0.0, ramp, ns);
         true
     }
 

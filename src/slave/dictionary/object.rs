@@ -145,6 +145,8 @@ pub struct Object<D: 'static> {
     pub(super) max: i64,
     pub(super) default: i64,
     pub(super) only_if: Option<fn(&D) -> bool>,
+    /// The value is kept without power.
+    pub(super) backup: bool,
     /// How process data write the object; `None`: as an SDO does.
     pub(super) output: Option<fn(&mut D, i64)>,
     pub(super) cell: Cell<D>,
@@ -189,8 +191,23 @@ impl<D> Object<D> {
     const fn row(index: u16, first_sub: u8, name: &'static str, data: DataType) -> Self {
         let (min, max) = data.range();
         let cell = Cell::Stored { accept: None, changed: None };
-        let (access, pdo, only_if, output) = (Access::ReadOnly, None, None, None);
-        Self { index, first_sub, count: 1, name, data, access, pdo, min, max, default: 0, only_if, output, cell }
+        let (access, pdo, only_if, output, backup) = (Access::ReadOnly, None, None, None, false);
+        Self {
+            index,
+            first_sub,
+            count: 1,
+            name,
+            data,
+            access,
+            pdo,
+            min,
+            max,
+            default: 0,
+            only_if,
+            backup,
+            output,
+            cell,
+        }
     }
 
     /// The row is for that many sub-indices, its own and those that follow.
@@ -202,6 +219,12 @@ impl<D> Object<D> {
     /// Only those devices have the object for which the function is true.
     pub const fn only_if(mut self, has: fn(&D) -> bool) -> Self {
         self.only_if = Some(has);
+        self
+    }
+
+    /// The device keeps the value without power.
+    pub const fn backup(mut self) -> Self {
+        self.backup = true;
         self
     }
 

@@ -103,6 +103,18 @@ impl Values {
         self.0[usize::from(slot.cell)] = value.to_bits();
     }
 
+    /// Takes the values of some indexes over from the values of another device with the same table.
+    pub fn copy<D>(&mut self, other: &Self, objects: &[Object<D>], indexes: std::ops::RangeInclusive<u16>) {
+        let mut cell = 0;
+        for object in objects {
+            let cells = cell..cell + usize::from(object.count);
+            cell = cells.end;
+            if indexes.contains(&object.index) {
+                self.0[cells.clone()].copy_from_slice(&other.0[cells]);
+            }
+        }
+    }
+
     pub(super) fn bits(&self, cell: usize) -> u64 {
         self.0[cell]
     }

@@ -4,7 +4,7 @@ use super::{Drive, DriveKind};
 use crate::ethercat::AlState;
 use crate::slave::axis::Settings;
 use crate::slave::axis_objects::{AxisSlots, axis_objects, changed, target_velocity};
-use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
+use crate::slave::device::{Identity, VENDOR_ID, description, identity, synchronization};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};
 use crate::slave::plant::Motor;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
@@ -84,7 +84,7 @@ type Row = Object<Drive>;
 /// actual cycle.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 4] = [&identity(), &synchronization(), &axis_objects::<_, 0>(), DRIVE];
+const PARTS: [&[Row]; 5] = [&description(), &identity(), &synchronization(), &axis_objects::<_, 0>(), DRIVE];
 
 /// The PDOs at power-on: for CSP, CSV and CST. \[OURS] The RxPDO of CSP is assigned.
 pub(super) const PDOS: &[Pdo<Drive>] = &[

@@ -14,6 +14,7 @@ use crate::ethercat::registers::{
     DL_STATUS, DlControl, DlStatus, ECAT_EVENT, EcatEvents, Fmmu, LoopControl, PORTS, SmStatus, SyncActivation,
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::slave::{Communication, SyncManagerSettings};
 
 /// The most FMMUs that a controller has.
 const FMMUS_MAX: usize = 16;
@@ -200,8 +201,8 @@ impl Controller {
 
     fn show_links(&mut self) {
         let exists = self.settings.ports.map(|port| port >= 2);
-        for port in 0..PORTS {
-            self.open[port] = exists[port] && self.opens(port);
+        for (port, exists) in exists.into_iter().enumerate() {
+            self.open[port] = exists && self.opens(port);
         }
         let before = DlStatus(self.memory.u16(DL_STATUS));
         let status = (0..PORTS)
@@ -345,6 +346,25 @@ impl Controller {
     /// The unit for SYNC: what is activated.
     pub(super) fn sync_activation(&self) -> SyncActivation {
         if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
+    }
+
+    /// What the device reads of the registers before a change of state.
+    pub(super) fn communication(&self) -> Communication {
+        let settings = |n| {
+            let manager = self.managers.registers(n);
+            SyncManagerSettings {
+                start: manager.start,
+                length: manager.len,
+                control: manager.control.0,
+                enabled: manager.is_enabled(),
+            }
+        };
+        Communication {
+            sync_managers: [0, 1, 2, 3].map(settings),
+            watchdog_ns: Watchdog::time(&self.memory),
+            dc_activation: self.sync_activation().0,
+            sync0_cycle_ns: self.sync0_cycle_ns(),
+        }
     }
 
     /// The cycle of SYNC0, ns.

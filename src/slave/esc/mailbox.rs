@@ -187,7 +187,7 @@ impl Mailbox {
                 self.sdo = sdo;
             }
             CoeMessage::Information(question) => {
-                if self.information.ask(question, device.object_directory()).is_err() {
+                if self.information.ask(question, device).is_err() {
                     self.answer_fault(MailboxFault::TOO_SHORT, room);
                 }
             }

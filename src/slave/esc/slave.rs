@@ -6,8 +6,8 @@ use super::{Controller, EscSettings, Passage, SyncPulse};
 use crate::coe::{Emergency, ObjectAddress};
 use crate::ethercat::registers::SyncActivation;
 use crate::ethercat::sii::Sii;
-use crate::ethercat::{AlState, AlStatus, DatagramMut, Ns};
-use crate::slave::Slave;
+use crate::ethercat::{AlState, DatagramMut, Ns};
+use crate::slave::{Slave, SyncEvent};
 
 /// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
@@ -63,8 +63,7 @@ impl EscSlave {
 
     /// Switches the slave off and on again.
     pub fn power_on(&mut self, now: Ns) {
-        // Every device can go to Init.
-        let _ = self.device.enter(AlState::Init);
+        self.device.restart();
         self.controller.power_on(now);
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
@@ -156,6 +155,7 @@ impl EscSlave {
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
+                self.device.report_sync(SyncEvent::InTime);
                 self.cycle(now, DRIVEN_NS);
             }
             if pulses > PULSES_MAX {
@@ -185,6 +185,7 @@ impl EscSlave {
             let Controller { managers, memory, .. } = &mut self.controller;
             managers.put(self.application.managers.inputs, &self.inputs, memory);
         }
+        self.application.follow(&mut self.controller, &*self.device);
         self.look_for_errors(now);
     }
 
@@ -279,7 +280,7 @@ impl EscSlave {
 
     /// No outputs have come for too long.
     fn watchdog_expired(&mut self) {
-        if self.state() == AlState::Op && !self.outputs.is_empty() {
+        if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
@@ -288,7 +289,7 @@ impl EscSlave {
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() == AlState::Op && self.application.is_synchronized && !is_running {
-            self.application.fall(AlState::SafeOp, AlStatus::FATAL_SYNC, &mut self.controller, &mut *self.device);
+            self.application.lose_sync(&mut self.controller, &mut *self.device);
         }
     }
 }

@@ -29,7 +29,7 @@ impl Watchdog {
     }
 
     /// The time that is set; `None`: it is off.
-    fn time(memory: &Memory) -> Option<Ns> {
+    pub(super) fn time(memory: &Memory) -> Option<Ns> {
         let units = Ns::from(memory.u16(WATCHDOG_PROCESS_DATA));
         let unit = (Ns::from(memory.u16(WATCHDOG_DIVIDER)) + 2) * TICK_NS;
         (units > 0).then(|| units * unit)

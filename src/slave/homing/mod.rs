@@ -6,7 +6,9 @@
 //!
 //! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse after it. The axis
 //! brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it stands there homing
-//! is attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS).
+//! is attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS). An axis
+//! that [stays beyond home](HomingSettings::stays_beyond_home) has its new position actual value from the moment when home is
+//! found, and brakes where that happens.
 //!
 //! **Decisions** \[OURS].
 //! - Bits 10, 12 and 13 are those of the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
@@ -41,6 +43,8 @@ pub struct HomingSettings {
     pub acceleration: u32,
     /// Halt option code, 0x605D.
     pub halt_option: i16,
+    /// The axis brakes beyond home and stays there, instead of running back to it.
+    pub stays_beyond_home: bool,
 }
 
 /// Why a homing run ended without a home.
@@ -182,6 +186,11 @@ impl Homing {
     /// The greatest change of that velocity, counts/s² (0x609A).
     pub fn acceleration(&self) -> f64 {
         self.settings.acceleration.into()
+    }
+
+    /// Whether the axis stays beyond home instead of running back to it.
+    pub const fn stays_beyond_home(&self) -> bool {
+        self.settings.stays_beyond_home
     }
 
     /// The halt option code 0x605D while halt is commanded; `None`: it is not.

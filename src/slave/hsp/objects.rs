@@ -4,7 +4,7 @@ use super::{Channels, Hsp};
 use crate::slave::AXES_MAX;
 use crate::slave::axis::Settings;
 use crate::slave::axis_objects::{AxisSlots, axis_objects, index, target_velocity};
-use crate::slave::device::{Identity, VENDOR_ID, identity, synchronization};
+use crate::slave::device::{Identity, VENDOR_ID, description, identity, synchronization};
 use crate::slave::dictionary::{Object, Values, check, join, only_if, rows};
 use crate::slave::plant::PulseTrain;
 use crate::slave::process_data::{Pdo, rx_pdo, tx_pdo};
@@ -63,7 +63,8 @@ type Row = Object<Hsp>;
 /// The object dictionary.
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
-const PARTS: [&[Row]; 6] = [
+const PARTS: [&[Row]; 7] = [
+    &description(),
     &identity(),
     &synchronization(),
     &only_if(has::<0>, axis_objects::<_, 0>()),

@@ -9,14 +9,39 @@
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::AlState;
-use crate::slave::dictionary::{PdoDirection, number_of, put_first};
+use crate::slave::dictionary::{
+    DataType, DataTypeCode, EntryAccess, EntryDescription, NUMBER_OF_ENTRIES, ObjectCode, ObjectDescription,
+    PdoDirection, number_of, put_first,
+};
 
 /// The most entries of a PDO \[OURS].
 pub const ENTRIES_MAX: usize = 12;
+/// Room for the entries of a PDO of any kind of device.
+const ITEMS_ROOM: usize = 24;
 /// The most PDOs of one direction that may be assigned \[OURS].
 pub const PDOS_MAX: usize = 4;
 /// The most bytes of process data of one direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
+
+/// What a kind of device allows in its mapping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MappingLimits {
+    /// The most entries of a PDO, at most 24.
+    pub entries: usize,
+    /// The most bytes of process data of one direction, at most [`IMAGE_BYTES_MAX`].
+    pub image_bytes: usize,
+    /// Entries without an object, padding, are allowed.
+    pub padding: bool,
+    /// A PDO that is too long is refused when it is written, with [`AbortCode::PDO_LENGTH`]; otherwise the change to SafeOP
+    /// is refused.
+    pub long_pdos_refused: bool,
+}
+
+impl MappingLimits {
+    /// The limits of a kind of device that has none of its own.
+    pub const USUAL: Self =
+        Self { entries: ENTRIES_MAX, image_bytes: IMAGE_BYTES_MAX, padding: true, long_pdos_refused: true };
+}
 
 const RX_ASSIGNMENT: u16 = 0x1C12;
 const TX_ASSIGNMENT: u16 = 0x1C13;
@@ -54,12 +79,15 @@ const fn direction_of(index: u16) -> PdoDirection {
 pub(in crate::slave) struct MappingList {
     index: u16,
     count: u8,
-    items: [u32; ENTRIES_MAX],
+    /// How many items there may be.
+    items_max: u8,
+    items: [u32; ITEMS_ROOM],
 }
 
 impl MappingList {
-    fn new(index: u16, items: impl Iterator<Item = u32>) -> Self {
-        let mut list = Self { index, count: 0, items: [0; ENTRIES_MAX] };
+    fn new(index: u16, items_max: usize, items: impl Iterator<Item = u32>) -> Self {
+        let items_max = items_max.min(ITEMS_ROOM) as u8;
+        let mut list = Self { index, count: 0, items_max, items: [0; ITEMS_ROOM] };
         for (place, item) in list.items.iter_mut().zip(items) {
             *place = item;
             list.count += 1;
@@ -71,8 +99,17 @@ impl MappingList {
         matches!(self.index, RX_ASSIGNMENT | TX_ASSIGNMENT)
     }
 
+    const fn name(&self) -> &'static str {
+        match (self.is_assignment(), direction_of(self.index)) {
+            (true, PdoDirection::Rx) => "RxPDO assignment",
+            (true, PdoDirection::Tx) => "TxPDO assignment",
+            (false, PdoDirection::Rx) => "RxPDO mapping",
+            (false, PdoDirection::Tx) => "TxPDO mapping",
+        }
+    }
+
     const fn items_max(&self) -> usize {
-        if self.is_assignment() { PDOS_MAX } else { ENTRIES_MAX }
+        self.items_max as usize
     }
 
     const fn item_bytes(&self) -> usize {
@@ -81,7 +118,7 @@ impl MappingList {
 
     /// The items that are in force: as many as the count says.
     fn items(&self) -> &[u32] {
-        &self.items[..usize::from(self.count).min(ENTRIES_MAX)]
+        &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
 
     /// The value at a sub-index, and its size in bytes.
@@ -96,22 +133,65 @@ impl MappingList {
 
 /// The PDO mapping objects and assignment objects of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Mapping(Box<[MappingList]>);
+pub struct Mapping {
+    lists: Box<[MappingList]>,
+    limits: MappingLimits,
+}
 
 impl Mapping {
-    /// The mapping of a device with these PDOs at power-on.
-    pub fn new<D>(pdos: &[Pdo<D>]) -> Self {
+    /// The mapping of a device with these limits, and with these PDOs at power-on.
+    pub fn new<D>(pdos: &[Pdo<D>], limits: MappingLimits) -> Self {
         let assignment = |index| {
             let assigned =
                 pdos.iter().filter(move |pdo| pdo.assigned && direction_of(pdo.index) == direction_of(index));
-            MappingList::new(index, assigned.map(|pdo| pdo.index.into()))
+            MappingList::new(index, PDOS_MAX, assigned.map(|pdo| pdo.index.into()))
         };
-        let lists = pdos.iter().map(|pdo| MappingList::new(pdo.index, pdo.entries.iter().copied()));
-        Self(lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect())
+        let lists = pdos.iter().map(|pdo| MappingList::new(pdo.index, limits.entries, pdo.entries.iter().copied()));
+        Self { lists: lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect(), limits }
+    }
+
+    /// What the device allows.
+    pub const fn limits(&self) -> &MappingLimits {
+        &self.limits
+    }
+
+    /// The first mapping or assignment object with an index of at least `from`.
+    pub fn index_from(&self, from: u16) -> Option<u16> {
+        self.lists.iter().map(|list| list.index).filter(|index| *index >= from).min()
+    }
+
+    /// The description of a mapping or assignment object.
+    pub fn describe_object(&self, index: u16) -> Option<ObjectDescription<'static>> {
+        let list = self.list(index)?;
+        let (code, data_type) = if list.is_assignment() {
+            (ObjectCode::Array, DataTypeCode::of(DataType::U16))
+        } else {
+            (ObjectCode::Record, DataTypeCode::PDO_MAPPING)
+        };
+        Some(ObjectDescription { index, data_type, max_sub: list.items_max, code, name: list.name() })
+    }
+
+    /// The description of an entry of a mapping or assignment object.
+    pub fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'static>> {
+        let list = self.list(at.index)?;
+        let (_, bytes) = list.value(at.sub)?;
+        let (data, name) = match bytes {
+            1 => (DataType::U8, NUMBER_OF_ENTRIES),
+            2 => (DataType::U16, "PDO"),
+            _ => (DataType::U32, "Mapped object"),
+        };
+        Some(EntryDescription {
+            at,
+            data_type: DataTypeCode::of(data),
+            bits: bytes as u16 * 8,
+            access: EntryAccess::MAPPING,
+            values: None,
+            name,
+        })
     }
 
     fn list(&self, index: u16) -> Option<&MappingList> {
-        self.0.iter().find(|list| list.index == index)
+        self.lists.iter().find(|list| list.index == index)
     }
 
     /// Whether the object with that index is a mapping or an assignment object.
@@ -209,7 +289,7 @@ impl Mapping {
                 }
                 in_preop()?;
                 let items = items.chunks_exact(list.item_bytes()).map(|item| number_of(item) as u32);
-                list = MappingList::new(list.index, items);
+                list = MappingList::new(list.index, list.items_max(), items);
             }
         }
         self.check(&list, &may_map)?;
@@ -218,7 +298,7 @@ impl Mapping {
 
     /// Replaces the list with the same index.
     pub(in crate::slave) fn put(&mut self, list: MappingList) {
-        if let Some(place) = self.0.iter_mut().find(|old| old.index == list.index) {
+        if let Some(place) = self.lists.iter_mut().find(|old| old.index == list.index) {
             *place = list;
         }
     }
@@ -233,7 +313,8 @@ impl Mapping {
         items.iter().try_for_each(|item| self.check_item(list, *item, may_map))?;
         let bits: usize = items.iter().map(|item| (item & 0xFF) as usize).sum();
         if !list.is_assignment() {
-            return if bits > IMAGE_BYTES_MAX * 8 { Err(AbortCode::PDO_LENGTH) } else { Ok(()) };
+            let is_refused = self.limits.long_pdos_refused && bits > self.limits.image_bytes * 8;
+            return if is_refused { Err(AbortCode::PDO_LENGTH) } else { Ok(()) };
         }
         let twice = items.iter().enumerate().any(|(n, item)| items[..n].contains(item));
         if twice { Err(AbortCode::PARAMETER_INCOMPATIBLE) } else { Ok(()) }
@@ -247,7 +328,12 @@ impl Mapping {
     ) -> Result<(), AbortCode> {
         let direction = direction_of(list.index);
         if !list.is_assignment() {
-            return may_map(direction, item);
+            let is_padding = item >> 8 == 0;
+            return if is_padding && !self.limits.padding {
+                Err(AbortCode::NOT_MAPPABLE)
+            } else {
+                may_map(direction, item)
+            };
         }
         let pdo = u16::try_from(item).ok().and_then(|index| self.list(index));
         let fits = pdo.is_some_and(|pdo| !pdo.is_assignment() && direction_of(pdo.index) == direction);

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use super::mapping::{IMAGE_BYTES_MAX, Mapping, Mover, Pdo};
+use super::mapping::{Mapping, Mover, Pdo};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
@@ -129,7 +129,7 @@ impl<D: Planned> Plan<D> {
     ///
     /// # Errors
     /// [`AlStatus::INVALID_INPUT_MAPPING`], [`AlStatus::INVALID_OUTPUT_MAPPING`]: an entry cannot be mapped, or the mapping
-    /// exceeds [`IMAGE_BYTES_MAX`] or [`MAPPED_MAX`]. The plan copies nothing then.
+    /// exceeds the limits of the device or [`MAPPED_MAX`]. The plan copies nothing then.
     pub(in crate::slave) fn compile(&mut self, device: &D, mapping: &Mapping) -> Result<(), AlStatus> {
         let mut steps = std::mem::take(&mut self.steps);
         steps.clear();
@@ -167,7 +167,7 @@ impl<D: Planned> Plan<D> {
                     }
                 }
                 image.bits += usize::from(bits);
-                if image.objects > MAPPED_MAX || image.bits > IMAGE_BYTES_MAX * 8 {
+                if image.objects > MAPPED_MAX || image.bits > mapping.limits().image_bytes * 8 {
                     return None;
                 }
             }

@@ -91,7 +91,7 @@ pub use budget::{Budget, BudgetError, COMFORTABLE_SIZE};
 pub use config::{Deadlines, HostConfig, Pacing};
 pub use counters::Counters;
 pub use error::HostError;
-pub use process::{ProcessData, ProcessOutcome, ProcessReport};
+pub use process::{ProcessData, ProcessKind, ProcessOutcome, ProcessReport};
 pub use slots::{IMMEDIATE_SLOTS, NON_IMMEDIATE_SLOTS, SLOT_BYTES, Ticket};
 pub use start::StartStep;
 pub use wires::{StepError, Wires};
@@ -447,13 +447,29 @@ impl Host {
     /// Others are waiting, the data are longer than n, the RxFIFO may have no room ([`Self::rx_free`]), or the driver has
     /// stopped, for the reason that is told.
     pub fn process(&mut self, data: ProcessData<'_>) -> Result<u32, HostError> {
+        let (kind, outputs) = data.parts();
+        self.process_in_place(kind, outputs.len(), |place| place.copy_from_slice(outputs))
+    }
+
+    /// As [`Self::process`], for a program that has its outputs in pieces: `write` is given the `len` bytes of the next
+    /// packet in which the RxPDOs go out, with whatever stood there before, and has to write each of them. It is not
+    /// called if there is an error.
+    ///
+    /// # Errors
+    /// As with [`Self::process`].
+    pub fn process_in_place(
+        &mut self,
+        kind: ProcessKind,
+        len: usize,
+        write: impl FnOnce(&mut [u8]),
+    ) -> Result<u32, HostError> {
         self.running_or_error()?;
-        let (needed, free) = (data.queued(), self.room.free());
+        let (needed, free) = (kind.queued(), self.room.free());
         if needed > free {
             return Err(HostError::FifoFull { needed, free });
         }
         let segment = &mut self.packets[1 - self.current][HEADER_LEN..][..self.size.bytes()];
-        self.process.submit(data, segment)
+        self.process.submit(kind, len, segment, write)
     }
 
     /// How many PDOs the RxFIFO has room for at least. The chip's counts lag two exchanges behind: what has been

@@ -42,21 +42,59 @@ pub enum ProcessData<'d> {
 }
 
 impl<'d> ProcessData<'d> {
-    fn parts(self) -> (CommandCode, u8, PdoOperation, &'d [u8]) {
-        use PdoOperation as Op;
+    /// What they are, and the RxPDOs.
+    pub(super) fn parts(self) -> (ProcessKind, &'d [u8]) {
         match self {
-            Self::Exchange { count, outputs } => (CommandCode::PdoDataFifo, count, Op::WRITE | Op::READ, outputs),
-            Self::Write { count, outputs } => (CommandCode::PdoDataFifo, count, Op::WRITE, outputs),
-            Self::Read { count } => (CommandCode::PdoDataFifo, count, Op::READ, &[]),
-            Self::DirectExchange { outputs } => (CommandCode::PdoData, 0, Op::WRITE | Op::READ | Op::VALID, outputs),
-            Self::DirectRead => (CommandCode::PdoData, 0, Op::READ | Op::VALID, &[]),
+            Self::Exchange { count, outputs } => (ProcessKind::Exchange { count }, outputs),
+            Self::Write { count, outputs } => (ProcessKind::Write { count }, outputs),
+            Self::Read { count } => (ProcessKind::Read { count }, &[]),
+            Self::DirectExchange { outputs } => (ProcessKind::DirectExchange, outputs),
+            Self::DirectRead => (ProcessKind::DirectRead, &[]),
+        }
+    }
+}
+
+/// What process data are, without the RxPDOs themselves: [`Host::process_in_place`](super::Host::process_in_place).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProcessKind {
+    /// [`ProcessData::Exchange`]
+    Exchange {
+        /// How many PDOs.
+        count: u8,
+    },
+    /// [`ProcessData::Write`]
+    Write {
+        /// How many PDOs.
+        count: u8,
+    },
+    /// [`ProcessData::Read`]
+    Read {
+        /// How many PDOs at most.
+        count: u8,
+    },
+    /// [`ProcessData::DirectExchange`]
+    DirectExchange,
+    /// [`ProcessData::DirectRead`]
+    DirectRead,
+}
+
+impl ProcessKind {
+    const fn command(self) -> (CommandCode, u8, PdoOperation) {
+        use PdoOperation as Op;
+        const DIRECT_EXCHANGE: Op = Op::WRITE.with(Op::READ).with(Op::VALID);
+        match self {
+            Self::Exchange { count } => (CommandCode::PdoDataFifo, count, Op::WRITE.with(Op::READ)),
+            Self::Write { count } => (CommandCode::PdoDataFifo, count, Op::WRITE),
+            Self::Read { count } => (CommandCode::PdoDataFifo, count, Op::READ),
+            Self::DirectExchange => (CommandCode::PdoData, 0, DIRECT_EXCHANGE),
+            Self::DirectRead => (CommandCode::PdoData, 0, Op::READ.with(Op::VALID)),
         }
     }
 
     /// RxPDOs that go into the FIFO.
-    pub(super) fn queued(self) -> u8 {
+    pub(super) const fn queued(self) -> u8 {
         match self {
-            Self::Exchange { count, .. } | Self::Write { count, .. } => count,
+            Self::Exchange { count } | Self::Write { count } => count,
             _ => 0,
         }
     }
@@ -141,23 +179,25 @@ impl Process {
         self.waiting.as_ref().map(|waiting| waiting.sequence)
     }
 
-    /// Takes process data, whose outputs are written into the segment of the next packet.
-    pub(super) fn submit(&mut self, data: ProcessData<'_>, segment: &mut [u8]) -> Result<u32, HostError> {
-        let (code, parameter, operation, outputs) = data.parts();
+    /// Takes process data, whose `len` bytes of outputs `write` puts into the segment of the next packet.
+    pub(super) fn submit(
+        &mut self,
+        kind: ProcessKind,
+        len: usize,
+        segment: &mut [u8],
+        write: impl FnOnce(&mut [u8]),
+    ) -> Result<u32, HostError> {
+        let (code, parameter, operation) = kind.command();
         if let Some(sequence) = self.waiting() {
             return Err(HostError::ProcessBusy { sequence });
         }
         let most = segment.len();
-        let Some(place) = segment.get_mut(..outputs.len()) else {
-            return Err(HostError::TooLong { code, found: outputs.len(), most });
-        };
-        place.copy_from_slice(outputs);
+        write(segment.get_mut(..len).ok_or(HostError::TooLong { code, found: len, most })?);
         self.sequence = self.sequence.wrapping_add(1);
         // A segment has 1408 bytes at most.
-        let arguments =
-            Arguments { parameter, info: [operation.0, 0, 0, 0], len: outputs.len() as u16, ..Arguments::NONE };
-        let queued = data.queued();
-        let written = if matches!(data, ProcessData::DirectExchange { .. }) { 1 } else { queued };
+        let arguments = Arguments { parameter, info: [operation.0, 0, 0, 0], len: len as u16, ..Arguments::NONE };
+        let queued = kind.queued();
+        let written = if matches!(kind, ProcessKind::DirectExchange) { 1 } else { queued };
         let reads = operation.contains(PdoOperation::READ);
         self.waiting = Some(Outgoing { sequence: self.sequence, code, arguments, written, queued, reads });
         Ok(self.sequence)

@@ -43,7 +43,7 @@ pub fn drive(settings: EscSettings) -> EscSlave {
 
 /// A slave with a device in it, and the EEPROM of that device.
 pub fn slave(mut device: Box<dyn Slave>, settings: EscSettings) -> EscSlave {
-    let eeprom = eeprom_of(&mut *device, &settings, 0).expect("it can be described");
+    let eeprom = eeprom_of(&mut *device, &settings).expect("it can be described");
     EscSlave::new(device, settings, eeprom, 0)
 }
 

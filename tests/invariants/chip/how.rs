@@ -45,7 +45,6 @@ impl How {
                 process_bytes,
                 fifo_entries: fifo_entries(2 * process_bytes),
                 cycle_ns: Ns::from(**cycle_us) * US,
-                ahead,
                 clock_hz: Some(CLOCK_HZ),
                 idle_ns: idle_ns + 20 * US,
                 present: profile.size,

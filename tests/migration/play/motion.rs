@@ -123,10 +123,7 @@ impl Player<'_> {
         let axes = |slave: &usize| (0..self.plan.units[slave - 1].axes).map(|axis| (*slave, axis)).collect::<Vec<_>>();
         let mut together: Vec<(usize, usize)> = slaves.iter().flat_map(axes).collect();
         let is_filled = matches!(motion.pace, Pace::Threshold(_) | Pace::Ahead(120));
-        // With shorter cycles `ahead=` has to be more than the default (the row `cycle`).
-        let is_steady = is_filled
-            && self.plan.cycle_us >= 1000
-            && matches!(motion.meanwhile, Meanwhile::Nothing | Meanwhile::Sdos(_));
+        let is_steady = is_filled && matches!(motion.meanwhile, Meanwhile::Nothing | Meanwhile::Sdos(_));
         match motion.meanwhile {
             Meanwhile::On(slave) => {
                 self.machine.until("servo on", |machine| machine.word(slave).is_enabled());
@@ -159,7 +156,8 @@ impl Player<'_> {
         if let Some(part) = self.parts.last_mut() {
             (part.together, part.is_steady) = (together, is_steady);
             if let Meanwhile::Alarm(_) = motion.meanwhile {
-                part.counts_apart = u64::from(self.plan.ahead) + LATENCY;
+                part.counts_apart =
+                    u64::from(self.plan.ahead) + LATENCY + TRANSPORT_US.div_ceil(self.plan.cycle_us.into());
             }
         }
         match motion.meanwhile {

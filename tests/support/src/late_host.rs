@@ -12,8 +12,8 @@ use ecmsk::engine::{Board, Counters, EngineConfig};
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::sk::{
-    DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind,
-    SlotSize, StateByte,
+    CycleTime, DcShift, DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion,
+    SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 use ecmsk::xf::host::HostConfig;
 
@@ -21,11 +21,9 @@ use crate::chip_line::xf_bus_with;
 use crate::ears::{Ear, Way};
 
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// The cycle.
-const CYCLE_NS: Ns = 1_000_000;
 /// Counts from a target to the next one.
 const STEP: i32 = 20;
-/// How far the program is ahead of the board: frames in its FIFO, which a board would bridge a stall with.
+/// How far the program is ahead of the board in cycles of 1 ms: frames in its FIFO, which a board would bridge a stall with.
 const LEAD: u64 = 60;
 /// The runner catches up in parts of so long, and takes frames after each (`engine::Threaded`).
 const PART_NS: Ns = 5_000_000;
@@ -91,6 +89,9 @@ impl Idle {
 pub struct LateHost {
     board: Board,
     clock: Arc<AtomicU64>,
+    cycle_ns: Ns,
+    /// Frames that the program keeps in the board and on the way to it.
+    lead: u64,
     /// The time of the board less that of the wires.
     skew: Ns,
     ears: Vec<Ear>,
@@ -102,8 +103,13 @@ pub struct LateHost {
 }
 
 impl LateHost {
-    /// So many drives in OP that are on, with a cycle of 1 ms, behind a chip in which so many sets of outputs may lie.
+    /// So many drives in OP that are on, with a cycle of 1 ms, behind a chip in which so many sets of outputs lie for a stall.
     pub fn new(drives: usize, ahead: u16) -> Self {
+        Self::with_cycle(drives, ahead, CycleTime::DEFAULT, LEAD)
+    }
+
+    /// The same with this cycle, and a program that is ahead by so many frames.
+    pub fn with_cycle(drives: usize, ahead: u16, cycle: CycleTime, lead: u64) -> Self {
         let ears: Vec<Ear> = (0..drives).map(|_| Ear::default()).collect();
         let slaves = ears.iter().map(Ear::drive).collect();
         let options = XfBusOptions { ahead, real_time: true, ..XfBusOptions::DEFAULT };
@@ -111,20 +117,22 @@ impl LateHost {
         let clock = bus.wires().clock.clone();
         let board = Board::new(EngineConfig::default(), Box::new(bus));
         let (report, inbox) = (Frame::new(), VecDeque::new());
-        let mut host = Self { board, clock, skew: 0, ears, report, reports: 0, inbox, sent: 0 };
+        let cycle_ns = cycle.ns();
+        let mut host = Self { board, clock, cycle_ns, lead, skew: 0, ears, report, reports: 0, inbox, sent: 0 };
         assert!(host.board.boot(60_000_000_000), "the board does not talk");
         host.skew = host.board.now() - host.clock.load(Ordering::Relaxed);
-        host.switch_on(drives);
+        host.switch_on(drives, cycle);
         host
     }
 
-    fn switch_on(&mut self, drives: usize) {
+    fn switch_on(&mut self, drives: usize, cycle: CycleTime) {
         for group in 0..5 {
             let kind = |n| if usize::from(group) * 8 + n < drives { SlaveKind::Drive } else { SlaveKind::None };
             self.send(|frame| {
                 frame.put_master(SIZE, &MasterCommand::SetAxis { group, kinds: std::array::from_fn(kind) })
             });
         }
+        self.send(|frame| frame.put_master(SIZE, &MasterCommand::SetDc { cycle, shift: DcShift::Auto }));
         self.send(|frame| frame.put_master(SIZE, &MasterCommand::SetState(MasterState::Op)));
         let in_op = StateByte::reached(MasterState::Op);
         self.until("OP", |report| MasterResponse::decode(&report.slot(SIZE, 0)).state == in_op);
@@ -141,15 +149,15 @@ impl LateHost {
         self.ears.iter().for_each(|ear| ear.notes().targets.clear());
         let mut stood = 0;
         let mut idle = Idle::default();
-        let end = self.now() + cycles * CYCLE_NS;
-        let mut next_stall = self.now() + stalls.every * CYCLE_NS;
+        let end = self.now() + cycles * self.cycle_ns;
+        let mut next_stall = self.now() + stalls.every * self.cycle_ns;
         while self.now() < end {
             self.fill_up();
             // The stalls begin at any time of a cycle.
             if stalls.cycles > 0 && self.now() >= next_stall {
-                self.work_until(self.board.next_cycle() - (stood * 137_000) % CYCLE_NS);
-                self.clock.fetch_add(stalls.cycles * CYCLE_NS, Ordering::Relaxed);
-                next_stall += stalls.every * CYCLE_NS;
+                self.work_until(self.board.next_cycle() - (stood * 137_000) % self.cycle_ns);
+                self.clock.fetch_add(stalls.cycles * self.cycle_ns, Ordering::Relaxed);
+                next_stall += stalls.every * self.cycle_ns;
                 stood += 1;
             }
             self.cycle();
@@ -195,10 +203,10 @@ impl LateHost {
         self.inbox.push_back((self.now(), frame));
     }
 
-    /// Sends so many targets that [`LEAD`] wait in the board and on the way to it.
+    /// Sends so many targets that as many as it is ahead by wait in the board and on the way to it.
     fn fill_up(&mut self) {
         let waiting = FIFO_ENTRIES - MasterResponse::decode(&self.report.slot(SIZE, 0)).fifo_free;
-        (u64::from(waiting) + self.inbox.len() as u64..LEAD).for_each(|_| self.next_target());
+        (u64::from(waiting) + self.inbox.len() as u64..self.lead).for_each(|_| self.next_target());
     }
 
     fn next_target(&mut self) {

@@ -37,6 +37,8 @@ pub struct Program {
     pub cycle_us: u32,
     /// Whether it stops after the motion.
     pub short: bool,
+    /// Before so many targets were sent it only reads, so many reports.
+    pub pauses: &'static [(i32, usize)],
 }
 
 impl Default for Program {
@@ -51,6 +53,7 @@ impl Default for Program {
             home_offset: 0,
             cycle_us: 1000,
             short: false,
+            pauses: &[],
         }
     }
 }
@@ -162,6 +165,9 @@ impl Program {
 
     fn motion(&self, host: &mut Host) {
         for i in 0..TARGETS {
+            for _ in self.pauses.iter().filter(|(target, _)| *target == i).flat_map(|(_, reports)| 0..*reports) {
+                host.link.read(&mut host.report, Wait::Forever).expect("a report");
+            }
             let other = self.other_target.filter(|(number, _)| *number == i).map_or(0, |(_, counts)| counts);
             host.write(|frame| {
                 for slave in 1..=2 {

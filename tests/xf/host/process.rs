@@ -1,7 +1,7 @@
 //! Process data: outcomes, the room in the FIFO, and what a lost answer leaves.
 
 use ecmsk::xf::CommandCode;
-use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessOutcome, ProcessReport};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessKind, ProcessOutcome, ProcessReport};
 use ecmsk::xf::request::FifoEnable;
 
 use super::Rig;
@@ -132,6 +132,29 @@ fn all_kinds_of_process_data() {
     let long = rig.host.process(ProcessData::DirectExchange { outputs: &[0; 113] });
     assert_eq!(long, Err(HostError::TooLong { code: CommandCode::PdoData, found: 113, most: 112 }));
     let many = rig.host.process(ProcessData::Write { count: 65, outputs: &[] });
+    assert_eq!(many, Err(HostError::FifoFull { needed: 65, free: 64 }));
+}
+
+/// XF-12.11 Outputs that are written where they go out are what the chip gets; if there is an error, nothing is written.
+#[test]
+fn outputs_are_written_in_place() {
+    let mut rig = with_fifo_on(HostConfig::DEFAULT);
+    let two = ProcessKind::Write { count: 2 };
+    let taken = rig.host.process_in_place(two, 2 * PDO, |place| {
+        assert_eq!(place.len(), 2 * PDO);
+        place[..PDO].copy_from_slice(&pdo(8));
+        place[PDO..].copy_from_slice(&pdo(9));
+    });
+    let sequence = taken.expect("room");
+    let busy = rig.host.process_in_place(two, 2 * PDO, |_| panic!("the other ones wait there"));
+    assert_eq!(busy, Err(HostError::ProcessBusy { sequence }));
+    assert_eq!(report(&mut rig), ProcessReport { sequence, outcome: DONE });
+    rig.exchanges(10);
+    assert_eq!(rig.chip.put_out, [8, 9]);
+    let direct = ProcessKind::DirectExchange;
+    let long = rig.host.process_in_place(direct, 113, |_| panic!("there is no place for them"));
+    assert_eq!(long, Err(HostError::TooLong { code: CommandCode::PdoData, found: 113, most: 112 }));
+    let many = rig.host.process_in_place(ProcessKind::Write { count: 65 }, PDO, |_| panic!("they have no room"));
     assert_eq!(many, Err(HostError::FifoFull { needed: 65, free: 64 }));
 }
 

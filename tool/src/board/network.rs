@@ -72,7 +72,7 @@ impl Network {
 fn slave(kind: &str, axis: Axis) -> Option<Slave> {
     Some(match kind.to_ascii_lowercase().as_str() {
         "drive" => Slave::Drive(axis),
-        "step" => Slave::Step(axis),
+        "step" | "dp3cl" => Slave::Step(axis),
         "hsp" | "hsp2" => Slave::Hsp(axis),
         "io" => Slave::Io,
         "none" => Slave::Unused,

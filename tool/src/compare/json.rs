@@ -1,6 +1,6 @@
 //! The result of a comparison as one JSON object.
 
-use ecmsk::compare::{Comparison, Context, Counts, Deviation, Difference, Options, Side};
+use ecmsk::compare::{Comparison, Context, Counts, Deviation, Difference, Gaps, LatencyStretch, Options, Side};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -14,6 +14,10 @@ struct Found<'a> {
     /// How many commands have an answer in both runs.
     answers: u64,
     differing_answers: u64,
+    /// How many answers the other run shows some cycles before or later.
+    shifted_answers: u64,
+    /// By how many cycles B answers later; null if no command tells.
+    latency: Option<Later>,
     /// The run that ends early: `a` or `b`.
     ends_early: Option<&'static str>,
     first: Option<First<'a>>,
@@ -29,12 +33,39 @@ struct Run {
     polls: u64,
     repeats: u64,
     reports: u64,
+    /// Cycles in a motion that the other run does not have.
+    gaps: Value,
     /// The time of the last frame since the first one.
     last_ns: i64,
     /// Whether the recording is complete as far as it is known, and what it lacks.
     whole: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     lacks: Option<String>,
+}
+
+/// By how many cycles of the board B answers later than A; negative: sooner.
+#[derive(Serialize)]
+struct Later {
+    commands: u64,
+    usual_cycles: i64,
+    least_cycles: i64,
+    most_cycles: i64,
+    /// Where it changes: the first command of each stretch, and its latency.
+    stretches: Vec<Value>,
+}
+
+impl Later {
+    fn of(found: &Comparison) -> Option<Self> {
+        let latency = &found.latency;
+        let stretch = |LatencyStretch { from_command, cycles }: &LatencyStretch| json!({ "from_command": from_command, "cycles": cycles });
+        (latency.commands > 0).then(|| Self {
+            commands: latency.commands,
+            usual_cycles: latency.usual,
+            least_cycles: latency.least,
+            most_cycles: latency.most,
+            stretches: latency.stretches.iter().map(stretch).collect(),
+        })
+    }
 }
 
 /// The first difference. Pairs are the values of A and B, null where a run has ended.
@@ -73,7 +104,9 @@ pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
     let run = |i: usize| {
         let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());
         let Counts { commands, polls, repeats, reports, last_ns } = found.counts[i];
-        Run { file, commands, polls, repeats, reports, last_ns, whole: lacks.is_none(), lacks }
+        let Gaps { count, cycles, longest } = found.gaps[i];
+        let gaps = json!({ "count": count, "cycles": cycles, "longest_cycles": longest });
+        Run { file, commands, polls, repeats, reports, gaps, last_ns, whole: lacks.is_none(), lacks }
     };
     let context =
         found.context.iter().map(|Context { command, at_ns, text }| Before { command: *command, at_ns: *at_ns, text });
@@ -83,6 +116,8 @@ pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
         b: run(1),
         answers: found.answers,
         differing_answers: found.differing_answers,
+        shifted_answers: found.shifted_answers,
+        latency: Later::of(found),
         ends_early: found.ends_early.map(side),
         first: found.first.as_ref().map(First::of),
         context: context.collect(),
@@ -104,6 +139,7 @@ fn value(what: &Deviation) -> Value {
         Deviation::Command { .. } => ("command", None),
         Deviation::Ends { side: at } => ("ends", Some(json!(side(*at)))),
         Deviation::Lost { side: at } => ("lost_commands", Some(json!(side(*at)))),
+        Deviation::Late { cycles, .. } => ("late", Some(json!(cycles))),
         Deviation::State { states } => ("state", Some(json!(states.map(|state| state.0)))),
         Deviation::Result { results } => ("result", Some(json!(results))),
         Deviation::Fault { side: at, .. } => ("fault", Some(json!(side(*at)))),

@@ -93,7 +93,6 @@ fn ahead(ahead: &Ahead) -> Value {
     });
     json!({
         "value": ahead.value,
-        "wanted": ahead.wanted,
         "stall_known": ahead.is_known,
         "stall": stall,
         "transport_sets": ahead.transport_sets,

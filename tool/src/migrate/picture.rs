@@ -61,8 +61,10 @@ impl Picture {
         let mut strokes = vec![Stroke { pieces: self.level.finish(), look: Look::Solid(style::FIFO) }];
         let mut legend = vec![(Look::Solid(style::FIFO), "sets that wait".to_owned())];
         if let Some(ahead) = ahead {
-            strokes.push(across(ahead.value.into()));
-            legend.push((Look::Solid(style::ALARM), format!("ahead={}: what may lie in the chip", ahead.value)));
+            let lie = ahead.value + ahead.transport_sets;
+            strokes.push(across(lie.into()));
+            legend
+                .push((Look::Solid(style::ALARM), format!("{lie}: what lies in the chip with ahead={}", ahead.value)));
         }
         if !self.gaps.is_empty() {
             legend.push((State::Gap.look(), State::Gap.name().to_owned()));
@@ -74,9 +76,8 @@ impl Picture {
             let mut strokes = vec![Stroke { pieces: pauses, look: Look::Solid(style::FIFO) }];
             let mut legend = vec![(Look::Solid(style::FIFO), "since the last write".to_owned())];
             if let Some(ahead) = ahead {
-                let bridged = ahead.value.saturating_sub(ahead.transport_sets);
-                strokes.push(across(bridged.into()));
-                legend.push((Look::Solid(style::ALARM), format!("{bridged}: bridged by ahead={}", ahead.value)));
+                strokes.push(across(ahead.value.into()));
+                legend.push((Look::Solid(style::ALARM), format!("bridged by ahead={}", ahead.value)));
             }
             let name = "Pauses of the host in a motion (cycles)".to_owned();
             panels.extend(Panel::of(name, HEIGHT, 1.0, strokes, legend));

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::migrate::{
     Ahead, HostTiming, IDLE_NS, INT0_IDLE_NS, Item, Needs, Packets, Place, Plan, Refused, Row, SeenBy, Verdict,
 };
@@ -113,17 +114,18 @@ fn host(text: &mut String, report: &Report, ahead: &Ahead) {
             (Clock::Real, true) => stalls(text, report, timing, ahead),
         }
     }
-    let stall = plural(ahead.stall_cycles.into(), "set");
-    let no_more = if ahead.wanted > u32::from(ahead.value) { ", and no more fit" } else { "" };
+    let stall = plural(ahead.stall_cycles.into(), "cycle");
+    let no_more = if ahead.stall_cycles > ahead.value { ", and no more fit" } else { "" };
     let row = ahead.verdict.row().map_or_else(String::new, |row| format!(": {} ({row})", ahead.verdict.word()));
-    let sum = format!("{stall} for the stall and {} for the transport, 8 at least{no_more}{row}", ahead.transport_sets);
-    line(text, &format!("ahead={}", ahead.value), &sum);
-    let bridged = plural(ahead.value.saturating_sub(ahead.transport_sets).into(), "cycle");
+    let least = XfBusOptions::DEFAULT.ahead;
+    line(text, &format!("ahead={}", ahead.value), &format!("for a stall of {stall}, {least} at least{no_more}{row}"));
+    let bridged = plural(ahead.value.into(), "cycle");
+    let lie = plural((ahead.value + ahead.transport_sets).into(), "set");
     line(
         text,
         "",
         &format!(
-            "sets that may lie in the chip: the process that runs the board's model may stand still for {bridged}"
+            "the process that runs the board's model may stand still for {bridged}: {lie} lie in the chip or on the way there"
         ),
     );
     line(

@@ -97,6 +97,44 @@ fn json_has_the_comparison_as_one_object() {
     assert_eq!((&equal["equal"], &equal["first"], &equal["ends_early"]), (&true.into(), &Value::Null, &Value::Null));
 }
 
+/// TOOL-186 TOOL-188 A board whose slaves are behind a chip answers later: said in words and as numbers, and the exit code is 0,
+/// unless it is later than allowed.
+#[test]
+fn the_latency_of_a_chip_is_told() {
+    let a = Program::default().record();
+    let b = Program { scheme: "xf-sim", ..Program::default() }.record();
+    let out = compare(&a, &b, &[]).expect_quiet();
+    assert!(out.contains("\nlatency: B answers ") && out.contains(" commands that did not wait; from "), "{out}");
+    assert!(out.contains("\nequal: 308 commands and "), "{out}");
+    let found = compare(&a, &b, &["--json"]).json();
+    let latency = &found["latency"];
+    let cycles = |key: &str| latency[key].as_i64().unwrap_or_else(|| panic!("{key} in {found}"));
+    let usual = cycles("usual_cycles");
+    assert!((1..=8).contains(&usual) && cycles("least_cycles") <= usual && usual <= cycles("most_cycles"), "{found}");
+    assert!(cycles("commands") >= 4 && latency["stretches"][0]["from_command"] == 4, "{found}");
+    assert_eq!((&found["equal"], &found["b"]["gaps"]["count"]), (&true.into(), &0.into()));
+    assert!(found["shifted_answers"].as_u64().is_some_and(|count| count > 0), "{found}");
+    let late = compare(&a, &b, &["--latency", &(usual - 1).to_string(), "--json"]);
+    assert_eq!(late.code, Some(1), "{}", late.out);
+    assert_eq!(late.json()["first"]["what"][0]["of"], "late", "{}", late.out);
+    compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
+    assert_eq!(compare(&a, &b, &["--latency", "0"]).code, Some(1));
+    compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
+}
+
+/// TOOL-187 Gaps are told with their cycles.
+#[test]
+fn gaps_are_told() {
+    let a = Program::default().record();
+    let b = Program { pauses: &[(60, 14), (150, 11)], ..Program::default() }.record();
+    let out = compare(&a, &b, &[]).expect_quiet();
+    assert!(out.contains("\nB: 2 gaps of 17 cycles together, the longest 11\n"), "{out}");
+    let found = compare(&a, &b, &["--json"]).json();
+    let gaps = &found["b"]["gaps"];
+    assert_eq!((&gaps["count"], &gaps["cycles"], &gaps["longest_cycles"]), (&2.into(), &17.into(), &11.into()));
+    assert_eq!(found["a"]["gaps"]["count"], 0);
+}
+
 /// TOOL-63 The picture: positions of both over the commands, their difference, a mark where it begins.
 #[test]
 fn the_picture_shows_both_positions_and_marks_where_they_differ() {

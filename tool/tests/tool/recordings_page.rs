@@ -13,6 +13,8 @@ fn record(folder: &Path) {
     for (name, program) in [
         ("a", Program::default()),
         ("slower", Program { keys: "&host_us=400".into(), polls: 2, ..Program::default() }),
+        ("chip", Program { scheme: "xf-sim", ..Program::default() }),
+        ("late", Program { pauses: &[(60, 14), (150, 11), (220, 30)], ..Program::default() }),
         ("alarm", Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }),
     ] {
         program.record_to(&folder.join(name).with_extension("pcapng"), &folder.join("script"));

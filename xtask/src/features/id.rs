@@ -3,13 +3,15 @@
 use std::fmt;
 use std::iter;
 
-/// The prefixes of ids, and whether a section follows before the number: the board, the chip ECM-XF, EtherCAT, the
-/// library for applications, the native API, the tool, names of boards, a board on the network, a board on its wires, .NET,
+/// The prefixes of ids, and whether a section follows before the number: the board, the chip ECM-XF, EtherCAT, the drive
+/// DP3CL, the library for applications, the native API, the tool, names of boards, a board on the network, a board on its
+/// wires, .NET,
 /// Windows, packages.
-pub const PREFIXES: [(&str, bool); 12] = [
+pub const PREFIXES: [(&str, bool); 13] = [
     ("SK-", true),
     ("XF-", true),
     ("ECAT-", true),
+    ("DP3CL-", true),
     ("LIB-", false),
     ("API-", false),
     ("TOOL-", false),

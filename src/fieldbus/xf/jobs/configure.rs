@@ -180,8 +180,8 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn choose_size(&mut self, job: &mut Running) -> Todo {
         self.network.entries = self.entries();
         match self.plan_cycle() {
-            Ok(CyclePlan { size, in_flight }) => {
-                self.network.in_flight = in_flight;
+            Ok(CyclePlan { size, in_flight, transport_sets, .. }) => {
+                (self.network.in_flight, self.network.transport_sets) = (in_flight, transport_sets);
                 if size == self.host.size() {
                     return self.configured(job);
                 }
@@ -198,7 +198,6 @@ impl<W: Wires> XfBus<W> {
             process_bytes: rx_bytes.max(tx_bytes),
             fifo_entries: self.network.entries,
             cycle_ns: cycle.ns(),
-            ahead: self.options.ahead,
             clock_hz: self.options.clock_hz,
             idle_ns: self.host.config().idle_ns,
             present: self.host.size(),

@@ -18,7 +18,7 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn send_first(&mut self, job: &mut Running, now: Ns) -> Todo {
         let cycle_ns = self.network.cycle.ns();
         let newest = self.newest_taken();
-        let most = now.saturating_add((u64::from(self.options.ahead) + 2 * TOLD_LATE) * cycle_ns);
+        let most = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
         let Some((id, until)) = job.sent_first.or(newest.map(|id| (id, most))) else {
             return self.read_states(job);
         };

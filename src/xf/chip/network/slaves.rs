@@ -81,12 +81,11 @@ impl SlaveModels {
         self.stations.len().min(self.handle.reach().into()).min(SLAVES_MAX)
     }
 
-    /// Slaves that have lost their power go to Init. They are there when they answer again.
+    /// Slaves that have lost their power begin anew, in Init. They are there when they answer again.
     fn power_off(&mut self) {
         for slave in self.handle.take_powered_off().iter() {
             if let Some(station) = self.stations.get_mut(usize::from(slave) - 1) {
-                // Every slave can go to Init.
-                let _ = station.slave.enter(AlState::Init);
+                station.slave.restart();
             }
         }
     }

@@ -1,0 +1,55 @@
+//! An object for whoever tests a master: octets of any length up to 512, which are read as they were written, so that a
+//! master can transfer values of one segment and of many.
+
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::slave::dictionary::{
+    Access, DataTypeCode, EntryAccess, EntryDescription, ObjectCode, ObjectDescription, put_first,
+};
+
+/// The index of the object. \[OURS] One of the manufacturer-specific area that few makers use.
+pub const TEST_MEMORY: u16 = 0x4FFF;
+/// The most octets that it stores \[OURS].
+pub const TEST_MEMORY_BYTES_MAX: usize = 512;
+
+const NAME: &str = "Test memory";
+
+/// The description of the object.
+pub(super) const OBJECT: ObjectDescription<'static> = ObjectDescription {
+    index: TEST_MEMORY,
+    data_type: DataTypeCode::OCTET_STRING,
+    max_sub: 0,
+    code: ObjectCode::Variable,
+    name: NAME,
+};
+
+/// The description of its entry with these octets in it.
+pub(super) fn entry(octets: &[u8]) -> EntryDescription<'static> {
+    EntryDescription {
+        at: ObjectAddress::new(TEST_MEMORY, 0),
+        data_type: DataTypeCode::OCTET_STRING,
+        bits: octets.len() as u16 * 8,
+        access: EntryAccess::of(Access::ReadWrite),
+        values: None,
+        name: NAME,
+    }
+}
+
+fn check(at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
+    match scope {
+        SdoScope::Complete => Err(AbortCode::COMPLETE_ACCESS),
+        SdoScope::Entry if at.sub > 0 => Err(AbortCode::NO_SUB_INDEX),
+        SdoScope::Entry => Ok(()),
+    }
+}
+
+/// SDO upload, as [`Slave::read`](crate::slave::Slave::read).
+pub(super) fn read(octets: &[u8], at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+    check(at, scope)?;
+    Ok(put_first(octets, value))
+}
+
+/// SDO download: whether these octets may be stored.
+pub(super) fn may_write(at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+    check(at, scope)?;
+    if value.len() > TEST_MEMORY_BYTES_MAX { Err(AbortCode::TOO_LONG) } else { Ok(()) }
+}

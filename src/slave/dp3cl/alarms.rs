@@ -1,0 +1,222 @@
+//! The alarms: E-800 to E-882 of the EtherCAT side, and those that the red LED flashes.
+
+use crate::ethercat::AlStatus;
+use crate::slave::state_machine::DeviceFault;
+
+/// How many earlier alarms U1-10 to U1-14 show.
+const HISTORY: usize = 5;
+/// \[OURS] The error code of an alarm, 0x603F, is this plus its main number: the manual gives the codes from 0xFF00 on to
+/// the maker and says that 0x603F shows the main number alone.
+const MAKER_CODES: u16 = 0xFF00;
+
+/// An alarm of the drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u16)]
+pub enum Dp3clAlarm {
+    /// E-800: a change of the AL state that does not exist was requested.
+    InvalidChange = 800,
+    /// E-801: an AL state that does not exist was requested.
+    UnknownState = 801,
+    /// E-802: bootstrap was requested.
+    Bootstrap = 802,
+    /// E-803: the PLL has not locked within 1 s.
+    NotSynchronized = 803,
+    /// E-804: no outputs have come within the time of the watchdog.
+    Watchdog = 804,
+    /// E-806: the PLL has lost its lock.
+    PhaseLost = 806,
+    /// E-807: SYNC0 came too late or too early, in too many cycles one after the other.
+    SyncDeviation = 807,
+    /// E-810: the cycle of SYNC0 is none of 500 us, 1 ms, 2 ms, 4 ms.
+    SyncCycle = 810,
+    /// E-811: a sync manager of the mailbox is set wrongly.
+    MailboxSyncManager = 811,
+    /// E-814: the time of the watchdog is less than two cycles.
+    WatchdogTime = 814,
+    /// E-815: register 0x0981 has neither SYNC0 on nor all off.
+    DcActivation = 815,
+    /// E-816: the synchronization types 0x1C32:1 and 0x1C33:1 are not supported, or do not fit each other or 0x0981.
+    SyncType = 816,
+    /// E-817: sync manager 2 is set wrongly, or is not as long as the outputs that are mapped.
+    OutputSyncManager = 817,
+    /// E-817, too: the same of sync manager 3 and the inputs.
+    InputSyncManager = 0x8000 | 817,
+    /// E-850: the TxPDOs that are assigned are longer than 24 bytes, or cannot be mapped.
+    InputsTooLong = 850,
+    /// E-851: the same of the RxPDOs.
+    OutputsTooLong = 851,
+    /// E-881: no mode of operation, or one that is not supported, when the drive is enabled.
+    Mode = 881,
+    /// E-882: a change of the AL state was requested while the drive was enabled.
+    ChangeWhileEnabled = 882,
+    /// One flash of the red LED: over current or short circuit.
+    OverCurrent = 1,
+    /// Two flashes: over voltage.
+    OverVoltage = 2,
+    /// Three flashes: under voltage.
+    UnderVoltage = 3,
+    /// Four flashes: no motor.
+    OpenMotor = 4,
+}
+
+impl Dp3clAlarm {
+    /// Every alarm.
+    pub const ALL: [Self; 22] = [
+        Self::InvalidChange,
+        Self::UnknownState,
+        Self::Bootstrap,
+        Self::NotSynchronized,
+        Self::Watchdog,
+        Self::PhaseLost,
+        Self::SyncDeviation,
+        Self::SyncCycle,
+        Self::MailboxSyncManager,
+        Self::WatchdogTime,
+        Self::DcActivation,
+        Self::SyncType,
+        Self::OutputSyncManager,
+        Self::InputSyncManager,
+        Self::InputsTooLong,
+        Self::OutputsTooLong,
+        Self::Mode,
+        Self::ChangeWhileEnabled,
+        Self::OverCurrent,
+        Self::OverVoltage,
+        Self::UnderVoltage,
+        Self::OpenMotor,
+    ];
+
+    /// The number of the alarm, as U1-00 shows it: 801 for E-801; of an alarm without a number the flashes of the LED
+    /// \[OURS].
+    pub const fn number(self) -> u16 {
+        self as u16 & 0x7FFF
+    }
+
+    /// The AL status code that comes with the alarm; 0: the AL state has no part in it.
+    pub const fn al_status(self) -> AlStatus {
+        AlStatus(match self {
+            Self::InvalidChange => 0x0011,
+            Self::UnknownState => 0x0012,
+            Self::Bootstrap => 0x0013,
+            Self::NotSynchronized => 0x002D,
+            Self::Watchdog => 0x001B,
+            Self::PhaseLost => 0x0032,
+            Self::SyncDeviation => 0x002C,
+            Self::SyncCycle => 0x0035,
+            Self::MailboxSyncManager => 0x0016,
+            Self::WatchdogTime => 0x001F,
+            Self::DcActivation => 0x0030,
+            Self::SyncType => 0x0028,
+            Self::OutputSyncManager => 0x001D,
+            Self::InputSyncManager => 0x001E,
+            Self::InputsTooLong => 0x0024,
+            Self::OutputsTooLong => 0x0025,
+            _ => 0,
+        })
+    }
+
+    /// The alarm that comes with an AL status code.
+    pub fn of_al_status(status: AlStatus) -> Option<Self> {
+        Self::ALL.into_iter().find(|alarm| status.0 != 0 && alarm.al_status() == status)
+    }
+
+    /// The error code, 0x603F. \[OURS] Alarms of the LED have the codes of IEC 61800-7-201.
+    pub const fn error_code(self) -> u16 {
+        match self {
+            Self::OverCurrent => 0x2310,
+            Self::OverVoltage => 0x3210,
+            Self::UnderVoltage => 0x3220,
+            Self::OpenMotor => 0x7120,
+            numbered => MAKER_CODES + numbered.number() / 10,
+        }
+    }
+
+    /// The bits of the error register, 0x1001: bit 4 with an AL status code, otherwise bit 7.
+    pub const fn error_register(self) -> u8 {
+        if self.al_status().0 != 0 { 1 << 4 } else { 1 << 7 }
+    }
+
+    /// Whether the alarm stays until the drive is switched off \[OURS for a fault reset of the controlword].
+    pub const fn needs_restart(self) -> bool {
+        matches!(self, Self::OverCurrent | Self::OverVoltage | Self::OpenMotor)
+    }
+
+    /// The alarm as a fault of the state machine.
+    pub(super) const fn fault(self) -> DeviceFault {
+        DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
+    }
+
+    /// The alarm of the LED with that error code.
+    pub(super) fn of_error_code(code: u16) -> Option<Self> {
+        Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
+    }
+}
+
+/// What the drive remembers of the moment of an alarm.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct AlarmRecord {
+    pub(super) phase_a_ma: i16,
+    pub(super) phase_b_ma: i16,
+    pub(super) current_ma: i16,
+    pub(super) voltage_v: i16,
+    pub(super) position_offset: i16,
+    pub(super) speed_rpm: i16,
+    /// Seconds since power-on.
+    pub(super) seconds: u32,
+}
+
+/// The present alarm and those before it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Alarms {
+    present: Option<Dp3clAlarm>,
+    record: AlarmRecord,
+    /// The numbers of the last alarms, the newest first; 0: there was none.
+    numbers: [u16; HISTORY + 1],
+    /// How many there were since power-on.
+    count: u16,
+}
+
+impl Alarms {
+    /// An alarm occurs.
+    pub(super) fn note(&mut self, alarm: Dp3clAlarm, record: AlarmRecord) {
+        (self.present, self.record) = (Some(alarm), record);
+        self.numbers.rotate_right(1);
+        self.numbers[0] = alarm.number();
+        self.count = self.count.saturating_add(1);
+    }
+
+    /// The alarm is cleared.
+    pub(super) const fn clear(&mut self) {
+        self.present = None;
+    }
+
+    /// The drive is switched off and on: the alarms of before stay in the history.
+    pub(super) const fn restart(&mut self) {
+        (self.present, self.count) = (None, 0);
+    }
+
+    /// The present alarm.
+    pub(super) const fn present(&self) -> Option<Dp3clAlarm> {
+        self.present
+    }
+
+    /// U1-00: the number of the present alarm, or 0.
+    pub(super) fn current(&self) -> u16 {
+        self.present.map_or(0, Dp3clAlarm::number)
+    }
+
+    /// U1-01 to U1-08: what was when the last alarm occurred.
+    pub(super) const fn record(&self) -> &AlarmRecord {
+        &self.record
+    }
+
+    /// U1-09: how many alarms there were since power-on.
+    pub(super) const fn count(&self) -> u16 {
+        self.count
+    }
+
+    /// U1-10 to U1-14: the number of an alarm before the last one, from 0.
+    pub(super) fn earlier(&self, place: usize) -> u16 {
+        self.numbers.get(place + 1).copied().unwrap_or(0)
+    }
+}

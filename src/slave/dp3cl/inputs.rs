@@ -1,0 +1,173 @@
+//! The inputs SI1 to SI4 and the outputs ERR and BRK: which function a parameter gives to which terminal.
+//!
+//! A sensor of the travel is wired to a terminal, and a parameter says which terminal a function reads: with P2-06 = 4 the
+//! positive limit is what is wired to SI4. Whoever forces the inputs of the device forces the terminals.
+
+use crate::slave::lines::{InputPattern, Lines};
+use crate::slave::switches::{HomeSwitch, Input, Travel};
+
+/// How many inputs there are.
+pub(super) const PINS: usize = 4;
+
+/// \[OURS] What is wired to SI1 to SI4: nothing (a push button that clears alarms), POT, NOT and HOME, as the parameters
+/// have it from the factory.
+pub(super) const USUAL_WIRING: [Option<Input>; PINS] =
+    [None, Some(Input::PositiveLimit), Some(Input::NegativeLimit), Some(Input::Home)];
+
+/// A range of counts that has none, and one that has all.
+const NOWHERE: (i64, i64) = (i64::MAX, i64::MIN);
+const EVERYWHERE: (i64, i64) = (i64::MIN, i64::MAX);
+
+/// The terminal that a value of P2-02 to P2-08 selects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Terminal {
+    /// The number of the terminal, from 0.
+    pub(super) pin: usize,
+    /// The function is on while no current flows.
+    pub(super) inverted: bool,
+}
+
+impl Terminal {
+    /// The terminal of a parameter: bits 0 to 3 are its number, bit 4 inverts it \[OURS: 0 is on while current flows].
+    /// `None`: the function has no terminal; so has one with a number that does not exist \[OURS].
+    pub(super) fn of(parameter: u16, terminals: usize) -> Option<Self> {
+        let pin = usize::from(parameter & 0xF).checked_sub(1).filter(|pin| *pin < terminals)?;
+        Some(Self { pin, inverted: parameter & 1 << 4 != 0 })
+    }
+}
+
+/// The terminals SI1 to SI4 with what is wired to them.
+#[derive(Clone, Debug)]
+pub(super) struct Pins {
+    wiring: [Option<Input>; PINS],
+    /// Where current flows, counts.
+    ranges: [(i64, i64); PINS],
+    /// The value that the sensor at a terminal sticks at.
+    stuck: [Option<bool>; PINS],
+    lines: Lines,
+}
+
+impl Pins {
+    /// The terminals with sensors wired to them. `reversed`: the motor turns the other way round, so that every sensor lies
+    /// on the other side.
+    pub(super) fn new(wiring: [Option<Input>; PINS], travel: &Travel, reversed: bool) -> Self {
+        let range = |sensor| {
+            let range = match sensor {
+                Input::NegativeLimit => travel.negative_limit.map(|last| (i64::MIN, last)),
+                Input::PositiveLimit => travel.positive_limit.map(|first| (first, i64::MAX)),
+                Input::Home => travel.home.map(|home| match home {
+                    HomeSwitch::Cam { first, last } => (first, last),
+                    HomeSwitch::From(first) => (first, i64::MAX),
+                    HomeSwitch::UpTo(last) => (i64::MIN, last),
+                }),
+                Input::Index => None,
+            };
+            // The opposite of the lowest number does not exist: both stand for "without end".
+            let opposite = |end: i64| match end {
+                i64::MIN => i64::MAX,
+                i64::MAX => i64::MIN,
+                end => -end,
+            };
+            range.map(|(first, last)| if reversed { (opposite(last), opposite(first)) } else { (first, last) })
+        };
+        let ranges = wiring.map(|sensor| sensor.and_then(range).unwrap_or(NOWHERE));
+        Self { wiring, ranges, stuck: [None; PINS], lines: Lines::default() }
+    }
+
+    /// Whether current flows at a terminal with the shaft at that count.
+    pub(super) fn is_on(&self, pin: usize, position: i64) -> bool {
+        match self.constant(pin) {
+            Some(value) => value,
+            None => {
+                let (first, last) = self.ranges[pin];
+                first <= position && position <= last
+            }
+        }
+    }
+
+    /// The value of a terminal that does not follow its sensor.
+    fn constant(&self, pin: usize) -> Option<bool> {
+        if self.lines.is_forced() { Some(self.lines.inputs() >> pin & 1 != 0) } else { self.stuck[pin] }
+    }
+
+    /// The state of a function with the shaft at that count. A function without a terminal is off.
+    pub(super) fn function(&self, parameter: u16, position: i64) -> bool {
+        Terminal::of(parameter, PINS).is_some_and(|terminal| self.is_on(terminal.pin, position) != terminal.inverted)
+    }
+
+    /// The range of counts where the terminal of a function is on, and whether the function is on outside of it instead.
+    /// `None`: the function has no terminal.
+    pub(super) fn wiring_of(&self, parameter: u16) -> Option<((i64, i64), bool)> {
+        let Terminal { pin, inverted } = Terminal::of(parameter, PINS)?;
+        let range = match self.constant(pin) {
+            Some(true) => EVERYWHERE,
+            Some(false) => NOWHERE,
+            None => self.ranges[pin],
+        };
+        Some((range, inverted))
+    }
+
+    /// The first count after `from`, up to `to` and in its direction, where the sensor at a terminal changes.
+    pub(super) fn next_change(&self, pin: usize, from: i64, to: i64) -> Option<i64> {
+        if self.constant(pin).is_some() {
+            return None;
+        }
+        let (first, last) = self.ranges[pin];
+        let up = to > from;
+        let places = match up {
+            true => [Some(first), last.checked_add(1)],
+            false => [first.checked_sub(1), Some(last)],
+        };
+        let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
+        let places = places.into_iter().flatten().filter(ahead);
+        if up { places.min() } else { places.max() }
+    }
+
+    /// Makes a sensor stick at a value; `None`: it works again.
+    pub(super) fn stick(&mut self, sensor: Input, value: Option<bool>) {
+        for (wired, stuck) in self.wiring.iter().zip(&mut self.stuck) {
+            if *wired == Some(sensor) {
+                *stuck = value;
+            }
+        }
+    }
+
+    /// Forces all terminals to a pattern, bit 0 is SI1; `None`: they follow their sensors again.
+    pub(super) fn force(&mut self, pattern: Option<InputPattern>) {
+        self.lines.force(pattern);
+        self.lines.pass(0);
+    }
+
+    /// `dt_ns` pass in a pattern that changes.
+    pub(super) const fn pass(&mut self, dt_ns: u64) {
+        self.lines.pass(dt_ns);
+    }
+
+    /// Whether the terminals are forced.
+    pub(super) const fn are_forced(&self) -> bool {
+        self.lines.is_forced()
+    }
+}
+
+/// The outputs of the drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dp3clOutputs {
+    /// ERR: with the parameters of the factory on while the drive has an alarm.
+    pub err: bool,
+    /// BRK: with the parameters of the factory on while the brake is to be open, that is while the motor has current.
+    pub brk: bool,
+}
+
+impl Dp3clOutputs {
+    /// The outputs by the parameters P2-02 (alarm) and P2-03 (brake). \[OURS] Terminal 1 is ERR, 2 is BRK; two functions on
+    /// one terminal are both heard.
+    pub(super) fn of(alarm_output: u16, brake_output: u16, alarm: bool, brake_open: bool) -> Self {
+        let is_on = |pin| {
+            let drives = |parameter, on: bool| {
+                Terminal::of(parameter, 2).is_some_and(|terminal| terminal.pin == pin && on != terminal.inverted)
+            };
+            drives(alarm_output, alarm) || drives(brake_output, brake_open)
+        };
+        Self { err: is_on(0), brk: is_on(1) }
+    }
+}

@@ -1,0 +1,281 @@
+//! The stepper drive Xinje DP3CL, whole: an open loop stepper with profile position, profile velocity, homing and CSP.
+//!
+//! | file | what it answers |
+//! | --- | --- |
+//! | `mod.rs` | what the drive is made of, how an alarm occurs |
+//! | `config.rs`, `dial.rs` | what it is built and set up as; the dial switch |
+//! | `objects.rs` | its object dictionary and its PDOs |
+//! | `parameters.rs`, `monitors.rs` | parameters P0 to P8 and commands F0; monitors U0 to U4 |
+//! | `motion.rs`, `profile.rs`, `set_points.rs` | the modes of operation; ramps; the handshake of profile position |
+//! | `inputs.rs`, `touch_probe.rs`, `leds.rs` | inputs and outputs, touch probes, LEDs |
+//! | `electric.rs`, `readings.rs` | supply, current, outputs; what objects show of the motion |
+//! | `model.rs` | how time passes in it, its faults, and what it says to changes of its AL state |
+//! | `alarms.rs`, `startup.rs` | the alarms E-8xx, and the checks before a change of the AL state |
+//!
+//! Homing, the state machine of CiA 402, the switches and what holds of every device are those of the other slaves.
+//!
+//! **Open loop** \[OURS]. The position actual value 0x6064 is the demand of the cycle before. A shaft that is jammed is a
+//! fault that nobody could see in a real drive without an encoder: it shows in 0x6064 here, until it ends. So does an end
+//! stop: beyond it the shaft stands, and is there again when the demand comes back.
+
+mod alarms;
+mod config;
+mod dial;
+mod electric;
+mod inputs;
+mod leds;
+mod model;
+mod monitors;
+mod motion;
+mod objects;
+mod parameters;
+mod profile;
+mod readings;
+mod set_points;
+mod startup;
+mod touch_probe;
+
+use super::axis::Axis;
+use super::communication::Communication;
+use super::device::Base;
+use super::plant::PulseTrain;
+use super::switches::{Input, Travel};
+use crate::cia402::Statusword;
+use crate::ethercat::Ns;
+use alarms::{AlarmRecord, Alarms};
+use inputs::Pins;
+use motion::Motion;
+use parameters::Memory;
+use touch_probe::TouchProbes;
+
+pub use alarms::Dp3clAlarm;
+pub use config::{Dp3clConfig, Dp3clVariants, Rating};
+pub use dial::Dial;
+pub use inputs::Dp3clOutputs;
+pub use leds::{Dp3clLeds, LinkLed, RedLed};
+
+/// The name of 0x1008.
+pub(super) const DEVICE_NAME: &str = "VH3C";
+
+/// A mode of operation of the drive, 0x6060.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(i8)]
+pub enum Dp3clMode {
+    /// No mode: the drive cannot be enabled (E-881).
+    #[default]
+    None = 0,
+    /// Profile position.
+    ProfilePosition = 1,
+    /// Profile velocity.
+    ProfileVelocity = 3,
+    /// Homing.
+    Homing = 6,
+    /// Cyclic synchronous position.
+    CyclicPosition = 8,
+}
+
+impl Dp3clMode {
+    /// The mode with this value of 0x6060; `None`: the drive does not have it.
+    pub const fn from_code(code: i8) -> Option<Self> {
+        match code {
+            0 => Some(Self::None),
+            1 => Some(Self::ProfilePosition),
+            3 => Some(Self::ProfileVelocity),
+            6 => Some(Self::Homing),
+            8 => Some(Self::CyclicPosition),
+            _ => None,
+        }
+    }
+
+    /// The value of the mode in 0x6060.
+    pub const fn code(self) -> i8 {
+        self as i8
+    }
+}
+
+/// A simulated DP3CL.
+#[derive(Clone, Debug)]
+pub struct Dp3cl {
+    base: Base<Dp3cl>,
+    axis: Axis,
+    config: Dp3clConfig,
+    memory: Memory,
+    motion: Motion,
+    pins: Pins,
+    probes: TouchProbes,
+    alarms: Alarms,
+    /// The shaft where the last cycle began, counts: what 0x6064 shows.
+    shown: i64,
+    /// The shaft stands here, whatever the drive demands.
+    jammed_at: Option<i64>,
+    /// The last values written to the commands F0-00 to F0-02.
+    commands: [bool; 3],
+    /// SI1 and SI2 at the end of the last cycle.
+    seen_pins: [bool; 2],
+    /// The input that clears alarms was on.
+    clears: bool,
+    /// Process data were exchanged since the last step, and before it.
+    exchanged: bool,
+    traffic: bool,
+    power_on_count: u16,
+    on_ns: Ns,
+    /// How long no pulses have come.
+    without_pulses_ns: Ns,
+    cycle_ns: Ns,
+    communication: Option<Communication>,
+    /// Bits 0 to 2 of register 0x0981, and the cycle of SYNC0.
+    dc: Option<(u8, Ns)>,
+    /// The drive runs by SYNC0.
+    by_sync0: bool,
+    /// Cycles one after the other in which SYNC0 deviated too much.
+    deviations: u16,
+}
+
+impl Dp3cl {
+    /// A drive that is switched on now, as it comes from the factory.
+    pub fn new(config: Dp3clConfig) -> Self {
+        let mut memory = Memory::new(parameters::factory(config.rating));
+        let values = memory.load(config.rating, config.dial.station());
+        let axis = Self::axis_at_power_on(&config, memory.subdivision(), config.position, &values);
+        let pins = Pins::new(config.wiring, &config.travel, config.dial.is_reversed());
+        let mut base = Base::new(config.name.clone(), config.serial, &objects::IDENTITY, values, objects::PDOS);
+        if config.variants.ten_entries {
+            base = base.with_limits(objects::TEN_ENTRIES, objects::PDOS);
+        }
+        let mut drive = Self {
+            base,
+            axis,
+            shown: config.position,
+            config,
+            memory,
+            motion: Motion::new(),
+            pins,
+            probes: TouchProbes::default(),
+            alarms: Alarms::default(),
+            jammed_at: None,
+            commands: [false; 3],
+            seen_pins: [false; 2],
+            clears: false,
+            exchanged: false,
+            traffic: false,
+            power_on_count: 1,
+            on_ns: 0,
+            without_pulses_ns: 0,
+            cycle_ns: 0,
+            communication: None,
+            dc: None,
+            by_sync0: false,
+            deviations: 0,
+        };
+        drive.rewire();
+        drive.test_at_power_on();
+        drive.seen_pins = drive.probe_pins();
+        drive
+    }
+
+    fn axis_at_power_on(config: &Dp3clConfig, turn: u16, position: i64, values: &super::dictionary::Values) -> Axis {
+        let train = PulseTrain { max_rate: u32::MAX };
+        let travel = Travel { index: config.travel.index.map(|index| index % u32::from(turn)), ..config.travel };
+        let mut axis = Axis::of_pulses(&train, config.times, objects::settings(values), position)
+            .with_travel(&travel, turn.into());
+        if config.variants.without_index {
+            axis.stick(Input::Index, Some(false));
+        }
+        axis.set_position(0);
+        axis
+    }
+
+    /// The configuration.
+    pub const fn config(&self) -> &Dp3clConfig {
+        &self.config
+    }
+
+    /// The axis, for tests that measure what no object shows.
+    pub const fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    /// The present alarm; `None`: there is none.
+    pub const fn alarm(&self) -> Option<Dp3clAlarm> {
+        self.alarms.present()
+    }
+
+    /// Changes the dial switch. It is read at power-on, but for the current of the motor.
+    pub const fn set_dial(&mut self, dial: Dial) {
+        self.config.dial = dial;
+    }
+
+    /// The statusword.
+    pub fn statusword(&self) -> Statusword {
+        Statusword(self.axis.machine().status_bits() | self.motion.bits())
+    }
+
+    /// The mode in force.
+    pub const fn mode(&self) -> Dp3clMode {
+        self.motion.active
+    }
+
+    /// An alarm occurs: the drive goes to Fault.
+    fn raise(&mut self, alarm: Dp3clAlarm) {
+        if self.alarms.present() == Some(alarm) {
+            return;
+        }
+        let monitored = self.monitored();
+        let record = AlarmRecord {
+            phase_a_ma: monitored.phase_a_ma,
+            phase_b_ma: monitored.phase_b_ma,
+            current_ma: monitored.current_ma,
+            voltage_v: (self.config.supply_mv / 1000) as i16,
+            position_offset: self.following_error() as i16,
+            speed_rpm: monitored.speed_rpm,
+            seconds: self.on_seconds() as u32,
+        };
+        self.alarms.note(alarm, record);
+        self.axis.machine_mut().raise(alarm.fault());
+    }
+
+    /// The alarm is cleared, if it does not need a restart: by F0-00, by the input of P2-05, or by a fault reset.
+    fn clear_alarm(&mut self) {
+        self.axis.machine_mut().request_reset();
+    }
+
+    /// Gives the functions POT, NOT and HOME the terminals that their parameters name.
+    fn rewire(&mut self) {
+        let values = &self.base.values;
+        let parameter = |input| match input {
+            Input::PositiveLimit => values.get(parameters::POSITIVE_LIMIT),
+            Input::NegativeLimit => values.get(parameters::NEGATIVE_LIMIT),
+            _ => values.get(parameters::HOME),
+        };
+        let switches = self.axis.switches().rewired(|input| self.pins.wiring_of(parameter(input)));
+        self.axis.set_switches(switches);
+    }
+
+    /// Takes the target position of process data or of an SDO. After homing the first one in CSP does not count, see
+    /// `axis/homing.rs`.
+    fn take_target_position(&mut self, position: i32) {
+        self.motion.target_position = position;
+        if self.motion.active == Dp3clMode::CyclicPosition && !self.axis.skips_target() {
+            self.motion.target_came = true;
+        }
+    }
+
+    /// `dt_ns` pass at the inputs: one that clears alarms does so when it goes on.
+    fn read_inputs(&mut self, dt_ns: Ns) {
+        let clears = self.pins.function(self.base.values.get(parameters::ALARM_CLEAR), self.shaft_position_now());
+        if clears && !std::mem::replace(&mut self.clears, clears) {
+            self.clear_alarm();
+        }
+        self.clears = clears;
+        if self.pins.are_forced() {
+            self.pins.pass(dt_ns);
+            self.rewire();
+        }
+    }
+}
+
+impl Default for Dp3cl {
+    fn default() -> Self {
+        Self::new(Dp3clConfig::default())
+    }
+}

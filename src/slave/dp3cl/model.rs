@@ -1,0 +1,224 @@
+//! The drive as a device: how time passes in it, its faults, and what it says to changes of its AL state.
+
+use std::slice;
+
+use super::alarms::Dp3clAlarm;
+use super::inputs::Pins;
+use super::motion::Motion;
+use super::startup::{self, SafeOpSettings};
+use super::touch_probe::TouchProbes;
+use super::{Dp3cl, objects, parameters};
+use crate::cia402::DriveState;
+use crate::ethercat::{AlState, Ns};
+use crate::slave::axis::Axis;
+use crate::slave::communication::{Communication, SyncEvent};
+use crate::slave::device::{self, Base, Model};
+use crate::slave::dictionary::Object;
+use crate::slave::plant::Following;
+use crate::slave::process_data::{MappingLimits, Pdo};
+use crate::slave::switches::Input;
+use crate::slave::{AlStatus, Fault};
+
+impl Model for Dp3cl {
+    const LIMITS: MappingLimits = objects::LIMITS;
+
+    const COMPLETE_ACCESS: bool = false;
+
+    const TEST_MEMORY: bool = false;
+
+    // [OURS] In SafeOP the controller's watchdog runs from the first outputs on.
+    const WATCHDOG_IN_SAFEOP: bool = true;
+
+    fn objects() -> &'static [Object<Self>] {
+        objects::OBJECTS
+    }
+
+    fn pdos() -> &'static [Pdo<Self>] {
+        objects::PDOS
+    }
+
+    fn base(&self) -> &Base<Self> {
+        &self.base
+    }
+
+    fn base_mut(&mut self) -> &mut Base<Self> {
+        &mut self.base
+    }
+
+    fn axes(&self) -> &[Axis] {
+        slice::from_ref(&self.axis)
+    }
+
+    fn axes_mut(&mut self) -> &mut [Axis] {
+        slice::from_mut(&mut self.axis)
+    }
+
+    /// P7-00.
+    fn station_alias(&self) -> u16 {
+        self.base.values.get(parameters::SET_ADDRESS)
+    }
+
+    fn step_axes(&mut self, dt_ns: Ns) {
+        let from = self.axis.plant().position();
+        self.read_inputs(dt_ns);
+        self.probe_forced();
+        let shown = self.shaft_position_now();
+        self.run_modes(dt_ns);
+        let to = self.axis.plant().position();
+        if self.jammed_at.is_none() {
+            self.probe(from, to);
+        }
+        self.shown = shown;
+        self.seen_pins = self.probe_pins();
+        if self.axis.machine().fault().is_none() {
+            self.alarms.clear();
+        }
+        self.without_pulses_ns = if from == to { self.without_pulses_ns.saturating_add(dt_ns) } else { 0 };
+        self.on_ns = self.on_ns.saturating_add(dt_ns);
+        self.cycle_ns = dt_ns;
+        self.traffic = std::mem::take(&mut self.exchanged);
+    }
+
+    fn begin_axes(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.step_axes(dt_ns);
+        None
+    }
+
+    fn note_exchange(&mut self) {
+        self.exchanged = true;
+    }
+
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        (axis == 0).then(|| self.shaft_position_now())
+    }
+
+    fn apply_fault(&mut self, fault: Fault) -> bool {
+        match fault {
+            Fault::Alarm { axis: 0, fault } => match Dp3clAlarm::of_error_code(fault.code) {
+                Some(alarm) => self.raise(alarm),
+                None => self.axis.machine_mut().raise(fault),
+            },
+            Fault::Stick { axis: 0, input, value } => {
+                let inputs = input.map_or_else(|| Input::ALL.to_vec(), |input| vec![input]);
+                for input in inputs {
+                    match input {
+                        Input::Index => self.axis.stick(input, value),
+                        sensor => self.pins.stick(sensor, value),
+                    }
+                }
+                self.rewire();
+            }
+            Fault::Jam { axis: 0, jammed } => self.jammed_at = jammed.then(|| self.shaft_position_now()),
+            Fault::ForceInputs { channel: 0, pattern } => {
+                self.pins.force(pattern);
+                self.rewire();
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    fn check_change(&mut self, to: AlState, mapped: Result<(), AlStatus>) -> Result<(), AlStatus> {
+        let checked = match (to, &self.communication) {
+            (AlState::PreOp, Some(communication)) => startup::to_preop(communication, self.config.variants),
+            (AlState::SafeOp, _) => {
+                mapped?;
+                let values = &self.base.values;
+                let sync_types = (values.get(objects::OUTPUT_SYNC_TYPE), values.get(objects::INPUT_SYNC_TYPE));
+                let settings = SafeOpSettings { communication: self.communication, dc: self.dc, sync_types };
+                startup::to_safeop(&settings).map(|by_sync0| self.by_sync0 = by_sync0)
+            }
+            _ => Ok(()),
+        };
+        checked.map_err(Dp3clAlarm::al_status)?;
+        if to == AlState::SafeOp && self.by_sync0 && self.dc.is_some() {
+            // [OURS] With SYNC0 on the types read "DC", whatever was written.
+            self.base.values.set(objects::OUTPUT_SYNC_TYPE, objects::DC_SYNC0);
+            self.base.values.set(objects::INPUT_SYNC_TYPE, objects::DC_SYNC0);
+        }
+        Ok(())
+    }
+
+    fn change_refused(&mut self, status: AlStatus) {
+        if let Some(alarm) = Dp3clAlarm::of_al_status(status) {
+            self.raise(alarm);
+        }
+    }
+
+    fn state_changed(&mut self, _from: AlState) {
+        use DriveState::{OperationEnabled, QuickStopActive};
+        if matches!(self.axis.machine().state(), OperationEnabled | QuickStopActive) {
+            self.raise(Dp3clAlarm::ChangeWhileEnabled);
+        }
+    }
+
+    fn refuse_request(&mut self, code: u8) -> AlStatus {
+        let alarm = if code == device::BOOTSTRAP { Dp3clAlarm::Bootstrap } else { Dp3clAlarm::UnknownState };
+        let to = if alarm == Dp3clAlarm::Bootstrap { AlState::Init } else { AlState::SafeOp };
+        self.raise(alarm);
+        device::fall(self, to, alarm.al_status());
+        alarm.al_status()
+    }
+
+    fn watchdog_expired(&mut self) {
+        self.raise(Dp3clAlarm::Watchdog);
+    }
+
+    fn set_communication(&mut self, communication: &Communication) {
+        self.communication = Some(*communication);
+        self.dc = Some((communication.dc_activation & 0b111, communication.sync0_cycle_ns.into()));
+    }
+
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        self.dc = Some(startup::activation_of(cycle_ns));
+    }
+
+    fn report_sync(&mut self, event: SyncEvent) {
+        self.synchronization(event);
+    }
+
+    fn restart(&mut self) {
+        let position = self.axis.plant().position();
+        let values = self.memory.load(self.config.rating, self.config.dial.station());
+        self.pins = Pins::new(self.config.wiring, &self.config.travel, self.config.dial.is_reversed());
+        self.axis = Self::axis_at_power_on(&self.config, self.memory.subdivision(), position, &values);
+        self.base.restart(values, objects::PDOS);
+        self.alarms.restart();
+        (self.motion, self.probes, self.shown) = (Motion::new(), TouchProbes::default(), position);
+        (self.commands, self.exchanged, self.clears) = Default::default();
+        (self.on_ns, self.without_pulses_ns, self.deviations) = (0, 0, 0);
+        (self.communication, self.dc, self.by_sync0) = (None, None, false);
+        self.power_on_count = self.power_on_count.saturating_add(1);
+        self.rewire();
+        self.test_at_power_on();
+    }
+}
+
+impl Dp3cl {
+    /// Something of the synchronization has happened.
+    fn synchronization(&mut self, event: SyncEvent) {
+        let runs = matches!(self.base.al_state(), AlState::SafeOp | AlState::Op) && self.by_sync0;
+        let alarm = match event {
+            SyncEvent::InTime => {
+                self.deviations = 0;
+                return;
+            }
+            SyncEvent::Deviation => {
+                self.deviations = self.deviations.saturating_add(1);
+                let limit = self.base.values.get(objects::SYNC_ERROR_LIMIT);
+                if self.deviations < limit.max(1) {
+                    return;
+                }
+                Dp3clAlarm::SyncDeviation
+            }
+            SyncEvent::NotLocked => Dp3clAlarm::NotSynchronized,
+            SyncEvent::LockLost => Dp3clAlarm::PhaseLost,
+        };
+        if runs {
+            let to = if alarm == Dp3clAlarm::NotSynchronized { AlState::PreOp } else { AlState::SafeOp };
+            self.raise(alarm);
+            device::fall(self, to, alarm.al_status());
+            self.deviations = 0;
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! How the modes of operation move the axis: a position demand is made here, slice by slice, and the axis follows it.
+//!
+//! Homing is that of the axis. In every other mode the axis follows a position: in CSP that of the process data, in the
+//! profile modes the one that [`Profile`] makes. Positions are command units of the shaft here; the polarity, 0x607E, is
+//! applied where objects are read and written.
+
+use super::alarms::Dp3clAlarm;
+use super::objects::{self, Limits};
+use super::profile::{Profile, Ramps};
+use super::set_points::{SetPointValues, SetPoints};
+use super::{Dp3cl, Dp3clMode};
+use crate::cia402::{Controlword, DriveState, Mode, Statusword};
+use crate::ethercat::Ns;
+use crate::slave::device::Model;
+use crate::slave::state_machine::Power;
+use crate::slave::switches::Input;
+
+/// \[OURS] How often the demand of the profile modes is computed.
+const SLICE_NS: Ns = 1_000_000;
+
+/// How long something has been so, for the windows of positions and speeds.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stopwatch(Ns);
+
+impl Stopwatch {
+    /// `ns` have passed; whether it has been so for longer than that many milliseconds.
+    fn longer_than(&mut self, is_so: bool, ms: u16, ns: Ns) -> bool {
+        self.0 = if is_so { self.0.saturating_add(ns) } else { 0 };
+        is_so && self.0 > Ns::from(ms) * 1_000_000
+    }
+}
+
+/// What a mode of operation keeps while it moves the axis.
+#[derive(Clone, Debug)]
+pub(super) struct Motion {
+    /// 0x6060 as it was written.
+    pub(super) requested: i8,
+    /// 0x6061.
+    pub(super) active: Dp3clMode,
+    /// 0x607A as it was written.
+    pub(super) target_position: i32,
+    /// The target of CSP has come since the mode was entered.
+    pub(super) target_came: bool,
+    /// 0x60FF as it was written.
+    pub(super) target_velocity: i32,
+    profile: Profile,
+    set_points: SetPoints,
+    /// A limit switch or a software limit holds the axis back.
+    limited: bool,
+    was_enabled: bool,
+    outside: Stopwatch,
+    inside: Stopwatch,
+    slow: Stopwatch,
+    /// Statusword bits 10 to 13 of the mode.
+    bits: u16,
+}
+
+impl Motion {
+    /// The motion of a drive at power-on.
+    pub(super) fn new() -> Self {
+        Self {
+            requested: 0,
+            active: Dp3clMode::None,
+            target_position: 0,
+            target_came: false,
+            target_velocity: 0,
+            profile: Profile::default(),
+            set_points: SetPoints::default(),
+            limited: false,
+            was_enabled: false,
+            outside: Stopwatch::default(),
+            inside: Stopwatch::default(),
+            slow: Stopwatch::default(),
+            bits: 0,
+        }
+    }
+
+    /// The velocity of the demand, command units/s.
+    pub(super) const fn velocity(&self) -> f64 {
+        self.profile.velocity()
+    }
+
+    /// The bits of the statusword.
+    pub(super) const fn bits(&self) -> u16 {
+        self.bits
+    }
+}
+
+impl Dp3cl {
+    /// `dt_ns` pass in the modes of operation.
+    pub(super) fn run_modes(&mut self, dt_ns: Ns) {
+        self.motion.limited = false;
+        let mut left = dt_ns;
+        while left > 0 {
+            let is_profile = matches!(self.motion.active, Dp3clMode::ProfilePosition | Dp3clMode::ProfileVelocity)
+                || self.motion.active.code() != self.motion.requested;
+            let ns = if is_profile && left >= 2 * SLICE_NS { SLICE_NS } else { left };
+            self.run_slice(ns);
+            left -= ns;
+        }
+        self.supervise(dt_ns);
+    }
+
+    fn run_slice(&mut self, ns: Ns) {
+        let in_control = self.axis.follows() && self.axis.machine().power() == Power::Follow;
+        let next_mode = Dp3clMode::from_code(self.motion.requested).filter(|mode| *mode != self.motion.active);
+        match next_mode {
+            None if in_control => self.move_demand(ns),
+            None => self.stand_by(),
+            Some(_) if in_control && !self.stands_for_change() => self.brake_for_change(ns),
+            Some(mode) => {
+                self.stand_by();
+                self.enter_mode(mode);
+            }
+        }
+        let before = self.axis.demand();
+        self.axis.step(ns);
+        if matches!(self.motion.active, Dp3clMode::CyclicPosition | Dp3clMode::Homing) && self.axis.follows() {
+            let moved = self.axis.demand().wrapping_sub(before) as f64;
+            let homed = self.motion.active == Dp3clMode::Homing;
+            let velocity = if homed { self.axis.plant().velocity() } else { moved / (ns as f64 / 1e9) };
+            self.motion.profile = Profile::moving_at(self.axis.demand(), velocity);
+        }
+        self.check_mode();
+    }
+
+    /// The power stage does not follow: there is no motion to go on with, and the demand is where the axis is.
+    fn stand_by(&mut self) {
+        let position = self.axis.demand();
+        let word = self.axis.machine().controlword().0;
+        self.motion.profile = Profile::standing_at(position);
+        self.motion.set_points.void(position, word);
+        self.motion.target_came = false;
+        self.axis.targets_mut().position = position as i32;
+    }
+
+    /// Whether the mode can be changed now. In homing the axis itself brakes after the mode was left.
+    fn stands_for_change(&self) -> bool {
+        self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
+    }
+
+    /// \[OURS] A mode is changed in any state of the drive; an axis that moves first stops on the quick-stop ramp. A mode that
+    /// the drive does not have changes nothing (E-881).
+    fn brake_for_change(&mut self, ns: Ns) {
+        let ramp = self.ramp(objects::QUICK_STOP);
+        self.motion.profile.brake(ramp, ns);
+        self.put_demand();
+    }
+
+    fn enter_mode(&mut self, mode: Dp3clMode) {
+        self.motion.active = mode;
+        self.axis.set_mode(if mode == Dp3clMode::Homing { Mode::Homing } else { Mode::Csp });
+        (self.motion.inside, self.motion.slow) = Default::default();
+    }
+
+    /// Moves the demand as the mode says.
+    fn move_demand(&mut self, ns: Ns) {
+        match self.motion.active {
+            Dp3clMode::Homing => return,
+            Dp3clMode::CyclicPosition => self.follow_process_data(ns),
+            Dp3clMode::ProfilePosition => self.run_profile_position(ns),
+            Dp3clMode::ProfileVelocity => self.run_profile_velocity(ns),
+            Dp3clMode::None => {
+                let ramp = self.ramp(objects::QUICK_STOP);
+                self.motion.profile.brake(ramp, ns);
+            }
+        }
+        self.put_demand();
+    }
+
+    fn put_demand(&mut self) {
+        self.axis.targets_mut().position = self.motion.profile.position() as i32;
+    }
+
+    /// CSP: the target position plus the position offset, 0x60B0.
+    fn follow_process_data(&mut self, ns: Ns) {
+        let demand = self.axis.demand();
+        if !self.motion.target_came {
+            self.motion.profile = Profile::standing_at(demand);
+            return;
+        }
+        let offset = self.base().values.get(objects::POSITION_OFFSET);
+        let target = self.shaft_position(self.motion.target_position.wrapping_add(offset));
+        // The position nearest to the demand that has those low 32 bits.
+        let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
+        let allowed = self.within_limits(wanted);
+        if self.is_blocked(allowed.wrapping_sub(demand) as f64) {
+            let ramp = self.ramp(objects::QUICK_STOP);
+            self.motion.profile.brake(ramp, ns);
+        } else {
+            self.motion.profile = Profile::standing_at(allowed);
+        }
+    }
+
+    fn run_profile_position(&mut self, ns: Ns) {
+        let word = self.axis.machine().controlword().0;
+        let values = SetPointValues { target: self.shaft_target(), ramps: self.position_ramps() };
+        self.motion.set_points.command(word, values, self.config.variants.one_deep_buffer);
+        let current = self.motion.set_points.current().copied();
+        let halts = word & Controlword::HALT != 0;
+        let Some(task) = current.filter(|_| !halts) else {
+            let ramp = if halts { self.halt_ramp() } else { values.ramps.deceleration };
+            self.motion.profile.brake(ramp, ns);
+            return;
+        };
+        let target = self.within_limits(task.target);
+        let way = target.wrapping_sub(self.motion.profile.position()) as f64;
+        if self.is_blocked(if self.motion.profile.stands() { way } else { self.motion.profile.velocity() }) {
+            let ramp = self.ramp(objects::QUICK_STOP);
+            if self.motion.profile.brake(ramp, ns) {
+                self.motion.set_points.stop_short(self.motion.profile.position());
+            }
+        } else if self.motion.profile.run_to(target, &task.ramps, ns) {
+            self.motion.set_points.arrive();
+        }
+    }
+
+    fn run_profile_velocity(&mut self, ns: Ns) {
+        let word = self.axis.machine().controlword().0;
+        if word & Controlword::HALT != 0 {
+            let ramp = self.halt_ramp();
+            self.motion.profile.brake(ramp, ns);
+            return;
+        }
+        let (wanted, ramps) = (self.wanted_velocity(), self.position_ramps());
+        let moving = self.motion.profile.velocity();
+        if self.is_blocked(wanted) || self.is_blocked(moving) {
+            let ramp = self.ramp(objects::QUICK_STOP);
+            self.motion.profile.brake(ramp, ns);
+        } else {
+            self.motion.profile.run_at(wanted, &ramps, ns);
+        }
+    }
+
+    /// The velocity that 0x60FF asks for, command units/s of the shaft, within 0x607F and 0x6080.
+    fn wanted_velocity(&self) -> f64 {
+        let wanted = self.units_per_second(self.motion.target_velocity) * self.velocity_sign();
+        let most = self.velocity_max();
+        wanted.clamp(-most, most)
+    }
+
+    /// A speed of an object in 0.1 rpm, command units/s. \[OURS] 0x60FF, 0x606B, 0x606D and 0x606F are in 0.1 rpm as the
+    /// manual prints of the first, unless the variant says that they are in command units/s.
+    fn units_per_second(&self, speed: i32) -> f64 {
+        if self.config.variants.speeds_in_units {
+            return f64::from(speed);
+        }
+        f64::from(speed) * f64::from(self.memory.subdivision()) / 600.0
+    }
+
+    /// The inverse of it.
+    pub(super) fn as_speed(&self, units_per_second: f64) -> f64 {
+        if self.config.variants.speeds_in_units {
+            return units_per_second;
+        }
+        units_per_second * 600.0 / f64::from(self.memory.subdivision())
+    }
+
+    /// The smaller one of 0x607F and 0x6080, command units/s.
+    fn velocity_max(&self) -> f64 {
+        let values = &self.base().values;
+        let by_profile = f64::from(values.get(objects::MAX_PROFILE_VELOCITY));
+        let by_motor = f64::from(values.get(objects::MAX_MOTOR_SPEED)) * f64::from(self.memory.subdivision()) / 60.0;
+        by_profile.min(by_motor)
+    }
+
+    /// The ramps and the speed of the profile modes: 0x6081 to 0x6084, within 0x607F, 0x6080, 0x60C5 and 0x60C6.
+    fn position_ramps(&self) -> Ramps {
+        let values = &self.base().values;
+        let within = |ramp, most| self.ramp(ramp).min(self.ramp(most));
+        Ramps {
+            velocity: f64::from(values.get(objects::PROFILE_VELOCITY)).min(self.velocity_max()),
+            acceleration: within(objects::PROFILE_ACCELERATION, objects::MAX_ACCELERATION),
+            deceleration: within(objects::PROFILE_DECELERATION, objects::MAX_DECELERATION),
+        }
+    }
+
+    /// The ramp of a halt, by the halt option code 0x605D.
+    fn halt_ramp(&self) -> f64 {
+        match self.base().values.get(objects::HALT_OPTION) {
+            1 => self.position_ramps().deceleration,
+            _ => self.ramp(objects::QUICK_STOP),
+        }
+    }
+
+    /// The target within the position range 0x607B and the software limits 0x607D. \[OURS] A pair whose minimum is not less
+    /// than its maximum is off.
+    fn within_limits(&mut self, wanted: i64) -> i64 {
+        let mut allowed = wanted;
+        for Limits { min, max } in [objects::POSITION_RANGE, objects::SOFTWARE_LIMITS] {
+            let values = &self.base().values;
+            let (min, max) = (values.get(min), values.get(max));
+            if min < max {
+                let ends = [self.shaft_position(min), self.shaft_position(max)].map(i64::from);
+                let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+                allowed = allowed.clamp(low, high);
+            }
+        }
+        self.motion.limited |= allowed != wanted;
+        allowed
+    }
+
+    /// Whether a limit switch is active in the direction of a motion. \[OURS] It stops the axis on the quick-stop ramp.
+    fn is_blocked(&mut self, direction: f64) -> bool {
+        let inputs = self.axis.inputs();
+        let blocked =
+            direction > 0.0 && inputs.has(Input::PositiveLimit) || direction < 0.0 && inputs.has(Input::NegativeLimit);
+        self.motion.limited |= blocked;
+        blocked
+    }
+
+    /// E-881: the drive is enabled without a mode, or in one that it does not have.
+    fn check_mode(&mut self) {
+        let is_enabled = self.axis.machine().state() == DriveState::OperationEnabled;
+        let was_enabled = std::mem::replace(&mut self.motion.was_enabled, is_enabled);
+        let requested = Dp3clMode::from_code(self.motion.requested);
+        let without_mode = requested == Some(Dp3clMode::None) && self.motion.active == Dp3clMode::None;
+        if is_enabled && (requested.is_none() || without_mode && !was_enabled) {
+            self.raise(Dp3clAlarm::Mode);
+        }
+    }
+
+    /// Compares demand and actual values with their windows, and makes the bits of the statusword.
+    fn supervise(&mut self, dt_ns: Ns) {
+        let values = &self.base().values;
+        let lag = self.following_error().unsigned_abs();
+        let (window, timeout) = (values.get(objects::FOLLOWING_WINDOW), values.get(objects::FOLLOWING_TIMEOUT));
+        let (near, near_ms) = (values.get(objects::POSITION_WINDOW), values.get(objects::POSITION_WINDOW_TIME));
+        let (fast, fast_ms) = (values.get(objects::VELOCITY_WINDOW), values.get(objects::VELOCITY_WINDOW_TIME));
+        let (still, still_ms) = (values.get(objects::VELOCITY_THRESHOLD), values.get(objects::VELOCITY_THRESHOLD_TIME));
+        let follows = self.axis.follows() && self.axis.machine().state() == DriveState::OperationEnabled;
+        let halts = self.axis.machine().controlword().0 & Controlword::HALT != 0;
+        let (wanted, velocity) = (self.wanted_velocity(), self.motion.profile.velocity());
+        let (deviation, speed) = (self.as_speed(wanted - velocity).abs(), self.as_speed(velocity).abs());
+        let stands = self.motion.profile.stands();
+        let motion = &mut self.motion;
+        let has_window = window != u32::MAX;
+        let lags = motion.outside.longer_than(follows && has_window && lag > window.into(), timeout, dt_ns);
+        let following_error = if lags { Statusword::BIT13 } else { 0 };
+        let limit = if motion.limited { Statusword::INTERNAL_LIMIT } else { 0 };
+        motion.bits = match motion.active {
+            Dp3clMode::Homing => self.axis.measured().statusword.0 & 0x3C00,
+            _ if !follows => 0,
+            Dp3clMode::None => 0,
+            Dp3clMode::CyclicPosition => Statusword::BIT12 | following_error | limit,
+            Dp3clMode::ProfilePosition => {
+                let is_near = motion.set_points.are_complete() && lag <= near.into();
+                let is_there = motion.inside.longer_than(is_near, near_ms, dt_ns);
+                let reached = if halts { stands } else { is_there };
+                let acknowledged = if motion.set_points.is_acknowledged() { Statusword::BIT12 } else { 0 };
+                bit(reached, Statusword::TARGET_REACHED) | acknowledged | following_error | limit
+            }
+            Dp3clMode::ProfileVelocity => {
+                let is_fast = motion.inside.longer_than(deviation <= f64::from(fast), fast_ms, dt_ns);
+                let is_slow = motion.slow.longer_than(speed <= f64::from(still), still_ms, dt_ns);
+                let reached = if halts { stands } else { is_fast };
+                bit(reached, Statusword::TARGET_REACHED) | bit(is_slow, Statusword::BIT12) | limit
+            }
+        };
+    }
+}
+
+const fn bit(is_set: bool, bit: u16) -> u16 {
+    if is_set { bit } else { 0 }
+}

@@ -1,0 +1,77 @@
+//! What objects show of the motion: positions and velocities with the signs of the polarity, and the monitors.
+
+use super::monitors::Monitored;
+use super::{Dp3cl, objects, parameters};
+
+impl Dp3cl {
+    /// The position of the shaft, counts: where it is jammed, or what the drive demands as far as the end stops allow.
+    pub(super) fn shaft_position_now(&self) -> i64 {
+        let position = self.jammed_at.unwrap_or(self.axis.plant().position());
+        self.config.travel.stops.map_or(position, |(low, high)| position.clamp(low, high.max(low)))
+    }
+
+    /// The sign of positions of objects against those of the shaft: bit 7 of the polarity, 0x607E.
+    pub(super) fn position_sign(&self) -> i64 {
+        if self.base.values.get(objects::POLARITY) & 1 << 7 != 0 { -1 } else { 1 }
+    }
+
+    /// The sign of velocities of objects: bit 6 of the polarity.
+    pub(super) fn velocity_sign(&self) -> f64 {
+        if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
+    }
+
+    /// A position of an object as one of the shaft.
+    pub(super) fn shaft_position(&self, position: i32) -> i32 {
+        if self.position_sign() < 0 { position.wrapping_neg() } else { position }
+    }
+
+    /// The target position, 0x607A, as one of the shaft.
+    pub(super) fn shaft_target(&self) -> i32 {
+        self.shaft_position(self.motion.target_position)
+    }
+
+    /// 0x6062, position demand value.
+    pub(super) fn demand_value(&self) -> i64 {
+        self.axis.demand().wrapping_mul(self.position_sign())
+    }
+
+    /// 0x6064, position actual value.
+    pub(super) fn actual_value(&self) -> i64 {
+        self.shown.wrapping_add(self.axis.origin()).wrapping_mul(self.position_sign())
+    }
+
+    /// 0x60F4, following error actual value: 0x6062 - 0x6064.
+    pub(super) fn following_error(&self) -> i64 {
+        self.demand_value().wrapping_sub(self.actual_value())
+    }
+
+    /// A position in command units as counts of the encoder, P4-01 of them a turn.
+    pub(super) fn as_increments(&self, position: i64) -> i64 {
+        let turn = i128::from(self.memory.subdivision());
+        (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
+    }
+
+    /// The velocity of the demand as objects have it, command units/s.
+    pub(super) fn velocity_value(&self) -> f64 {
+        self.motion.velocity() * self.velocity_sign()
+    }
+
+    pub(super) fn monitored(&self) -> Monitored {
+        let pulses = self.axis.plant().position().wrapping_sub(self.config.position);
+        Monitored::of(pulses, self.motion.velocity(), self.memory.subdivision(), self.motor_ma())
+    }
+
+    pub(super) const fn on_seconds(&self) -> u64 {
+        self.on_ns / 1_000_000_000
+    }
+
+    /// U3-00, the cycle. \[OURS] In microseconds.
+    pub(super) const fn cycle_us(&self) -> i64 {
+        (self.cycle_ns / 1000) as i64 & 0xFFFF
+    }
+
+    /// U3-04, the cycle of SYNC0. \[OURS] In microseconds; 0 without it.
+    pub(super) fn sync0_us(&self) -> i64 {
+        if self.by_sync0 { self.dc.map_or(self.cycle_us(), |(_, ns)| (ns / 1000) as i64) } else { 0 }
+    }
+}

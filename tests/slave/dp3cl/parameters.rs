@@ -1,0 +1,373 @@
+//! Parameters, monitors and commands of a DP3CL, its dial switch and its LEDs.
+
+use ecmsk::coe::AbortCode;
+use ecmsk::ethercat::AlState;
+use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
+use ecmsk::slave::{AlStatus, DeviceFault, Fault, Slave};
+
+use super::bench::{Bench, MS, in_preop, list, read, usual, write};
+
+fn of(rating: Rating) -> Dp3clConfig {
+    Dp3clConfig { rating, ..Dp3clConfig::default() }
+}
+
+fn restarted(mut drive: Dp3cl) -> Dp3cl {
+    drive.restart();
+    drive.enter(AlState::PreOp).unwrap();
+    drive
+}
+
+/// DP3CL-1.2 The peak current of each rating.
+#[test]
+fn peak_currents() {
+    for (rating, usual, most) in [(Rating::A3, 30, 40), (Rating::A7, 70, 70), (Rating::A8, 84, 84)] {
+        let mut drive = in_preop(of(rating));
+        assert_eq!(read(&mut drive, 0x2400, 0), Ok(usual));
+        assert_eq!(drive.peak_ma(), usual as u32 * 100);
+        assert_eq!(write(&mut drive, 0x2400, 0, most), Ok(()));
+        assert_eq!(write(&mut drive, 0x2400, 0, most + 1), Err(AbortCode::VALUE_HIGH));
+        assert_eq!(write(&mut drive, 0x2400, 0, 0), Err(AbortCode::VALUE_LOW));
+    }
+}
+
+/// DP3CL-1.3 SW1 to SW3 by the tables of the manual.
+#[test]
+fn dial_currents() {
+    let tables = [
+        (Rating::A3, [3000, 560, 840, 1400, 1820, 2100, 2660, 3000]),
+        (Rating::A7, [7000, 2500, 3400, 4200, 5000, 5600, 6400, 7000]),
+        (Rating::A8, [8400, 2700, 3600, 4600, 5500, 6400, 7300, 8400]),
+    ];
+    for (rating, currents) in tables {
+        for (code, current) in (0..).zip(currents) {
+            let drive = Dp3cl::new(Dp3clConfig { dial: Dial(code), ..of(rating) });
+            assert_eq!(drive.peak_ma(), current, "{rating:?} {code:03b}");
+        }
+    }
+}
+
+/// DP3CL-1.4 SW4 to SW7.
+#[test]
+fn dial_functions() {
+    for (dial, filter) in [(0x00, None), (0x20, Some(3000)), (0x10, Some(12_000)), (0x30, Some(0))] {
+        assert_eq!(Dial(dial).filter_us(), filter, "{dial:02X}");
+    }
+    let holding = |dial| {
+        let mut bench = Bench::enabled_with(Dp3clConfig { dial: Dial(dial), ..Dp3clConfig::default() }, 8);
+        bench.run_for(200 * MS);
+        bench.drive.motor_ma()
+    };
+    assert_eq!((holding(0x00), holding(0x08)), (3500, 7000));
+    let mut bench = Bench::enabled_with(Dp3clConfig { dial: Dial(0x40), ..Dp3clConfig::default() }, 8);
+    bench.target = -200_000;
+    bench.run_for(3 * MS);
+    assert_eq!(bench.read(0x60FD, 0), 0b010, "the positive limit is on the other side");
+}
+
+/// DP3CL-1.5 The station number is kept; number 0 changes nothing.
+/// DP3CL-2.12 P7-00 is the station alias.
+#[test]
+fn station_number() {
+    let mut drive = in_preop(Dp3clConfig { dial: Dial(0x80 | 0x55), ..Dp3clConfig::default() });
+    assert_eq!((read(&mut drive, 0x2700, 0), drive.station_alias()), (Ok(0x55), 0x55));
+    assert_eq!(drive.peak_ma(), 7000, "the switches set no current meanwhile");
+    drive.set_dial(Dial(0));
+    let mut drive = restarted(drive);
+    assert_eq!(read(&mut drive, 0x2700, 0), Ok(0x55));
+    drive.set_dial(Dial(0x80));
+    assert_eq!(read(&mut restarted(drive), 0x2700, 0), Ok(0x55));
+    let mut drive = usual();
+    write(&mut drive, 0x2700, 0, 40_000).unwrap();
+    write(&mut drive, 0x4002, 0, 1).unwrap();
+    assert_eq!(restarted(drive).station_alias(), 40_000);
+}
+
+/// DP3CL-1.6 What the red LED shows.
+/// DP3CL-5.19 No codes without an alarm; those of IEC 61800-7-201 for the alarms of the LED.
+#[test]
+fn red_led() {
+    let mut drive = usual();
+    assert_eq!((drive.leds().alarm, drive.leds().power), (RedLed::Off, true));
+    assert_eq!((read(&mut drive, 0x1001, 0), read(&mut drive, 0x603F, 0)), (Ok(0), Ok(0)));
+    for (code, flashes) in [(0x2310, 1), (0x3210, 2), (0x3220, 3), (0x7120, 4)] {
+        let mut drive = usual();
+        let fault = DeviceFault { code, resettable: true };
+        assert!(drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+        assert_eq!(drive.leds().alarm, RedLed::Flashes(flashes));
+        assert_eq!((read(&mut drive, 0x1001, 0), read(&mut drive, 0x603F, 0)), (Ok(0x80), Ok(code.into())));
+    }
+    assert_eq!(drive.enter(AlState::Op), Err(AlStatus(0x0011)));
+    assert_eq!(drive.leds().alarm, RedLed::On);
+}
+
+/// DP3CL-1.7 The LEDs of the connection.
+#[test]
+fn connection_leds() {
+    let drive = Dp3cl::default();
+    assert!(!drive.leds().run, "Init");
+    let mut drive = usual();
+    assert_eq!((drive.leds().run, drive.leds().link), (true, LinkLed::On));
+    assert!(drive.enter(AlState::Op).is_err());
+    assert!(!drive.leds().run, "E-800");
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    assert_eq!((bench.drive.leds().run, bench.drive.leds().link), (true, LinkLed::Flashing));
+    bench.drive.step(MS);
+    assert_eq!(bench.drive.leds().link, LinkLed::On);
+}
+
+/// DP3CL-1.8 A missing motor is found out at power-on, with P1-00.
+/// DP3CL-1.9 The alarms of the supply.
+#[test]
+fn motor_and_supply() {
+    let mut drive = in_preop(Dp3clConfig { has_motor: false, ..Dp3clConfig::default() });
+    assert_eq!(drive.alarm(), Some(Dp3clAlarm::OpenMotor));
+    write(&mut drive, 0x2100, 0, 0).unwrap();
+    write(&mut drive, 0x4002, 0, 1).unwrap();
+    assert_eq!(restarted(drive).alarm(), None);
+    for (rating, most) in [(Rating::A3, 50_000), (Rating::A7, 50_000), (Rating::A8, 80_000)] {
+        let mut drive = in_preop(of(rating));
+        drive.set_supply(most);
+        assert_eq!(drive.alarm(), None);
+        drive.set_supply(most + 1);
+        assert_eq!(drive.alarm(), Some(Dp3clAlarm::OverVoltage));
+    }
+    let mut drive = usual();
+    drive.set_supply(5000);
+    assert_eq!(drive.alarm(), None, "P3-02 is 0");
+    write(&mut drive, 0x2302, 0, 20).unwrap();
+    drive.set_supply(20_000);
+    assert_eq!(drive.alarm(), None);
+    drive.set_supply(19_999);
+    assert_eq!(drive.alarm(), Some(Dp3clAlarm::UnderVoltage));
+}
+
+/// DP3CL-1.10 The current in the motor.
+#[test]
+fn currents() {
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    assert_eq!(bench.drive.motor_ma(), 0);
+    bench.write(0x2005, 0, 80);
+    bench.write(0x2008, 0, 30);
+    bench.write(0x200C, 0, 20);
+    bench.enable();
+    for step in 1..=30 {
+        bench.target = step;
+        bench.cycle();
+        assert_eq!(bench.drive.motor_ma(), 5600);
+    }
+    bench.run_for(19 * MS);
+    assert_eq!(bench.drive.motor_ma(), 5600);
+    bench.cycle();
+    assert_eq!((bench.drive.motor_ma(), bench.read(0x301F, 0)), (2100, 2100));
+}
+
+/// DP3CL-2.1 Groups and their lengths.
+/// DP3CL-2.11 None can be mapped.
+#[test]
+fn groups() {
+    let mut drive = usual();
+    let groups: [(u16, u16, bool); 15] = [
+        (0x2000, 20, true),
+        (0x2100, 15, true),
+        (0x2200, 20, true),
+        (0x2300, 10, true),
+        (0x2400, 10, true),
+        (0x2500, 15, true),
+        (0x2600, 15, true),
+        (0x2700, 5, true),
+        (0x2800, 27, true),
+        (0x3000, 50, false),
+        (0x3100, 30, false),
+        (0x3200, 20, false),
+        (0x3300, 12, false),
+        (0x3400, 10, false),
+        (0x4000, 3, true),
+    ];
+    for (first, count, is_parameter) in groups {
+        for index in first..first + count {
+            let value = read(&mut drive, index, 0).unwrap_or_else(|code| panic!("{index:04X}: {code}"));
+            assert_eq!(read(&mut drive, index, 1), Err(AbortCode::NO_SUB_INDEX));
+            let fixed = matches!(index, 0x2209 | 0x220A | 0x2401);
+            let expected = if is_parameter && !fixed { Ok(()) } else { Err(AbortCode::READ_ONLY) };
+            assert_eq!(write(&mut drive, index, 0, value), expected, "{index:04X}");
+            let bits = if first == 0x4000 { 1 } else { 16 };
+            let entry = u32::from(index) << 16 | bits;
+            assert_eq!(list(&mut drive, 0x1600, &[entry]), Err(AbortCode::NOT_MAPPABLE));
+            assert_eq!(list(&mut drive, 0x1A00, &[entry]), Err(AbortCode::NOT_MAPPABLE));
+        }
+        assert_eq!(read(&mut drive, first + count, 0), Err(AbortCode::NO_OBJECT), "{first:04X}");
+    }
+}
+
+/// DP3CL-2.2 Ranges and defaults as printed.
+/// DP3CL-2.3 Parameters that cannot be written.
+#[test]
+fn ranges() {
+    let mut drive = usual();
+    for (index, low, high, default) in [
+        (0x2001, 200, 51_200, 10_000),
+        (0x2002, 0, 50, 0),
+        (0x2005, 1, 100, 100),
+        (0x2008, 0, 100, 50),
+        (0x200B, 0, 2, 0),
+        (0x200C, 1, 10_000, 100),
+        (0x2100, 0, 1, 1),
+        (0x2101, 1, 65_535, 1500),
+        (0x2102, 1, 65_535, 800),
+        (0x210D, 0, 100, 3),
+        (0x2202, 0, 65_535, 1),
+        (0x2203, 0, 65_535, 2),
+        (0x2205, 0, 65_535, 1),
+        (0x2206, 0, 65_535, 2),
+        (0x2207, 0, 65_535, 3),
+        (0x2208, 0, 65_535, 4),
+        (0x2301, 0, 255, 255),
+        (0x2302, 0, 20, 0),
+        (0x2400, 1, 70, 70),
+        (0x2402, 0, 1, 0),
+        (0x2700, 0, 65_535, 0),
+        (0x2800, 0, 65_535, 0x8001),
+        (0x2801, 0, 65_535, 0x8003),
+        (0x2804, 0, 65_535, 0x8002),
+        (0x2805, 0, 65_535, 0x8004),
+        (0x2808, 0, 65_535, 0x1008),
+        (0x2809, 0, 65_535, 0x1009),
+        (0x2810, 0, 8, 1),
+        (0x2811, 1, 65_535, 36),
+        (0x2812, 0, 65_535, 1024),
+        (0x2817, 0, 100, 100),
+        (0x281A, 0, 1, 0),
+    ] {
+        assert_eq!(read(&mut drive, index, 0), Ok(default), "{index:04X}");
+        for value in [low, high] {
+            assert_eq!(write(&mut drive, index, 0, value), Ok(()), "{index:04X} {value}");
+        }
+        if low > 0 {
+            assert_eq!(write(&mut drive, index, 0, low - 1), Err(AbortCode(0x0609_0032)), "{index:04X}");
+        }
+        if high < 65_535 {
+            assert_eq!(write(&mut drive, index, 0, high + 1), Err(AbortCode(0x0609_0031)), "{index:04X}");
+        }
+    }
+    for (index, value) in [(0x2401, 4000), (0x2209, 1), (0x220A, 2)] {
+        assert_eq!(read(&mut drive, index, 0), Ok(value));
+        assert_eq!(write(&mut drive, index, 0, value), Err(AbortCode::READ_ONLY));
+    }
+}
+
+/// DP3CL-2.4 What is not saved is lost.
+/// DP3CL-2.6 The parameters of the factory.
+/// DP3CL-2.7 How the commands act.
+#[test]
+fn saving() {
+    let mut drive = usual();
+    write(&mut drive, 0x2005, 0, 77).unwrap();
+    let mut drive = restarted(drive);
+    assert_eq!(read(&mut drive, 0x2005, 0), Ok(100));
+    write(&mut drive, 0x2005, 0, 77).unwrap();
+    write(&mut drive, 0x6081, 0, 1234).unwrap();
+    write(&mut drive, 0x4002, 0, 1).unwrap();
+    assert_eq!(read(&mut drive, 0x4002, 0), Ok(0));
+    write(&mut drive, 0x2005, 0, 50).unwrap();
+    write(&mut drive, 0x4002, 0, 1).unwrap();
+    let mut drive = restarted(drive);
+    assert_eq!(read(&mut drive, 0x2005, 0), Ok(77), "1 after 1 does not save");
+    assert_eq!(read(&mut drive, 0x6081, 0), Ok(0), "no parameter");
+    write(&mut drive, 0x4001, 0, 1).unwrap();
+    assert_eq!(read(&mut drive, 0x2005, 0), Ok(100));
+    assert_eq!(read(&mut restarted(drive), 0x2005, 0), Ok(100));
+    let mut bench = Bench::enabled(8);
+    for (index, expected) in
+        [(0x4000, Ok(())), (0x4001, Err(AbortCode(0x0800_0022))), (0x4002, Err(AbortCode(0x0800_0022)))]
+    {
+        assert_eq!(write(&mut bench.drive, index, 0, 1), expected, "{index:04X}");
+    }
+}
+
+/// DP3CL-2.5 The subdivision acts after a restart, with its saved value.
+#[test]
+fn after_restart() {
+    let mut drive = usual();
+    write(&mut drive, 0x2001, 0, 2000).unwrap();
+    write(&mut drive, 0x2002, 0, 7).unwrap();
+    let speed = |drive: Dp3cl| {
+        let mut bench = Bench { drive, cycle_ns: MS, word: 0, target: 0, probes: 0 };
+        bench.write(0x6060, 0, 8);
+        bench.drive.set_sync_managers(8, 19);
+        for state in [AlState::SafeOp, AlState::Op] {
+            bench.enter(state).unwrap();
+        }
+        bench.run_for(150 * MS);
+        bench.enable();
+        for step in 1..=5 {
+            bench.target = step * 100;
+            bench.cycle();
+        }
+        (bench.read(0x606B, 0), bench.read(0x6063, 0))
+    };
+    assert_eq!((drive.filter_time(), speed(drive.clone())), (0, (6000, 160)), "10000 a turn still");
+    assert_eq!(speed(restarted(drive.clone())), (6000, 160), "not saved");
+    write(&mut drive, 0x4002, 0, 1).unwrap();
+    let drive = restarted(drive);
+    assert_eq!((drive.filter_time(), speed(drive)), (7, (30_000, 800)));
+}
+
+/// DP3CL-2.8 U0 shows the motion.
+/// DP3CL-2.10 U2 and U3 show the device and its cycle.
+#[test]
+fn monitors() {
+    let mut bench = Bench::enabled_with(Dp3clConfig { serial: 0x0002_0003, ..Dp3clConfig::default() }, 8);
+    for step in 1..=250 {
+        bench.target = step * 100;
+        bench.cycle();
+    }
+    for (index, value) in [
+        (0x3001, 600),
+        (0x300A, 25_000),
+        (0x300B, 0),
+        (0x300D, 0),
+        (0x3012, 5000),
+        (0x3013, 0),
+        (0x3014, 2),
+        (0x3015, 0),
+        (0x3020, 36),
+        (0x301F, 7000),
+        (0x3200, 1),
+        (0x3203, 705),
+        (0x320C, 3),
+        (0x320D, 2),
+        (0x3300, 1000),
+    ] {
+        assert_eq!(bench.read(index, 0), value, "{index:04X}");
+    }
+    let (a, b) = (bench.read(0x301A, 0) as u16 as i16, bench.read(0x301B, 0) as u16 as i16);
+    let vector = f64::from(a).hypot(f64::from(b));
+    assert!((vector - 7000.0).abs() < 50.0, "{a} {b}");
+    for step in (-500..250).rev() {
+        bench.target = step * 100;
+        bench.cycle();
+    }
+    let words = [0x300A, 0x300B, 0x300C, 0x300D].map(|index| bench.read(index, 0));
+    assert_eq!(words, [50_000, 0, 0, 0x8000], "minus 50000");
+    bench.run_for(62_000 * MS);
+    assert_eq!((bench.read(0x320A, 0), bench.read(0x320B, 0)), (1, 3));
+    let mut drive = restarted(bench.drive);
+    assert_eq!((read(&mut drive, 0x3200, 0), read(&mut drive, 0x320A, 0)), (Ok(2), Ok(0)));
+}
+
+/// DP3CL-2.9 U1 shows the alarms.
+#[test]
+fn alarm_monitors() {
+    let mut drive = usual();
+    assert_eq!([0x3100, 0x3109, 0x310A].map(|index| read(&mut drive, index, 0)), [Ok(0); 3]);
+    for _ in 0..2 {
+        assert_eq!(drive.enter(AlState::Op), Err(AlStatus(0x0011)));
+        assert_eq!(drive.request_state(7), Err(AlStatus(0x0012)));
+    }
+    let shown = [0x3100, 0x3109, 0x310A, 0x310B, 0x310C, 0x310D].map(|index| read(&mut drive, index, 0));
+    assert_eq!(shown, [801, 4, 800, 801, 800, 0].map(Ok));
+    assert_eq!(read(&mut drive, 0x3104, 0), Ok(36));
+    let mut drive = restarted(drive);
+    let shown = [0x3100, 0x3109, 0x310A].map(|index| read(&mut drive, index, 0));
+    assert_eq!(shown, [0, 0, 800].map(Ok));
+}

@@ -1,0 +1,180 @@
+//! The alarms of a DP3CL that come with a change of the AL state or end one, and how alarms are cleared.
+
+use ecmsk::cia402::DriveState;
+use ecmsk::ethercat::AlState;
+use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig};
+use ecmsk::slave::{AlStatus, DeviceFault, Fault, InputPattern, Slave, SyncEvent};
+
+use super::bench::{Bench, MS, read, usual};
+
+/// The drive has that alarm, with its AL status code, error code and error register, and is in that state.
+fn has_alarm(drive: &mut Dp3cl, alarm: Dp3clAlarm, state: AlState, codes: (u16, i64, i64)) {
+    let (status, error_code, register) = codes;
+    assert_eq!((drive.alarm(), drive.state()), (Some(alarm), state));
+    if status != 0 {
+        assert_eq!(drive.al_status(), AlStatus(status));
+    }
+    for _ in 0..3 {
+        drive.step(MS);
+    }
+    assert_eq!(drive.statusword().state(), Some(DriveState::Fault), "{alarm:?}");
+    if state != AlState::Init {
+        assert_eq!((read(drive, 0x603F, 0), read(drive, 0x1001, 0)), (Ok(error_code), Ok(register)), "{alarm:?}");
+    }
+}
+
+/// DP3CL-5.2 E-800.
+/// DP3CL-5.1 What an alarm shows.
+#[test]
+fn invalid_changes() {
+    for (states, target) in [(&[][..], AlState::SafeOp), (&[], AlState::Op), (&[AlState::PreOp], AlState::Op)] {
+        let mut drive = Dp3cl::default();
+        drive.step(200 * MS);
+        for state in states {
+            drive.enter(*state).unwrap();
+        }
+        let was = drive.state();
+        assert_eq!(drive.enter(target), Err(AlStatus(0x0011)));
+        has_alarm(&mut drive, Dp3clAlarm::InvalidChange, was, (0x0011, 0xFF50, 0x10));
+    }
+}
+
+/// DP3CL-5.3 E-801: Init, PreOP and SafeOP stay, OP falls to SafeOP.
+/// DP3CL-5.4 E-802: always Init.
+#[test]
+fn states_that_do_not_exist() {
+    for (code, alarm, status) in [(7, Dp3clAlarm::UnknownState, 0x0012), (3, Dp3clAlarm::Bootstrap, 0x0013)] {
+        for state in [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op] {
+            let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+            bench.enter(state).unwrap();
+            assert_eq!(bench.drive.request_state(code), Err(AlStatus(status)));
+            let after = if code == 3 { AlState::Init } else { state.min(AlState::SafeOp) };
+            has_alarm(&mut bench.drive, alarm, after, (status, 0xFF50, 0x10));
+        }
+    }
+    let mut drive = Dp3cl::default();
+    assert_eq!((drive.request_state(2), drive.state()), (Ok(()), AlState::PreOp));
+}
+
+/// DP3CL-5.5 E-803.
+/// DP3CL-5.7 E-806 and E-807. Bad cycles count one after the other.
+#[test]
+fn synchronization() {
+    let in_op = || {
+        let mut drive = usual();
+        drive.set_sync_managers(8, 19);
+        drive.set_sync_cycle(Some(MS));
+        drive.write(ecmsk::coe::ObjectAddress::new(0x1C32, 1), ecmsk::coe::SdoScope::Entry, &[2, 0]).unwrap();
+        drive.step(200 * MS);
+        for state in [AlState::SafeOp, AlState::Op] {
+            drive.enter(state).unwrap();
+        }
+        drive
+    };
+    let mut drive = in_op();
+    drive.report_sync(SyncEvent::NotLocked);
+    has_alarm(&mut drive, Dp3clAlarm::NotSynchronized, AlState::PreOp, (0x002D, 0xFF50, 0x10));
+    let mut drive = in_op();
+    drive.report_sync(SyncEvent::LockLost);
+    has_alarm(&mut drive, Dp3clAlarm::PhaseLost, AlState::SafeOp, (0x0032, 0xFF50, 0x10));
+    let mut drive = in_op();
+    for event in [SyncEvent::Deviation, SyncEvent::Deviation, SyncEvent::Deviation, SyncEvent::InTime] {
+        drive.report_sync(event);
+    }
+    for _ in 0..3 {
+        drive.report_sync(SyncEvent::Deviation);
+    }
+    assert_eq!(drive.alarm(), None);
+    drive.report_sync(SyncEvent::Deviation);
+    has_alarm(&mut drive, Dp3clAlarm::SyncDeviation, AlState::SafeOp, (0x002C, 0xFF50, 0x10));
+    let mut free = Bench::in_op(Dp3clConfig::default(), 8, MS).drive;
+    free.report_sync(SyncEvent::LockLost);
+    assert_eq!((free.alarm(), free.state()), (None, AlState::Op), "it does not run by SYNC0");
+}
+
+/// DP3CL-5.6 E-804, by the device's own time and by the controller's.
+#[test]
+fn watchdog() {
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    for _ in 0..99 {
+        bench.drive.step(MS);
+    }
+    assert_eq!((bench.drive.alarm(), bench.drive.state()), (None, AlState::Op));
+    bench.drive.step(2 * MS);
+    has_alarm(&mut bench.drive, Dp3clAlarm::Watchdog, AlState::SafeOp, (0x001B, 0xFF50, 0x10));
+    let mut bench = Bench::enabled(8);
+    bench.drive.expire_watchdog();
+    has_alarm(&mut bench.drive, Dp3clAlarm::Watchdog, AlState::SafeOp, (0x001B, 0xFF50, 0x10));
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    bench.enter(AlState::SafeOp).unwrap();
+    bench.drive.expire_watchdog();
+    has_alarm(&mut bench.drive, Dp3clAlarm::Watchdog, AlState::SafeOp, (0x001B, 0xFF50, 0x10));
+    let mut drive = usual();
+    drive.expire_watchdog();
+    assert_eq!((drive.alarm(), drive.state()), (None, AlState::PreOp));
+}
+
+/// DP3CL-5.14 E-881.
+#[test]
+fn modes() {
+    for (mode, later) in [(0, None), (4, None), (9, None), (8, Some(10)), (1, Some(-1))] {
+        let mut bench = Bench::in_op(Dp3clConfig::default(), mode, MS);
+        bench.word = 0x06;
+        bench.run_for(50 * MS);
+        bench.word = 0x07;
+        bench.run_for(50 * MS);
+        assert_eq!(bench.drive.alarm(), None, "{mode}");
+        bench.word = 0x0F;
+        bench.run_for(50 * MS);
+        if let Some(later) = later {
+            assert_eq!(bench.drive.alarm(), None, "{mode}");
+            bench.write(0x6060, 0, later);
+            bench.run_for(2 * MS);
+            assert_eq!(bench.read(0x6061, 0), mode, "the mode stays");
+        }
+        has_alarm(&mut bench.drive, Dp3clAlarm::Mode, AlState::Op, (0, 0xFF58, 0x80));
+    }
+}
+
+/// DP3CL-5.15 E-882: the change is made.
+#[test]
+fn changes_while_enabled() {
+    for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
+        let mut bench = Bench::enabled(8);
+        assert_eq!(bench.enter(state), Ok(()));
+        has_alarm(&mut bench.drive, Dp3clAlarm::ChangeWhileEnabled, state, (0, 0xFF58, 0x80));
+    }
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+    assert_eq!((bench.enter(AlState::SafeOp), bench.drive.alarm()), (Ok(()), None), "it is not enabled");
+}
+
+/// DP3CL-5.16 Three ways to clear an alarm, and alarms that need a restart.
+#[test]
+fn clearing() {
+    let alarmed = |code| {
+        let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
+        let fault = DeviceFault { code, resettable: true };
+        assert!(bench.drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+        bench.run_for(2 * MS);
+        assert_eq!((bench.state(), bench.read(0x603F, 0)), (Some(DriveState::Fault), code.into()));
+        bench
+    };
+    let by_command = |bench: &mut Bench| bench.write(0x4000, 0, 1);
+    let by_input = |bench: &mut Bench| {
+        bench.drive.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) });
+    };
+    let by_word = |bench: &mut Bench| bench.word = 0x80;
+    let ways: [fn(&mut Bench); 3] = [by_command, by_input, by_word];
+    for clear in ways {
+        for (code, clears) in [(0xFF50, true), (0x3220, true), (0x2310, false), (0x3210, false), (0x7120, false)] {
+            let mut bench = alarmed(code);
+            bench.run_for(5 * MS);
+            clear(&mut bench);
+            bench.run_for(3 * MS);
+            assert_eq!(bench.drive.alarm().is_none(), clears, "{code:04X}");
+            assert_eq!(bench.state() == Some(DriveState::SwitchOnDisabled), clears, "{code:04X}");
+            bench.drive.restart();
+            assert_eq!(bench.drive.alarm(), None);
+        }
+    }
+}

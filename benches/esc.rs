@@ -14,7 +14,7 @@ use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections, SmControl, SyncMana
 use ecmsk::ethercat::{
     AlState, Command, DATAGRAM_HEADER_LEN, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
 };
-use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate, eeprom_of};
+use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::plant::{Motor, Servo, Setpoint};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
@@ -55,9 +55,7 @@ fn slave() -> EscSlave {
     }
     drive.write(ObjectAddress::new(0x6060, 0), SdoScope::Entry, &[8]).expect("it has CSP");
     drive.enter(AlState::Init).expect("from PreOP");
-    let settings = EscSettings::default();
-    let eeprom = eeprom_of(&mut drive, &settings).expect("it can be described");
-    EscSlave::new(Box::new(drive), settings, eeprom, 0)
+    EscSlave::describe(Box::new(drive), EscSettings::default(), 0).expect("it can be described")
 }
 
 /// A master with drives, all in OP and enabled.

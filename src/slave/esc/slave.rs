@@ -2,9 +2,9 @@
 
 use super::application::{Application, Change, active_len};
 use super::mailbox::Mailbox;
-use super::{Controller, EscSettings, Passage, SyncPulse};
+use super::{Controller, DescriptionError, EscSettings, Passage, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
-use crate::ethercat::registers::SyncActivation;
+use crate::ethercat::registers::{Features, SyncActivation};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, DatagramMut, Ns};
 use crate::slave::{Slave, SyncEvent};
@@ -59,6 +59,19 @@ impl EscSlave {
             looked: now,
             error_code: 0,
         }
+    }
+
+    /// A slave that is switched on at `now`, with the EEPROM that its device describes. A device without distributed clocks has
+    /// a controller without them.
+    ///
+    /// # Errors
+    /// [`DescriptionError`].
+    pub fn describe(mut device: Box<dyn Slave>, settings: EscSettings, now: Ns) -> Result<Self, DescriptionError> {
+        let clocks = Features::CLOCK | Features::CLOCK_64_BITS;
+        let features = if device.has_dc() { settings.features } else { settings.features.without(clocks) };
+        let settings = EscSettings { features, ..settings };
+        let eeprom = eeprom_of(&mut *device, &settings)?;
+        Ok(Self::new(device, settings, eeprom, now))
     }
 
     /// Switches the slave off and on again.

@@ -131,7 +131,7 @@ pub trait Model: Send + Sized + 'static {
     /// Whether devices of this kind have [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
-    /// The object dictionary, ascending by address, [`identity`] first. [`check`](dictionary::check) it in a constant.
+    /// The object dictionary, ascending by address, [`identity`] first. [`check`](super::dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
 
     /// The PDOs that devices of this kind can have at power-on.
@@ -201,7 +201,7 @@ pub trait Model: Send + Sized + 'static {
     }
 
     /// A master requests an AL state that does not exist, or bootstrap: the code of the state in the AL control register.
-    /// The AL status code with which the device refuses; it may [`fall`] back to a lower state.
+    /// The AL status code with which the device refuses; it may have fallen back to a lower state.
     fn refuse_request(&mut self, code: u8) -> AlStatus {
         state_of(code).err().unwrap_or(AlStatus::INVALID_CHANGE)
     }

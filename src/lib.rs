@@ -127,11 +127,11 @@
 //! | [`link`] | links to a board: the trait [`Link`](link::Link), the URI, `usb:`, `spi:`, `tcp:`, `sim:`, injected faults, recording |
 //! | [`sk`] | the wire format: slots, frames, CRC, commands and responses as types, a readable dump; `no_std` |
 //! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types, the driver of a host; `no_std`. In `xf::chip` a model of it |
-//! | [`ethercat`] | EtherCAT itself: frames and datagrams, [`coe`], [`cia402`]; `no_std` |
+//! | [`ethercat`] | EtherCAT itself: frames, registers, EEPROMs, mailboxes, [`coe`], [`cia402`]; `no_std` |
 //! | [`xf_api`] | [`Xf`], the API for a chip ECM-XF: any of its commands, the start of a network, process data with types |
 //! | [`engine`] | the model of the EC01M: states of the network, command FIFO, SDO slot, homing |
 //! | [`fieldbus`] | the trait by which the model reaches its slaves, and the simulated bus |
-//! | `slave` | simulated slaves: object dictionary, CiA 402 state machine, servo drive, stepper, pulse module, IO |
+//! | `slave` | simulated slaves: object dictionary, CiA 402 state machine, servo drive, stepper, pulse module, IO; in `slave::esc` their controllers, as a master on the wire sees them |
 //! | [`recording`] | reads recordings, and USB captures of Wireshark |
 //! | [`compare`], `replay`, [`summary`] | what differs between two runs, what the model answers to a recorded one, what went wrong in one |
 //! | [`migrate`] | what a recorded program needs of an ECM-XF |

@@ -6,7 +6,7 @@
 
 use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections, RequestedState, SmControl, SyncManager};
 use ecmsk::ethercat::{Command, DatagramHeader, FRAME_LEN_MAX, Frame, FrameHeader, FrameWriter};
-use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate, eeprom_of};
+use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use libfuzzer_sys::fuzz_target;
 
@@ -29,10 +29,9 @@ struct Rig {
     now: u64,
 }
 
-fn slave(mut device: Box<dyn Slave>) -> EscSlave {
+fn slave(device: Box<dyn Slave>) -> EscSlave {
     let settings = EscSettings { ports: [3; 4], ..EscSettings::default() };
-    let eeprom = eeprom_of(&mut *device, &settings, 7).expect("it can be described");
-    EscSlave::new(device, settings, eeprom, 0)
+    EscSlave::describe(device, settings, 0).expect("it can be described")
 }
 
 impl Rig {

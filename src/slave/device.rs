@@ -105,11 +105,6 @@ impl<M: Model> Base<M> {
         self.al.state()
     }
 
-    /// The PDO mapping and assignment objects.
-    pub(super) const fn mapping(&self) -> &Mapping {
-        &self.mapping
-    }
-
     /// Whether the mapped process data are as long as the sync managers.
     ///
     /// \[OURS] Sync manager 2 is checked first.
@@ -136,7 +131,7 @@ pub trait Model: Send + Sized + 'static {
     /// Whether devices of this kind have [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
-    /// The object dictionary, ascending by address, [`identity`] first. [`check`](dictionary::check) it in a constant.
+    /// The object dictionary, ascending by address, [`identity`] first. [`check`](super::dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
 
     /// The PDOs that devices of this kind can have at power-on.
@@ -206,7 +201,7 @@ pub trait Model: Send + Sized + 'static {
     }
 
     /// A master requests an AL state that does not exist, or bootstrap: the code of the state in the AL control register.
-    /// The AL status code with which the device refuses; it may [`fall`] back to a lower state.
+    /// The AL status code with which the device refuses; it may have fallen back to a lower state.
     fn refuse_request(&mut self, code: u8) -> AlStatus {
         state_of(code).err().unwrap_or(AlStatus::INVALID_CHANGE)
     }
@@ -264,18 +259,14 @@ pub trait Model: Send + Sized + 'static {
 
 /// The code of bootstrap in the AL control register.
 pub const BOOTSTRAP: u8 = 3;
-/// AL status code: unknown requested state (ETG.1000.6 table 11).
-pub const UNKNOWN_STATE: AlStatus = AlStatus(0x0012);
-/// AL status code: bootstrap is not supported (ETG.1000.6 table 11).
-pub const NO_BOOTSTRAP: AlStatus = AlStatus(0x0013);
 
 /// The AL state with that code in the AL control register.
 ///
 /// # Errors
-/// [`NO_BOOTSTRAP`], [`UNKNOWN_STATE`].
+/// [`AlStatus::BOOT_UNSUPPORTED`], [`AlStatus::UNKNOWN_STATE`].
 pub fn state_of(code: u8) -> Result<AlState, AlStatus> {
     let state = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op].into_iter().find(|it| *it as u8 == code);
-    state.ok_or(if code == BOOTSTRAP { NO_BOOTSTRAP } else { UNKNOWN_STATE })
+    state.ok_or(if code == BOOTSTRAP { AlStatus::BOOT_UNSUPPORTED } else { AlStatus::UNKNOWN_STATE })
 }
 
 /// Causes a fault in the axes and lines of a device. False: it has no such axis or channel.

@@ -19,7 +19,6 @@
 //! | `lines.rs` | digital inputs and outputs |
 //! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
 //! | `handle.rs` | the handle by which scripts and tests reach a network while it runs |
-//! | `object_directory.rs` | names, types and access of objects, for SDO information |
 //! | `esc/` | the slave controllers around the slaves, as the network sees them |
 //! | `cable.rs` | what goes wrong between a network and its slaves: cut cables, slaves without power, refused states, aborted SDOs |
 //!
@@ -45,7 +44,6 @@ pub mod hsp;
 pub mod io;
 pub mod lines;
 mod manufacturer;
-mod object_directory;
 pub mod plant;
 pub mod process_data;
 pub mod state_machine;
@@ -61,7 +59,6 @@ pub use lines::InputPattern;
 pub use manufacturer::{
     FormatError, MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType,
 };
-pub use object_directory::ObjectDirectory;
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
 
@@ -287,11 +284,6 @@ pub trait Slave: Send {
     /// The true position of the shaft of an axis (from 0), counts; `None`: the slave has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;
-        None
-    }
-
-    /// What the slave says about its objects; `None`: it says nothing.
-    fn object_directory(&self) -> Option<&dyn ObjectDirectory> {
         None
     }
 

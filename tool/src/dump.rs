@@ -114,7 +114,7 @@ pub struct Args {
     #[arg(long, value_name = "BUS.ADDRESS", conflicts_with = "hex", value_parser = recording::parse_device)]
     device: Option<Address>,
 
-    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none
+    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, dp3cl, none
     #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
     kinds: Option<KindList>,
 

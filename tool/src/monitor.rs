@@ -59,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
     recording: Option<PathBuf>,
 
-    /// The slaves in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, none [default: those of a
+    /// The slaves in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, dp3cl, none [default: those of a
     /// sim: link, or as a server or a recording tells, else guessed from what they say]
     #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
     slaves: Option<KindList>,

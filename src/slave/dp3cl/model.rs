@@ -99,8 +99,7 @@ impl Model for Dp3cl {
                 None => self.axis.machine_mut().raise(fault),
             },
             Fault::Stick { axis: 0, input, value } => {
-                let inputs = input.map_or_else(|| Input::ALL.to_vec(), |input| vec![input]);
-                for input in inputs {
+                for input in Input::ALL.into_iter().filter(|each| input.is_none_or(|input| input == *each)) {
                     match input {
                         Input::Index => self.axis.stick(input, value),
                         sensor => self.pins.stick(sensor, value),

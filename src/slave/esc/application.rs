@@ -9,7 +9,7 @@ use crate::ethercat::registers::{
     SyncManager,
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
-use crate::slave::Slave;
+use crate::slave::{Slave, SyncEvent};
 
 /// The shortest mailbox (public stacks of slaves).
 pub const MAILBOX_BYTES_MIN: u16 = 34;
@@ -118,9 +118,29 @@ impl Application {
 
     /// No outputs have come for too long: the slave leaves OP, and takes none before the error is acknowledged.
     pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
+        let was_in_op = self.state() == AlState::Op;
+        device.expire_watchdog();
+        // Some devices take it for a mistake in SafeOP, too.
+        if !was_in_op && device.al_status() != AlStatus::WATCHDOG {
+            return;
+        }
         self.outputs_came = false;
         self.fall(AlState::SafeOp, AlStatus::WATCHDOG, controller, device);
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
+    }
+
+    /// SYNC0 was switched off in OP: the slave leaves OP.
+    pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
+        device.report_sync(SyncEvent::LockLost);
+        let code = if device.state() < AlState::Op { device.al_status() } else { AlStatus::FATAL_SYNC };
+        self.fall(device.state().min(AlState::SafeOp), code, controller, device);
+    }
+
+    /// The device may have left its state by itself: the slave follows.
+    pub(super) fn follow(&mut self, controller: &mut Controller, device: &dyn Slave) {
+        if device.state() != self.state() && !controller.is_device_emulated() {
+            self.fail(device.state(), device.al_status(), controller);
+        }
     }
 
     /// AL control was written.
@@ -131,6 +151,11 @@ impl Application {
     /// When something has to be done next.
     pub(super) fn due(&self) -> Option<Ns> {
         [self.requested.map(|(_, due)| due), self.waiting].into_iter().flatten().min()
+    }
+
+    /// Whether [`Self::advance`] has something to do, now or later.
+    pub(super) const fn is_busy(&self) -> bool {
+        self.requested.is_some() || self.waiting.is_some()
     }
 
     /// Time has passed, or a frame: works on a request that is due, and on the way to OP.
@@ -168,30 +193,24 @@ impl Application {
             self.show(self.status.without(AlStatusRegister::ID_LOADED), AlStatus::NONE, controller);
         }
         let from = self.state();
-        let to = match control.state() {
-            RequestedState::State(to) => to,
-            RequestedState::Boot if from == AlState::Init => {
-                self.fail(from, AlStatus::BOOT_UNSUPPORTED, controller);
-                return Change::None;
-            }
-            RequestedState::Boot => {
-                self.fail(from, AlStatus::INVALID_CHANGE, controller);
-                return Change::None;
-            }
-            RequestedState::Unknown(_) => {
-                self.fail(from, AlStatus::UNKNOWN_STATE, controller);
-                return Change::None;
-            }
-        };
         self.waiting = None;
+        device.set_communication(&controller.communication());
+        let RequestedState::State(to) = control.state() else {
+            let refused = device.request_state(control.state().code()).err();
+            let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
+            // Bootstrap is entered from Init alone, whether there is one or not.
+            let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;
+            let code = if is_wrong_step { AlStatus::INVALID_CHANGE } else { code };
+            self.fail(device.state(), code, controller);
+            return Change::None;
+        };
         if to == from {
             return Change::None;
         }
         match self.change(from, to, now, controller, device) {
             Ok(change) => change,
             Err(code) => {
-                let state = device.state().min(from);
-                self.fail(state, code, controller);
+                self.fail(device.state(), code, controller);
                 Change::None
             }
         }
@@ -205,34 +224,32 @@ impl Application {
         controller: &mut Controller,
         device: &mut dyn Slave,
     ) -> Result<Change, AlStatus> {
-        match (from, to) {
-            (from, to) if to < from => {
-                device.enter(to)?;
-                self.succeed(to, controller);
-                Ok(Change::None)
-            }
-            (AlState::Init, AlState::PreOp) => {
-                if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
-                    return Err(AlStatus::EEPROM_ERROR);
-                }
-                self.check_mailbox(controller)?;
-                device.enter(to)?;
-                self.succeed(to, controller);
-                Ok(Change::MailboxOn)
-            }
-            (AlState::PreOp, AlState::SafeOp) => {
-                self.check_process_data(controller, device)?;
-                device.enter(to)?;
-                self.is_synchronized = controller.sync.is_running();
-                (self.outputs_came, self.sync_came) = (false, false);
-                self.succeed(to, controller);
-                Ok(Change::ProcessDataOn)
-            }
+        let checked = match (from, to) {
+            // The device is asked once outputs have come.
             (AlState::SafeOp, AlState::Op) => {
                 self.waiting = Some(now + OP_WAIT_NS);
-                Ok(Change::None)
+                return Ok(Change::None);
             }
-            _ => Err(AlStatus::INVALID_CHANGE),
+            (AlState::Init, AlState::PreOp) => self.check_mailbox(controller),
+            (AlState::PreOp, AlState::SafeOp) => self.check_process_data(controller),
+            _ => Ok(()),
+        };
+        // The device's own code goes before that of the controller's checks.
+        device.enter(to)?;
+        if let Err(code) = checked {
+            // Every device can go to a lower state.
+            let _ = device.enter(from);
+            return Err(code);
+        }
+        self.succeed(to, controller);
+        match (from, to) {
+            (AlState::Init, AlState::PreOp) => Ok(Change::MailboxOn),
+            (AlState::PreOp, AlState::SafeOp) => {
+                self.is_synchronized = controller.sync.is_running();
+                (self.outputs_came, self.sync_came) = (false, false);
+                Ok(Change::ProcessDataOn)
+            }
+            _ => Ok(Change::None),
         }
     }
 
@@ -243,8 +260,15 @@ impl Application {
         let lacks_sync = self.is_synchronized && !self.sync_came;
         if lacks_outputs || lacks_sync {
             if now >= until {
-                let code = if lacks_outputs { AlStatus::WATCHDOG } else { AlStatus::NO_SYNC };
-                self.fail(AlState::SafeOp, code, controller);
+                if lacks_sync {
+                    device.report_sync(SyncEvent::NotLocked);
+                }
+                let code = match device.state() {
+                    AlState::SafeOp if lacks_outputs => AlStatus::WATCHDOG,
+                    AlState::SafeOp => AlStatus::NO_SYNC,
+                    _ => device.al_status(),
+                };
+                self.fail(device.state(), code, controller);
             }
             return;
         }
@@ -255,8 +279,11 @@ impl Application {
         }
     }
 
-    /// Whether the sync managers of the mailbox are as they have to be.
+    /// Whether the EEPROM is loaded, and the sync managers of the mailbox are as they have to be.
     fn check_mailbox(&self, controller: &Controller) -> Result<(), AlStatus> {
+        if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
+            return Err(AlStatus::EEPROM_ERROR);
+        }
         if !self.has_mailbox {
             return Ok(());
         }
@@ -298,7 +325,7 @@ impl Application {
     }
 
     /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
-    fn check_process_data(&self, controller: &Controller, device: &mut dyn Slave) -> Result<(), AlStatus> {
+    fn check_process_data(&self, controller: &Controller) -> Result<(), AlStatus> {
         let [outputs, inputs] = self.check_areas(controller)?;
         let activation = controller.sync_activation();
         if activation.contains(SyncActivation::ACTIVATE) {
@@ -315,7 +342,6 @@ impl Application {
         {
             return Err(AlStatus::NEEDS_THREE_BUFFERS);
         }
-        device.set_sync_managers(active_len(&outputs), active_len(&inputs));
         Ok(())
     }
 

@@ -14,6 +14,7 @@ use crate::ethercat::registers::{
     DL_STATUS, DlControl, DlStatus, ECAT_EVENT, EcatEvents, Fmmu, LoopControl, PORTS, SmStatus, SyncActivation,
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::slave::{Communication, SyncManagerSettings};
 
 /// The most FMMUs that a controller has.
 const FMMUS_MAX: usize = 16;
@@ -59,6 +60,8 @@ pub struct Controller {
     links: [bool; PORTS],
     /// Which ports with the loop control "auto close" are open.
     opened: [bool; PORTS],
+    /// Which ports are open.
+    open: [bool; PORTS],
     /// How many bytes of the reset sequence have come.
     reset_progress: usize,
     /// Room for the bytes of a datagram while they are combined.
@@ -81,6 +84,7 @@ impl Controller {
             passage: Passage::default(),
             links: [false; PORTS],
             opened: [true; PORTS],
+            open: [false; PORTS],
             reset_progress: 0,
             scratch: Vec::with_capacity(2048),
             settings,
@@ -181,10 +185,12 @@ impl Controller {
     }
 
     /// Whether a frame leaves by a port, or comes back at once.
-    pub fn is_open(&self, port: usize) -> bool {
-        if self.settings.ports[port] < 2 {
-            return false;
-        }
+    pub const fn is_open(&self, port: usize) -> bool {
+        self.open[port]
+    }
+
+    /// Whether a port that is there is open, by its loop control and its link.
+    fn opens(&self, port: usize) -> bool {
         match DlControl(self.memory.u32(DL_CONTROL)).loop_control(port) {
             LoopControl::Auto => self.links[port],
             LoopControl::AutoClose => self.links[port] && self.opened[port],
@@ -194,11 +200,13 @@ impl Controller {
     }
 
     fn show_links(&mut self) {
+        let exists = self.settings.ports.map(|port| port >= 2);
+        for (port, exists) in exists.into_iter().enumerate() {
+            self.open[port] = exists && self.opens(port);
+        }
         let before = DlStatus(self.memory.u16(DL_STATUS));
-        let status = (0..PORTS).fold(before, |status, port| {
-            let link = self.links[port] && self.settings.ports[port] >= 2;
-            status.with_port(port, link, !self.is_open(port))
-        });
+        let status = (0..PORTS)
+            .fold(before, |status, port| status.with_port(port, self.links[port] && exists[port], !self.open[port]));
         if status != before {
             self.memory.set_u16(DL_STATUS, status.0);
             self.raise(EcatEvents::DL_STATUS);
@@ -338,6 +346,25 @@ impl Controller {
     /// The unit for SYNC: what is activated.
     pub(super) fn sync_activation(&self) -> SyncActivation {
         if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
+    }
+
+    /// What the device reads of the registers before a change of state.
+    pub(super) fn communication(&self) -> Communication {
+        let settings = |n| {
+            let manager = self.managers.registers(n);
+            SyncManagerSettings {
+                start: manager.start,
+                length: manager.len,
+                control: manager.control.0,
+                enabled: manager.is_enabled(),
+            }
+        };
+        Communication {
+            sync_managers: [0, 1, 2, 3].map(settings),
+            watchdog_ns: Watchdog::time(&self.memory),
+            dc_activation: self.sync_activation().0,
+            sync0_cycle_ns: self.sync0_cycle_ns(),
+        }
     }
 
     /// The cycle of SYNC0, ns.

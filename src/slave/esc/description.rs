@@ -75,8 +75,8 @@ fn pdos(device: &mut dyn Slave, assignment: u16) -> Result<Vec<(u16, Vec<SiiPdoE
 fn described(device: &dyn Slave, entry: u32) -> SiiPdoEntry {
     let [bits, sub, low, high] = entry.to_le_bytes();
     let object = ObjectAddress::new(u16::from_le_bytes([low, high]), sub);
-    let known = device.object_directory().filter(|_| object.index != PADDING);
-    let data_type = known.and_then(|directory| directory.entry(object).ok()).map_or(0, |entry| entry.data_type as u8);
+    let known = if object.index == PADDING { None } else { device.describe_entry(object).ok() };
+    let data_type = known.map_or(0, |entry| entry.data_type.0 as u8);
     SiiPdoEntry { index: object.index, sub, name: 0, data_type, bits, flags: 0 }
 }
 
@@ -100,15 +100,15 @@ fn name_of(device: &mut dyn Slave) -> String {
 ///
 /// # Errors
 /// [`DescriptionError`].
-pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<Vec<u8>, DescriptionError> {
+pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, DescriptionError> {
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
-    let written = write(device, settings, alias);
+    let written = write(device, settings);
     // Every device can go to a lower state.
     let _ = device.enter(AlState::Init);
     written
 }
 
-fn write(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<Vec<u8>, DescriptionError> {
+fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, DescriptionError> {
     let (outputs, inputs) = (pdos(device, 0x1C12)?, pdos(device, 0x1C13)?);
     let identity = SiiIdentity {
         vendor: number(device, 0x1018, 1)?,
@@ -119,7 +119,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<V
     let info = SiiInfo {
         pdi_control: PDI_CONTROL,
         sync_pulse_length: SYNC_PULSE_LENGTH,
-        alias,
+        alias: device.station_alias(),
         identity,
         mailbox: MAILBOX,
         protocols: MailboxProtocols::COE,
@@ -129,11 +129,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<V
     let mut sii = SiiWriter::new(&mut eeprom, &info)?;
     let (name, kind) = (name_of(device), device.name().to_owned());
     sii.strings(&["ecmsk", &name, &kind])?;
-    let coe = CoeDetails::SDO
-        | CoeDetails::SDO_INFO
-        | CoeDetails::PDO_ASSIGN
-        | CoeDetails::PDO_CONFIG
-        | CoeDetails::COMPLETE_ACCESS;
+    let coe = coe_details(device);
     let ports = settings.ports.map(|port| match port {
         2 => 3,
         3 => 1,
@@ -152,6 +148,21 @@ fn write(device: &mut dyn Slave, settings: &EscSettings, alias: u16) -> Result<V
     }
     sii.finish();
     Ok(eeprom)
+}
+
+/// What the device can do with its objects. Masters read the mapping by complete access if the EEPROM says that it has it.
+fn coe_details(device: &mut dyn Slave) -> CoeDetails {
+    let has_information = device.object_from(0).is_some();
+    let sync_manager_types = ObjectAddress::new(0x1C00, 0);
+    let has_complete_access = device.read(sync_manager_types, SdoScope::Complete, &mut []).is_ok();
+    let mut details = CoeDetails::SDO | CoeDetails::PDO_ASSIGN | CoeDetails::PDO_CONFIG;
+    if has_information {
+        details = details | CoeDetails::SDO_INFO;
+    }
+    if has_complete_access {
+        details = details | CoeDetails::COMPLETE_ACCESS;
+    }
+    details
 }
 
 fn sync_managers(outputs: u16, inputs: u16) -> [SiiSyncManager; 4] {

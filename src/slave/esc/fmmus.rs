@@ -48,25 +48,22 @@ fn set_bit(bytes: &mut [u8], bit: usize, value: bool) {
 }
 
 impl Controller {
-    /// The enabled FMMUs of one direction.
-    fn mapped(&self, direction: FmmuDirections) -> impl Iterator<Item = Fmmu> + use<> {
-        let (fmmus, mut left) = (self.fmmus, self.fmmus_enabled);
-        std::iter::from_fn(move || {
-            while left != 0 {
-                let n = left.trailing_zeros() as usize;
-                left &= left - 1;
-                if fmmus[n].directions.contains(direction) {
-                    return Some(fmmus[n]);
-                }
+    /// The next FMMU of those in `left`, a bit each, that is for a direction.
+    fn next_mapped(&self, direction: FmmuDirections, left: &mut u16) -> Option<Fmmu> {
+        while *left != 0 {
+            let fmmu = &self.fmmus[left.trailing_zeros() as usize];
+            *left &= *left - 1;
+            if fmmu.directions.contains(direction) {
+                return Some(*fmmu);
             }
-            None
-        })
+        }
+        None
     }
 
     /// Writes what FMMUs map for outputs. Whether anything was written.
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
-        let mut done = false;
-        for fmmu in self.mapped(FmmuDirections::WRITE) {
+        let (mut done, mut left) = (false, self.fmmus_enabled);
+        while let Some(fmmu) = self.next_mapped(FmmuDirections::WRITE, &mut left) {
             let Some(part) = part_of(&fmmu, address, data) else { continue };
             done |= if fmmu.is_bytewise() {
                 self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
@@ -95,8 +92,8 @@ impl Controller {
 
     /// Reads what FMMUs map for inputs; other bits stay as they came. Whether anything was read.
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
-        let mut done = false;
-        for fmmu in self.mapped(FmmuDirections::READ) {
+        let (mut done, mut left) = (false, self.fmmus_enabled);
+        while let Some(fmmu) = self.next_mapped(FmmuDirections::READ, &mut left) {
             let Some(part) = part_of(&fmmu, address, data) else { continue };
             done |= if fmmu.is_bytewise() {
                 self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])

@@ -1,13 +1,19 @@
 //! SDO information: what a slave answers to questions about its objects, in fragments if the mailbox is short.
 
-use crate::coe::{AbortCode, EntryRequest, InformationFragment, InformationKind, ObjectListType, decode_u16};
+use crate::coe::{
+    AbortCode, EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectAccess, ObjectCode,
+    ObjectDescription, ObjectListType, ValueInfo, decode_u16,
+};
 use crate::ethercat::WireError;
-use crate::slave::ObjectDirectory;
+use crate::slave::Slave;
+use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as Object, ObjectListKind};
 
 /// Bytes of a mailbox in front of the data of a fragment: headers of mailbox, CoE and information.
 const OVERHEAD: usize = 6 + 2 + InformationFragment::HEADER_LEN;
 /// How many bytes of an answer there is room for before a longer one needs more.
 const ANSWER_ROOM: usize = 1024;
+/// \[OURS] The longest name of an entry that is told, bytes.
+const NAME_ROOM: usize = 256;
 
 /// An answer that is given fragment by fragment.
 #[derive(Clone, Debug, Default)]
@@ -35,35 +41,21 @@ impl Information {
     ///
     /// # Errors
     /// [`WireError::Short`]: the question is too short.
-    pub(super) fn ask(
-        &mut self,
-        question: InformationFragment<'_>,
-        directory: Option<&dyn ObjectDirectory>,
-    ) -> Result<(), WireError> {
+    pub(super) fn ask(&mut self, question: InformationFragment<'_>, device: &dyn Slave) -> Result<(), WireError> {
         self.reset();
         let data = question.data;
         let answered = match question.kind {
             InformationKind::ListRequest => {
                 let list = ObjectListType::from_code(decode_u16(data)?);
-                directory.ok_or(AbortCode::NO_DICTIONARY).and_then(|directory| self.list(list, directory))
+                self.list(list, device)
             }
             InformationKind::ObjectRequest => {
                 let index = decode_u16(data)?;
-                directory.ok_or(AbortCode::NO_DICTIONARY).and_then(|directory| {
-                    let object = directory.object(index)?;
-                    self.put(InformationKind::ObjectResponse, |room| object.encode(room));
-                    Ok(())
-                })
+                device.describe_object(index).map(|object| self.put_object(&object))
             }
             InformationKind::EntryRequest => {
                 let request = EntryRequest::decode(data)?;
-                directory.ok_or(AbortCode::NO_DICTIONARY).and_then(|directory| {
-                    let mut entry = directory.entry(request.object)?;
-                    // Unit, default, least and greatest value are in no description here.
-                    entry.info = crate::coe::ValueInfo(entry.info.0 & request.wanted.0);
-                    self.put(InformationKind::EntryResponse, |room| entry.encode(room));
-                    Ok(())
-                })
+                device.describe_entry(request.object).map(|entry| self.put_entry(&entry, request.wanted))
             }
             _ => Err(AbortCode::COMMAND),
         };
@@ -75,6 +67,45 @@ impl Information {
         Ok(())
     }
 
+    fn put_object(&mut self, object: &Object<'_>) {
+        let described = ObjectDescription {
+            index: object.index,
+            data_type: object.data_type.0,
+            max_sub: object.max_sub,
+            code: ObjectCode::from_code(object.code as u8),
+            name: object.name.as_bytes(),
+        };
+        self.put(InformationKind::ObjectResponse, |room| described.encode(room));
+    }
+
+    /// Of the values that are wanted those are told that the device tells; a unit is none of them.
+    fn put_entry(&mut self, entry: &Entry<'_>, wanted: ValueInfo) {
+        let mut info = ValueInfo(wanted.0 & (ValueInfo::ACCESS | ValueInfo::CATEGORY | ValueInfo::MAPPING).0);
+        let mut data = [0; 3 * 8 + NAME_ROOM];
+        let mut len = 0;
+        let bytes = usize::from(entry.bits.div_ceil(8)).min(8);
+        if let Some(values) = &entry.values {
+            let numbers =
+                [(ValueInfo::DEFAULT, values.default), (ValueInfo::MIN, values.min), (ValueInfo::MAX, values.max)];
+            for (bit, number) in numbers.into_iter().filter(|(bit, _)| wanted.contains(*bit)) {
+                data[len..len + bytes].copy_from_slice(&number.to_le_bytes()[..bytes]);
+                info = info | bit;
+                len += bytes;
+            }
+        }
+        let name = &entry.name.as_bytes()[..entry.name.len().min(NAME_ROOM)];
+        data[len..len + name.len()].copy_from_slice(name);
+        let described = EntryDescription {
+            object: entry.at,
+            info,
+            data_type: entry.data_type.0,
+            bits: entry.bits,
+            access: ObjectAccess(entry.access.0),
+            data: &data[..len + name.len()],
+        };
+        self.put(InformationKind::EntryResponse, |room| described.encode(room));
+    }
+
     fn put(&mut self, kind: InformationKind, encode: impl FnOnce(&mut [u8]) -> Result<usize, WireError>) {
         self.answer.resize(ANSWER_ROOM, 0);
         // A name that is longer than that is left out with its object.
@@ -83,18 +114,20 @@ impl Information {
         self.kind = Some(kind);
     }
 
-    fn list(&mut self, list: ObjectListType, directory: &dyn ObjectDirectory) -> Result<(), AbortCode> {
+    fn list(&mut self, list: ObjectListType, device: &dyn Slave) -> Result<(), AbortCode> {
+        if device.object_from(0).is_none() {
+            return Err(AbortCode::NO_DICTIONARY);
+        }
         self.answer.extend_from_slice(&list.code().to_le_bytes());
-        match list {
-            ObjectListType::Lengths => {
-                for list in ObjectListType::LISTS {
-                    let mut count: u16 = 0;
-                    directory.each_object(list, &mut |_| count += 1);
-                    self.answer.extend_from_slice(&count.to_le_bytes());
-                }
+        if list == ObjectListType::Lengths {
+            for kind in ObjectListKind::ALL {
+                let count = device.object_list(kind).len() as u16;
+                self.answer.extend_from_slice(&count.to_le_bytes());
             }
-            ObjectListType::Unknown(_) => return Err(AbortCode::PARAMETER_INCOMPATIBLE),
-            list => directory.each_object(list, &mut |index| self.answer.extend_from_slice(&index.to_le_bytes())),
+        } else {
+            let kind = ObjectListKind::ALL.into_iter().find(|kind| *kind as u16 == list.code());
+            let kind = kind.ok_or(AbortCode::PARAMETER_INCOMPATIBLE)?;
+            device.object_list(kind).iter().for_each(|index| self.answer.extend_from_slice(&index.to_le_bytes()));
         }
         self.kind = Some(InformationKind::ListResponse);
         Ok(())

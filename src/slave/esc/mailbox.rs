@@ -2,7 +2,7 @@
 //! asks for it.
 
 use super::information::Information;
-use super::managers::Managers;
+use super::managers::{ManagerEvents, Managers};
 use super::memory::Memory;
 use super::sdo_server::{SdoAnswer, SdoServer};
 use crate::coe::{CoeMessage, Emergency, SdoRequest};
@@ -87,19 +87,35 @@ impl Mailbox {
         }
     }
 
+    /// Whether [`Self::serve`] has something to do, after the network has done that to sync managers.
+    pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
+        const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
+        (done.written | done.read | done.activated) & BOTH != 0
+            || self.answer.is_used
+            || self.put_back.is_used
+            || self.emergencies_waiting > 0
+            || self.information.is_waiting()
+    }
+
     /// Does what there is to do, after a frame has passed.
-    pub(super) fn serve(&mut self, managers: &mut Managers, memory: &mut Memory, device: &mut dyn Slave) {
-        if managers.events.read & 1 << ANSWERS != 0 {
+    pub(super) fn serve(
+        &mut self,
+        done: ManagerEvents,
+        managers: &mut Managers,
+        memory: &mut Memory,
+        device: &mut dyn Slave,
+    ) {
+        if done.read & 1 << ANSWERS != 0 {
             let posted = std::mem::take(&mut self.posted);
             self.read.keep(&posted);
             self.posted = posted;
         }
         self.repeat(managers, memory);
-        // One request is in work at a time.
-        if !self.answer.is_used && !self.information.is_waiting() {
+        // The first answer makes room for a second one.
+        for _ in 0..2 {
             self.take_request(managers, memory, device);
+            self.post(managers, memory);
         }
-        self.post(managers, memory);
     }
 
     /// Puts the last message that was read into sync manager 1 once more, if the master asks for it.
@@ -122,7 +138,9 @@ impl Mailbox {
     }
 
     fn take_request(&mut self, managers: &mut Managers, memory: &mut Memory, device: &mut dyn Slave) {
-        if !managers.registers(REQUESTS).status.contains(SmStatus::FULL) {
+        // One request is in work at a time.
+        let is_busy = self.answer.is_used || self.information.is_waiting();
+        if is_busy || !managers.registers(REQUESTS).status.contains(SmStatus::FULL) {
             return;
         }
         let Some(bytes) = managers.take(REQUESTS, memory) else { return };
@@ -169,7 +187,7 @@ impl Mailbox {
                 self.sdo = sdo;
             }
             CoeMessage::Information(question) => {
-                if self.information.ask(question, device.object_directory()).is_err() {
+                if self.information.ask(question, device).is_err() {
                     self.answer_fault(MailboxFault::TOO_SHORT, room);
                 }
             }

@@ -154,6 +154,11 @@ impl Managers {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
+    /// Puts its status into the memory, which is all that an access to its area changes.
+    fn show_status(&self, n: usize, memory: &mut Memory) {
+        memory.set_u8(registers::sync_manager_status(n as u8), self.managers[n].registers.status.0);
+    }
+
     /// A byte of the registers is written from the network.
     pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
         let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
@@ -242,7 +247,7 @@ impl Managers {
             manager.close(Side::Writer);
             self.events.written |= 1 << n;
         }
-        self.show(n, memory);
+        self.show_status(n, memory);
         done
     }
 
@@ -276,7 +281,7 @@ impl Managers {
             manager.close(Side::Reader);
             self.events.read |= 1 << n;
         }
-        self.show(n, memory);
+        self.show_status(n, memory);
         done
     }
 
@@ -293,7 +298,7 @@ impl Managers {
         room[..len].copy_from_slice(&data[..len]);
         room[len..].fill(0);
         manager.close(Side::Writer);
-        self.show(n, memory);
+        self.show_status(n, memory);
         true
     }
 
@@ -307,7 +312,7 @@ impl Managers {
         let buffer = manager.open(Side::Reader)?;
         let (start, len) = (manager.buffer_start(buffer), usize::from(manager.registers.len));
         manager.close(Side::Reader);
-        self.show(n, memory);
+        self.show_status(n, memory);
         Some(memory.slice(start, len))
     }
 
@@ -322,7 +327,7 @@ impl Managers {
         manager.registers.status = status.without(SmStatus::FULL).without(SmStatus::WRITTEN);
         manager.reading = None;
         let (start, len) = (manager.buffer_start(0), usize::from(manager.registers.len));
-        self.show(n, memory);
+        self.show_status(n, memory);
         Some(memory.slice(start, len))
     }
 

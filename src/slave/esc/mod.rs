@@ -48,5 +48,5 @@ pub use description::{DescriptionError, eeprom_of};
 pub use mailbox::EMERGENCIES_MAX;
 pub use sdo_server::VALUE_BYTES_MAX;
 pub use settings::EscSettings;
-pub use slave::{ERROR_CYCLE_NS, EscSlave, FREE_RUN_CYCLE_NS};
+pub use slave::{DRIVEN_NS, ERROR_CYCLE_NS, EscSlave, FREE_RUN_CYCLE_NS};
 pub use sync_unit::SyncPulse;

@@ -2,15 +2,17 @@
 
 use super::application::{Application, Change, active_len};
 use super::mailbox::Mailbox;
-use super::{Controller, EscSettings, Passage, SyncPulse};
+use super::{Controller, DescriptionError, EscSettings, Passage, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
-use crate::ethercat::registers::SyncActivation;
+use crate::ethercat::registers::{Features, SyncActivation};
 use crate::ethercat::sii::Sii;
-use crate::ethercat::{AlState, AlStatus, DatagramMut, Ns};
-use crate::slave::Slave;
+use crate::ethercat::{AlState, DatagramMut, Ns};
+use crate::slave::{Slave, SyncEvent};
 
-/// \[OURS] How often a device works that no process data and no SYNC0 drive, ns. It takes its newest outputs then, too.
+/// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
+/// \[OURS] How long after outputs, or after SYNC0, a device waits for the next ones before it works by itself, ns.
+pub const DRIVEN_NS: Ns = 20_000_000;
 /// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
 pub const ERROR_CYCLE_NS: Ns = 10_000_000;
 /// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
@@ -33,6 +35,8 @@ pub struct EscSlave {
     now: Ns,
     /// Up to when it has passed in the device.
     stepped: Ns,
+    /// When the device works next by itself.
+    free_run: Ns,
     /// When the device looked for errors, and the code that it saw.
     looked: Ns,
     error_code: u16,
@@ -51,18 +55,32 @@ impl EscSlave {
             inputs: Vec::new(),
             now,
             stepped: now,
+            free_run: now + FREE_RUN_CYCLE_NS,
             looked: now,
             error_code: 0,
         }
     }
 
+    /// A slave that is switched on at `now`, with the EEPROM that its device describes. A device without distributed clocks has
+    /// a controller without them.
+    ///
+    /// # Errors
+    /// [`DescriptionError`].
+    pub fn describe(mut device: Box<dyn Slave>, settings: EscSettings, now: Ns) -> Result<Self, DescriptionError> {
+        let clocks = Features::CLOCK | Features::CLOCK_64_BITS;
+        let features = if device.has_dc() { settings.features } else { settings.features.without(clocks) };
+        let settings = EscSettings { features, ..settings };
+        let eeprom = eeprom_of(&mut *device, &settings)?;
+        Ok(Self::new(device, settings, eeprom, now))
+    }
+
     /// Switches the slave off and on again.
     pub fn power_on(&mut self, now: Ns) {
-        // Every device can go to Init.
-        let _ = self.device.enter(AlState::Init);
+        self.device.restart();
         self.controller.power_on(now);
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
+        self.free_run = now + FREE_RUN_CYCLE_NS;
         self.outputs.clear();
         self.inputs.clear();
     }
@@ -135,7 +153,7 @@ impl EscSlave {
     fn due(&self) -> Ns {
         let pulse = self.controller.next_pulse(self.now).filter(|_| self.follows_pulses());
         let others = [pulse, self.controller.next_due(), self.application.due()];
-        others.into_iter().flatten().fold(self.stepped + FREE_RUN_CYCLE_NS, Ns::min)
+        others.into_iter().flatten().fold(self.free_run, Ns::min)
     }
 
     /// Time passes up to `now`, before which nothing happens. How many pulses have come.
@@ -150,21 +168,24 @@ impl EscSlave {
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
-                self.cycle(now);
+                self.device.report_sync(SyncEvent::InTime);
+                self.cycle(now, DRIVEN_NS);
             }
             if pulses > PULSES_MAX {
                 self.controller.skip_pulses(now);
             }
         }
-        if now.saturating_sub(self.stepped) >= FREE_RUN_CYCLE_NS {
-            self.cycle(now);
+        if now >= self.free_run {
+            self.cycle(now, FREE_RUN_CYCLE_NS);
         }
         self.react(now);
         pulses
     }
 
-    /// The device works: time passes in it, it takes its newest outputs and gives new inputs.
-    fn cycle(&mut self, now: Ns) {
+    /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
+    /// in `next_ns`.
+    fn cycle(&mut self, now: Ns, next_ns: Ns) {
+        self.free_run = now + next_ns;
         let passed = now.saturating_sub(self.stepped);
         if passed > 0 {
             self.device.step(passed);
@@ -177,6 +198,7 @@ impl EscSlave {
             let Controller { managers, memory, .. } = &mut self.controller;
             managers.put(self.application.managers.inputs, &self.inputs, memory);
         }
+        self.application.follow(&mut self.controller, &*self.device);
         self.look_for_errors(now);
     }
 
@@ -203,16 +225,15 @@ impl EscSlave {
         if events.reset {
             return self.power_on(now);
         }
-        let written = self.controller.managers.events.written;
-        let activated = self.controller.managers.events.activated;
-        if activated != 0 {
+        let done = std::mem::take(&mut self.controller.managers.events);
+        if done.activated != 0 {
             let lens = (self.outputs.len(), self.inputs.len());
-            self.application.check_again(activated, lens, &mut self.controller, &mut *self.device);
+            self.application.check_again(done.activated, lens, &mut self.controller, &mut *self.device);
         }
         if events.sync_changed {
             self.sync_changed();
         }
-        if written & 1 << self.application.managers.outputs != 0 {
+        if done.written & 1 << self.application.managers.outputs != 0 {
             self.take_outputs(now);
         }
         if events.watchdog {
@@ -222,13 +243,16 @@ impl EscSlave {
             let due = now + self.controller.settings().state_change_ns;
             self.application.request(self.controller.al_control(), due);
         }
-        let change = self.application.advance(now, &mut self.controller, &mut *self.device);
-        self.begin(change, now);
-        if self.application.has_mailbox && self.state() > AlState::Init {
-            let Controller { managers, memory, .. } = &mut self.controller;
-            self.mailbox.serve(managers, memory, &mut *self.device);
+        let mut change = Change::None;
+        if self.application.is_busy() {
+            change = self.application.advance(now, &mut self.controller, &mut *self.device);
+            self.begin(change, now);
         }
-        self.controller.managers.events = Default::default();
+        let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
+        if has_mailbox && (self.mailbox.is_touched(done) || change == Change::MailboxOn) {
+            let Controller { managers, memory, .. } = &mut self.controller;
+            self.mailbox.serve(done, managers, memory, &mut *self.device);
+        }
     }
 
     /// The state has changed to one with a mailbox or with process data.
@@ -247,7 +271,7 @@ impl EscSlave {
                 self.outputs.resize(outputs, 0);
                 self.inputs.clear();
                 self.inputs.resize(inputs, 0);
-                self.cycle(now);
+                self.cycle(now, FREE_RUN_CYCLE_NS);
             }
         }
     }
@@ -262,14 +286,14 @@ impl EscSlave {
             self.outputs[..len].copy_from_slice(&outputs[..len]);
             self.application.outputs_came = true;
             if !self.application.is_synchronized {
-                self.cycle(now);
+                self.cycle(now, DRIVEN_NS);
             }
         }
     }
 
     /// No outputs have come for too long.
     fn watchdog_expired(&mut self) {
-        if self.state() == AlState::Op && !self.outputs.is_empty() {
+        if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
@@ -278,7 +302,7 @@ impl EscSlave {
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() == AlState::Op && self.application.is_synchronized && !is_running {
-            self.application.fall(AlState::SafeOp, AlStatus::FATAL_SYNC, &mut self.controller, &mut *self.device);
+            self.application.lose_sync(&mut self.controller, &mut *self.device);
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::memory::Memory;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{
-    WATCHDOG_COUNTER_PROCESS_DATA, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
+    WATCHDOG_COUNTER_PROCESS_DATA, WATCHDOG_DIVIDER, WATCHDOG_PDI, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
 };
 
 /// The divider at power-on: units of 100 us.
@@ -23,13 +23,13 @@ pub(super) struct Watchdog {
 impl Watchdog {
     pub(super) fn power_on(memory: &mut Memory) -> Self {
         memory.set_u16(WATCHDOG_DIVIDER, DIVIDER);
-        memory.set_u16(WATCHDOG_DIVIDER + 0x10, TIME);
+        memory.set_u16(WATCHDOG_PDI, TIME);
         memory.set_u16(WATCHDOG_PROCESS_DATA, TIME);
         Self::default()
     }
 
     /// The time that is set; `None`: it is off.
-    fn time(memory: &Memory) -> Option<Ns> {
+    pub(super) fn time(memory: &Memory) -> Option<Ns> {
         let units = Ns::from(memory.u16(WATCHDOG_PROCESS_DATA));
         let unit = (Ns::from(memory.u16(WATCHDOG_DIVIDER)) + 2) * TICK_NS;
         (units > 0).then(|| units * unit)

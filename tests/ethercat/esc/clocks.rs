@@ -1,8 +1,9 @@
 //! Distributed clocks.
 
 use ecmsk::ethercat::registers::{self, SystemTimeDifference};
+use ecmsk::ethercat::sii::{CategoryKind, Sii};
 use ecmsk::ethercat::{AlState, AlStatus, Command, Ns};
-use ecmsk::slave::esc::{EscSettings, HOP_NS, OP_WAIT_NS, SLEW_MAX_NS};
+use ecmsk::slave::esc::{EscSettings, EscSlave, HOP_NS, OP_WAIT_NS, SLEW_MAX_NS, eeprom_of};
 use ecmsk::slave::{Io, IoConfig};
 
 use super::rig::{FIRST, MS, Rig, US, drive, slave};
@@ -220,10 +221,29 @@ fn s39_one_pulse_and_sync1() {
     assert_eq!(rig.read_u8(FIRST, registers::SYNC1_STATUS), 1);
 }
 
-/// An IO module on its way to OP with SYNC0.
-fn synchronized_io() -> (Rig, usize, u64) {
+/// An IO module behind a controller with clocks, which it does not have by itself.
+fn io_with_clocks() -> Rig {
+    let (mut io, settings) = (Io::new(IoConfig::default()), EscSettings::default());
+    let eeprom = eeprom_of(&mut io, &settings).expect("it can be described");
+    let mut rig = Rig::new([EscSlave::new(Box::new(io), settings, eeprom, 0)]);
+    rig.give_stations();
+    rig
+}
+
+/// ECAT-9.11 A device without clocks has a controller without them, and no mode of them in its EEPROM.
+#[test]
+fn a_device_without_clocks_has_none() {
     let mut rig = Rig::new([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
     rig.give_stations();
+    assert_eq!(rig.one(Command::Fprd, FIRST, registers::SYSTEM_TIME, &[0; 8]).wkc, 0);
+    assert_eq!(rig.read_u16(FIRST, registers::FEATURES) & 0b1100, 0);
+    let sii = Sii::new(rig.chain.slave(0).controller().eeprom()).expect("an EEPROM");
+    assert_eq!(sii.category(CategoryKind::DcModes), None);
+}
+
+/// An IO module on its way to OP with SYNC0.
+fn synchronized_io() -> (Rig, usize, u64) {
+    let mut rig = io_with_clocks();
     rig.bring_to_preop(FIRST);
     let len = rig.set_process_data(FIRST, 0);
     let start = soon(&rig, 10 * MS);
@@ -262,8 +282,7 @@ fn sync_that_is_missing_or_wrong() {
     rig.write(FIRST, registers::SYNC_ACTIVATION, &[0]);
     assert_eq!(rig.al_status(FIRST), (0x14, AlStatus::FATAL_SYNC));
 
-    let mut rig = Rig::new([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = io_with_clocks();
     rig.bring_to_preop(FIRST);
     rig.set_process_data(FIRST, 0);
     for (cycle_ns, activation, code) in [

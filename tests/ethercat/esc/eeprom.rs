@@ -1,11 +1,11 @@
 //! The EEPROM through the registers of a slave.
 
 use ecmsk::ethercat::registers::{self, DlStatus, SiiControl};
-use ecmsk::ethercat::sii::{CategoryKind, Sii, checksum};
+use ecmsk::ethercat::sii::{CategoryKind, Sii, SiiIdentity, checksum};
 use ecmsk::ethercat::{AlStatus, Command};
 use ecmsk::slave::device::VENDOR_ID;
 use ecmsk::slave::esc::{EscSettings, EscSlave, eeprom_of};
-use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
+use ecmsk::slave::{Dp3cl, Dp3clConfig, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 
 use super::rig::{FIRST, MS, Rig, drive, slave};
 
@@ -133,19 +133,24 @@ fn a_slow_eeprom_is_busy() {
 /// ECAT-9.11 The EEPROM of each kind of device has its identity, its mailbox, its PDOs and their sync managers.
 #[test]
 fn devices_describe_themselves() {
-    let kinds: [fn() -> Box<dyn Slave>; 4] = [
+    let kinds: [fn() -> Box<dyn Slave>; 5] = [
         || Box::new(Drive::new(DriveConfig::default())),
         || Box::new(Drive::new(DriveConfig::stepper())),
         || Box::new(Hsp::new(HspConfig::default())),
         || Box::new(Io::default()),
+        || Box::new(Dp3cl::new(Dp3clConfig::default())),
     ];
     for kind in kinds {
         let mut device = kind();
-        let eeprom = eeprom_of(&mut *device, &EscSettings::default(), 7).expect("it can be described");
+        let eeprom = eeprom_of(&mut *device, &EscSettings::default()).expect("it can be described");
         let name = device.name().to_owned();
         let sii = Sii::new(&eeprom).expect("64 words");
         assert!(sii.has_right_checksum(), "{name}");
-        assert_eq!((sii.info().identity.vendor, sii.info().alias), (VENDOR_ID, 7), "{name}");
+        let (identity, serial) = device.identity().expect("it has one");
+        let wanted = (identity.vendor_id, identity.product_code, identity.revision, serial);
+        let SiiIdentity { vendor, product, revision, serial } = sii.info().identity;
+        assert_eq!((vendor, product, revision, serial), wanted, "{name}");
+        assert_eq!(sii.info().alias, device.station_alias(), "{name}");
         let managers: Vec<_> = sii.category(CategoryKind::SyncManagers).expect("some").sync_managers().collect();
         for (kind, manager) in [(CategoryKind::RxPdos, &managers[2]), (CategoryKind::TxPdos, &managers[3])] {
             let pdos = sii.category(kind).expect("some");

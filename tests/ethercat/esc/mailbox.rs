@@ -61,7 +61,7 @@ impl Slave for Blob {
 /// A blob in PreOP, with the EEPROM of a drive.
 fn blob(value: Vec<u8>) -> Rig {
     let settings = EscSettings::default();
-    let eeprom = eeprom_of(&mut Drive::new(DriveConfig::default()), &settings, 0).expect("it can be described");
+    let eeprom = eeprom_of(&mut Drive::new(DriveConfig::default()), &settings).expect("it can be described");
     let device = Blob { value, ..Blob::default() };
     let mut rig = Rig::new([EscSlave::new(Box::new(device), settings, eeprom, 0)]);
     rig.give_stations();
@@ -244,6 +244,31 @@ fn s33_a_request_is_worked_on_once() {
     assert!(counters.windows(2).all(|pair| pair[1] == pair[0] % 7 + 1), "{counters:?}");
 }
 
+/// ECAT-12.7 A request that waits in its box is worked on once there is a mailbox, also if the change of state takes its time.
+#[test]
+fn a_request_waits_for_preop() {
+    let mut rig = Rig::new([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
+    rig.give_stations();
+    rig.set_mailbox(FIRST);
+    let upload = rig.message(MailboxProtocol::Coe, &[0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0]);
+    assert_eq!(rig.post(FIRST, &upload), 1);
+    rig.request(FIRST, 2);
+    assert_eq!(rig.collect(FIRST), None);
+    rig.now += 5 * MS;
+    assert!(rig.collect(FIRST).is_some());
+}
+
+/// ECAT-12.3 Requests are taken while answers wait: the third one stays in its box until the first answer is read.
+#[test]
+fn s33_requests_queue_up() {
+    let mut rig = blob(bytes(2));
+    let upload = [0, 0x20, 0x40, 0, 0x20, 0, 0, 0, 0, 0];
+    let messages: Vec<Vec<u8>> = (0..4).map(|_| rig.message(MailboxProtocol::Coe, &upload)).collect();
+    assert_eq!([0, 1, 2, 3].map(|n| rig.post(FIRST, &messages[n])), [1, 1, 1, 0]);
+    assert!((0..3).all(|_| rig.collect(FIRST).is_some()));
+    assert_eq!(rig.collect(FIRST), None);
+}
+
 fn fault(answer: Option<Vec<u8>>) -> MailboxFault {
     let answer = answer.expect("an answer");
     let message = MailboxMessage::decode(&answer).expect("a message");
@@ -356,7 +381,7 @@ fn s35_objects_are_described() {
         (0x607D, 1, 32, 0x04, rw, "Min position limit"),
         (0x1018, 1, 32, 0x07, ObjectAccess::READ, "Vendor ID"),
         (0x60C2, 1, 8, 0x05, ObjectAccess::READ | ObjectAccess::WRITE_PREOP, "Period"),
-        (0x1C12, 1, 16, 0x06, ObjectAccess::READ | ObjectAccess::WRITE_PREOP, "RxPDO assign"),
+        (0x1C12, 1, 16, 0x06, ObjectAccess::READ | ObjectAccess::WRITE_PREOP, "PDO"),
     ] {
         let [low, high] = index.to_le_bytes();
         let (kind, data, _) = ask(&mut rig, InformationKind::EntryRequest, &[low, high, sub, 7]);
@@ -366,6 +391,12 @@ fn s35_objects_are_described() {
         assert_eq!(found, (ObjectAddress::new(index, sub), bits, data_type, access, name.as_bytes(), 7));
     }
     assert_eq!(rw.0, 0x3F);
+    // Default, least and greatest value, in front of the name.
+    let (_, data, _) = ask(&mut rig, InformationKind::EntryRequest, &[0x7D, 0x60, 2, 0x7F]);
+    let entry = EntryDescription::decode(&data).expect("a description");
+    assert_eq!((entry.info.0, entry.bits, &entry.data[12..]), (0x77, 32, &b"Max position limit"[..]));
+    let values: Vec<i32> = entry.data[..12].as_chunks().0.iter().map(|value| i32::from_le_bytes(*value)).collect();
+    assert_eq!(values, [i32::MAX, i32::MIN, i32::MAX]);
     for (kind, question, code) in [
         (InformationKind::ObjectRequest, &[0xFF, 0x2F][..], AbortCode::NO_OBJECT),
         (InformationKind::EntryRequest, &[0x18, 0x10, 9, 7], AbortCode::NO_SUB_INDEX),

@@ -5,7 +5,7 @@ use ecmsk::ethercat::mailbox::{MailboxCounter, MailboxHeader, MailboxMessage, Ma
 use ecmsk::ethercat::registers::{self, AlStatusWithCode, Fmmu, FmmuDirections, SmControl, SyncManager};
 use ecmsk::ethercat::sii::{CategoryKind, Sii};
 use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, Frame, FrameHeader, FrameWriter, Ns};
-use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate, eeprom_of};
+use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 pub const US: Ns = 1_000;
@@ -42,9 +42,8 @@ pub fn drive(settings: EscSettings) -> EscSlave {
 }
 
 /// A slave with a device in it, and the EEPROM of that device.
-pub fn slave(mut device: Box<dyn Slave>, settings: EscSettings) -> EscSlave {
-    let eeprom = eeprom_of(&mut *device, &settings, 0).expect("it can be described");
-    EscSlave::new(device, settings, eeprom, 0)
+pub fn slave(device: Box<dyn Slave>, settings: EscSettings) -> EscSlave {
+    EscSlave::describe(device, settings, 0).expect("it can be described")
 }
 
 impl Rig {

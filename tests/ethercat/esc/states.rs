@@ -3,8 +3,9 @@
 use ecmsk::ethercat::registers::{self, SmControl, SyncManager};
 use ecmsk::ethercat::{AlState, AlStatus, Command};
 use ecmsk::slave::esc::{EscSettings, OP_WAIT_NS};
+use ecmsk::slave::{Dp3cl, Dp3clConfig};
 
-use super::rig::{FIRST, INPUTS, MAILBOX, MS, OUTPUTS, Rig, drive};
+use super::rig::{FIRST, INPUTS, MAILBOX, MS, OUTPUTS, Rig, drive, slave};
 
 /// ECAT-11.1 PreOP without a mailbox is refused with 0x16; then only Init and requests that acknowledge are heard.
 #[test]
@@ -240,4 +241,27 @@ fn the_identification_is_told() {
     rig.bring_to_preop(FIRST);
     assert_eq!(rig.request(FIRST, 0x22), (0x22, AlStatus(0x1234)));
     assert_eq!(rig.request(FIRST, 0x02), (0x02, AlStatus::NONE));
+}
+
+/// ECAT-11.10 A device that judges its registers by itself answers with its own code, and may fall further back: a DP3CL in OP
+/// that is asked for a state that is not known goes to SafeOP, and to Init if it is asked for bootstrap.
+#[test]
+fn a_device_has_its_own_reasons() {
+    let dp3cl = || slave(Box::new(Dp3cl::new(Dp3clConfig::default())), EscSettings::default());
+    for (control, state) in [(0x07, AlState::SafeOp), (0x03, AlState::Init)] {
+        let mut rig = Rig::new([dp3cl()]);
+        rig.give_stations();
+        rig.bring_to_op(FIRST, 0);
+        let (status, code) = rig.request(FIRST, control);
+        assert_eq!(status, 0x10 | state as u16);
+        assert_eq!((rig.chain.slave(0).device().state(), rig.chain.slave(0).device().al_status()), (state, code));
+        assert_ne!(code, AlStatus::NONE);
+    }
+    // Its own limits of a mailbox: it begins at an even address.
+    let mut rig = Rig::new([dp3cl()]);
+    rig.give_stations();
+    rig.set_manager(FIRST, 0, SyncManager::enabled(0x1001, 100, SmControl::MAILBOX_OUT));
+    rig.set_manager(FIRST, 1, SyncManager::enabled(0x1080, 100, SmControl::MAILBOX_IN));
+    let (status, code) = rig.request(FIRST, 0x02);
+    assert_eq!((status, code), (0x11, rig.chain.slave(0).device().al_status()));
 }

@@ -1,8 +1,11 @@
 //! CSP of a DP3CL, changes of mode, limit switches and software limits in every mode.
 
+use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
+use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::ethercat::AlState;
 use ecmsk::slave::dp3cl::{Dp3clConfig, Dp3clMode};
-use ecmsk::slave::{Fault, Input, Slave, Travel};
+use ecmsk::slave::{Fault, Input, InputPattern, Slave, Travel};
 
 use super::bench::{Bench, MS};
 
@@ -152,4 +155,42 @@ fn a_sensor_that_sticks() {
     assert!(bench.drive.apply_fault(stick(None)));
     bench.run_for(3 * MS);
     assert_eq!((bench.shaft(), bench.bit(11), bench.read(0x60FD, 0) & 2), (100, false, 0));
+}
+
+/// DP3CL-10.4 Nothing that happens in a cycle allocates, nor what a master does beside it.
+#[test]
+fn nothing_allocates() {
+    for mode in [1, 3, 6, 8] {
+        let mut bench = Bench::enabled(mode);
+        bench.write(0x60FF, 0, 300);
+        bench.write(0x6081, 0, 5000);
+        bench.write(0x6098, 0, 1);
+        let counted = measure(|| {
+            bench.probes = 0x3737;
+            for n in 0..500 {
+                bench.word = if n % 100 < 50 { 0x1F } else { 0x0F };
+                bench.target = n * 10;
+                bench.cycle();
+            }
+            let force = |pattern| Fault::ForceInputs { channel: 0, pattern };
+            for fault in
+                [force(Some(InputPattern::Bits(0xF))), Fault::Stick { axis: 0, input: None, value: Some(true) }]
+            {
+                bench.drive.apply_fault(fault);
+                bench.run_for(50 * MS);
+            }
+            for index in [0x6065, 0x2005, 0x1008, 0x5555, 0x4002] {
+                let at = ObjectAddress::new(index, 0);
+                let mut value = [0; 8];
+                let read = bench.drive.read(at, SdoScope::Entry, &mut value);
+                let _ = bench.drive.write(at, SdoScope::Entry, &value[..read.unwrap_or(1).min(8)]);
+            }
+            for state in [AlState::PreOp, AlState::SafeOp, AlState::Op] {
+                bench.drive.set_sync_managers(8, 19);
+                let _ = bench.drive.enter(state);
+                bench.run_for(5 * MS);
+            }
+        });
+        assert_eq!((counted.count_total, counted.count_current), (0, 0), "mode {mode}: {counted:?}");
+    }
 }

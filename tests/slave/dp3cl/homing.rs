@@ -177,3 +177,24 @@ fn here() {
         assert_eq!((home(&mut bench), bench.shaft(), bench.position()), (Some(20_000), 20_000, OFFSET));
     }
 }
+
+/// DP3CL-6.15 A run that is left while the axis moves stops on the quick-stop ramp, and CSP begins after it.
+#[test]
+fn leaving_homing_while_it_moves() {
+    let mut bench = bench(config(-30_000), 18);
+    bench.write(0x6085, 0, 100_000);
+    bench.word = 0x1F;
+    bench.run_for(200 * MS);
+    let from = bench.shaft();
+    bench.write(0x6060, 0, 8);
+    let cycles = bench.run_until(2000, |bench| {
+        bench.target = bench.position() as i32;
+        bench.velocity() == 0 && bench.bit(12)
+    });
+    let way = bench.shaft() - from;
+    assert!((490..=520).contains(&cycles) && (12_400..=12_700).contains(&way), "{cycles} {way}");
+    bench.target += 100;
+    let stood = bench.shaft();
+    bench.run_for(3 * MS);
+    assert_eq!((bench.shaft() - stood, bench.read(0x6061, 0)), (100, 8));
+}

@@ -246,3 +246,16 @@ fn ten_entries() {
     drive.enter(ecmsk::ethercat::AlState::PreOp).unwrap();
     assert_eq!(read(&mut drive, 0x1600, 11), Err(AbortCode::NO_SUB_INDEX));
 }
+
+/// DP3CL-3.11 The position is 0 at power-on.
+#[test]
+fn position_at_power_on() {
+    let mut bench = Bench::enabled_with(Dp3clConfig { position: 20_000, ..Dp3clConfig::default() }, 8);
+    assert_eq!((bench.position(), bench.shaft()), (0, 20_000));
+    bench.target = -700;
+    bench.run_for(3 * MS);
+    assert_eq!((bench.position(), bench.shaft()), (-700, 19_300));
+    bench.drive.restart();
+    bench.drive.enter(ecmsk::ethercat::AlState::PreOp).unwrap();
+    assert_eq!((bench.position(), bench.shaft()), (0, 19_300));
+}

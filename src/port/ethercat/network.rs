@@ -35,8 +35,8 @@ impl Network {
         let (cable, settings) = (Cable::default(), EscSettings::default());
         let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
             let mut device = device;
-            let (kind, alias) = (device.name().to_owned(), device.station_alias());
-            let eeprom = eeprom_of(&mut *device, &settings, alias);
+            let kind = device.name().to_owned();
+            let eeprom = eeprom_of(&mut *device, &settings);
             let eeprom = eeprom.map_err(|source| ServeError::Description { slave: n + 1, kind, source })?;
             let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
             Ok(EscSlave::new(device, settings.clone(), eeprom, 0))
@@ -72,14 +72,17 @@ impl Network {
     /// A frame comes at `now` and is changed in place; false: it does not come back. Times have to ascend.
     pub fn answer(&mut self, frame: &mut [u8], now: Ns) -> bool {
         self.carry_out(now);
-        matches!(self.chain.process(frame, now), FrameFate::Returned(_))
+        let fate = self.chain.process(frame, now);
+        // A master may acknowledge an error before time passes again.
+        self.tell_states(|(_, code)| code != AlStatus::NONE);
+        matches!(fate, FrameFate::Returned(_))
     }
 
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.carry_out(now);
         self.chain.advance(now);
-        self.tell_states();
+        self.tell_states(|_| true);
     }
 
     /// The lines on what has happened since the last call.
@@ -116,12 +119,13 @@ impl Network {
         });
     }
 
-    /// Makes lines of the states that have changed, one for neighbours that have changed alike.
-    fn tell_states(&mut self) {
+    /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
+    fn tell_states(&mut self, which: impl Fn((AlState, AlStatus)) -> bool) {
         let mut n = 0;
         while n < self.told.len() {
             let state = state_of(self.chain.slave(n));
-            let is_alike = |n: &usize| self.told[*n] != state && state_of(self.chain.slave(*n)) == state;
+            let is_alike =
+                |n: &usize| which(state) && self.told[*n] != state && state_of(self.chain.slave(*n)) == state;
             let end = (n..self.told.len()).find(|n| !is_alike(n)).unwrap_or(self.told.len());
             if end > n {
                 self.lines.push(line_of(n, end, state));

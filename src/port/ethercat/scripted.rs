@@ -5,7 +5,7 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
-use crate::slave::{Communication, Fault, ManufacturerObjects, ObjectDirectory, Slave, SyncEvent};
+use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -138,9 +138,5 @@ impl Slave for Scripted {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.device.shaft(axis)
-    }
-
-    fn object_directory(&self) -> Option<&dyn ObjectDirectory> {
-        self.device.object_directory()
     }
 }

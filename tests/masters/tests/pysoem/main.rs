@@ -2,16 +2,48 @@
 //! network of its own.
 #![cfg(target_os = "linux")]
 
-mod needs_pysoem {
-    use std::path::Path;
+use std::path::{Path, PathBuf};
 
-    use masters::Rig;
+use masters::Rig;
+
+/// Runs a program of this folder on the slaves of the list: what the server has said, and the recording `name`.
+fn run_as(name: &str, list: &str, program: &str) -> (Vec<String>, PathBuf) {
+    let rig = Rig::new(list, name);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pysoem");
+    rig.python(&folder.join(format!("{program}.py")));
+    let recording = rig.recording.clone();
+    (rig.end(), recording)
+}
+
+mod needs_tshark {
+    use std::process::Command;
+
+    use super::run_as;
+
+    /// ECAT-15.13 Wireshark dissects the recordings, and finds no packet in them that is malformed: there are two of each frame.
+    #[test]
+    fn recordings_have_no_malformed_packet() {
+        for (list, program) in
+            [("drive*2", "start"), ("drive,dp3cl", "sdo"), ("drive*2", "emergency"), ("drive*40", "many")]
+        {
+            let (said, recording) = run_as(&format!("dissected_{program}"), list, program);
+            let packets = |filter: &str| {
+                let mut tshark = Command::new("tshark");
+                support::succeed(tshark.arg("-r").arg(&recording).args(["-Y", filter])).lines().count()
+            };
+            let answered = said.last().and_then(|line| line.split(' ').next()).expect("a number");
+            let answered: usize = answered.parse().expect("a number");
+            assert_eq!(packets("ecat"), 2 * answered, "{program}");
+            assert_eq!(packets("_ws.malformed"), 0, "{program}: {}", recording.display());
+        }
+    }
+}
+
+mod needs_pysoem {
+    use super::run_as;
 
     fn run(list: &str, program: &str) -> Vec<String> {
-        let rig = Rig::new(list, program);
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/pysoem");
-        rig.python(&folder.join(format!("{program}.py")));
-        rig.end()
+        run_as(program, list, program).0
     }
 
     /// ECAT-15.4 Two drives and distributed clocks: scan, EEPROM, identity, mapping, OP; each working counter is the expected one.

@@ -27,6 +27,7 @@ pub use interface::InterfaceError;
 pub use network::Network;
 
 use super::notes::{Notes, Teller};
+use crate::engine::RealTime;
 use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
@@ -50,6 +51,8 @@ pub struct Options {
     pub record: Option<PathBuf>,
     /// Whether the interface may be the one by which this machine reaches others.
     pub allow_default_route: bool,
+    /// What the thread that answers asks of the system; what is refused is a line of the log.
+    pub real_time: RealTime,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
     /// take in time are dropped, and their number is reported to it.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
@@ -120,7 +123,8 @@ impl Server {
         let notes = Notes::default();
         let teller = Teller::of_lines(&notes, options.tell).map_err(system("start the thread of the log"))?;
         let service = Service::new(options.interface, network, socket, recording, begin, Arc::clone(&shared), notes);
-        let thread = threads::spawn("ecmsk-ethercat", move || service.run());
+        let real_time = options.real_time;
+        let thread = threads::spawn("ecmsk-ethercat", move || service.run(real_time));
         let thread = thread.map_err(system("start the thread of the slaves"))?;
         Ok(Self { cable, shared, teller, thread: Some(thread) })
     }

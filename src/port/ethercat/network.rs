@@ -4,7 +4,7 @@ use super::ServeError;
 use super::scripted::Scripted;
 use crate::engine::Script as _;
 use crate::ethercat::registers::AL_STATUS_CODE;
-use crate::ethercat::{AlState, AlStatus, Frame, Ns, SlaveSet};
+use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns, SlaveSet};
 use crate::link::script::{RunningScript, Script};
 use crate::link::simulated_slaves;
 use crate::slave::Slave;
@@ -64,18 +64,21 @@ impl Network {
         &self.chain
     }
 
-    /// Whether the frame is one of a master: EtherCAT with datagrams that no slave has had yet.
+    /// Whether the frame is one of a master: EtherCAT with datagrams.
     pub fn is_masters(frame: &[u8]) -> bool {
         Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
     }
 
-    /// A frame comes at `now` and is changed in place; false: it does not come back. Times have to ascend.
-    pub fn answer(&mut self, frame: &mut [u8], now: Ns) -> bool {
+    /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
+    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend.
+    pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
         self.carry_out(now);
-        let fate = self.chain.process(frame, now);
+        let fate = self.chain.process(&mut frame[..len], now);
         // A master may acknowledge an error before time passes again.
         self.tell_states(|(_, code)| code != AlStatus::NONE);
-        matches!(fate, FrameFate::Returned(_))
+        let padded = len.max(FRAME_LEN_MIN);
+        frame[len..padded].fill(0);
+        matches!(fate, FrameFate::Returned(_)).then_some(padded)
     }
 
     /// Time passes up to `now`.
@@ -158,5 +161,130 @@ fn line_of(first: usize, end: usize, (state, code): (AlState, AlStatus)) -> Stri
     match code {
         AlStatus::NONE => format!("{who} in {state}"),
         code => format!("{who} in {state} with AL status {code}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS};
+    use crate::ethercat::{
+        Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
+    };
+    use crate::link::slaves;
+
+    const MS: Ns = 1_000_000;
+
+    /// A network and a master that sends one datagram at a time.
+    struct Wire {
+        network: Network,
+        now: Ns,
+        lines: Vec<String>,
+    }
+
+    impl Wire {
+        fn new(list: &str, script: &str) -> Self {
+            let specs = slaves::parse(list).expect("a list");
+            let devices = simulated_slaves::build(&specs).expect("slaves");
+            let script = Script::parse("the test", script, &specs).expect("a script");
+            let network = Network::new(devices, Some(script)).expect("a network");
+            Self { network, now: 0, lines: Vec::new() }
+        }
+
+        fn wait(&mut self, ms: Ns) {
+            for _ in 0..ms {
+                self.now += MS;
+                self.network.advance(self.now);
+                self.lines.extend(self.network.take_lines());
+            }
+        }
+
+        /// The data and the working counter of an answer; `None`: the frame is lost.
+        fn send(&mut self, command: Command, address: u32, data: &[u8]) -> Option<(Vec<u8>, u16)> {
+            let mut frame = [0xEE; FRAME_LEN_MAX];
+            let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10; 6])).expect("room");
+            let (reserved, circulating, more) = (0, false, false);
+            let header = DatagramHeader { command, index: 0, address, len: 0, reserved, circulating, more, irq: 0 };
+            writer.push(header, data).expect("room");
+            writer.finish();
+            // On a pair of virtual interfaces frames come without padding.
+            let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
+            frame[len..].fill(0xEE);
+            self.now += 1000;
+            let padded = self.network.answer(&mut frame, len, self.now)?;
+            self.lines.extend(self.network.take_lines());
+            assert_eq!((padded, frame[6]), (len.max(FRAME_LEN_MIN), 0x12));
+            assert!(frame[len..padded].iter().all(|byte| *byte == 0), "padded with zeros");
+            let decoded = Frame::decode(&frame[..len]).expect("a frame");
+            let datagram = decoded.datagrams().expect("datagrams").next().expect("one").expect("whole");
+            Some((datagram.data.to_vec(), datagram.working_counter))
+        }
+
+        /// How many slaves count a broadcast.
+        fn count(&mut self) -> Option<u16> {
+            Some(self.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2])?.1)
+        }
+    }
+
+    /// ECAT-15.1 Answers have 60 bytes at least, padded with zeros; what is no EtherCAT with datagrams is no frame of a master.
+    #[test]
+    fn answers_are_padded_and_other_frames_ignored() {
+        let mut wire = Wire::new("drive*3", "");
+        assert_eq!(wire.count(), Some(3));
+        assert_eq!(
+            wire.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 300]).map(|(data, _)| data.len()),
+            Some(300)
+        );
+        let mut frame = [0; 60];
+        frame[12..14].copy_from_slice(&[0x08, 0x00]);
+        assert!(!Network::is_masters(&frame) && !Network::is_masters(&frame[..10]), "IPv4, and less than a header");
+        frame[12..16].copy_from_slice(&[0x88, 0xA4, 0x0C, 0x40]);
+        assert!(!Network::is_masters(&frame), "network variables");
+        frame[15] = 0x10;
+        assert!(Network::is_masters(&frame), "datagrams");
+    }
+
+    /// ECAT-15.2 A cut takes the slaves behind it; one that is lost or mute lets frames pass to those behind; a cut before the
+    /// first one loses frames.
+    #[test]
+    fn a_script_cuts_mutes_and_loses() {
+        let script =
+            "at 10ms cut 3 for 10ms\nat 30ms lose 2 for 10ms\nat 50ms mute 1 for 10ms\nat 70ms cut 1 for 10ms\n";
+        let mut wire = Wire::new("drive*4", script);
+        let mut counted = Vec::new();
+        for _ in 0..9 {
+            counted.push(wire.count());
+            wire.wait(10);
+        }
+        let all = Some(4);
+        assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
+        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose` at 30")), "{:?}", wire.lines);
+    }
+
+    /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.
+    #[test]
+    fn a_script_refuses_states() {
+        let mut wire = Wire::new("io*2", "refuse 2 preop 0x8001 for 20ms\nat 40ms lose 1 for 1ms\n");
+        wire.wait(1);
+        for n in [0_u32, 0xFFFF] {
+            // The mailbox of the slave, as its EEPROM has it.
+            let managers = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
+            assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &managers).map(|(_, counter)| counter), Some(1));
+        }
+        let states = |wire: &Wire| [0, 1].map(|n| state_of(wire.network.chain().slave(n)));
+        wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
+        wire.wait(2);
+        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE), (AlState::Init, AlStatus(0x8001))]);
+        assert!(
+            wire.lines.iter().any(|line| line.starts_with("slave 2 is in Init with AL status 0x8001")),
+            "{:?}",
+            wire.lines
+        );
+        wire.wait(20);
+        wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[0x12, 0]);
+        wire.wait(2);
+        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE); 2]);
+        wire.wait(30);
+        assert_eq!(states(&wire), [(AlState::Init, AlStatus::NONE), (AlState::PreOp, AlStatus::NONE)]);
     }
 }

@@ -10,7 +10,8 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::Shared;
 use super::network::Network;
 use super::socket::Socket;
-use crate::ethercat::{FRAME_LEN_MAX, FRAME_LEN_MIN, Ns};
+use crate::engine::RealTime;
+use crate::ethercat::{FRAME_LEN_MAX, Ns};
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
 use crate::port::log_limit::LogLimit;
@@ -65,7 +66,8 @@ impl Service {
         }
     }
 
-    pub fn run(mut self) {
+    pub fn run(mut self, real_time: RealTime) {
+        real_time.apply().into_iter().for_each(|line| self.notes.tell(line));
         // One byte more than a frame has shows one that is longer.
         let mut frame = [0; FRAME_LEN_MAX + 1];
         while !self.shared.is_stopping.load(Ordering::Relaxed) {
@@ -100,8 +102,8 @@ impl Service {
     fn answer_all(&mut self, frame: &mut [u8]) -> io::Result<()> {
         while let Some(len) = self.socket.take(frame)? {
             // A longer frame is none of Ethernet.
-            if let Some(frame) = frame.get_mut(..len).filter(|frame| frame.len() <= FRAME_LEN_MAX) {
-                self.answer(frame);
+            if len <= FRAME_LEN_MAX {
+                self.answer(frame, len);
             }
             if Instant::now() >= self.next_tick {
                 break;
@@ -110,32 +112,24 @@ impl Service {
         Ok(())
     }
 
-    fn answer(&mut self, frame: &mut [u8]) {
-        if !Network::is_masters(frame) {
+    fn answer(&mut self, frame: &mut [u8], len: usize) {
+        if !Network::is_masters(&frame[..len]) {
             return;
         }
         let now = self.now();
-        self.record(Dir::Write, now, frame);
+        self.record(Dir::Write, now, &frame[..len]);
         if self.last_frame.replace(Instant::now()).is_none() {
             self.notes.tell(format!("a master is there on {}", self.interface));
         }
-        if !self.network.answer(frame, now) {
+        let Some(len) = self.network.answer(frame, len, now) else {
             self.lost += 1;
             return;
-        }
-        self.answered += 1;
-        let mut padded = [0; FRAME_LEN_MIN];
-        let answer: &[u8] = match padded.get_mut(..frame.len()) {
-            Some(start) => {
-                start.copy_from_slice(frame);
-                &padded
-            }
-            None => frame,
         };
-        if let Err(error) = self.socket.send(answer) {
+        self.answered += 1;
+        if let Err(error) = self.socket.send(&frame[..len]) {
             self.interface_failed(&error);
         }
-        self.record(Dir::Read, self.now(), answer);
+        self.record(Dir::Read, self.now(), &frame[..len]);
     }
 
     fn record(&self, dir: Dir, at: Ns, frame: &[u8]) {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
-use ecmsk::engine::Script as _;
+use ecmsk::engine::{RealTime, Script as _};
 use ecmsk::link::script::Script;
 use ecmsk::link::simulated_slaves;
 use ecmsk::link::slaves::{self, SlaveSpec};
@@ -52,6 +52,8 @@ impl Rig {
             script: None,
             record: Some(recording.clone()),
             allow_default_route: false,
+            // Masters wait some milliseconds for an answer, and the machine that runs tests may be busy with others.
+            real_time: RealTime { priority: Some(10), lock_memory: false },
             tell: Arc::new({
                 let said = Arc::clone(&said);
                 move |line| said.lock().push(line.to_owned())

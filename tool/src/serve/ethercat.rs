@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::ValueHint;
+use ecmsk::engine::RealTime;
 use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, ServeError, Server};
 
@@ -39,6 +40,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
+    /// Real-time priority (SCHED_FIFO) of the thread that answers, 1 to 99: on a busy machine a master is not kept waiting
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: Option<u8>,
+
     /// Take the interface even if it is this machine's default route
     #[arg(long)]
     force: bool,
@@ -67,6 +72,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         script: args.script.clone(),
         record: args.record.clone(),
         allow_default_route: args.force,
+        real_time: RealTime { priority: args.priority, lock_memory: false },
         tell: Arc::new(|line| say("serve", &line)),
     };
     let server = Server::start(options)?;

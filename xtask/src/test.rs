@@ -144,6 +144,7 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
     Gate { module: "needs_mono", needs: &[MCS, MONO] },
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
+    Gate { module: "needs_network_namespace", needs: &[IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
@@ -364,7 +365,7 @@ mod tests {
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
         assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python", "needs_tshark"]);
-        assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_pysoem", "needs_tshark"]);
+        assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_network_namespace", "needs_pysoem", "needs_tshark"]);
         assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);

@@ -15,6 +15,8 @@ use crate::sk::{Frame, SlotSize};
 const STATE_WAIT_NS: i64 = 30_000_000_000;
 /// How long it waits for anything else. \[OURS]
 const OTHER_WAIT_NS: i64 = 2_000_000_000;
+/// How long it waits in all, so that a recording that no model can follow has an end. \[OURS]
+const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 
 /// The run of the model: the recorded command frames in their order, each at its time, or as much later as it takes the model to
 /// show what the recorded board had shown before the program sent it; and the model's reports.
@@ -121,7 +123,7 @@ impl WaitingRun {
     /// Waits until the model shows what the recorded board has shown.
     fn wait(&mut self) {
         let began = time(self.board.now());
-        loop {
+        while self.waited_ns < TOTAL_WAIT_NS {
             let missing = self.agreement.missing(&self.recorded, &self.model);
             let Some(missing) = missing else { break };
             let waited = time(self.board.now()).saturating_sub(began);

@@ -8,7 +8,7 @@ use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription
 use crate::slave::manufacturer::ManufacturerObjects;
 use crate::slave::plant::Following;
 use crate::slave::process_data::{self, Pdo, Plan};
-use crate::slave::{AlStatus, Fault, ObjectDirectory, Slave};
+use crate::slave::{AlStatus, Fault, Slave};
 
 fn lose_outputs<M: Model>(device: &mut M) {
     device.axes_mut().iter_mut().for_each(|axis| axis.machine_mut().lose_master());
@@ -254,10 +254,6 @@ impl<M: Model> Slave for M {
 
     fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
         self.base_mut().manufacturer = Some(Box::new(manufacturer));
-    }
-
-    fn object_directory(&self) -> Option<&dyn ObjectDirectory> {
-        Some(self)
     }
 
     fn has_dc(&self) -> bool {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Settings that the system may refuse. A refusal is a warning, not an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealTime {
-    /// The SCHED_FIFO priority of the runner's thread, 1..=99; `None`: it has no real-time priority.
+    /// The SCHED_FIFO priority of the thread, 1..=99; `None`: it has no real-time priority.
     pub priority: Option<u8>,
     /// Whether the memory of the process is locked (mlockall), so that no page fault delays a cycle.
     pub lock_memory: bool,
@@ -17,7 +17,7 @@ pub struct RealTime {
 impl RealTime {
     /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
     #[cfg(target_os = "linux")]
-    pub(super) fn apply(self) -> Vec<String> {
+    pub(crate) fn apply(self) -> Vec<String> {
         use rustix::mm::{MlockAllFlags, mlockall};
         use thread_priority::{
             RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
@@ -55,7 +55,7 @@ impl RealTime {
 
     /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
     #[cfg(not(target_os = "linux"))]
-    pub(super) fn apply(self) -> Vec<String> {
+    pub(crate) fn apply(self) -> Vec<String> {
         let asked = [("priority", self.priority.is_some()), ("lock_memory", self.lock_memory)];
         asked
             .into_iter()

@@ -17,6 +17,7 @@
 //!   outlive their links
 //! - `manufacturer_objects.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events
 //!   (`script=`)
+//! - `simulated_slaves.rs`: the same slaves and scripts for a network without a board
 //! - `rejections.rs`, `episodes.rs`: what the log says of commands that a simulated board did not execute
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
@@ -47,6 +48,8 @@ mod rejections;
 pub mod script;
 #[cfg(feature = "sim")]
 mod sim;
+#[cfg(feature = "sim")]
+pub mod simulated_slaves;
 pub mod slaves;
 #[cfg(all(feature = "usb", any(unix, windows)))]
 mod slot_watch;

@@ -130,6 +130,13 @@ impl Script {
         self.steps.len()
     }
 
+    /// The line and the verb of the first step that does something to the board itself, which a network without a board does
+    /// not have; `None`: every step is one of the network.
+    pub fn of_board(&self) -> Option<(u32, &'static str)> {
+        let of_board = self.steps.iter().find(|step| step.action.is_of_board());
+        of_board.map(|step| (step.line, step.verb))
+    }
+
     /// Whether the script has no steps.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()

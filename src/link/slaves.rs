@@ -78,7 +78,7 @@ pub(super) fn form() -> String {
 ///
 /// # Errors
 /// Why the list is invalid and what is allowed.
-pub(super) fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
+pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     let mut slaves = Vec::new();
     if list == NONE {
         return Ok(slaves);

@@ -6,9 +6,12 @@
 //! - `usbip`: a virtual board on the USB bus of any machine
 //! - `spi`: a virtual board on SPI
 //! - `xf`: a chip ECM-XF for hosts that are not ours, as a stream of bytes
+//! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
 //! - `notes`: the queue of log lines of a server
 
+#[cfg(all(feature = "sim", target_os = "linux"))]
+pub mod ethercat;
 mod listen;
 mod log_limit;
 pub mod notes;

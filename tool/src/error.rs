@@ -74,6 +74,10 @@ pub enum CliError {
     /// See [`ecmsk::port::xf::ServeError`].
     #[error(transparent)]
     ServeXf(#[from] ecmsk::port::xf::ServeError),
+    /// See [`ecmsk::port::ethercat::ServeError`].
+    #[cfg(target_os = "linux")]
+    #[error(transparent)]
+    ServeEthercat(#[from] ecmsk::port::ethercat::ServeError),
 }
 
 impl CliError {

@@ -1,5 +1,7 @@
-//! `ecmsk serve`: makes a board or a chip available to other processes and machines.
+//! `ecmsk serve`: makes a board, a chip or slaves available to other processes and machines.
 
+#[cfg(target_os = "linux")]
+mod ethercat;
 mod usbip;
 mod xf;
 
@@ -20,7 +22,7 @@ use super::error::say;
 use super::link_option::ChosenLink;
 use super::{CliError, output, signals, stderr};
 
-/// Serve a board, or a chip ECM-XF, to other processes and machines
+/// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
 #[command(disable_help_subcommand = true, arg_required_else_help = true)]
 pub struct Args {
@@ -31,6 +33,8 @@ pub struct Args {
 #[derive(Subcommand)]
 enum Port {
     Tcp(Tcp),
+    #[cfg(target_os = "linux")]
+    Ethercat(ethercat::Args),
     Usbip(usbip::Args),
     Xf(xf::Args),
 }
@@ -92,6 +96,8 @@ enum Vanish {
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     match &args.port {
         Port::Tcp(args) => serve_tcp(args),
+        #[cfg(target_os = "linux")]
+        Port::Ethercat(args) => ethercat::run(args),
         Port::Usbip(args) => usbip::run(args),
         Port::Xf(args) => xf::run(args),
     }

@@ -10,7 +10,7 @@ use crate::npm::{DOTNET_X64, DOTNET_X86};
 use crate::project::Project;
 use crate::tidy;
 use crate::tools::{self, Tool};
-use crate::wheel::{DOTNET_CORE_3, TYPOS as TYPOS_WHEEL};
+use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, TYPOS as TYPOS_WHEEL};
 
 /// A program and its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +28,8 @@ enum Source {
     DebianFile(&'static [&'static str]),
     /// The rights of root; nothing can be installed.
     Rights,
+    /// The right to make a network namespace with a pair of interfaces; nothing can be installed.
+    Namespace,
     /// A component of the Rust toolchain; the program is a subcommand of cargo.
     Rustup(&'static str),
     /// A crate that provides a subcommand of cargo, `program`.
@@ -55,6 +57,11 @@ pub const MCS: Need = Need { program: "mcs", source: Source::Debian(&["mono-mcs"
 pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-runtime"]) };
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(&DOTNET_CORE_3) };
+pub const PYSOEM: Need = Need { program: "pysoem", source: Source::Fetched(&PYSOEM_WHEEL) };
+pub const IP: Need = Need { program: "/sbin/ip", source: Source::DebianFile(&["iproute2"]) };
+pub const TSHARK: Need = Need { program: "tshark", source: Source::Debian(&["tshark"]) };
+/// The right to make network interfaces in a namespace of their own.
+pub const NETWORK_NAMESPACE: Need = Need { program: "right to make a network namespace", source: Source::Namespace };
 pub const NPM: Need = Need { program: "npm", source: Source::Debian(&["npm"]) };
 pub const DOTNET_WINDOWS_X64: Need = Need { program: "dotnet.exe of 64 bits", source: Source::Fetched(&DOTNET_X64) };
 pub const DOTNET_WINDOWS_X86: Need = Need { program: "dotnet.exe of 32 bits", source: Source::Fetched(&DOTNET_X86) };
@@ -100,6 +107,7 @@ impl Need {
     fn is_there(&self, project: &Project) -> bool {
         match self.source {
             Source::Rights => is_root(),
+            Source::Namespace => may_make_interfaces(),
             Source::DebianFile(_) => Path::new(self.program).exists(),
             Source::Debian(_) => command::succeeds(Command::new(self.program).arg("--version")),
             Source::Rustup(_) | Source::Crate(_) => {
@@ -207,7 +215,7 @@ pub fn install_line(needs: &[Need]) -> String {
     if needs.contains(&ADVISORIES) {
         lines.push("cargo deny fetch db, where a network reaches GitHub".to_owned());
     }
-    if needs.iter().any(|need| need.source == Source::Rights) {
+    if needs.iter().any(|need| matches!(need.source, Source::Rights | Source::Namespace)) {
         lines.push("run the same command as root".to_owned());
     }
     lines.join(" && ")
@@ -254,6 +262,12 @@ fn tools(needs: &[Need]) -> impl Iterator<Item = &'static Tool> {
         Source::Tool(tool) => Some(tool),
         _ => None,
     })
+}
+
+/// A container may forbid it to root, and a kernel may have no such interfaces.
+fn may_make_interfaces() -> bool {
+    let words = ["--net", "/sbin/ip", "link", "add", "veth0", "type", "veth", "peer", "name", "veth1"];
+    is_root() && command::succeeds(Command::new("unshare").args(words))
 }
 
 fn is_root() -> bool {

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::needs::{
-    CLIPPY, CXX, DOTNET_CORE, MAKE, MCS, MONO, Need, PIP, PKG_CONFIG, PYTHON, RUSTFMT, SET_USER_ID, VALGRIND,
+    CLIPPY, CXX, DOTNET_CORE, IP, MAKE, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, PKG_CONFIG, PYSOEM, PYTHON, RUSTFMT,
+    SET_USER_ID, TSHARK, VALGRIND,
 };
 use crate::project::Project;
 use crate::spend::Spend;
@@ -143,8 +144,10 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_cxx", needs: &[CXX, MAKE, PKG_CONFIG] },
     Gate { module: "needs_mono", needs: &[MCS, MONO] },
     Gate { module: "needs_dotnet_core", needs: &[MCS, PYTHON, PIP, DOTNET_CORE] },
+    Gate { module: "needs_pysoem", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE] },
     Gate { module: "needs_python", needs: &[PYTHON] },
     Gate { module: "needs_root", needs: &[CXX, SET_USER_ID] },
+    Gate { module: "needs_tshark", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE, TSHARK] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
 
@@ -360,7 +363,9 @@ mod tests {
             |missing: &[Need]| site(&project, missing).closed_gates().map(|gate| gate.module).collect::<Vec<_>>();
         assert!(closed(&[]).is_empty());
         assert_eq!(closed(&[VALGRIND]), ["needs_valgrind"]);
-        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_python"]);
+        assert_eq!(closed(&[PYTHON]), ["needs_dotnet_core", "needs_pysoem", "needs_python", "needs_tshark"]);
+        assert_eq!(closed(&[NETWORK_NAMESPACE]), ["needs_pysoem", "needs_tshark"]);
+        assert_eq!(closed(&[TSHARK]), ["needs_tshark"]);
         assert_eq!(closed(&[MONO]), ["needs_mono"]);
         assert_eq!(closed(&[DOTNET_CORE]), ["needs_dotnet_core"]);
         assert_eq!(closed(&[CXX]), ["needs_cxx", "needs_root", "needs_valgrind"]);

@@ -29,6 +29,16 @@ pub const TYPOS: Fetched = Fetched {
     cost: "8 MB to fetch, 25 MB in the target folder",
 };
 
+/// SOEM, an EtherCAT master, for CPython 3.11 on Linux on x86-64, which Debian 12 has. `tests/masters` names the version, too.
+pub const PYSOEM: Fetched = Fetched {
+    index: Index::Pip,
+    name: "pysoem",
+    version: "1.1.13",
+    sha256: "ed7f3ea9a3a807664fa6c6ee05497be01d93bc595c739efe8a0bffcc8d68e1e7",
+    program: "pysoem/__init__.py",
+    cost: "1 MB to fetch, 3 MB in the target folder",
+};
+
 /// Downloads the wheel into the empty folder `into`.
 pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
     let mut pip = Command::new(PIP.program);

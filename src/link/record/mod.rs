@@ -12,10 +12,13 @@
 //! - `queue.rs`: the queue to that thread, of frames or of a chip's packets
 //! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
+//! - `network.rs`: recordings of the frames of a network, which are EtherCAT's
 //! - `sync.rs`: when the operating system writes the file to the disk
 //! - `tell.rs`: messages to the user of the program
 
 pub(super) mod file;
+#[cfg(all(feature = "serve", target_os = "linux"))]
+mod network;
 pub(super) mod queue;
 mod sync;
 mod tell;
@@ -28,6 +31,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use file::make_room;
+#[cfg(all(feature = "serve", target_os = "linux"))]
+pub use network::NetworkRecording;
 
 use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::recording::{Clock, RecordMeta};

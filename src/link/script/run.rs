@@ -50,6 +50,11 @@ impl ScriptAction {
         }
     }
 
+    /// Whether it happens to the board itself, and not to its network.
+    pub(super) const fn is_of_board(self) -> bool {
+        matches!(self, Self::Silent(_) | Self::Full(_) | Self::Inputs(_))
+    }
+
     fn apply(self, network: &Cable, board: &BoardHandle) {
         match self {
             Self::Fault { slave, fault } => network.apply_fault(slave, fault),

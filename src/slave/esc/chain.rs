@@ -36,6 +36,8 @@ struct Place {
     /// The cable to the parent is whole.
     is_connected: bool,
     is_powered: bool,
+    /// Frames pass it untouched.
+    is_silent: bool,
 }
 
 /// A network of slaves.
@@ -81,7 +83,8 @@ impl Chain {
 
     fn push(&mut self, slave: EscSlave, parent: Option<(usize, usize)>) {
         let children = [None; PORTS];
-        self.places.push(Place { slave, children, parent, hop_ns: HOP_NS, is_connected: true, is_powered: true });
+        let (is_connected, is_powered, is_silent) = (true, true, false);
+        self.places.push(Place { slave, children, parent, hop_ns: HOP_NS, is_connected, is_powered, is_silent });
         self.visits.reserve(self.places.len());
         self.update_links();
     }
@@ -140,6 +143,14 @@ impl Chain {
         }
         place.is_powered = is_powered;
         self.update_links();
+    }
+
+    /// Makes a slave let frames pass untouched, or take part in them again. Time passes in it.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn silence(&mut self, n: usize, is_silent: bool) {
+        self.places[n].is_silent = is_silent;
     }
 
     /// Whether there is a link between a slave and the one that it is connected to; for the first one, to the master.
@@ -208,7 +219,7 @@ impl Chain {
         let has_datagrams = decoded.datagrams().is_some();
         let is_whole = decoded.datagrams().is_some_and(|mut all| all.all(|datagram| datagram.is_ok()));
         for (n, passage) in visits {
-            let slave = &mut self.places[*n].slave;
+            let Place { slave, is_silent: false, .. } = &mut self.places[*n] else { continue };
             slave.begin_frame(*passage);
             if is_whole {
                 // It was looked through already.

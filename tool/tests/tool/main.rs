@@ -12,7 +12,7 @@
 //! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
-//! - `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
+//! - `serve_ethercat.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
 //! - `common/`: running the tool, machines and recordings made for tests, and reading a plot back (`svg.rs`)
@@ -53,6 +53,7 @@ mod readme_picture;
 mod recording_end;
 mod recordings_page;
 mod scripts;
+mod serve_ethercat;
 mod serve_usbip;
 mod serve_xf;
 mod state_failed;

@@ -1,0 +1,241 @@
+//! Whether a network interface is fit for simulated slaves: frames of EtherCAT have no place on a network of people.
+
+use std::ffi::CStr;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+
+/// Why a network interface cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum InterfaceError {
+    /// There is none of that name.
+    #[error(
+        "there is no network interface {name}; there are {found}. Name one with --on, docs/SLAVES.md says how to make a pair"
+    )]
+    Missing { name: String, found: String },
+    /// It is no Ethernet.
+    #[error("the network interface {name} is no Ethernet; name another one with --on")]
+    NoEthernet { name: String },
+    /// It is switched off.
+    #[error("the network interface {name} is down; switch it on: sudo ip link set {name} up")]
+    Down { name: String },
+    /// This machine is reached by it.
+    #[error(
+        "the network interface {name} has the address {address}, so that it belongs to another network; name an interface \
+         that masters alone use, or take the address away: sudo ip address flush dev {name}"
+    )]
+    HasAddress { name: String, address: IpAddr },
+    /// Other machines are reached by it.
+    #[error(
+        "the network interface {name} is this machine's way to others (its default route): everybody there would get \
+         frames of EtherCAT; name another interface, or insist with --force"
+    )]
+    DefaultRoute { name: String },
+    /// This program may not use raw frames.
+    #[error(
+        "raw frames on {name} need the capability CAP_NET_RAW, which this program does not have; give it to it: sudo setcap \
+         cap_net_raw+ep {program}, or start it with sudo"
+    )]
+    NoRight { name: String, program: String },
+    /// The system does not let it be used.
+    #[error("the network interface {name} cannot be used: {source}; look at it with: ip link show {name}")]
+    System { name: String, source: io::Error },
+}
+
+/// What the system says about a network interface.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Interface {
+    name: String,
+    /// Its number, from 1.
+    index: i32,
+    is_ethernet: bool,
+    is_up: bool,
+    addresses: Vec<IpAddr>,
+    has_default_route: bool,
+}
+
+/// The number of the interface, if it can be used.
+///
+/// # Errors
+/// [`InterfaceError`].
+pub(super) fn check(name: &str, allow_default_route: bool) -> Result<i32, InterfaceError> {
+    let failed = |source| InterfaceError::System { name: name.to_owned(), source };
+    judge(name, &interfaces().map_err(failed)?, allow_default_route)
+}
+
+/// The number of the interface `name` among all, if it can be used.
+///
+/// \[OURS] An IPv6 address that the system has made up for the link alone is none: every interface has one. One that is the
+/// default route has an address, too, and both are allowed together.
+fn judge(name: &str, all: &[Interface], allow_default_route: bool) -> Result<i32, InterfaceError> {
+    let owned = || name.to_owned();
+    let Some(interface) = all.iter().find(|interface| interface.name == name) else {
+        let found: Vec<&str> = all.iter().map(|interface| &*interface.name).collect();
+        return Err(InterfaceError::Missing { name: owned(), found: found.join(", ") });
+    };
+    if !interface.is_ethernet {
+        return Err(InterfaceError::NoEthernet { name: owned() });
+    }
+    if !interface.is_up {
+        return Err(InterfaceError::Down { name: owned() });
+    }
+    if interface.has_default_route {
+        return if allow_default_route {
+            Ok(interface.index)
+        } else {
+            Err(InterfaceError::DefaultRoute { name: owned() })
+        };
+    }
+    match interface.addresses.iter().find(|address| !is_of_link(address)) {
+        Some(address) => Err(InterfaceError::HasAddress { name: owned(), address: *address }),
+        None => Ok(interface.index),
+    }
+}
+
+const fn is_of_link(address: &IpAddr) -> bool {
+    matches!(address, IpAddr::V6(address) if address.is_unicast_link_local())
+}
+
+/// All network interfaces that this process sees.
+fn interfaces() -> io::Result<Vec<Interface>> {
+    let mut all = listed()?;
+    // Without these files there is no IP, and no route.
+    let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
+    let routes = [
+        default_routes_v4(&read("/proc/thread-self/net/route")),
+        default_routes_v6(&read("/proc/thread-self/net/ipv6_route")),
+    ]
+    .concat();
+    for interface in &mut all {
+        interface.has_default_route = routes.contains(&interface.name);
+    }
+    Ok(all)
+}
+
+/// The interfaces that have a default route in the kernel's `route`: name, destination, .., mask in the 8th column.
+fn default_routes_v4(table: &str) -> Vec<String> {
+    let rows = table.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let is_default = |row: &Vec<&str>| row.get(1) == Some(&"00000000") && row.get(7) == Some(&"00000000");
+    rows.filter(is_default).map(|row| row[0].to_owned()).collect()
+}
+
+/// The interfaces that have a default route in the kernel's `ipv6_route`: destination, its length, .., name in the last
+/// column. The kernel rejects what goes to `lo`.
+fn default_routes_v6(table: &str) -> Vec<String> {
+    let rows = table.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let is_default = |row: &Vec<&str>| row.len() == 10 && row[0].bytes().all(|digit| digit == b'0') && row[1] == "00";
+    rows.filter(is_default).map(|row| row[9].to_owned()).filter(|name| name != "lo").collect()
+}
+
+/// The interfaces without their routes.
+fn listed() -> io::Result<Vec<Interface>> {
+    let mut all: Vec<Interface> = Vec::new();
+    let mut first = std::ptr::null_mut();
+    // SAFETY: the call sets `first` to a list that stays valid until it is freed below, or fails.
+    if unsafe { libc::getifaddrs(&raw mut first) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    let mut next = first;
+    // SAFETY: each entry of the list is valid or null.
+    while let Some(entry) = unsafe { next.as_ref() } {
+        next = entry.ifa_next;
+        // SAFETY: the name of an entry is a C string that lives as long as the list.
+        let name = unsafe { CStr::from_ptr(entry.ifa_name) }.to_string_lossy();
+        let at = all.iter().position(|known| known.name == name).unwrap_or_else(|| {
+            all.push(Interface { name: name.into_owned(), ..Interface::default() });
+            all.len() - 1
+        });
+        let interface = &mut all[at];
+        interface.is_up = entry.ifa_flags & libc::IFF_UP as u32 != 0;
+        // SAFETY: the address of an entry is valid or null.
+        let Some(address) = (unsafe { entry.ifa_addr.as_ref() }) else { continue };
+        match i32::from(address.sa_family) {
+            libc::AF_PACKET => {
+                // SAFETY: addresses of this family have this type.
+                let link = unsafe { entry.ifa_addr.cast::<libc::sockaddr_ll>().read_unaligned() };
+                (interface.index, interface.is_ethernet) = (link.sll_ifindex, link.sll_hatype == libc::ARPHRD_ETHER);
+            }
+            libc::AF_INET => {
+                // SAFETY: addresses of this family have this type.
+                let address = unsafe { entry.ifa_addr.cast::<libc::sockaddr_in>().read_unaligned() };
+                let octets = address.sin_addr.s_addr.to_ne_bytes();
+                interface.addresses.push(Ipv4Addr::from(octets).into());
+            }
+            libc::AF_INET6 => {
+                // SAFETY: addresses of this family have this type.
+                let address = unsafe { entry.ifa_addr.cast::<libc::sockaddr_in6>().read_unaligned() };
+                interface.addresses.push(Ipv6Addr::from(address.sin6_addr.s6_addr).into());
+            }
+            _ => {}
+        }
+    }
+    // SAFETY: the list comes from `getifaddrs`, and nothing refers to it any more.
+    unsafe { libc::freeifaddrs(first) };
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn veth() -> Interface {
+        let link_local = "fe80::1".parse().expect("an address");
+        let name = "veth1".to_owned();
+        Interface {
+            name,
+            index: 7,
+            is_ethernet: true,
+            is_up: true,
+            addresses: vec![link_local],
+            has_default_route: false,
+        }
+    }
+
+    /// ECAT-15.3 An interface that is missing, no Ethernet, down, has an address or is the default route is refused with the next
+    /// step; the last alone can be insisted on.
+    #[test]
+    fn each_unfit_interface_is_refused_with_its_reason() {
+        let judged =
+            |interface: Interface, force| judge("veth1", &[interface], force).map_err(|error| error.to_string());
+        assert_eq!(judged(veth(), false), Ok(7));
+        let refused = |interface: Interface, force, reason: &str, step: &str| {
+            let said = judged(interface, force).expect_err("it is refused");
+            assert!(said.contains(reason) && said.contains(step), "{said}");
+        };
+        let other = Interface { name: "eth5".into(), ..veth() };
+        refused(other, true, "no network interface veth1; there are eth5", "--on");
+        refused(Interface { is_ethernet: false, ..veth() }, true, "no Ethernet", "--on");
+        refused(Interface { is_up: false, ..veth() }, true, "is down", "sudo ip link set veth1 up");
+        let addresses = vec!["192.0.2.7".parse().expect("an address")];
+        let with_address = Interface { addresses, ..veth() };
+        refused(with_address.clone(), true, "has the address 192.0.2.7", "sudo ip address flush dev veth1");
+        let default_route = Interface { has_default_route: true, ..with_address };
+        refused(default_route.clone(), false, "default route", "--force");
+        assert_eq!(judged(default_route, true), Ok(7));
+    }
+
+    /// ECAT-15.3 Default routes are found in the tables of the kernel.
+    #[test]
+    fn default_routes_are_found() {
+        let v4 = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
+                  eth0\t00000000\t0102A8C0\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\
+                  eth1\t0002A8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0\n";
+        assert_eq!(default_routes_v4(v4), ["eth0"]);
+        let zero = "00000000000000000000000000000000";
+        let row = |to: &str, len: &str, name: &str| {
+            format!("{to} {len} {zero} 00 {zero} 00000400 00000001 00000000 00000003 {name}\n")
+        };
+        let v6 =
+            row(zero, "00", "eth2") + &row(zero, "00", "lo") + &row("fe800000000000000000000000000000", "40", "eth3");
+        assert_eq!(default_routes_v6(&v6), ["eth2"]);
+    }
+
+    /// ECAT-15.3 The loopback interface of this machine is found, with its address, and is no Ethernet.
+    #[test]
+    fn the_loopback_interface_is_known() {
+        let all = interfaces().expect("the interfaces");
+        let lo = all.iter().find(|interface| interface.name == "lo").expect("lo");
+        assert!(lo.index > 0 && !lo.is_ethernet && !lo.has_default_route, "{lo:?}");
+        assert!(matches!(check("lo", true), Err(InterfaceError::NoEthernet { .. })));
+    }
+}

@@ -1,0 +1,290 @@
+//! The slaves on a cable, and what a script does to them. Time is an argument; nothing here knows the network interface.
+
+use super::ServeError;
+use super::scripted::Scripted;
+use crate::engine::Script as _;
+use crate::ethercat::registers::AL_STATUS_CODE;
+use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns, SlaveSet};
+use crate::link::script::{RunningScript, Script};
+use crate::link::simulated_slaves;
+use crate::slave::Slave;
+use crate::slave::cable::Cable;
+use crate::slave::esc::{Chain, EscSettings, EscSlave, FrameFate, eeprom_of};
+
+/// Slaves in a line, with the handle by which scripts and tests reach them.
+pub struct Network {
+    chain: Chain,
+    cable: Cable,
+    script: Option<RunningScript>,
+    /// How many slaves the cable reaches.
+    reach: u8,
+    /// The slaves that answer.
+    answering: SlaveSet,
+    /// The states that were told of the slaves.
+    told: Vec<(AlState, AlStatus)>,
+    /// What has happened that nobody has taken yet.
+    lines: Vec<String>,
+}
+
+impl Network {
+    /// Slaves in a line that are switched on at time 0, when the script begins.
+    ///
+    /// # Errors
+    /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
+    pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>) -> Result<Self, ServeError> {
+        let (cable, settings) = (Cable::default(), EscSettings::default());
+        let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
+            let mut device = device;
+            let kind = device.name().to_owned();
+            let eeprom = eeprom_of(&mut *device, &settings);
+            let eeprom = eeprom.map_err(|source| ServeError::Description { slave: n + 1, kind, source })?;
+            let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
+            Ok(EscSlave::new(device, settings.clone(), eeprom, 0))
+        };
+        let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, ServeError>>()?;
+        let told = vec![(AlState::Init, AlStatus::NONE); slaves.len()];
+        Ok(Self {
+            answering: SlaveSet::first(slaves.len() as u8),
+            chain: Chain::line(slaves),
+            script: script.map(|script| simulated_slaves::start(script, cable.clone(), 0)),
+            reach: cable.reach(),
+            cable,
+            told,
+            lines: Vec::new(),
+        })
+    }
+
+    /// The cable, for faults.
+    pub const fn cable(&self) -> &Cable {
+        &self.cable
+    }
+
+    /// The slaves.
+    pub const fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// Whether the frame is one of a master: EtherCAT with datagrams.
+    pub fn is_masters(frame: &[u8]) -> bool {
+        Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
+    }
+
+    /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
+    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend.
+    pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
+        self.carry_out(now);
+        let fate = self.chain.process(&mut frame[..len], now);
+        // A master may acknowledge an error before time passes again.
+        self.tell_states(|(_, code)| code != AlStatus::NONE);
+        let padded = len.max(FRAME_LEN_MIN);
+        frame[len..padded].fill(0);
+        matches!(fate, FrameFate::Returned(_)).then_some(padded)
+    }
+
+    /// Time passes up to `now`.
+    pub fn advance(&mut self, now: Ns) {
+        self.carry_out(now);
+        self.chain.advance(now);
+        self.tell_states(|_| true);
+    }
+
+    /// The lines on what has happened since the last call.
+    pub fn take_lines(&mut self) -> impl Iterator<Item = String> {
+        self.lines.drain(..)
+    }
+
+    /// What the script wants is done to the slaves.
+    fn carry_out(&mut self, now: Ns) {
+        let lines = &mut self.lines;
+        if let Some(script) = &mut self.script {
+            script.run(now, &mut |event| lines.push(event.to_string()));
+        }
+        let chain = &mut self.chain;
+        let place = |slave: u8| usize::from(slave) - 1;
+        let last = chain.len() as u8;
+        let reach = self.cable.reach();
+        if reach != std::mem::replace(&mut self.reach, reach) {
+            (1..=last).for_each(|slave| chain.connect(place(slave), place(slave) != usize::from(reach)));
+        }
+        for slave in self.cable.take_powered_off().iter().filter(|slave| *slave <= last) {
+            chain.power(place(slave), false, now);
+            chain.power(place(slave), true, now);
+        }
+        let answering =
+            self.cable.answering().union(SlaveSet::first(last).difference(SlaveSet::first(reach.min(last))));
+        if answering != std::mem::replace(&mut self.answering, answering) {
+            (1..=last).for_each(|slave| chain.silence(place(slave), !answering.contains(slave)));
+        }
+        self.cable.take_faults(|slave, fault| {
+            if (1..=last).contains(&slave) {
+                chain.slave_mut(place(slave)).device_mut().apply_fault(fault);
+            }
+        });
+    }
+
+    /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
+    fn tell_states(&mut self, which: impl Fn((AlState, AlStatus)) -> bool) {
+        let mut n = 0;
+        while n < self.told.len() {
+            let state = state_of(self.chain.slave(n));
+            let is_alike =
+                |n: &usize| which(state) && self.told[*n] != state && state_of(self.chain.slave(*n)) == state;
+            let end = (n..self.told.len()).find(|n| !is_alike(n)).unwrap_or(self.told.len());
+            if end > n {
+                self.lines.push(line_of(n, end, state));
+                self.told[n..end].fill(state);
+            }
+            n = end.max(n + 1);
+        }
+    }
+}
+
+/// The AL state of a slave and why it is there; 0: as the master wanted.
+fn state_of(slave: &EscSlave) -> (AlState, AlStatus) {
+    let code = slave.controller().peek(AL_STATUS_CODE, 2);
+    let code = code.try_into().map_or(0, u16::from_le_bytes);
+    (slave.state(), AlStatus(code))
+}
+
+/// The line on the slaves from the place `first` to the one before `end`.
+fn line_of(first: usize, end: usize, (state, code): (AlState, AlStatus)) -> String {
+    let who = match end - first {
+        1 => format!("slave {} is", first + 1),
+        _ => format!("slaves {} to {end} are", first + 1),
+    };
+    let state = match state {
+        AlState::Init => "Init",
+        AlState::PreOp => "PreOP",
+        AlState::SafeOp => "SafeOP",
+        AlState::Op => "OP",
+    };
+    match code {
+        AlStatus::NONE => format!("{who} in {state}"),
+        code => format!("{who} in {state} with AL status {code}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS};
+    use crate::ethercat::{
+        Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
+    };
+    use crate::link::slaves;
+
+    const MS: Ns = 1_000_000;
+
+    /// A network and a master that sends one datagram at a time.
+    struct Wire {
+        network: Network,
+        now: Ns,
+        lines: Vec<String>,
+    }
+
+    impl Wire {
+        fn new(list: &str, script: &str) -> Self {
+            let specs = slaves::parse(list).expect("a list");
+            let devices = simulated_slaves::build(&specs).expect("slaves");
+            let script = Script::parse("the test", script, &specs).expect("a script");
+            let network = Network::new(devices, Some(script)).expect("a network");
+            Self { network, now: 0, lines: Vec::new() }
+        }
+
+        fn wait(&mut self, ms: Ns) {
+            for _ in 0..ms {
+                self.now += MS;
+                self.network.advance(self.now);
+                self.lines.extend(self.network.take_lines());
+            }
+        }
+
+        /// The data and the working counter of an answer; `None`: the frame is lost.
+        fn send(&mut self, command: Command, address: u32, data: &[u8]) -> Option<(Vec<u8>, u16)> {
+            let mut frame = [0xEE; FRAME_LEN_MAX];
+            let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10; 6])).expect("room");
+            let (reserved, circulating, more) = (0, false, false);
+            let header = DatagramHeader { command, index: 0, address, len: 0, reserved, circulating, more, irq: 0 };
+            writer.push(header, data).expect("room");
+            writer.finish();
+            // On a pair of virtual interfaces frames come without padding.
+            let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
+            frame[len..].fill(0xEE);
+            self.now += 1000;
+            let padded = self.network.answer(&mut frame, len, self.now)?;
+            self.lines.extend(self.network.take_lines());
+            assert_eq!((padded, frame[6]), (len.max(FRAME_LEN_MIN), 0x12));
+            assert!(frame[len..padded].iter().all(|byte| *byte == 0), "padded with zeros");
+            let decoded = Frame::decode(&frame[..len]).expect("a frame");
+            let datagram = decoded.datagrams().expect("datagrams").next().expect("one").expect("whole");
+            Some((datagram.data.to_vec(), datagram.working_counter))
+        }
+
+        /// How many slaves count a broadcast.
+        fn count(&mut self) -> Option<u16> {
+            Some(self.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2])?.1)
+        }
+    }
+
+    /// ECAT-15.1 Answers have 60 bytes at least, padded with zeros; what is no EtherCAT with datagrams is no frame of a master.
+    #[test]
+    fn answers_are_padded_and_other_frames_ignored() {
+        let mut wire = Wire::new("drive*3", "");
+        assert_eq!(wire.count(), Some(3));
+        assert_eq!(
+            wire.send(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 300]).map(|(data, _)| data.len()),
+            Some(300)
+        );
+        let mut frame = [0; 60];
+        frame[12..14].copy_from_slice(&[0x08, 0x00]);
+        assert!(!Network::is_masters(&frame) && !Network::is_masters(&frame[..10]), "IPv4, and less than a header");
+        frame[12..16].copy_from_slice(&[0x88, 0xA4, 0x0C, 0x40]);
+        assert!(!Network::is_masters(&frame), "network variables");
+        frame[15] = 0x10;
+        assert!(Network::is_masters(&frame), "datagrams");
+    }
+
+    /// ECAT-15.2 A cut takes the slaves behind it; one that is lost or mute lets frames pass to those behind; a cut before the
+    /// first one loses frames.
+    #[test]
+    fn a_script_cuts_mutes_and_loses() {
+        let script =
+            "at 10ms cut 3 for 10ms\nat 30ms lose 2 for 10ms\nat 50ms mute 1 for 10ms\nat 70ms cut 1 for 10ms\n";
+        let mut wire = Wire::new("drive*4", script);
+        let mut counted = Vec::new();
+        for _ in 0..9 {
+            counted.push(wire.count());
+            wire.wait(10);
+        }
+        let all = Some(4);
+        assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
+        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose` at 30")), "{:?}", wire.lines);
+    }
+
+    /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.
+    #[test]
+    fn a_script_refuses_states() {
+        let mut wire = Wire::new("io*2", "refuse 2 preop 0x8001 for 20ms\nat 40ms lose 1 for 1ms\n");
+        wire.wait(1);
+        for n in [0_u32, 0xFFFF] {
+            // The mailbox of the slave, as its EEPROM has it.
+            let managers = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
+            assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &managers).map(|(_, counter)| counter), Some(1));
+        }
+        let states = |wire: &Wire| [0, 1].map(|n| state_of(wire.network.chain().slave(n)));
+        wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
+        wire.wait(2);
+        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE), (AlState::Init, AlStatus(0x8001))]);
+        assert!(
+            wire.lines.iter().any(|line| line.starts_with("slave 2 is in Init with AL status 0x8001")),
+            "{:?}",
+            wire.lines
+        );
+        wire.wait(20);
+        wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[0x12, 0]);
+        wire.wait(2);
+        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE); 2]);
+        wire.wait(30);
+        assert_eq!(states(&wire), [(AlState::Init, AlStatus::NONE), (AlState::PreOp, AlStatus::NONE)]);
+    }
+}

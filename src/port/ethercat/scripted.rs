@@ -1,0 +1,142 @@
+//! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
+
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::slave::cable::Cable;
+use crate::slave::device::Identity;
+use crate::slave::dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
+use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
+
+/// A device behind what a script does to its answers.
+pub(super) struct Scripted {
+    device: Box<dyn Slave>,
+    cable: Cable,
+    /// Its number on the cable, from 1.
+    number: u8,
+}
+
+impl Scripted {
+    pub(super) fn new(device: Box<dyn Slave>, cable: Cable, number: u8) -> Self {
+        Self { device, cable, number }
+    }
+
+    /// Whether a state may be entered. \[OURS] A way down is never refused: a slave that has lost its outputs goes there.
+    fn may_enter(&self, state: AlState) -> Result<(), AlStatus> {
+        match self.cable.refusal(self.number, state) {
+            Some(status) if state > self.device.state() => Err(status),
+            _ => Ok(()),
+        }
+    }
+
+    fn may_transfer(&self, object: ObjectAddress) -> Result<(), AbortCode> {
+        self.cable.sdo_abort(self.number, object).map_or(Ok(()), Err)
+    }
+}
+
+/// Everything that a [`Slave`] has is that of the device.
+impl Slave for Scripted {
+    fn name(&self) -> &str {
+        self.device.name()
+    }
+
+    fn identity(&self) -> Option<(&Identity, u32)> {
+        self.device.identity()
+    }
+
+    fn station_alias(&self) -> u16 {
+        self.device.station_alias()
+    }
+
+    fn state(&self) -> AlState {
+        self.device.state()
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        self.may_enter(target)?;
+        self.device.enter(target)
+    }
+
+    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
+        let states = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
+        states.into_iter().find(|state| *state as u8 == code).map_or(Ok(()), |state| self.may_enter(state))?;
+        self.device.request_state(code)
+    }
+
+    fn al_status(&self) -> AlStatus {
+        self.device.al_status()
+    }
+
+    fn restart(&mut self) {
+        self.device.restart();
+    }
+
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        self.may_transfer(object)?;
+        self.device.read(object, scope, value)
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.may_transfer(object)?;
+        self.device.write(object, scope, value)
+    }
+
+    fn object_from(&self, from: u16) -> Option<u16> {
+        self.device.object_from(from)
+    }
+
+    fn describe_object(&self, index: u16) -> Result<ObjectDescription<'_>, AbortCode> {
+        self.device.describe_object(index)
+    }
+
+    fn describe_entry(&self, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
+        self.device.describe_entry(at)
+    }
+
+    fn object_list(&self, kind: ObjectListKind) -> Vec<u16> {
+        self.device.object_list(kind)
+    }
+
+    fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
+        self.device.set_sync_managers(outputs, inputs);
+    }
+
+    fn set_communication(&mut self, communication: &Communication) {
+        self.device.set_communication(communication);
+    }
+
+    fn report_sync(&mut self, event: SyncEvent) {
+        self.device.report_sync(event);
+    }
+
+    fn expire_watchdog(&mut self) {
+        self.device.expire_watchdog();
+    }
+
+    fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        self.device.set_sync_cycle(cycle_ns);
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        self.device.exchange(outputs, inputs);
+    }
+
+    fn step(&mut self, dt_ns: Ns) {
+        self.device.step(dt_ns);
+    }
+
+    fn apply_fault(&mut self, fault: Fault) -> bool {
+        self.device.apply_fault(fault)
+    }
+
+    fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
+        self.device.add_manufacturer_objects(objects);
+    }
+
+    fn has_dc(&self) -> bool {
+        self.device.has_dc()
+    }
+
+    fn shaft(&self, axis: usize) -> Option<i64> {
+        self.device.shaft(axis)
+    }
+}

@@ -1,0 +1,92 @@
+//! Frames of EtherCAT from and to a network interface (packet(7)). Such a socket gets no other frames, and not those that
+//! this machine sends.
+
+use std::io;
+use std::mem::size_of;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+
+use rustix::io::Errno;
+use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
+
+use super::interface::InterfaceError;
+use crate::ethercat::ETHERTYPE;
+
+/// A socket of one network interface.
+pub(super) struct Socket {
+    fd: OwnedFd,
+}
+
+impl Socket {
+    /// Opens the interface with that number.
+    ///
+    /// # Errors
+    /// [`InterfaceError::NoRight`], [`InterfaceError::System`].
+    pub fn open(name: &str, index: i32) -> Result<Self, InterfaceError> {
+        Self::open_raw(index).map_err(|source| match source.kind() {
+            io::ErrorKind::PermissionDenied => {
+                let program =
+                    std::env::current_exe().map_or_else(|_| "ecmsk".into(), |path| path.display().to_string());
+                InterfaceError::NoRight { name: name.to_owned(), program }
+            }
+            _ => InterfaceError::System { name: name.to_owned(), source },
+        })
+    }
+
+    fn open_raw(index: i32) -> io::Result<Self> {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let protocol = std::num::NonZeroU32::new(u16::to_be(ETHERTYPE).into()).map(Protocol::from_raw);
+        let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, protocol)?;
+        let address = libc::sockaddr_ll {
+            sll_family: libc::AF_PACKET as u16,
+            sll_protocol: ETHERTYPE.to_be(),
+            sll_ifindex: index,
+            sll_hatype: 0,
+            sll_pkttype: 0,
+            sll_halen: 0,
+            sll_addr: [0; 8],
+        };
+        // Masters may send to any address; a real interface lets only some of them in by itself.
+        let membership = libc::packet_mreq {
+            mr_ifindex: index,
+            mr_type: libc::PACKET_MR_PROMISC as u16,
+            mr_alen: 0,
+            mr_address: [0; 8],
+        };
+        // SAFETY: both calls read a value of that type and length, which lives until they return.
+        let results = unsafe {
+            [
+                libc::bind(fd.as_raw_fd(), (&raw const address).cast(), size_of::<libc::sockaddr_ll>() as u32),
+                libc::setsockopt(
+                    fd.as_raw_fd(),
+                    libc::SOL_PACKET,
+                    libc::PACKET_ADD_MEMBERSHIP,
+                    (&raw const membership).cast(),
+                    size_of::<libc::packet_mreq>() as u32,
+                ),
+            ]
+        };
+        if results.contains(&-1) { Err(io::Error::last_os_error()) } else { Ok(Self { fd }) }
+    }
+
+    /// Takes a frame; its length, which is that of the frame even if it has no room in `frame`. `None`: there is none.
+    pub fn take(&self, frame: &mut [u8]) -> io::Result<Option<usize>> {
+        match recv(&self.fd, frame, RecvFlags::DONTWAIT | RecvFlags::TRUNC) {
+            Ok((_, len)) => Ok(Some(len)),
+            Err(Errno::AGAIN | Errno::INTR) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Sends a frame. It never waits: without room the frame is lost, as on a cable.
+    pub fn send(&self, frame: &[u8]) -> io::Result<()> {
+        send(&self.fd, frame, SendFlags::DONTWAIT)?;
+        Ok(())
+    }
+}
+
+/// To wait for frames.
+impl AsFd for Socket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}

@@ -1,0 +1,128 @@
+//! A place where masters that no one here wrote meet simulated slaves: a network namespace with a pair of virtual interfaces, the
+//! slaves at one end of it, the master, a program or a crate, at the other.
+#![cfg(target_os = "linux")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+
+use ecmsk::engine::{RealTime, Script as _};
+use ecmsk::link::script::Script;
+use ecmsk::link::simulated_slaves;
+use ecmsk::link::slaves::{self, SlaveSpec};
+use ecmsk::port::ethercat::{Options, Server};
+use nix::sched::{CloneFlags, unshare};
+use parking_lot::Mutex;
+
+/// The interface of the master.
+pub const MASTER: &str = "veth0";
+/// The interface of the slaves.
+pub const SLAVES: &str = "veth1";
+/// The version of pysoem, as `xtask/src/wheel.rs` has it.
+const PYSOEM: &str = "pysoem-1.1.13.d";
+
+/// Slaves that are served in a network namespace of the calling thread.
+pub struct Rig {
+    server: Server,
+    slaves: Vec<SlaveSpec>,
+    said: Arc<Mutex<Vec<String>>>,
+    /// Where the frames are recorded.
+    pub recording: PathBuf,
+}
+
+impl Rig {
+    /// Moves this thread into a network namespace of its own and serves the slaves of the list there. The frames are recorded
+    /// to a file of that name.
+    ///
+    /// # Panics
+    /// The system or the server refuses something.
+    pub fn new(list: &str, name: &str) -> Self {
+        unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
+        make_interfaces();
+        let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
+        std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
+        // Otherwise it would be kept as another file.
+        let _ = std::fs::remove_file(&recording);
+        let slaves = slaves::parse(list).expect("a list of slaves");
+        let said = Arc::new(Mutex::new(Vec::new()));
+        let options = Options {
+            interface: SLAVES.to_owned(),
+            slaves: slaves.clone(),
+            script: None,
+            record: Some(recording.clone()),
+            allow_default_route: false,
+            // Masters wait some milliseconds for an answer, and the machine that runs tests may be busy with others.
+            real_time: RealTime { priority: Some(10), lock_memory: false },
+            tell: Arc::new({
+                let said = Arc::clone(&said);
+                move |line| said.lock().push(line.to_owned())
+            }),
+        };
+        let server = Server::start(options).expect("the slaves are served");
+        Self { server, slaves, said, recording }
+    }
+
+    /// Does what lines of a script say, at once.
+    ///
+    /// # Panics
+    /// They are no lines of a script.
+    pub fn happen(&self, lines: &str) {
+        let script = Script::parse("the test", lines, &self.slaves).expect("lines of a script");
+        let mut script = simulated_slaves::start(script, self.server.cable().clone(), 0);
+        script.run(0, &mut |_| {});
+        assert!(script.is_over(), "`{lines}` has a time");
+    }
+
+    /// Runs a program in Python with pysoem in the namespace. A line `fault: LINE` of it makes the line of a script happen, and
+    /// is answered by an empty line. What it printed otherwise.
+    ///
+    /// # Panics
+    /// The program fails.
+    pub fn python(&self, program: &Path) -> String {
+        let mut command = Command::new("python3");
+        command.arg(program).env("PYTHONPATH", support::target_dir().join("xtask").join(PYSOEM));
+        // Nothing is written beside the programs.
+        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("python3 starts");
+        let (mut answers, lines) = (child.stdin.take().expect("a pipe"), child.stdout.take().expect("a pipe"));
+        let mut printed = String::new();
+        for line in BufReader::new(lines).lines() {
+            let line = line.expect("text");
+            match line.strip_prefix("fault: ") {
+                Some(fault) => {
+                    self.happen(fault);
+                    answers.write_all(b"\n").expect("it waits for the answer");
+                }
+                None => printed = printed + &line + "\n",
+            }
+        }
+        let ended = child.wait_with_output().expect("it ends");
+        let errors = String::from_utf8_lossy(&ended.stderr);
+        assert!(ended.status.success(), "{}\n{printed}{errors}\n{}", program.display(), self.said().join("\n"));
+        printed
+    }
+
+    /// The lines of the server.
+    pub fn said(&self) -> Vec<String> {
+        self.server.flush();
+        self.said.lock().clone()
+    }
+
+    /// Ends the server; the lines that it has said.
+    pub fn end(self) -> Vec<String> {
+        self.server.stop();
+        Arc::try_unwrap(self.said).map_or_else(|said| said.lock().clone(), Mutex::into_inner)
+    }
+}
+
+fn make_interfaces() {
+    for arguments in [
+        &["link", "add", MASTER, "type", "veth", "peer", "name", SLAVES][..],
+        &["link", "set", MASTER, "up"],
+        &["link", "set", SLAVES, "up"],
+    ] {
+        support::succeed(Command::new("ip").args(arguments));
+    }
+}

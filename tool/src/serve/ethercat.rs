@@ -1,0 +1,85 @@
+//! `ecmsk serve ethercat`: simulated slaves on a network interface, for any EtherCAT master.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::ValueHint;
+use ecmsk::engine::RealTime;
+use ecmsk::link::slaves::{self, SlaveSpec};
+use ecmsk::port::ethercat::{Options, ServeError, Server};
+
+use crate::error::say;
+use crate::{CliError, signals, stderr};
+
+/// Serve simulated slaves on a network interface: any EtherCAT master finds them there
+///
+/// It answers the EtherCAT frames that come to the interface, as slaves at the other end of its cable would: registers,
+/// EEPROM, states, mailbox, process data, distributed clocks. A pair of virtual interfaces in a network namespace is
+/// enough: docs/SLAVES.md. Standard output says what is served, standard error what happens to the slaves. It needs the
+/// capability CAP_NET_RAW, or root. Ctrl-C and SIGTERM end it.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  sudo ecmsk serve ethercat --on veth1 --slaves 'drive*2,dp3cl,io'
+  sudo ecmsk serve ethercat --on veth1 --slaves 'drive*2' --script faults.ecmscript --record run.pcapng")]
+pub struct Args {
+    /// Network interface: of Ethernet, up, without an address
+    #[arg(long, value_name = "INTERFACE")]
+    on: String,
+
+    /// The slaves in the order of the cable, as in a sim: link, see `ecmsk link help`
+    #[arg(long, value_name = "LIST", value_parser = slave_list)]
+    slaves: SlaveList,
+
+    /// Events that happen to the slaves at their times, one a line, see `ecmsk link help`; those of a board are refused
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    script: Option<PathBuf>,
+
+    /// Record every frame and its answer, for Wireshark; a recording that is there is kept as FILE.1
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    record: Option<PathBuf>,
+
+    /// Real-time priority (SCHED_FIFO) of the thread that answers, 1 to 99: on a busy machine a master is not kept waiting
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: Option<u8>,
+
+    /// Take the interface even if it is this machine's default route
+    #[arg(long)]
+    force: bool,
+}
+
+/// A list of slaves with its words.
+#[derive(Clone)]
+struct SlaveList {
+    words: String,
+    slaves: Vec<SlaveSpec>,
+}
+
+fn slave_list(text: &str) -> Result<SlaveList, String> {
+    Ok(SlaveList { words: text.to_owned(), slaves: slaves::parse(text)? })
+}
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    // Signals are watched before anything answers.
+    let system = |what| move |source| ServeError::System { what, source };
+    let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
+    stderr::queue().map_err(system("start the thread of standard error"))?;
+    let SlaveList { words, slaves } = args.slaves.clone();
+    let options = Options {
+        interface: args.on.clone(),
+        slaves,
+        script: args.script.clone(),
+        record: args.record.clone(),
+        allow_default_route: args.force,
+        real_time: RealTime { priority: args.priority, lock_memory: false },
+        tell: Arc::new(|line| say("serve", &line)),
+    };
+    let server = Server::start(options)?;
+    super::announce(format!("answering EtherCAT on {}; serving {words}\n", args.on))?;
+    let signal = end_request.wait();
+    server.flush();
+    say("serve", &format_args!("stopped by {signal}"));
+    server.stop();
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,92 @@
+//! `ecmsk serve ethercat`: what it refuses, what it says, and a master at the other end of a pair of interfaces.
+#![cfg(target_os = "linux")]
+
+use crate::common::{Ran, ecmsk};
+
+fn run(arguments: &[&str]) -> Ran {
+    ecmsk([&["serve", "ethercat"][..], arguments].concat()).output().expect("the tool starts").into()
+}
+
+/// TOOL-190 A list of slaves that is wrong is a wrong command line; no slave, a script that happens to a board, and an interface
+/// that is missing or no Ethernet are failures with the next step.
+#[test]
+fn what_serve_ethercat_refuses() {
+    let wrong = run(&["--on", "lo", "--slaves", "drive*2,lathe"]);
+    assert_eq!(wrong.code, Some(2), "{wrong:?}");
+    assert!(wrong.err.contains("kind `lathe` is unknown") && wrong.err.contains("dp3cl"), "{wrong:?}");
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = folder.path().join("a.ecmscript");
+    std::fs::write(&script, "at 1s cut 2\nat 2s silent for 20ms\n").expect("it is written");
+    let script = script.to_str().expect("UTF-8");
+    for (arguments, parts) in [
+        (&["--on", "lo", "--slaves", "none"][..], &["no slave is to be served", "--slaves"][..]),
+        (
+            &["--on", "lo", "--slaves", "drive*2", "--script", script],
+            &["line 2: `silent` happens to a board", "take the line out"],
+        ),
+        (&["--on", "lo", "--slaves", "drive"], &["lo is no Ethernet", "--on"]),
+        (
+            &["--on", "veth-none", "--slaves", "drive"],
+            &["no network interface veth-none; there are", "lo", "docs/SLAVES.md"],
+        ),
+    ] {
+        let refused = run(arguments);
+        assert_eq!((refused.code, refused.out.as_str()), (Some(1), ""), "{refused:?}");
+        assert!(parts.iter().all(|part| refused.err.contains(part)), "{refused:?}");
+    }
+}
+
+/// In a network namespace of the test's own.
+mod needs_pysoem {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    use rustix::process::{Pid, Signal, kill_process};
+
+    use crate::common::ecmsk;
+
+    /// A pair of interfaces is made, then the words are run.
+    const IN_NAMESPACE: &str =
+        "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
+
+    /// TOOL-191 What is served on standard output, what happens to slaves on standard error; a signal ends it, and the recording is
+    /// whole then. TOOL-192 examples/python/own_master.py moves two DP3CL.
+    #[test]
+    fn a_master_of_40_lines_moves_two_dp3cl() {
+        let recording = support::out_dir().join("own_master.pcapng");
+        let _ = std::fs::remove_file(&recording);
+        let tool = ecmsk([] as [&str; 0]);
+        let mut server = Command::new("unshare");
+        server.args(["--net", "sh", "-c", IN_NAMESPACE, "sh"]).arg(tool.get_program());
+        server.args(["serve", "ethercat", "--on", "veth1", "--slaves", "dp3cl*2", "--priority", "10", "--record"]);
+        let mut server = server.arg(&recording).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("unshare");
+        let mut line = String::new();
+        BufReader::new(server.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says what it serves");
+        assert_eq!(line, "answering EtherCAT on veth1; serving dp3cl*2\n");
+        let mut master = Command::new("nsenter");
+        master.arg(format!("--net=/proc/{}/ns/net", server.id())).arg("python3");
+        master.arg(support::root().join("examples/python/own_master.py")).arg("veth0");
+        master.env("PYTHONPATH", support::target_dir().join("xtask/pysoem-1.1.13.d"));
+        let printed = support::succeed(&mut master);
+        let last = printed.lines().last().expect("a line");
+        let positions = last.split("positions ").nth(1).expect("positions").split(' ');
+        let positions: Vec<i32> = positions.map(|position| position.parse().expect("a number")).collect();
+        assert!(
+            positions.len() == 2 && positions.iter().all(|position| (4_900..=5_000).contains(position)),
+            "{printed}"
+        );
+        kill_process(Pid::from_child(&server), Signal::TERM).expect("it runs");
+        let mut said = String::new();
+        server.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+        assert_eq!(server.wait().expect("it ends").code(), Some(0), "{said}");
+        for line in ["a master is there on veth1", "slaves 1 to 2 are in OP", "stopped by SIGTERM"] {
+            assert!(said.lines().any(|said| said == format!("serve: {line}")), "no `{line}`: {said}");
+        }
+        let recorded = std::fs::read(&recording).expect("the recording");
+        assert!(
+            recorded.len() > 100_000 && recorded.starts_with(&[0x0A, 0x0D, 0x0D, 0x0A]),
+            "{} bytes",
+            recorded.len()
+        );
+    }
+}

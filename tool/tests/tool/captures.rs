@@ -111,7 +111,7 @@ fn a_capture_of_the_model_is_its_replay() {
     }
 }
 
-/// TOOL-190 A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
+/// TOOL-193 A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
 /// recorded times the commands come before OP.
 #[test]
 fn a_capture_is_played_to_a_model_behind_a_chip() {

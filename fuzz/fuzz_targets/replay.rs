@@ -46,6 +46,11 @@ fuzz_target!(|bytes: &[u8]| {
             let models = [first, second].map(|model| Steps::new(model, size, options.ignore_repeats));
             let [first, second] = models;
             assert!(compare_steps(first, second, &options).is_equal(), "another model");
+            // The same with a host that waits: it ends.
+            let replay = Replay::open(&file, None, &options, None, FilesInLink::Refused).expect("it was opened before");
+            let (board, model) = replay.waiting_runs().expect("both runs");
+            let found = compare_steps(Steps::new(board, size, false), Steps::new(model, size, false), &options);
+            assert!(!found.to_string().is_empty());
         }
         Err(ReplayError::NamesFile { key, .. }) => assert_eq!(key, "script"),
         Err(error) => assert!(!error.to_string().is_empty()),

@@ -25,12 +25,15 @@
 //! ```
 
 mod model_run;
+mod seen;
 mod start;
+mod waiting_run;
 
 use std::path::{Path, PathBuf};
 
 pub use model_run::ModelRun;
 pub use start::Start;
+pub use waiting_run::WaitingRun;
 
 use crate::compare::{CompareError, Options, RecordedRun};
 use crate::link::keys::{Key, Syntax};
@@ -133,6 +136,8 @@ pub enum FilesInLink {
 pub struct Replay {
     path: PathBuf,
     link: LinkUri,
+    /// Whether the recording is one of a board or a model of the same kind as the model, as far as it says.
+    is_alike: bool,
     board: Address,
     slot: Option<SlotSize>,
     size: SlotSize,
@@ -157,6 +162,7 @@ impl Replay {
     ) -> Result<Self, ReplayError> {
         let name = path.display().to_string();
         let mut source = RecordedRun::open(path, options.slot, device)?;
+        let recorded = source.meta().and_then(|meta| LinkUri::parse(&meta.link).ok());
         let link = match (link, source.meta().and_then(recorded_link)) {
             (Some(link), _) => link.clone(),
             (None, Some(recorded)) => {
@@ -170,11 +176,21 @@ impl Replay {
         if !link.scheme().is_model() {
             return Err(ReplayError::NotAModel { link: link.to_string() });
         }
+        let is_behind_chip = |link: &LinkUri| link.scheme().has_chip();
+        let is_alike = recorded.as_ref().is_some_and(is_behind_chip) == is_behind_chip(&link);
         let (size, link) = with_slot_size(&name, &source, &link)?;
         let (board, began) = (source.board(), model_time(&source));
         let start = Start::find(&mut source, &name, size)?;
         source.check()?;
-        Ok(Self { path: path.to_owned(), link, board, slot: options.slot, size, start: Start { began, ..start } })
+        Ok(Self {
+            path: path.to_owned(),
+            link,
+            is_alike,
+            board,
+            slot: options.slot,
+            size,
+            start: Start { began, ..start },
+        })
     }
 
     /// The slot size of both runs.
@@ -185,6 +201,12 @@ impl Replay {
     /// The URI of the model.
     pub const fn link(&self) -> &LinkUri {
         &self.link
+    }
+
+    /// Whether the slaves of both boards are reached alike: by boards with a network of their own, or over an ECM-XF. Otherwise the
+    /// model takes other times than the recorded board, and [`Self::waiting_runs`] is the way to compare them.
+    pub const fn is_alike(&self) -> bool {
+        self.is_alike
     }
 
     /// The USB address of the recorded board.
@@ -202,15 +224,29 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`].
     pub fn runs(&self) -> Result<(RecordedRun, ModelRun), ReplayError> {
-        let open = || {
-            let mut source = RecordedRun::open(&self.path, self.slot, Some(self.board))?;
-            for _ in 0..self.start.skipped {
-                source.next();
-            }
-            Ok::<_, CompareError>(source)
-        };
         let board = link::model(&self.link)?;
-        Ok((open()?, ModelRun::new(open()?, open()?, board, &self.start)))
+        let model = ModelRun::new(self.recorded()?, self.recorded()?, board, &self.start);
+        Ok((self.recorded()?, model))
+    }
+
+    /// The recorded run, and that of the model whose host waits for what the recorded program had waited for, both from
+    /// [`Self::start`] on and in the order of their times. For a model that takes longer than the recorded board, such as one
+    /// over an ECM-XF.
+    ///
+    /// # Errors
+    /// [`ReplayError`].
+    pub fn waiting_runs(&self) -> Result<(RecordedRun, WaitingRun), ReplayError> {
+        let board = link::model(&self.link)?;
+        Ok((self.recorded()?, WaitingRun::new(self.recorded()?, board, &self.start, self.size)))
+    }
+
+    /// The recorded run from the start on.
+    fn recorded(&self) -> Result<RecordedRun, CompareError> {
+        let mut source = RecordedRun::open(&self.path, self.slot, Some(self.board))?;
+        for _ in 0..self.start.skipped {
+            source.next();
+        }
+        Ok(source)
     }
 }
 

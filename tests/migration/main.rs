@@ -4,6 +4,7 @@
 //! - `machine.rs`, `tap.rs`: the machine twice, with a tap on each slave; `judge.rs`: what slaves were sent, held against
 //!   each other
 //! - `plan.rs`, `play.rs`, `play/`, `random.rs`: generated programs
+//! - `recordings.rs`: recordings, played to both
 //! - `vendor.rs`: programs with the vendor's own habits
 //! - `rows.rs`: the table is that of the document. `latency.rs`, `stall.rs`, `hold.rs`, `clear.rs`, `loss.rs`, `remap.rs`,
 //!   `sdo.rs`, `lio.rs`, `start.rs`: each measures the row that it is named after; `drives.rs` is what they share
@@ -19,6 +20,7 @@ mod machine;
 mod plan;
 mod play;
 mod random;
+mod recordings;
 mod remap;
 mod rows;
 mod sdo;

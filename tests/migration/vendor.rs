@@ -1,9 +1,10 @@
 //! Programs with the vendor's own habits, in C++, C, C#, Python and Rust, on both links: what they print is the same, or the
-//! program is in a table with the row by which it differs.
+//! program is in a table with the row by which it differs; and so is what they sent and saw, by `compare`.
 #![cfg(target_os = "linux")]
 
 use std::process::Command;
 
+use ecmsk::compare::{Comparison, Deviation, Options, files};
 use ecmsk::migrate::Row;
 use support::root;
 
@@ -23,6 +24,71 @@ const DIFFER: [(&str, &str, Row); 11] = [
     ("rust", "operator_panel", Row::Latency),
 ];
 
+/// What a program may see otherwise behind a chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Otherwise {
+    /// An axis is elsewhere when the program switches it off while it moves, or where it is sent velocities.
+    Position,
+    /// A drive is in another state when the program leaves OP without having waited for it.
+    State,
+    /// Commands are lost in a full FIFO elsewhere.
+    Lost,
+    /// An alarm that comes by the clock comes at another place of the way.
+    Alarm,
+    /// The program asks for the next object with another frame of its motion, since the answer before came later.
+    Command,
+}
+
+/// Programs of which `compare` says that they are not the same, what it finds first, and the row.
+const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 15] = [
+    ("cpp", "alarm_recovery", Otherwise::Alarm, Row::Start),
+    ("cpp", "habit_reader_writer_threads", Otherwise::Position, Row::Latency),
+    ("cpp", "habit_tight_writer", Otherwise::Lost, Row::Latency),
+    ("cpp", "habit_two_writes_fifo_mark", Otherwise::Position, Row::Latency),
+    ("cpp", "operator_panel", Otherwise::Alarm, Row::Start),
+    ("cpp", "two_axes_12b", Otherwise::Position, Row::Latency),
+    ("cpp", "two_axes_16b", Otherwise::Position, Row::Latency),
+    ("c", "csv_cst", Otherwise::Position, Row::Latency),
+    ("csharp", "OperatorPanel", Otherwise::Alarm, Row::Start),
+    ("csharp", "TwoAxes12B", Otherwise::Position, Row::Latency),
+    ("csharp", "TwoAxes16B", Otherwise::Position, Row::Latency),
+    ("python", "two_axes", Otherwise::Position, Row::Latency),
+    ("rust", "csv_cst", Otherwise::Position, Row::Latency),
+    ("rust", "hsp", Otherwise::Command, Row::Latency),
+    ("rust", "operator_panel", Otherwise::State, Row::Latency),
+];
+
+/// A program with threads of its own: virtual time passes as these are scheduled, so that it may be the same, too.
+const THREADS: &str = "habit_reader_writer_threads";
+
+/// What is different first in the recordings of a program on a board and behind a chip.
+fn otherwise(found: &Comparison) -> Option<Otherwise> {
+    let what = &found.first.as_ref()?.what;
+    let is = |wanted: fn(&Deviation) -> bool| what.iter().any(wanted);
+    Some(match () {
+        () if is(|what| matches!(what, Deviation::Command { .. })) => Otherwise::Command,
+        () if is(|what| matches!(what, Deviation::ErrorCode { .. } | Deviation::Fault { .. })) => Otherwise::Alarm,
+        () if is(|what| matches!(what, Deviation::Lost { .. })) => Otherwise::Lost,
+        () if what.iter().all(|what| matches!(what, Deviation::Position { .. })) => Otherwise::Position,
+        () if is(|what| matches!(what, Deviation::Statusword { .. })) => Otherwise::State,
+        () => panic!("{found}"),
+    })
+}
+
+/// Holds what a program sent and saw on a board against the same behind a chip.
+fn sees_the_same(language: &str, name: &str, recordings: &[std::path::PathBuf; 2]) {
+    let options = Options { ignore_repeats: true, ..Options::default() };
+    let [board, chip] = recordings;
+    let found = files(board, chip, &options).unwrap_or_else(|error| panic!("{language}, {name}: {error}"));
+    let seen = otherwise(&found);
+    let listed = SEEN_OTHERWISE.iter().find(|(of, program, ..)| (*of, *program) == (language, name));
+    let expected = listed.map(|(.., otherwise, _)| *otherwise).filter(|_| name != THREADS || seen.is_some());
+    let row = listed.map(|(.., row)| row.id());
+    assert_eq!(seen, expected, "{language}, {name}, row {row:?}: {found}");
+    // Answers come later, by no more than the row allows.
+    assert!((0..=8).contains(&found.latency.usual), "{language}, {name}: {found}");
+}
+
 /// The link to the same slaves behind a chip. The way to OP takes longer there (the row `start`), so that the alarm "on the
 /// way" has its own time.
 fn behind_chip(link: &str) -> String {
@@ -38,7 +104,11 @@ fn behind_chip(link: &str) -> String {
 
 /// Holds what a program prints on a link against what it prints behind a chip. One of the table ends well, and differs.
 fn prints_the_same(language: &str, name: &str, link: &str, run: impl Fn(&str) -> support::Ended) {
-    let [board, chip] = [link.to_owned(), behind_chip(link)].map(|link| {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recordings = ["board", "chip"].map(|name| folder.path().join(name).with_extension("pcapng"));
+    let links = [link.to_owned(), behind_chip(link)];
+    let [board, chip] = [0, 1].map(|n| {
+        let link = format!("{}&record={}", links[n], recordings[n].display());
         let ended = run(&link);
         assert_eq!(ended.stderr, "", "{name} on {link}");
         ended.success()
@@ -50,13 +120,14 @@ fn prints_the_same(language: &str, name: &str, link: &str, run: impl Fn(&str) ->
             assert!(!chip.is_empty() && chip != board, "{language}, {name}: take it out of the table ({row})");
         }
     }
+    sees_the_same(language, name, &recordings);
 }
 
 fn scripted(link: &str, script: &str) -> String {
     format!("{link}&script={}/examples/scripts/{script}.ecmscript", root().display())
 }
 
-/// XF-20.11 Programs on the native API. `homing` is not among them: its homing that the drive refuses is taken for one that has
+/// XF-20.11 XF-20.15 Programs on the native API. `homing` is not among them: its homing that the drive refuses is taken for one that has
 /// ended well, since the report in which the drive shows neither result is not seen there.
 #[test]
 fn rust_programs() {
@@ -86,7 +157,7 @@ mod needs_cxx {
     use support::Language;
     use support::examples::{C, CPP, SCRIPTS};
 
-    /// XF-20.11 All programs of examples/cpp and examples/c.
+    /// XF-20.11 XF-20.15 All programs of examples/cpp and examples/c.
     #[test]
     fn programs_in_cpp_and_c() {
         let of = |folder, standard| move |(name, link)| (name, link, folder, standard);
@@ -104,7 +175,7 @@ mod needs_cxx {
 mod needs_python {
     use super::*;
 
-    /// XF-20.11 All programs of examples/python.
+    /// XF-20.11 XF-20.15 All programs of examples/python.
     #[test]
     fn programs_in_python() {
         const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
@@ -125,7 +196,7 @@ mod needs_mono {
     use super::*;
     use support::dotnet::{EXAMPLES, VIRTUAL, example};
 
-    /// XF-20.11 All programs of examples/csharp, under Mono.
+    /// XF-20.11 XF-20.15 All programs of examples/csharp, under Mono.
     #[test]
     fn programs_in_csharp() {
         let scripts = root().join("examples/scripts");

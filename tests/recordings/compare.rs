@@ -207,6 +207,34 @@ fn the_last_answer_counts() {
     assert_eq!(late.0, 2);
 }
 
+/// TOOL-189 Where an axis stands in the end counts, though both runs have shown both places shortly before: at the end of the run, and
+/// of OP.
+#[test]
+fn the_last_position_counts() {
+    let run = |positions: &[(i32, usize)], leaves: bool| {
+        let mut board = Board::op();
+        board.csp(5);
+        for (position, reports) in positions {
+            for _ in 0..*reports {
+                board.poll();
+                board.report(160, *position, 0x1637, 0);
+            }
+        }
+        if leaves {
+            board.send(&MasterCommand::SetState(MasterState::PreOp));
+            board.state = MasterState::PreOp;
+            board.report(0, 0, 0, 0);
+        }
+        board
+    };
+    for leaves in [false, true] {
+        let (a, b) = (run(&[(5, 12), (6, 10)], leaves), run(&[(6, 12), (5, 10)], leaves));
+        let expected = Deviation::Position { slave: 1, axis: 1, counts: [6, 5] };
+        assert_eq!(what(&a, &b, &Options::default()), Some((2, vec![expected])), "{leaves}");
+        assert_eq!(what(&a, &run(&[(5, 3), (6, 40)], leaves), &Options::default()), None, "{leaves}");
+    }
+}
+
 /// TOOL-58 Outside OP slaves' slots are what they were (SK-4), and do not count; the state does.
 #[test]
 fn slaves_count_in_op_alone() {

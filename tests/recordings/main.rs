@@ -4,6 +4,7 @@
 //!
 //! - `reader.rs`, `any.rs`: reading captures of every format, and any bytes
 //! - `compare.rs`: comparing two runs
+//! - `latency.rs`: comparing two runs of which one answers later
 //! - `replay.rs`: playing a recording to the model
 //! - `page.rs`: `docs/HARDWARE.md`
 

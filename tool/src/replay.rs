@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{Steps, compare_steps};
+use ecmsk::compare::{Comparison, Options, RecordedRun, Steps, TimedFrame, compare_steps};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Address, Skipped};
 use ecmsk::replay::{FilesInLink, Replay, ReplayError};
@@ -16,7 +16,8 @@ use super::{plot, recording};
 
 /// Play the host's half of a capture to the model: does the model answer as the board did?
 ///
-/// Every command frame of the capture goes to the model at its time. What the model answers is held against what the board
+/// Every command frame of the capture goes to the model at its time, or, where the model takes longer, when it has shown what the
+/// board had shown before (--pace). What the model answers is held against what the board
 /// answered, command by command as `ecmsk compare` does it: A is the capture, B the model. A recording of our own can be
 /// replayed too. The capture has to begin with a board that was just switched on (Init or PreOP).
 #[derive(clap::Args)]
@@ -26,6 +27,7 @@ answers so only as far as a capture goes that is not whole.
 
 Examples:
   ecmsk replay board.pcapng --link 'sim:?slaves=drive*2,io'
+  ecmsk replay board.pcapng --link 'xf-sim:?slaves=drive*2,io'
   ecmsk replay board.pcapng --link 'sim:?slaves=drive*2' --tolerance 20 --statusword-mask 0x006F --plot difference.svg
   ecmsk replay windows.pcapng --device 2.7 --link 'sim:?slaves=io' --json")]
 pub struct Args {
@@ -38,6 +40,11 @@ pub struct Args {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
+    /// When the model gets a command: at its time in the capture, or when it has also shown what the board had shown before, as
+    /// states, SDO answers and axes that stand [default: answers, if one of both is behind an ECM-XF, else times]
+    #[arg(long, value_name = "times|answers", value_enum)]
+    pace: Option<Pace>,
+
     /// Of a capture this device alone, by its bus and address, as 1.5
     #[arg(long, value_name = "BUS.ADDRESS", value_parser = recording::parse_device)]
     device: Option<Address>,
@@ -48,6 +55,15 @@ pub struct Args {
 
     #[command(flatten)]
     how: How,
+}
+
+/// When the model gets a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Pace {
+    /// At its time in the capture
+    Times,
+    /// When the model has shown what the board had shown before it
+    Answers,
 }
 
 /// Why a capture was not replayed.
@@ -75,17 +91,17 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     let options = args.how.options();
     let files = if args.allow_files { FilesInLink::Allowed } else { FilesInLink::Refused };
     let replay = Replay::open(&args.capture, args.link.as_ref(), &options, args.device, files)?;
-    let (mut board, mut model) = replay.runs()?;
-    let found = compare_steps(
-        Steps::new(&mut board, replay.size(), options.ignore_repeats),
-        Steps::new(&mut model, replay.size(), options.ignore_repeats),
-        &options,
-    );
+    let pace = args.pace.unwrap_or(if replay.is_alike() { Pace::Times } else { Pace::Answers });
+    let (board, found, waited_ns) = play(&replay, pace, &options)?;
     let lacks = compare::tell("A", &board).map_err(CompareVerbError::from)?;
     let before = replay.start().skipped;
     if before > 0 {
         let left = "what the board was told before it is not known; begin a capture with the board just switched on";
         say("note", &format_args!("A: {before} frames before the network was in PreOP are left out: {left}"));
+    }
+    if waited_ns > 0 {
+        let left = "it gets a command when it has shown what the board had shown before; --pace times does not wait";
+        say("note", &format_args!("B: the model took {:.3} s longer: {left}", waited_ns as f64 / 1e9));
     }
     let capture = args.capture.display();
     let capture = match board.meta() {
@@ -94,22 +110,49 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     };
     let names = Names { runs: [capture, replay.link().to_string()], lacks: [lacks, None], plot: args.how.plot.clone() };
     if let Some(file) = &args.how.plot {
-        let (board, model) = replay.runs()?;
-        let (board, model) = (
-            Steps::new(board, replay.size(), options.ignore_repeats),
-            Steps::new(model, replay.size(), options.ignore_repeats),
-        );
-        let drawing = compare::draw(board, model, &names, &found)?;
+        let steps = |run| Steps::new(run, replay.size(), options.ignore_repeats);
+        let (board, model): (Run, Run) = match pace {
+            Pace::Times => replay.runs().map(|(board, model)| (boxed(board), boxed(model)))?,
+            Pace::Answers => replay.waiting_runs().map(|(board, model)| (boxed(board), boxed(model)))?,
+        };
+        let drawing = compare::draw(steps(board), steps(model), &names, &found)?;
         plot::save(file, "--plot", &[&args.capture], &drawing)?;
     }
     let text = if args.how.json {
         let mut object = compare::json::object(&names, &found, &options);
         object["left_out"] = left_out(before, &board.skipped());
+        object["waited_ns"] = waited_ns.into();
         object.to_string() + "\n"
     } else {
         compare::text(&names, &found)
     };
     Ok(compare::print(text, names.code(&found, &options))?)
+}
+
+/// A run of either kind.
+type Run = Box<dyn Iterator<Item = TimedFrame>>;
+
+fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {
+    Box::new(run)
+}
+
+/// Compares both runs: the recorded one, read to its end, the result, and how long the model's host has waited in nanoseconds.
+fn play(replay: &Replay, pace: Pace, options: &Options) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
+    let size = replay.size();
+    match pace {
+        Pace::Times => {
+            let (mut board, model) = replay.runs()?;
+            let steps = Steps::new(model, size, options.ignore_repeats);
+            let found = compare_steps(Steps::new(&mut board, size, options.ignore_repeats), steps, options);
+            Ok((board, found, 0))
+        }
+        Pace::Answers => {
+            let (mut board, mut model) = replay.waiting_runs()?;
+            let steps = Steps::new(&mut model, size, options.ignore_repeats);
+            let found = compare_steps(Steps::new(&mut board, size, options.ignore_repeats), steps, options);
+            Ok((board, found, model.waited_ns()))
+        }
+    }
 }
 
 /// The part of the capture that was not played, as JSON.

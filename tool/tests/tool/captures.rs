@@ -111,6 +111,33 @@ fn a_capture_of_the_model_is_its_replay() {
     }
 }
 
+/// TOOL-193 A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
+/// recorded times the commands come before OP.
+#[test]
+fn a_capture_is_played_to_a_model_behind_a_chip() {
+    let run = Program::default().record();
+    let capture = kept(&captured(&run.file), USB_LINUX);
+    let model = ["--link", "xf-sim:?slaves=drive*2,io"];
+    let ran = tool("replay", &capture.file, &model);
+    assert_eq!(ran.code, Some(0), "{ran:?}");
+    assert!(ran.err.starts_with("note: B: the model took 0.") && ran.err.contains("--pace times"), "{}", ran.err);
+    assert!(ran.out.contains("\nequal: 308 commands and ") && ran.out.contains("\nlatency: B answers "), "{}", ran.out);
+    let json = tool("replay", &capture.file, &[&model[..], &["--json"]].concat());
+    let found: serde_json::Value = serde_json::from_str(&json.out).expect("an object");
+    let waited = found["waited_ns"].as_i64().expect("a number");
+    assert!((200_000_000..900_000_000).contains(&waited), "{found}");
+    let ran = tool("replay", &capture.file, &[&model[..], &["--pace", "times"]].concat());
+    assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
+    assert!(ran.out.contains("state OP in A, PreOP in B"), "{}", ran.out);
+    // Boards that are alike need not wait, and may.
+    for pace in [&[][..], &["--pace", "answers"]] {
+        let found =
+            tool("replay", &capture.file, &[&["--link", "sim:?slaves=drive*2,io"], pace].concat()).expect_quiet();
+        assert!(found.contains("\nequal: 308 commands and "), "{found}");
+    }
+    tool("replay", &capture.file, &["--pace", "soon"]).expect_misuse(&["--pace", "answers"]);
+}
+
 /// WIRE-103 Without any CRC the slots tell the size.
 #[test]
 fn without_crc_the_slots_tell_the_size() {

@@ -1,0 +1,178 @@
+//! What a program may have seen of a board, and waited for.
+
+use crate::cia402::Statusword;
+use crate::recording::Kinds;
+use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
+use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SdoResponse, SlotSize, StateByte};
+
+/// The bits of a statusword that say the state (CiA 402-2), and those of homing (12 and 13).
+const STATE_BITS: u16 = 0x006F;
+const HOMING_BITS: u16 = 0x3000;
+/// An axis stands whose position has not changed for so many reports. \[OURS]
+const STANDS_REPORTS: u16 = 8;
+/// So many entries more may wait in the model's FIFO than had in the recorded one: behind an ECM-XF those count that are on their
+/// way. \[OURS]
+const ON_THE_WAY: u16 = 12;
+
+/// What the newest reports of a board have shown.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    size: SlotSize,
+    kinds: Kinds,
+    state: Option<StateByte>,
+    sdo: Option<SdoResponse>,
+    fifo_free: u16,
+    /// Reports since the newest command.
+    quiet: u16,
+    slaves: [Shown; MAX_SLAVES],
+}
+
+/// What a slave has shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Shown {
+    statusword: Option<Statusword>,
+    positions: [i32; 2],
+    /// For how many reports the positions have not changed.
+    still: u16,
+    /// The inputs of an IO slave, and the command that they answer.
+    inputs: Option<(CommandId, u16)>,
+    homes: bool,
+}
+
+impl Seen {
+    pub(super) fn new(size: SlotSize) -> Self {
+        let (kinds, slaves) = (Kinds::new(None), [Shown::default(); MAX_SLAVES]);
+        Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, quiet: 0, slaves }
+    }
+
+    /// A command goes by.
+    pub(super) fn command(&mut self, frame: &Frame) {
+        self.kinds.command(frame, self.size);
+        self.quiet = 0;
+        for (slave, shown) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
+            match CommandId::from_code(frame.slot(self.size, slave).id) {
+                CommandId::GoHome => shown.homes = true,
+                CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::AbortHome => shown.homes = false,
+                _ => {}
+            }
+        }
+    }
+
+    /// A report goes by.
+    pub(super) fn report(&mut self, frame: &Frame) {
+        self.kinds.response(frame, self.size);
+        let board = MasterResponse::decode(&frame.slot(self.size, 0));
+        self.state = Some(board.state);
+        self.sdo = Some(SdoResponse::decode(&frame.slot(self.size, self.size.sdo_slot())));
+        self.quiet = self.quiet.saturating_add(1);
+        if board.state.state() != Some(MasterState::Op) {
+            self.fifo_free = FIFO_ENTRIES;
+            self.slaves = [Shown::default(); MAX_SLAVES];
+            return;
+        }
+        self.fifo_free = board.fifo_free;
+        let kinds = std::array::from_fn::<_, MAX_SLAVES, _>(|n| self.kinds.of(n + 1).unwrap_or_default());
+        let dump = ResponseDump::new(frame, self.size).kinds(&kinds);
+        for (slave, shown) in (1..=self.size.max_slaves()).zip(&mut self.slaves) {
+            if frame.slot(self.size, slave).is_zero() {
+                continue;
+            }
+            let Some(SlotMeaning::SlaveResponse(reading)) = dump.line(slave).map(|line| line.meaning) else { continue };
+            let (statusword, positions, inputs) = match reading.data {
+                SlaveData::Drive(drive) => (Some(drive.statusword), [drive.position, 0], None),
+                SlaveData::Hsp(hsp) => (Some(hsp.statusword), [hsp.first.position, hsp.second.position], None),
+                SlaveData::Io(io) => (None, [0; 2], Some((CommandId::from_code(io.head.id), io.bits))),
+                _ => continue,
+            };
+            let still = if shown.positions == positions { shown.still.saturating_add(1) } else { 0 };
+            *shown = Shown { statusword, positions, still, inputs, homes: shown.homes };
+        }
+    }
+}
+
+/// What the model does not show yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Missing {
+    State,
+    Sdo,
+    Fifo,
+    /// A slave by its place.
+    Slave(usize),
+}
+
+impl Missing {
+    pub(super) const fn is_state(self) -> bool {
+        matches!(self, Self::State)
+    }
+}
+
+/// Whether a model shows what a recorded board has shown. What it has not shown in time does not count until it does.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Agreement {
+    given_up: Vec<Missing>,
+}
+
+impl Agreement {
+    /// The first thing that the model does not show, of those that still count.
+    pub(super) fn missing(&mut self, recorded: &Seen, model: &Seen) -> Option<Missing> {
+        // Before the first report a program has seen nothing.
+        recorded.state?;
+        let board = [(Missing::State, agree_on_state(recorded, model)), (Missing::Sdo, agree_on_sdo(recorded, model))];
+        let fifo = (Missing::Fifo, agree_on_fifo(recorded, model));
+        let slaves = recorded.slaves.iter().zip(&model.slaves).enumerate();
+        let slaves = slaves.map(|(place, (recorded, model))| (Missing::Slave(place), agree_on_slave(recorded, model)));
+        let mut first = None;
+        for (what, agrees) in board.into_iter().chain([fifo]).chain(slaves) {
+            if agrees {
+                self.given_up.retain(|given_up| *given_up != what);
+            } else if first.is_none() && !self.given_up.contains(&what) {
+                first = Some(what);
+            }
+        }
+        first
+    }
+
+    pub(super) fn give_up(&mut self, what: Missing) {
+        self.given_up.push(what);
+    }
+}
+
+fn agree_on_state(recorded: &Seen, model: &Seen) -> bool {
+    recorded.state == model.state
+}
+
+/// Whether the model has answered the same SDO.
+fn agree_on_sdo(recorded: &Seen, model: &Seen) -> bool {
+    let asked = |sdo: &Option<SdoResponse>| match *sdo {
+        Some(SdoResponse::Done { id, slave, object, .. } | SdoResponse::Aborted { id, slave, object, .. }) => {
+            Some((id, slave, object))
+        }
+        _ => None,
+    };
+    asked(&recorded.sdo).is_none_or(|wanted| asked(&model.sdo) == Some(wanted))
+}
+
+/// Whether no more waits in the model's FIFO than in the recorded one, but for what is on its way; nothing, if the recorded program
+/// had written nothing for a while and nothing waited.
+fn agree_on_fifo(recorded: &Seen, model: &Seen) -> bool {
+    let is_at_rest = recorded.fifo_free >= FIFO_ENTRIES && recorded.quiet >= STANDS_REPORTS;
+    let allowed = if is_at_rest { 0 } else { ON_THE_WAY };
+    model.fifo_free.saturating_add(allowed) >= recorded.fifo_free
+}
+
+fn agree_on_slave(recorded: &Shown, model: &Shown) -> bool {
+    let word = |shown: &Shown| {
+        let bits = if shown.homes { STATE_BITS | HOMING_BITS } else { STATE_BITS };
+        shown.statusword.map(|word| word.0 & bits)
+    };
+    let stands = recorded.still < STANDS_REPORTS || model.still >= STANDS_REPORTS;
+    word(recorded) == word(model) && stands && agree_on_inputs(recorded, model)
+}
+
+/// Whether an IO slave shows the same, where both answer the same command.
+fn agree_on_inputs(recorded: &Shown, model: &Shown) -> bool {
+    match (recorded.inputs, model.inputs) {
+        (Some((of, recorded)), Some((other, model))) => of != other || recorded == model,
+        _ => true,
+    }
+}

@@ -1,0 +1,184 @@
+//! The run of the model, whose host waits for what the recorded program had waited for.
+
+use std::collections::VecDeque;
+
+use super::Start;
+use super::seen::{Agreement, Seen};
+use super::start::CYCLE_NS;
+use crate::compare::{RecordedRun, TimedFrame};
+use crate::engine::Board;
+use crate::link::Dir;
+use crate::sk::{Frame, SlotSize};
+
+/// How long the host waits for a state of the network at most, in nanoseconds of the board: with 40 slaves behind an ECM-XF the
+/// way to OP takes up to 14 s. \[OURS]
+const STATE_WAIT_NS: i64 = 30_000_000_000;
+/// How long it waits for anything else. \[OURS]
+const OTHER_WAIT_NS: i64 = 2_000_000_000;
+/// How long it waits in all, so that a recording that no model can follow has an end. \[OURS]
+const TOTAL_WAIT_NS: i64 = 120_000_000_000;
+
+/// The run of the model: the recorded command frames in their order, each at its time, or as much later as it takes the model to
+/// show what the recorded board had shown before the program sent it; and the model's reports.
+///
+/// A recorded program does not say what it waits for. So the host waits for all that a program may have waited for ([`Seen`]): the
+/// state of the network, the states of the drives, inputs, SDO answers, an axis that stands, room in the FIFO. What the model does
+/// not show in time is not waited for any more. Behind the last frame it waits once more. \[OURS]
+///
+/// The host receives each report of the model before it sends its next command, or the newest one if the recorded host has missed
+/// reports, too. A report has the time of its cycle; over a chip
+/// the host has received it some cycles later.
+pub struct WaitingRun {
+    source: RecordedRun,
+    board: Board,
+    /// The model's time minus the recording's time.
+    offset_ns: i64,
+    tick_ns: i64,
+    recorded: Seen,
+    model: Seen,
+    agreement: Agreement,
+    /// The reports that the host has not received yet, with the times of their cycles.
+    unread: Vec<(Frame, u64)>,
+    reports: u64,
+    /// When the recorded host has received its last report, and whether it has missed some before.
+    read_ns: Option<i64>,
+    misses: bool,
+    begun: bool,
+    ended: bool,
+    ready: VecDeque<TimedFrame>,
+    waited_ns: i64,
+}
+
+impl WaitingRun {
+    /// The run of that board.
+    pub(super) fn new(source: RecordedRun, board: Board, start: &Start, size: SlotSize) -> Self {
+        Self {
+            source,
+            board,
+            offset_ns: 0,
+            tick_ns: start.tick_ns,
+            recorded: Seen::new(size),
+            model: Seen::new(size),
+            agreement: Agreement::default(),
+            unread: Vec::new(),
+            reports: 0,
+            read_ns: None,
+            misses: false,
+            begun: false,
+            ended: false,
+            ready: VecDeque::new(),
+            waited_ns: 0,
+        }
+    }
+
+    /// How long the host has waited in the part so far beyond the recorded times, in nanoseconds of the board.
+    pub const fn waited_ns(&self) -> i64 {
+        self.waited_ns
+    }
+
+    /// At the first frame, chooses the offset between the two clocks by which the model's cycles end when the recorded board's
+    /// cycles did.
+    fn begin(&mut self, first_ns: i64) {
+        self.offset_ns = time(self.board.next_cycle()).saturating_sub(self.tick_ns);
+        let behind = time(self.board.now()).saturating_sub(first_ns.saturating_add(self.offset_ns));
+        if behind > 0 {
+            let cycles = behind.saturating_add(CYCLE_NS - 1) / CYCLE_NS;
+            self.offset_ns = self.offset_ns.saturating_add(cycles.saturating_mul(CYCLE_NS));
+        }
+    }
+
+    fn play(&mut self, observed: TimedFrame) {
+        if !std::mem::replace(&mut self.begun, true) {
+            self.begin(observed.at_ns);
+        }
+        let at = observed.at_ns.saturating_add(self.offset_ns).max(0).unsigned_abs();
+        let (unread, model) = (&mut self.unread, &mut self.model);
+        self.board.advance(at, &mut |frame, made| {
+            model.report(frame);
+            unread.push((frame.clone(), made));
+        });
+        if observed.dir == Dir::Read {
+            let since_ns =
+                observed.at_ns.saturating_sub(self.read_ns.replace(observed.at_ns).unwrap_or(observed.at_ns));
+            self.misses = since_ns > time(self.board.engine().period_ns()).saturating_mul(2);
+            self.recorded.report(&observed.frame);
+            self.receive();
+            return;
+        }
+        self.wait();
+        // A report that was made before a command is received before it, so that it does not seem to be an answer to it.
+        self.receive();
+        let now = self.board.now();
+        let (unread, model) = (&mut self.unread, &mut self.model);
+        self.board.host(&observed.frame, now, &mut |frame, made| {
+            model.report(frame);
+            unread.push((frame.clone(), made));
+        });
+        self.recorded.command(&observed.frame);
+        self.model.command(&observed.frame);
+        let at_ns = self.recorded_time(now);
+        self.ready.push_back(TimedFrame { at_ns, ..observed });
+    }
+
+    /// Waits until the model shows what the recorded board has shown.
+    fn wait(&mut self) {
+        let began = time(self.board.now());
+        while self.waited_ns < TOTAL_WAIT_NS {
+            let missing = self.agreement.missing(&self.recorded, &self.model);
+            let Some(missing) = missing else { break };
+            let waited = time(self.board.now()).saturating_sub(began);
+            if waited > if missing.is_state() { STATE_WAIT_NS } else { OTHER_WAIT_NS } {
+                self.agreement.give_up(missing);
+                continue;
+            }
+            self.receive();
+            let (unread, model) = (&mut self.unread, &mut self.model);
+            self.board.cycle(&mut |frame, made| {
+                model.report(frame);
+                unread.push((frame.clone(), made));
+            });
+        }
+        let waited = time(self.board.now()).saturating_sub(began);
+        self.offset_ns = self.offset_ns.saturating_add(waited);
+        self.waited_ns = self.waited_ns.saturating_add(waited);
+    }
+
+    /// The host receives the reports, or the newest one if it misses some.
+    fn receive(&mut self) {
+        if self.misses {
+            self.unread.drain(..self.unread.len().saturating_sub(1));
+        }
+        for (frame, made) in std::mem::take(&mut self.unread) {
+            self.reports += 1;
+            let (number, at_ns) = (self.reports, self.recorded_time(made));
+            self.ready.push_back(TimedFrame { number, at_ns, dir: Dir::Read, frame });
+        }
+    }
+
+    /// A time of the model on the recording's clock, with what the host has waited.
+    fn recorded_time(&self, ns: u64) -> i64 {
+        time(ns).saturating_sub(self.offset_ns).saturating_add(self.waited_ns)
+    }
+}
+
+fn time(ns: u64) -> i64 {
+    i64::try_from(ns).unwrap_or(i64::MAX)
+}
+
+impl Iterator for WaitingRun {
+    type Item = TimedFrame;
+
+    fn next(&mut self) -> Option<TimedFrame> {
+        while self.ready.is_empty() && !self.ended {
+            match self.source.next() {
+                Some(observed) => self.play(observed),
+                None => {
+                    self.ended = true;
+                    self.wait();
+                    self.receive();
+                }
+            }
+        }
+        self.ready.pop_front()
+    }
+}

@@ -21,7 +21,7 @@ const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 /// The run of the model: the recorded command frames in their order, each at its time, or as much later as it takes the model to
 /// show what the recorded board had shown before the program sent it; and the model's reports.
 ///
-/// A recorded program does not say what it waits for. So the host waits for all that a program may have waited for ([`Seen`]): the
+/// A recorded program does not say what it waits for. So the host waits for all that a program may have waited for (`Seen`): the
 /// state of the network, the states of the drives, inputs, SDO answers, an axis that stands, room in the FIFO. What the model does
 /// not show in time is not waited for any more. Behind the last frame it waits once more. \[OURS]
 ///

@@ -6,6 +6,7 @@
 #[path = "support/frames.rs"]
 mod frames;
 
+use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::migrate::{Migration, Setting, Survey, Verdict};
 use ecmsk::recording::Clock;
 use ecmsk::sk::SlotSize;
@@ -37,7 +38,8 @@ fuzz_target!(|bytes: &[u8]| {
     assert!(!found.runs_as_it_is() || rows.is_empty());
     let Some(plan) = found.plan else { return };
     assert!((1..=60).contains(&plan.ahead.value) && plan.ahead.value <= plan.needs.ahead_max, "{:?}", plan.ahead);
-    assert_eq!(plan.ahead.verdict == Verdict::Yes, plan.ahead.wanted <= 8, "{:?}", plan.ahead);
+    let bridged = XfBusOptions::DEFAULT.ahead.min(plan.needs.ahead_max);
+    assert_eq!(plan.ahead.verdict == Verdict::Yes, plan.ahead.stall_cycles <= bridged, "{:?}", plan.ahead);
     if let Ok(packets) = plan.needs.with_int0 {
         assert!(packets.sets > 0 && packets.size.bytes() >= plan.needs.set_bytes(), "{packets:?}");
         assert!(packets.least_clock_hz <= setting.clock_hz, "{packets:?}");

@@ -62,6 +62,9 @@ pub enum CliError {
         ecmsk::link::config::FILE_NAME
     )]
     NothingToServe,
+    /// See [`super::slave::SlaveError`].
+    #[error(transparent)]
+    Slave(#[from] super::slave::SlaveError),
     /// See [`ecmsk::port::tcp::ServeError`].
     #[error(transparent)]
     Serve(#[from] ecmsk::port::tcp::ServeError),

@@ -10,7 +10,7 @@
 //!   its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds of slaves
 //! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs`
 //!   run several of them; `board.rs` is what they share
-//! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
+//! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
 //!   each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to a chip ECM-XF, one file each in `xf/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`
@@ -46,6 +46,7 @@ mod script;
 mod serve;
 mod shell;
 mod signals;
+mod slave;
 mod slot_size;
 mod stderr;
 mod step;
@@ -109,6 +110,7 @@ enum Verb {
     List(list::Args),
     Doctor(doctor::Args),
     Serve(serve::Args),
+    Slave(slave::Args),
     Xf(xf::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -148,6 +150,7 @@ impl Verb {
             Self::Doctor(args) => doctor::run(&args),
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Serve(args) => serve::run(&args),
+            Self::Slave(args) => slave::run(&args),
             Self::Xf(args) => Ok(xf::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

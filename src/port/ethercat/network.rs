@@ -9,7 +9,7 @@ use crate::link::script::{RunningScript, Script};
 use crate::link::simulated_slaves;
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
-use crate::slave::esc::{Chain, EscSettings, EscSlave, FrameFate, eeprom_of};
+use crate::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
@@ -34,12 +34,10 @@ impl Network {
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>) -> Result<Self, ServeError> {
         let (cable, settings) = (Cable::default(), EscSettings::default());
         let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
-            let mut device = device;
             let kind = device.name().to_owned();
-            let eeprom = eeprom_of(&mut *device, &settings);
-            let eeprom = eeprom.map_err(|source| ServeError::Description { slave: n + 1, kind, source })?;
             let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
-            Ok(EscSlave::new(device, settings.clone(), eeprom, 0))
+            let slave = EscSlave::describe(device, settings.clone(), 0);
+            slave.map_err(|source| ServeError::Description { slave: n + 1, kind, source })
         };
         let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, ServeError>>()?;
         let told = vec![(AlState::Init, AlStatus::NONE); slaves.len()];
@@ -84,6 +82,9 @@ impl Network {
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.carry_out(now);
+        for n in 0..self.chain.len() {
+            self.chain.slave_mut(n).delay_sdo(self.cable.sdo_delay_ns(n as u8 + 1));
+        }
         self.chain.advance(now);
         self.tell_states(|_| true);
     }
@@ -174,6 +175,8 @@ mod tests {
     use crate::link::slaves;
 
     const MS: Ns = 1_000_000;
+    /// Sync managers 0 and 1, as the EEPROM of the slaves has them.
+    const MAILBOXES: [u8; 16] = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
 
     /// A network and a master that sends one datagram at a time.
     struct Wire {
@@ -267,9 +270,7 @@ mod tests {
         let mut wire = Wire::new("io*2", "refuse 2 preop 0x8001 for 20ms\nat 40ms lose 1 for 1ms\n");
         wire.wait(1);
         for n in [0_u32, 0xFFFF] {
-            // The mailbox of the slave, as its EEPROM has it.
-            let managers = [0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0];
-            assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &managers).map(|(_, counter)| counter), Some(1));
+            assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         }
         let states = |wire: &Wire| [0, 1].map(|n| state_of(wire.network.chain().slave(n)));
         wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
@@ -286,5 +287,37 @@ mod tests {
         assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE); 2]);
         wire.wait(30);
         assert_eq!(states(&wire), [(AlState::Init, AlStatus::NONE), (AlState::PreOp, AlStatus::NONE)]);
+    }
+
+    /// ECAT-15.2 SDOs take as much longer as a script wants.
+    #[test]
+    fn a_script_delays_sdos() {
+        let mut wire = Wire::new("io", "sdo-delay 1 50ms for 100ms\n");
+        wire.wait(1);
+        assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
+        wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
+        wire.wait(2);
+        // An upload of 0x1018:1; how long its answer takes, ms.
+        let took = |wire: &mut Wire, counter: u8| {
+            let mut request = [0; 128];
+            request[..12].copy_from_slice(&[10, 0, 0, 0, 0, 0x03 | counter << 4, 0, 0x20, 0x40, 0x18, 0x10, 1]);
+            assert_eq!(wire.send(Command::Apwr, 0x1000 << 16, &request).map(|(_, counter)| counter), Some(1));
+            let full =
+                |wire: &mut Wire| wire.send(Command::Aprd, 0x080D << 16, &[0]).expect("it answers").0[0] & 8 != 0;
+            let waited = (0..200)
+                .find(|_| {
+                    full(wire) || {
+                        wire.wait(1);
+                        false
+                    }
+                })
+                .expect("an answer");
+            let (answer, _) = wire.send(Command::Aprd, 0x1080 << 16, &[0; 128]).expect("it is read");
+            assert_eq!(answer[8..16], [0x43, 0x18, 0x10, 1, 0x53, 0x4D, 0x43, 0x45], "the vendor");
+            waited
+        };
+        assert!((49..=52).contains(&took(&mut wire, 1)));
+        wire.wait(100);
+        assert_eq!(took(&mut wire, 2), 0);
     }
 }

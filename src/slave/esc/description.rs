@@ -128,14 +128,15 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     let mut eeprom = vec![0; EEPROM_BYTES];
     let mut sii = SiiWriter::new(&mut eeprom, &info)?;
     let (name, kind) = (name_of(device), device.name().to_owned());
-    sii.strings(&["ecmsk", &name, &kind])?;
+    // Masters with SOEM show the first text as the name, whatever the category of general data says.
+    sii.strings(&[&name, "ecmsk", &kind])?;
     let coe = coe_details(device);
     let ports = settings.ports.map(|port| match port {
         2 => 3,
         3 => 1,
         _ => 0,
     });
-    sii.general(&SiiGeneral { group: 1, order: 2, name: 3, coe, ports, ..SiiGeneral::default() })?;
+    sii.general(&SiiGeneral { group: 2, order: 1, name: 3, coe, ports, ..SiiGeneral::default() })?;
     sii.fmmus(&[FmmuUsage::Outputs, FmmuUsage::Inputs, FmmuUsage::MailboxState])?;
     sii.sync_managers(&sync_managers(bytes_of(&outputs), bytes_of(&inputs)))?;
     for (kind, pdos, manager) in [(CategoryKind::TxPdos, &inputs, 3), (CategoryKind::RxPdos, &outputs, 2)] {

@@ -10,7 +10,7 @@ use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
 };
 use crate::ethercat::registers::{SmActivate, SmPdiControl, SmStatus};
-use crate::ethercat::{WireError, registers::SyncManager};
+use crate::ethercat::{Ns, WireError, registers::SyncManager};
 use crate::slave::Slave;
 
 /// The sync manager of requests.
@@ -45,6 +45,11 @@ pub(super) struct Mailbox {
     request: Vec<u8>,
     /// An answer that does not stand in sync manager 1 yet.
     answer: Slot,
+    /// When that answer may stand there.
+    answer_due: Ns,
+    /// How much longer SDOs are made to take.
+    sdo_delay_ns: Ns,
+    now: Ns,
     /// A message that stood there and made room for an older one.
     put_back: Slot,
     /// What stands in sync manager 1.
@@ -74,9 +79,14 @@ impl Mailbox {
         }
         (self.answer.is_used, self.put_back.is_used, self.read.is_used) = (false, false, false);
         (self.last_request, self.counter) = (MailboxCounter::NONE, MailboxCounter::NONE);
-        (self.is_repeat, self.emergencies_waiting) = (false, 0);
+        (self.is_repeat, self.emergencies_waiting, self.answer_due) = (false, 0, 0);
         self.sdo.reset();
         self.information.reset();
+    }
+
+    /// Makes SDOs take that much longer from the next one on.
+    pub(super) const fn delay_sdo(&mut self, ns: Ns) {
+        self.sdo_delay_ns = ns;
     }
 
     /// An error has come or gone. If too many wait already, it is lost.
@@ -100,11 +110,13 @@ impl Mailbox {
     /// Does what there is to do, after a frame has passed.
     pub(super) fn serve(
         &mut self,
+        now: Ns,
         done: ManagerEvents,
         managers: &mut Managers,
         memory: &mut Memory,
         device: &mut dyn Slave,
     ) {
+        self.now = now;
         if done.read & 1 << ANSWERS != 0 {
             let posted = std::mem::take(&mut self.posted);
             self.read.keep(&posted);
@@ -153,6 +165,7 @@ impl Mailbox {
     }
 
     fn handle(&mut self, request: &[u8], room: usize, device: &mut dyn Slave) {
+        self.answer_due = self.now;
         let message = match MailboxMessage::decode(request) {
             Ok(message) => message,
             // It claims to be longer than its box.
@@ -176,6 +189,7 @@ impl Mailbox {
         };
         match request {
             CoeMessage::SdoRequest(request) => {
+                self.answer_due = self.now.saturating_add(self.sdo_delay_ns);
                 let mut sdo = std::mem::take(&mut self.sdo);
                 match sdo.answer(request, room, device) {
                     SdoAnswer::Response(response) => self.answer_coe(CoeMessage::SdoResponse(response), room),
@@ -243,7 +257,7 @@ impl Mailbox {
             if !self.answer.is_used {
                 self.write_waiting(room);
             }
-            if !std::mem::take(&mut self.answer.is_used) {
+            if self.now < self.answer_due || !std::mem::take(&mut self.answer.is_used) {
                 return;
             }
             std::mem::swap(&mut self.posted, &mut self.answer.bytes);

@@ -18,6 +18,7 @@
 //! | `application.rs` | the AL state machine with its checks |
 //! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
 //! | `description.rs` | the EEPROM of a device |
+//! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
 //!
 //! Rules: ECAT-8 and on.
@@ -29,6 +30,7 @@ mod controller;
 mod datagrams;
 mod description;
 mod eeprom;
+mod esi;
 mod fmmus;
 mod information;
 mod mailbox;
@@ -45,6 +47,7 @@ pub use chain::{Chain, FrameFate, HOP_NS};
 pub use clock::SLEW_MAX_NS;
 pub use controller::{Controller, Passage};
 pub use description::{DescriptionError, eeprom_of};
+pub use esi::esi_of;
 pub use mailbox::EMERGENCIES_MAX;
 pub use sdo_server::VALUE_BYTES_MAX;
 pub use settings::EscSettings;

@@ -116,6 +116,12 @@ impl EscSlave {
         self.react(self.controller.passage.arrival);
     }
 
+    /// Makes SDOs take that much longer from the next one on; 0: no longer than they do. Answers come with the next step of
+    /// time, [`FREE_RUN_CYCLE_NS`] later at most.
+    pub const fn delay_sdo(&mut self, ns: Ns) {
+        self.mailbox.delay_sdo(ns);
+    }
+
     /// A frame comes to the slave.
     pub fn begin_frame(&mut self, passage: Passage) {
         self.advance(passage.arrival);
@@ -251,7 +257,7 @@ impl EscSlave {
         let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
         if has_mailbox && (self.mailbox.is_touched(done) || change == Change::MailboxOn) {
             let Controller { managers, memory, .. } = &mut self.controller;
-            self.mailbox.serve(done, managers, memory, &mut *self.device);
+            self.mailbox.serve(now, done, managers, memory, &mut *self.device);
         }
     }
 

@@ -12,6 +12,7 @@
 //! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
+//! - `slave.rs`: `ecmsk slave`
 //! - `serve_ethercat.rs`, `serve_usbip.rs`, `serve_xf.rs`, `tcp_*.rs`: `ecmsk serve`
 //! - `list.rs`, `doctor.rs`, `doctor_folder.rs`, `machine.rs`, `man.rs`: `ecmsk list`, `doctor`, `man`
 //! - `xf.rs`, `behind_chip.rs`: `ecmsk xf`; the verbs of a board with its slaves behind an ECM-XF
@@ -56,6 +57,7 @@ mod scripts;
 mod serve_ethercat;
 mod serve_usbip;
 mod serve_xf;
+mod slave;
 mod state_failed;
 mod stop;
 mod tcp_network;

@@ -92,4 +92,18 @@ mod needs_pysoem {
             recorded.len()
         );
     }
+
+    /// TOOL-190 A program that may not use raw frames is told which capability it lacks, and how it gets it.
+    #[test]
+    fn the_capability_is_asked_for_by_name() {
+        let tool = ecmsk([] as [&str; 0]);
+        let mut server = Command::new("unshare");
+        server.args(["--net", "sh", "-c", IN_NAMESPACE, "sh", "setpriv", "--bounding-set", "-net_raw"]);
+        server.arg(tool.get_program()).args(["serve", "ethercat", "--on", "veth1", "--slaves", "drive"]);
+        let ended = server.output().expect("unshare");
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!((ended.status.code(), ended.stdout.as_slice()), (Some(1), &b""[..]), "{said}");
+        let step = format!("sudo setcap cap_net_raw+ep {}", tool.get_program().display());
+        assert!(said.contains("CAP_NET_RAW") && said.contains(&step) && said.contains("sudo"), "{said}");
+    }
 }

@@ -9,6 +9,7 @@ network.scan(2)
 for slave in network.slaves:
     # The words of the EEPROM, as SOEM has read them, and object 0x1018 say the same.
     expect((slave.man, slave.id, slave.rev), (ECMS, 0x53455256, 0x10000), "identity by the EEPROM")
+    expect(slave.name, slave.sdo_read(0x1008, 0).decode(), "name")
     identity = [struct.unpack("<I", slave.sdo_read(0x1018, sub))[0] for sub in (1, 2, 3)]
     expect(identity, [slave.man, slave.id, slave.rev], "identity by SDO")
     expect(slave.eeprom_read(0x08), struct.pack("<I", ECMS), "word 8 of the EEPROM")

@@ -1,0 +1,110 @@
+//! `ecmsk slave`: the files that describe a simulated slave to masters.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Subcommand, ValueHint};
+use ecmsk::link::simulated_slaves::{self, SimulatedSlavesError};
+use ecmsk::link::slaves::{self, SlaveSpec};
+use ecmsk::slave::esc::{DescriptionError, EscSettings, eeprom_of, esi_of};
+
+use super::CliError;
+
+/// Write the EEPROM or the ESI file of a kind of simulated slave
+///
+/// They say what `ecmsk serve ethercat` shows to masters: identity, sync managers, process data, distributed clocks.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk slave esi dp3cl > dp3cl.xml
+  ecmsk slave sii drive --output drive.bin"
+)]
+pub struct Args {
+    #[command(subcommand)]
+    file: File,
+}
+
+#[derive(Subcommand)]
+enum File {
+    /// The ESI file (XML), which TwinCAT and other tools read
+    Esi(Of),
+    /// The content of the EEPROM (SII), bytes
+    Sii(Of),
+}
+
+#[derive(clap::Args)]
+struct Of {
+    /// The kind of slave, as in a sim: link
+    #[arg(value_parser = kind)]
+    kind: SlaveSpec,
+
+    /// Where to write it [default: standard output]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    output: Option<PathBuf>,
+}
+
+/// Why there is no such file. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum SlaveError {
+    /// See [`SimulatedSlavesError`].
+    #[error(transparent)]
+    Slaves(#[from] SimulatedSlavesError),
+    /// See [`DescriptionError`].
+    #[error(transparent)]
+    Description(#[from] DescriptionError),
+    /// An EEPROM is no text.
+    #[error("an EEPROM is bytes, not for a terminal; name a file with --output")]
+    Terminal,
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}; name another file with --output", file.display())]
+    Write {
+        /// Which one.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+fn kind(text: &str) -> Result<SlaveSpec, String> {
+    let mut slaves = slaves::parse(text)?;
+    match (slaves.pop(), slaves.is_empty()) {
+        (Some(slave), true) => Ok(slave),
+        _ => Err("allowed: one kind of slave".to_owned()),
+    }
+}
+
+pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let settings = EscSettings::default();
+    let (of, bytes) = match &args.file {
+        File::Esi(of) => (of, esi(of, &settings)?),
+        File::Sii(of) => {
+            if of.output.is_none() && io::stdout().is_terminal() {
+                return Err(SlaveError::Terminal.into());
+            }
+            (of, sii(of, &settings)?)
+        }
+    };
+    match &of.output {
+        // An EEPROM is no text, which `output` prints.
+        None => io::stdout().lock().write_all(&bytes)?,
+        Some(file) => {
+            let written = std::fs::File::create(file).and_then(|mut open| open.write_all(&bytes));
+            written.map_err(|source| SlaveError::Write { file: file.clone(), source })?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn esi(of: &Of, settings: &EscSettings) -> Result<Vec<u8>, SlaveError> {
+    let mut devices = simulated_slaves::build(std::slice::from_ref(&of.kind))?;
+    Ok(esi_of(&mut *devices[0], settings)?.into_bytes())
+}
+
+fn sii(of: &Of, settings: &EscSettings) -> Result<Vec<u8>, SlaveError> {
+    let mut devices = simulated_slaves::build(std::slice::from_ref(&of.kind))?;
+    Ok(eeprom_of(&mut *devices[0], settings)?)
+}

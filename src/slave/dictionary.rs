@@ -45,8 +45,8 @@ mod object;
 mod values;
 
 pub use information::{
-    DataTypeCode, EntryAccess, EntryDescription, EntryValues, NUMBER_OF_ENTRIES, ObjectCode, ObjectDescription,
-    ObjectListKind, describe_entry, describe_object, object_from,
+    DataTypeCode, EntryDescription, EntryValues, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, access_of,
+    describe_entry, describe_object, is_listed, object_from,
 };
 pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, rows};
 pub use values::{Slot, Value, Values, slot};

@@ -23,9 +23,9 @@ mod format;
 use std::fmt;
 
 use super::dictionary::{
-    Access, DataType, DataTypeCode, EntryAccess, EntryDescription, ObjectCode, ObjectDescription, number_of, put_first,
+    Access, DataType, DataTypeCode, EntryDescription, ObjectDescription, access_of, number_of, put_first,
 };
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 
@@ -241,7 +241,7 @@ impl ManufacturerObjects {
             at,
             data_type: object.data.code(),
             bits: u16::from(object.data.shown_bytes()) * 8,
-            access: EntryAccess::of(object.access),
+            access: access_of(object.access),
             values: None,
             name: &object.name,
         })

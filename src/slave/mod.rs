@@ -64,9 +64,9 @@ pub use switches::{HomeSwitch, Input, Travel};
 
 pub use crate::ethercat::AlStatus;
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
+use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
 use device::Identity;
-use dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
+use dictionary::{EntryDescription, ObjectDescription};
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
 use crate::ethercat::{AlState, Ns};
@@ -182,7 +182,7 @@ pub trait Slave: Send {
     }
 
     /// The indexes of the objects in a list of the SDO information services, in ascending order.
-    fn object_list(&self, kind: ObjectListKind) -> Vec<u16> {
+    fn object_list(&self, list: ObjectListType) -> Vec<u16> {
         let mut from = Some(0);
         let objects = std::iter::from_fn(|| {
             let index = self.object_from(from?)?;
@@ -192,7 +192,7 @@ pub trait Slave: Send {
         let is_in = |index: &u16| {
             let subs = self.describe_object(*index).map_or(0, |object| object.max_sub);
             let mut entries = (0..=subs).filter_map(|sub| self.describe_entry(ObjectAddress::new(*index, sub)).ok());
-            entries.any(|entry| kind.has(entry.access))
+            entries.any(|entry| dictionary::is_listed(entry.access, list))
         };
         objects.filter(is_in).collect()
     }

@@ -1,8 +1,9 @@
 //! What every kind of slave tells a master of its objects, and what masters ask of every slave.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::coe::{ObjectAccess, ObjectCode, ObjectListType};
 use ecmsk::ethercat::AlState;
-use ecmsk::slave::dictionary::{DataTypeCode, EntryAccess, EntryValues, ObjectCode, ObjectListKind};
+use ecmsk::slave::dictionary::{DataTypeCode, EntryValues};
 use ecmsk::slave::{AlStatus, Channels, Dp3cl, Drive, DriveConfig, Hsp, HspConfig, Io, ManufacturerObjects, Slave};
 
 const SCRATCH: u16 = 0x4FFF;
@@ -53,7 +54,7 @@ fn objects() {
     for mut slave in kinds() {
         let text = "0x2ABC:1 u16 rw 5 Gain\n0x2ABC:3 f32 ro 0 Ratio\n0x9ABC:0 text ro 0x41 Label";
         slave.add_manufacturer_objects(ManufacturerObjects::parse(text).unwrap());
-        let objects = slave.object_list(ObjectListKind::All);
+        let objects = slave.object_list(ObjectListType::All);
         assert!(objects.is_sorted_by(|a, b| a < b), "{}", slave.name());
         for index in [0x1000, 0x1001, 0x1008, 0x1018, 0x1600, 0x1A00, 0x1C00, 0x1C12, 0x1C13, 0x2ABC, 0x9ABC] {
             assert!(objects.contains(&index), "{} {index:04X}", slave.name());
@@ -68,7 +69,7 @@ fn objects() {
         let entry = slave.describe_entry(ObjectAddress::new(0x2ABC, 3)).unwrap();
         assert_eq!((entry.data_type.0, entry.bits, entry.access.0, entry.name), (0x08, 32, 0x07, "Ratio"));
     }
-    let second_axis = |slave: &dyn Slave| slave.object_list(ObjectListKind::All).contains(&0x6840);
+    let second_axis = |slave: &dyn Slave| slave.object_list(ObjectListType::All).contains(&0x6840);
     let with_two: Vec<bool> = kinds().iter().map(|slave| second_axis(&**slave)).collect();
     assert_eq!(with_two, [false, false, false, true, false, false]);
 }
@@ -136,7 +137,7 @@ fn descriptions_of_entries() {
         let entry = slave.describe_entry(ObjectAddress::new(index, sub)).unwrap();
         assert_eq!(
             (entry.data_type.0, entry.bits, entry.access),
-            (data_type, bits, EntryAccess(access)),
+            (data_type, bits, ObjectAccess(access)),
             "{index:04X}"
         );
         assert_eq!(entry.at, ObjectAddress::new(index, sub));
@@ -152,7 +153,7 @@ fn descriptions_of_entries() {
 #[test]
 fn lists() {
     for mut slave in kinds() {
-        let lists = ObjectListKind::ALL.map(|kind| slave.object_list(kind));
+        let lists = ObjectListType::LISTS.map(|kind| slave.object_list(kind));
         let [all, rx, tx, backup, settings] = &lists;
         for index in all {
             let subs = slave.describe_object(*index).unwrap().max_sub;
@@ -178,7 +179,7 @@ fn lists() {
 #[test]
 fn entries_can_be_read() {
     for mut slave in kinds() {
-        for index in slave.object_list(ObjectListKind::All) {
+        for index in slave.object_list(ObjectListType::All) {
             let max_sub = slave.describe_object(index).unwrap().max_sub;
             for sub in 0..=255 {
                 let name = format!("{} {index:04X}:{sub}", slave.name());
@@ -256,7 +257,7 @@ fn long_values() {
 #[test]
 fn complete_access() {
     for mut slave in kinds() {
-        for index in slave.object_list(ObjectListKind::All) {
+        for index in slave.object_list(ObjectListType::All) {
             let mut value = [0xA5; 1024];
             let at = ObjectAddress::new(index, 0);
             let answer = slave.read(at, SdoScope::Complete, &mut value);

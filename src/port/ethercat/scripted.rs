@@ -1,10 +1,10 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
-use crate::slave::dictionary::{EntryDescription, ObjectDescription, ObjectListKind};
+use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
@@ -92,8 +92,8 @@ impl Slave for Scripted {
         self.device.describe_entry(at)
     }
 
-    fn object_list(&self, kind: ObjectListKind) -> Vec<u16> {
-        self.device.object_list(kind)
+    fn object_list(&self, list: ObjectListType) -> Vec<u16> {
+        self.device.object_list(list)
     }
 
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {

@@ -1,10 +1,8 @@
 //! An object for whoever tests a master: octets of any length up to 512, which are read as they were written, so that a
 //! master can transfer values of one segment and of many.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::slave::dictionary::{
-    Access, DataTypeCode, EntryAccess, EntryDescription, ObjectCode, ObjectDescription, put_first,
-};
+use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
+use crate::slave::dictionary::{Access, DataTypeCode, EntryDescription, ObjectDescription, access_of, put_first};
 
 /// The index of the object. \[OURS] One of the manufacturer-specific area that few makers use.
 pub const TEST_MEMORY: u16 = 0x4FFF;
@@ -28,7 +26,7 @@ pub(super) fn entry(octets: &[u8]) -> EntryDescription<'static> {
         at: ObjectAddress::new(TEST_MEMORY, 0),
         data_type: DataTypeCode::OCTET_STRING,
         bits: octets.len() as u16 * 8,
-        access: EntryAccess::of(Access::ReadWrite),
+        access: access_of(Access::ReadWrite),
         values: None,
         name: NAME,
     }

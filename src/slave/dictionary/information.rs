@@ -2,7 +2,7 @@
 
 use super::object::Cell;
 use super::{Access, DataType, Device, Object, PdoDirection};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 use crate::ethercat::AlState;
 
 /// The number of a data type in the object dictionary (ETG.1000.6 5.6.7.1).
@@ -42,17 +42,6 @@ impl DataTypeCode {
     }
 }
 
-/// What an object is made of (ETG.1000.6, object codes).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ObjectCode {
-    /// One value.
-    Variable = 7,
-    /// Values of one type, behind their number.
-    Array = 8,
-    /// Values of several types.
-    Record = 9,
-}
-
 /// The description of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectDescription<'a> {
@@ -68,41 +57,17 @@ pub struct ObjectDescription<'a> {
     pub name: &'a str,
 }
 
-/// The access rights of an entry: bits 0 to 2 it can be read in PreOP, SafeOP, OP; 3 to 5 it can be written there; 6 and 7 it
-/// can be mapped into RxPDOs, TxPDOs; 8 it is kept without power; 9 it is a setting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct EntryAccess(pub u16);
+/// The rights of a mapping object: it can be read, and written in PreOP.
+pub const MAPPING_ACCESS: ObjectAccess = ObjectAccess::READ.with(ObjectAccess::WRITE_PREOP);
 
-impl EntryAccess {
-    const READ: u16 = 0b111;
-    const WRITE_IN_PREOP: u16 = 1 << 3;
-    const WRITE_IN_SAFEOP: u16 = 1 << 4;
-    const WRITE_IN_OP: u16 = 1 << 5;
-    /// It can be mapped into an RxPDO.
-    pub const RX: u16 = 1 << 6;
-    /// It can be mapped into a TxPDO.
-    pub const TX: u16 = 1 << 7;
-    /// It is kept without power.
-    pub const BACKUP: u16 = 1 << 8;
-    /// It is a setting that masters write at the start.
-    pub const SETTING: u16 = 1 << 9;
-    /// It can only be read.
-    pub const READ_ONLY: Self = Self(Self::READ);
-    /// It can be read, and written in PreOP.
-    pub const MAPPING: Self = Self(Self::READ | Self::WRITE_IN_PREOP);
-
-    /// The rights of SDOs.
-    pub const fn of(access: Access) -> Self {
-        let all = Self::WRITE_IN_PREOP | Self::WRITE_IN_SAFEOP | Self::WRITE_IN_OP;
-        Self(match access {
-            Access::ReadOnly => Self::READ,
-            Access::ReadWrite => Self::READ | all,
-            Access::WriteOnly => all,
-            Access::ReadWriteUpTo(AlState::Init) => Self::READ,
-            Access::ReadWriteUpTo(AlState::PreOp) => Self::READ | Self::WRITE_IN_PREOP,
-            Access::ReadWriteUpTo(AlState::SafeOp) => Self::READ | Self::WRITE_IN_PREOP | Self::WRITE_IN_SAFEOP,
-            Access::ReadWriteUpTo(AlState::Op) => Self::READ | all,
-        })
+/// The rights of SDOs.
+pub const fn access_of(access: Access) -> ObjectAccess {
+    match access {
+        Access::ReadOnly | Access::ReadWriteUpTo(AlState::Init) => ObjectAccess::READ,
+        Access::WriteOnly => ObjectAccess::WRITE,
+        Access::ReadWriteUpTo(AlState::PreOp) => MAPPING_ACCESS,
+        Access::ReadWriteUpTo(AlState::SafeOp) => MAPPING_ACCESS.with(ObjectAccess::WRITE_SAFEOP),
+        Access::ReadWrite | Access::ReadWriteUpTo(AlState::Op) => ObjectAccess::READ.with(ObjectAccess::WRITE),
     }
 }
 
@@ -116,7 +81,7 @@ pub struct EntryDescription<'a> {
     /// The length of a value, bits; of a text that of its present value.
     pub bits: u16,
     /// Who can read and write it, and where it can be mapped.
-    pub access: EntryAccess,
+    pub access: ObjectAccess,
     /// The value at power-on, the least and the greatest value, as numbers; `None`: the entry has none to tell.
     pub values: Option<EntryValues>,
     /// The name.
@@ -134,34 +99,16 @@ pub struct EntryValues {
     pub max: i64,
 }
 
-/// Which objects a list of the SDO information services has (ETG.1000.6 table 43).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ObjectListKind {
-    /// All objects.
-    All = 1,
-    /// Those with an entry that can be mapped into an RxPDO.
-    RxMappable = 2,
-    /// Those with an entry that can be mapped into a TxPDO.
-    TxMappable = 3,
-    /// Those whose values are kept without power.
-    Backup = 4,
-    /// Those that masters write at the start.
-    Settings = 5,
-}
-
-impl ObjectListKind {
-    /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 5] = [Self::All, Self::RxMappable, Self::TxMappable, Self::Backup, Self::Settings];
-
-    /// Whether an entry with these access rights brings its object into the list.
-    pub const fn has(self, EntryAccess(access): EntryAccess) -> bool {
-        match self {
-            Self::All => true,
-            Self::RxMappable => access & EntryAccess::RX != 0,
-            Self::TxMappable => access & EntryAccess::TX != 0,
-            Self::Backup => access & EntryAccess::BACKUP != 0,
-            Self::Settings => access & EntryAccess::SETTING != 0,
-        }
+/// Whether an entry with these access rights brings its object into a list of the SDO information services (ETG.1000.6 table
+/// 43). The lengths of lists, and a list that is not known, have no object.
+pub const fn is_listed(access: ObjectAccess, list: ObjectListType) -> bool {
+    match list {
+        ObjectListType::All => true,
+        ObjectListType::RxMappable => access.contains(ObjectAccess::RX_MAPPABLE),
+        ObjectListType::TxMappable => access.contains(ObjectAccess::TX_MAPPABLE),
+        ObjectListType::Backup => access.contains(ObjectAccess::BACKUP),
+        ObjectListType::Settings => access.contains(ObjectAccess::SETTINGS),
+        ObjectListType::Lengths | ObjectListType::Unknown(_) => false,
     }
 }
 
@@ -215,14 +162,13 @@ pub fn describe_entry<D: Device>(device: &D, at: ObjectAddress) -> Result<EntryD
         Cell::Text(text) => text(device).len().saturating_mul(8).min(u16::MAX.into()) as u16,
         _ => row.data.bits().into(),
     };
-    let EntryAccess(mut access) = EntryAccess::of(row.access);
-    access |= match row.pdo {
-        Some(PdoDirection::Rx) => EntryAccess::RX,
-        Some(PdoDirection::Tx) => EntryAccess::TX,
-        None => 0,
+    let mut access = match (access_of(row.access), row.pdo) {
+        (access, Some(PdoDirection::Rx)) => access | ObjectAccess::RX_MAPPABLE,
+        (access, Some(PdoDirection::Tx)) => access | ObjectAccess::TX_MAPPABLE,
+        (access, None) => access,
     };
     if row.backup {
-        access |= EntryAccess::BACKUP;
+        access = access | ObjectAccess::BACKUP;
     }
     let values = match row.cell {
         Cell::Stored { .. } => Some(EntryValues { default: row.default, min: row.min, max: row.max }),
@@ -230,5 +176,5 @@ pub fn describe_entry<D: Device>(device: &D, at: ObjectAddress) -> Result<EntryD
     };
     let is_count = at.sub == 0 && describe_object(device, at.index)?.max_sub > 0;
     let name = if is_count { NUMBER_OF_ENTRIES } else { row.name };
-    Ok(EntryDescription { at, data_type: DataTypeCode::of(row.data), bits, access: EntryAccess(access), values, name })
+    Ok(EntryDescription { at, data_type: DataTypeCode::of(row.data), bits, access, values, name })
 }

@@ -1,12 +1,12 @@
 //! SDO information: what a slave answers to questions about its objects, in fragments if the mailbox is short.
 
 use crate::coe::{
-    AbortCode, EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectAccess, ObjectCode,
-    ObjectDescription, ObjectListType, ValueInfo, decode_u16,
+    AbortCode, EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectDescription, ObjectListType,
+    ValueInfo, decode_u16,
 };
 use crate::ethercat::WireError;
 use crate::slave::Slave;
-use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as Object, ObjectListKind};
+use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as Object};
 
 /// Bytes of a mailbox in front of the data of a fragment: headers of mailbox, CoE and information.
 const OVERHEAD: usize = 6 + 2 + InformationFragment::HEADER_LEN;
@@ -72,7 +72,7 @@ impl Information {
             index: object.index,
             data_type: object.data_type.0,
             max_sub: object.max_sub,
-            code: ObjectCode::from_code(object.code as u8),
+            code: object.code,
             name: object.name.as_bytes(),
         };
         self.put(InformationKind::ObjectResponse, |room| described.encode(room));
@@ -100,7 +100,7 @@ impl Information {
             info,
             data_type: entry.data_type.0,
             bits: entry.bits,
-            access: ObjectAccess(entry.access.0),
+            access: entry.access,
             data: &data[..len + name.len()],
         };
         self.put(InformationKind::EntryResponse, |room| described.encode(room));
@@ -120,14 +120,15 @@ impl Information {
         }
         self.answer.extend_from_slice(&list.code().to_le_bytes());
         if list == ObjectListType::Lengths {
-            for kind in ObjectListKind::ALL {
-                let count = device.object_list(kind).len() as u16;
+            for one in ObjectListType::LISTS {
+                let count = device.object_list(one).len() as u16;
                 self.answer.extend_from_slice(&count.to_le_bytes());
             }
         } else {
-            let kind = ObjectListKind::ALL.into_iter().find(|kind| *kind as u16 == list.code());
-            let kind = kind.ok_or(AbortCode::PARAMETER_INCOMPATIBLE)?;
-            device.object_list(kind).iter().for_each(|index| self.answer.extend_from_slice(&index.to_le_bytes()));
+            if !ObjectListType::LISTS.contains(&list) {
+                return Err(AbortCode::PARAMETER_INCOMPATIBLE);
+            }
+            device.object_list(list).iter().for_each(|index| self.answer.extend_from_slice(&index.to_le_bytes()));
         }
         self.kind = Some(InformationKind::ListResponse);
         Ok(())

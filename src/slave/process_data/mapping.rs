@@ -7,11 +7,11 @@
 //! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced
 //! by another one than 0.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::ethercat::AlState;
 use crate::slave::dictionary::{
-    DataType, DataTypeCode, EntryAccess, EntryDescription, NUMBER_OF_ENTRIES, ObjectCode, ObjectDescription,
-    PdoDirection, number_of, put_first,
+    DataType, DataTypeCode, EntryDescription, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, PdoDirection,
+    number_of, put_first,
 };
 
 /// The most entries of a PDO \[OURS].
@@ -184,7 +184,7 @@ impl Mapping {
             at,
             data_type: DataTypeCode::of(data),
             bits: bytes as u16 * 8,
-            access: EntryAccess::MAPPING,
+            access: MAPPING_ACCESS,
             values: None,
             name,
         })

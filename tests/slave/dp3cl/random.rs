@@ -1,9 +1,9 @@
 //! Whatever a master writes and sends, in whatever order, and whatever goes wrong meanwhile.
 
 use ecmsk::cia402::DriveState;
+use ecmsk::coe::ObjectListType;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::AlState;
-use ecmsk::slave::dictionary::ObjectListKind;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clConfig, Dp3clMode, Dp3clVariants, Rating};
 use ecmsk::slave::{DeviceFault, Fault, Input, InputPattern, Slave, SyncEvent};
 use proptest::prelude::*;
@@ -116,7 +116,7 @@ proptest! {
     #[test]
     fn any_actions(config in configs(), actions in proptest::collection::vec(actions(), 1..120)) {
         let mut drive = Dp3cl::new(config);
-        let objects = drive.object_list(ObjectListKind::All);
+        let objects = drive.object_list(ObjectListType::All);
         drive.enter(AlState::PreOp).expect("it has a mailbox");
         drive.set_sync_managers(8, 19);
         let (mut word, mut target) = (0_u16, 0_i32);

@@ -19,22 +19,19 @@ mod socket;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 pub use interface::InterfaceError;
 pub use network::Network;
 
 use super::notes::{Notes, Teller};
+use super::serving::{Serving, Shared};
 use crate::engine::RealTime;
 use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
-use crate::link::tcp::Waker;
 use crate::slave::cable::Cable;
 use crate::slave::esc::DescriptionError;
-use crate::threads;
 use service::Service;
 use socket::Socket;
 
@@ -82,18 +79,10 @@ pub enum ServeError {
     System { what: &'static str, source: io::Error },
 }
 
-/// What the server shares with its thread.
-struct Shared {
-    is_stopping: AtomicBool,
-    waker: Waker,
-}
-
 /// Slaves that are served until this value is stopped or dropped.
 pub struct Server {
     cable: Cable,
-    shared: Arc<Shared>,
-    teller: Teller<String>,
-    thread: Option<JoinHandle<()>>,
+    serving: Serving,
 }
 
 impl Server {
@@ -118,15 +107,13 @@ impl Server {
         };
         let begin = Instant::now();
         let recording = options.record.clone().map(record).transpose()?;
-        let waker = Waker::new().map_err(system("make a waker"))?;
-        let shared = Arc::new(Shared { is_stopping: AtomicBool::new(false), waker });
+        let shared = Shared::new().map_err(system("make a waker"))?;
         let notes = Notes::default();
         let teller = Teller::of_lines(&notes, options.tell).map_err(system("start the thread of the log"))?;
         let service = Service::new(options.interface, network, socket, recording, begin, Arc::clone(&shared), notes);
         let real_time = options.real_time;
-        let thread = threads::spawn("ecmsk-ethercat", move || service.run(real_time));
-        let thread = thread.map_err(system("start the thread of the slaves"))?;
-        Ok(Self { cable, shared, teller, thread: Some(thread) })
+        let serving = Serving::start("ecmsk-ethercat", shared, teller, move || service.run(real_time));
+        Ok(Self { cable, serving: serving.map_err(system("start the thread of the slaves"))? })
     }
 
     /// The cable of the slaves, for faults.
@@ -136,27 +123,11 @@ impl Server {
 
     /// Waits until [`Options::tell`] has been called for all lines so far, at most 1 s.
     pub fn flush(&self) {
-        self.teller.flush();
+        self.serving.flush();
     }
 
     /// Ends the server: the slaves answer no more, and the recording is complete.
-    pub fn stop(mut self) {
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.shared.is_stopping.store(true, Ordering::Relaxed);
-        self.shared.waker.wake();
-        if let Some(thread) = self.thread.take() {
-            // A panic of that thread has been printed when it happened.
-            let _ = thread.join();
-        }
-        self.teller.end();
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        self.end();
+    pub fn stop(self) {
+        drop(self.serving);
     }
 }

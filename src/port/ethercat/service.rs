@@ -2,12 +2,10 @@
 
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::Shared;
 use super::network::Network;
 use super::socket::Socket;
 use crate::engine::RealTime;
@@ -16,6 +14,7 @@ use crate::link::Dir;
 use crate::link::record::NetworkRecording;
 use crate::port::log_limit::LogLimit;
 use crate::port::notes::Notes;
+use crate::port::serving::Shared;
 
 /// How often time passes for slaves that get no frame, and how often their states are looked at. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
@@ -70,7 +69,7 @@ impl Service {
         real_time.apply().into_iter().for_each(|line| self.notes.tell(line));
         // One byte more than a frame has shows one that is longer.
         let mut frame = [0; FRAME_LEN_MAX + 1];
-        while !self.shared.is_stopping.load(Ordering::Relaxed) {
+        while !self.shared.is_stopping() {
             self.wait();
             if let Err(error) = self.answer_all(&mut frame) {
                 self.interface_failed(&error);

@@ -25,16 +25,13 @@ pub mod wire;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 pub use address::{DEFAULT_PORT, Listen, ListenError};
 
 use super::notes::{Notes, Teller};
+use super::serving::{Serving, Shared};
 use crate::link::chip::{ChipError, ChipInfo, ChipLink};
-use crate::link::tcp::Waker;
-use crate::threads;
 use crate::xf::host::HostConfig;
 use address::Listener;
 use service::Service;
@@ -113,21 +110,7 @@ pub enum ServeError {
 pub struct Server {
     listen: Listen,
     info: ChipInfo,
-    shared: Arc<Shared>,
-    teller: Teller<String>,
-    thread: Option<JoinHandle<()>>,
-}
-
-/// What the thread and its owner share.
-struct Shared {
-    stops: AtomicBool,
-    waker: Waker,
-}
-
-impl Shared {
-    fn is_stopping(&self) -> bool {
-        self.stops.load(Ordering::Acquire)
-    }
+    serving: Serving,
 }
 
 impl Server {
@@ -150,15 +133,13 @@ impl Server {
         let listen = listener.place().map_err(system("ask where it listens"))?;
         let opened = open()?;
         let info = opened.0.info();
-        let waker = Waker::new().map_err(system("make a socket"))?;
-        let shared = Arc::new(Shared { stops: AtomicBool::new(false), waker });
+        let shared = Shared::new().map_err(system("make a socket"))?;
         let notes = Notes::<String>::default();
         let teller = Teller::of_lines(&notes, Arc::clone(&options.tell));
         let teller = teller.map_err(system("start the thread of the log"))?;
         let service = Service::new(opened, Box::new(open), listener, Arc::clone(&shared), options, notes);
-        let thread =
-            threads::spawn("ecmsk-xf", move || service.run()).map_err(system("start the thread of the chip"))?;
-        Ok(Self { listen, info, shared, teller, thread: Some(thread) })
+        let serving = Serving::start("ecmsk-xf", shared, teller, move || service.run());
+        Ok(Self { listen, info, serving: serving.map_err(system("start the thread of the chip"))? })
     }
 
     /// Where it listens, with the port that the system has chosen.
@@ -173,27 +154,11 @@ impl Server {
 
     /// Waits until [`Options::tell`] has been called for all lines so far, at most 1 s.
     pub fn flush(&self) {
-        self.teller.flush();
+        self.serving.flush();
     }
 
     /// Ends the server. If a host has the chip this is, for its axes, as if it had vanished ([`OnVanish`]).
-    pub fn stop(mut self) {
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.shared.stops.store(true, Ordering::Release);
-        self.shared.waker.wake();
-        if let Some(thread) = self.thread.take() {
-            // A panic of that thread has been printed when it happened.
-            let _ = thread.join();
-        }
-        self.teller.end();
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        self.end();
+    pub fn stop(self) {
+        drop(self.serving);
     }
 }

@@ -9,10 +9,11 @@ use super::address::{Listener, Stream};
 use super::connection::{Connection, Left};
 use super::vanish::{self, Stopped};
 use super::wire::{Kind, Request, Status};
-use super::{OnVanish, Opened, Options, Shared};
+use super::{OnVanish, Opened, Options};
 use crate::link::chip::{ChipError, ChipLink};
 use crate::port::log_limit::LogLimit;
 use crate::port::notes::Notes;
+use crate::port::serving::Shared;
 use crate::xf::host::HostConfig;
 
 /// How often time passes for a chip that nobody uses: a model runs its cycles then. \[OURS]

@@ -1,0 +1,65 @@
+//! The thread of a server that has one thread: how its owner ends it, and what the two share.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use super::notes::Teller;
+use crate::link::tcp::Waker;
+use crate::threads;
+
+/// What the thread and its owner share.
+pub(super) struct Shared {
+    is_stopping: AtomicBool,
+    /// Wakes the thread where it waits.
+    pub(super) waker: Waker,
+}
+
+impl Shared {
+    pub(super) fn new() -> io::Result<Arc<Self>> {
+        Ok(Arc::new(Self { is_stopping: AtomicBool::new(false), waker: Waker::new()? }))
+    }
+
+    /// Whether the thread is to end.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.is_stopping.load(Ordering::Acquire)
+    }
+}
+
+/// The thread, until this value is dropped, and the thread of its log.
+pub(super) struct Serving {
+    shared: Arc<Shared>,
+    teller: Teller<String>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Serving {
+    /// Starts a thread of that name, which ends when [`Shared::is_stopping`].
+    pub(super) fn start(
+        name: &str,
+        shared: Arc<Shared>,
+        teller: Teller<String>,
+        run: impl FnOnce() + Send + 'static,
+    ) -> io::Result<Self> {
+        let thread = threads::spawn(name, run)?;
+        Ok(Self { shared, teller, thread: Some(thread) })
+    }
+
+    /// Waits until all lines so far have been told, at most 1 s.
+    pub(super) fn flush(&self) {
+        self.teller.flush();
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        self.shared.is_stopping.store(true, Ordering::Release);
+        self.shared.waker.wake();
+        if let Some(thread) = self.thread.take() {
+            // A panic of that thread has been printed when it happened.
+            let _ = thread.join();
+        }
+        self.teller.end();
+    }
+}

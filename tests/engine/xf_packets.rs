@@ -26,12 +26,17 @@ fn needs(drives: usize, cycle_us: u32, clock_hz: u32) -> Needs {
 /// Cycles in the middle of a motion in which the first drive got the target of the cycle before once more. The program
 /// keeps 60 targets in the board's FIFO; beside what the transport takes one set lies in the chip.
 fn repeats(needs: &Needs, drives: usize, size: DataSize, idle_ns: u64) -> usize {
+    repeats_at(needs.clock_hz, needs, drives, size, idle_ns)
+}
+
+/// The same with another clock of the wires, of which the bus does not know.
+fn repeats_at(clock_hz: u32, needs: &Needs, drives: usize, size: DataSize, idle_ns: u64) -> usize {
     let puppet = Puppet::obedient();
     let others = (1..drives).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>);
     let slaves = std::iter::once(puppet.boxed()).chain(others).collect();
     let config = HostConfig { wanted_size: Some(size), idle_ns, ..HostConfig::DEFAULT };
     let options = XfBusOptions { ahead: 1, clock_hz: Some(needs.clock_hz), ..XfBusOptions::DEFAULT };
-    let mut host = Host::new(EngineConfig::default(), xf_bus_at(needs.clock_hz, slaves, config, options));
+    let mut host = Host::new(EngineConfig::default(), xf_bus_at(clock_hz, slaves, config, options));
     host.declare_drives(drives);
     host.master(MasterCommand::SetDc { cycle: needs.cycle, shift: DcShift::Auto });
     host.go(MasterState::Op).drained();
@@ -68,6 +73,17 @@ fn what_migrate_names_holds() {
             }
         }
     }
+}
+
+/// TOOL-178 With half of the least clock, of which the bus does not know, outputs are repeated: what is named is no figure that
+/// anything would pass.
+#[test]
+fn half_of_the_least_clock_repeats_outputs() {
+    let needs = needs(20, 500, 24_000_000);
+    let packets = needs.without_int0.expect("packets");
+    assert!(packets.transport_sets > 4, "{packets:?}");
+    let found = repeats_at(packets.least_clock_hz / 2, &needs, 20, packets.size, IDLE_NS);
+    assert!(found > 20, "{found} with {packets:?}");
 }
 
 /// TOOL-178 Two exchanges under way, each with one set.

@@ -6,6 +6,7 @@
 use ecmsk::cia402::Statusword;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::AlState;
+use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::{
     Channels, DeviceFault, Dp3cl, Drive, DriveConfig, Fault, Hsp, HspConfig, InputPattern, Io, Slave, SyncEvent,
 };
@@ -60,7 +61,7 @@ fn act<'a>(slave: &mut dyn Slave, action: u8, bytes: &'a [u8]) -> &'a [u8] {
             let ([code, outputs, inputs], rest) = take(bytes);
             slave.set_sync_managers((outputs % 65).into(), (inputs % 65).into());
             let was = slave.state();
-            match slave.request_state(code % 16) {
+            match slave.request_state(RequestedState::from_code(code)) {
                 Ok(()) => assert_eq!(slave.state() as u8, code % 16),
                 Err(status) => assert!(slave.state() <= was && status.0 != 0 && slave.al_status() == status),
             }

@@ -19,6 +19,7 @@ use super::plant::Following;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns};
 
 pub(super) use as_slave::fall;
@@ -200,10 +201,10 @@ pub trait Model: Send + Sized + 'static {
         let _ = from;
     }
 
-    /// A master requests an AL state that does not exist, or bootstrap: the code of the state in the AL control register.
-    /// The AL status code with which the device refuses; it may have fallen back to a lower state.
-    fn refuse_request(&mut self, code: u8) -> AlStatus {
-        state_of(code).err().unwrap_or(AlStatus::INVALID_CHANGE)
+    /// A master requests an AL state that does not exist, or Bootstrap: the AL status code with which the device refuses.
+    /// It may have fallen back to a lower state.
+    fn refuse_request(&mut self, request: RequestedState) -> AlStatus {
+        request.without_boot().err().unwrap_or(AlStatus::INVALID_CHANGE)
     }
 
     /// The registers of the controller in front of the device, before a change of state.
@@ -255,18 +256,6 @@ pub trait Model: Send + Sized + 'static {
     fn apply_fault(&mut self, fault: Fault) -> bool {
         apply_fault(self, fault)
     }
-}
-
-/// The code of bootstrap in the AL control register.
-pub const BOOTSTRAP: u8 = 3;
-
-/// The AL state with that code in the AL control register.
-///
-/// # Errors
-/// [`AlStatus::BOOT_UNSUPPORTED`], [`AlStatus::UNKNOWN_STATE`].
-pub fn state_of(code: u8) -> Result<AlState, AlStatus> {
-    let state = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op].into_iter().find(|it| *it as u8 == code);
-    state.ok_or(if code == BOOTSTRAP { AlStatus::BOOT_UNSUPPORTED } else { AlStatus::UNKNOWN_STATE })
 }
 
 /// Causes a fault in the axes and lines of a device. False: it has no such axis or channel.

@@ -69,6 +69,7 @@ use device::Identity;
 use dictionary::{EntryDescription, ObjectDescription};
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns};
 
 /// The most axes that a slave has: a pulse module of two channels has two.
@@ -119,16 +120,12 @@ pub trait Slave: Send {
     /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// Requests the AL state with that code in the AL control register: 1, 2, 4, 8, or 3 for bootstrap, which no slave here
-    /// has.
+    /// Requests what the AL control register asks for; no slave here has Bootstrap.
     ///
     /// # Errors
     /// The AL status code with which the slave refuses. It may have fallen back to a lower state.
-    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
-        match device::state_of(code) {
-            Ok(state) => self.enter(state),
-            Err(status) => Err(status),
-        }
+    fn request_state(&mut self, request: RequestedState) -> Result<(), AlStatus> {
+        request.without_boot().and_then(|state| self.enter(state))
     }
 
     /// The AL status code of the last change of state that the slave has refused, or with which it has left a state by

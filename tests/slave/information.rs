@@ -3,6 +3,7 @@
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::coe::{ObjectAccess, ObjectCode, ObjectListType};
 use ecmsk::ethercat::AlState;
+use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dictionary::{DataTypeCode, EntryValues};
 use ecmsk::slave::{AlStatus, Channels, Dp3cl, Drive, DriveConfig, Hsp, HspConfig, Io, ManufacturerObjects, Slave};
 
@@ -329,8 +330,11 @@ fn al_status_codes() {
         assert_eq!((slave.enter(AlState::SafeOp), slave.al_status()), (Ok(()), AlStatus(0)));
         slave.enter(AlState::PreOp).unwrap();
         assert_eq!((slave.enter(AlState::Op), slave.al_status()), (Err(AlStatus(0x0011)), AlStatus(0x0011)));
-        assert_eq!((slave.request_state(9), slave.al_status()), (Err(AlStatus(0x0012)), AlStatus(0x0012)));
-        assert_eq!(slave.request_state(3), Err(AlStatus(0x0013)));
+        assert_eq!(
+            (slave.request_state(RequestedState::from_code(9)), slave.al_status()),
+            (Err(AlStatus(0x0012)), AlStatus(0x0012))
+        );
+        assert_eq!(slave.request_state(RequestedState::from_code(3)), Err(AlStatus(0x0013)));
     }
     let mut hsp = Hsp::new(HspConfig::with(Channels::Two));
     hsp.enter(AlState::PreOp).unwrap();

@@ -28,6 +28,18 @@ impl RequestedState {
         }
     }
 
+    /// The state, for a slave without Bootstrap.
+    ///
+    /// # Errors
+    /// The AL status code of such a slave: [`AlStatus::BOOT_UNSUPPORTED`], [`AlStatus::UNKNOWN_STATE`].
+    pub const fn without_boot(self) -> Result<AlState, AlStatus> {
+        match self {
+            Self::State(state) => Ok(state),
+            Self::Boot => Err(AlStatus::BOOT_UNSUPPORTED),
+            Self::Unknown(_) => Err(AlStatus::UNKNOWN_STATE),
+        }
+    }
+
     /// The code in the register, 0..=15.
     pub const fn code(self) -> u8 {
         match self {

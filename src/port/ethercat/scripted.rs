@@ -1,6 +1,7 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
 use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope};
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
@@ -56,10 +57,11 @@ impl Slave for Scripted {
         self.device.enter(target)
     }
 
-    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
-        let states = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
-        states.into_iter().find(|state| *state as u8 == code).map_or(Ok(()), |state| self.may_enter(state))?;
-        self.device.request_state(code)
+    fn request_state(&mut self, request: RequestedState) -> Result<(), AlStatus> {
+        if let RequestedState::State(state) = request {
+            self.may_enter(state)?;
+        }
+        self.device.request_state(request)
     }
 
     fn al_status(&self) -> AlStatus {

@@ -1,7 +1,8 @@
 //! Every [`Model`] as a [`Slave`] and as a device with an object dictionary and process data.
 
-use super::{Base, Identity, Model, TEST_MEMORY, information, state_of, test_memory};
+use super::{Base, Identity, Model, TEST_MEMORY, information, test_memory};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::communication::{Communication, SyncEvent};
 use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription, Values};
@@ -120,12 +121,12 @@ impl<M: Model> Slave for M {
         Ok(())
     }
 
-    fn request_state(&mut self, code: u8) -> Result<(), AlStatus> {
-        if let Ok(state) = state_of(code) {
+    fn request_state(&mut self, request: RequestedState) -> Result<(), AlStatus> {
+        if let RequestedState::State(state) = request {
             return self.enter(state);
         }
         let was = self.base().al_state();
-        let status = self.refuse_request(code);
+        let status = self.refuse_request(request);
         fall(self, was, status);
         Err(status)
     }

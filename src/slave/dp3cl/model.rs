@@ -9,6 +9,7 @@ use super::startup::{self, SafeOpSettings};
 use super::touch_probe::TouchProbes;
 use super::{Dp3cl, objects, parameters};
 use crate::cia402::DriveState;
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
 use crate::slave::communication::{Communication, SyncEvent};
@@ -151,8 +152,8 @@ impl Model for Dp3cl {
         }
     }
 
-    fn refuse_request(&mut self, code: u8) -> AlStatus {
-        let alarm = if code == device::BOOTSTRAP { Dp3clAlarm::Bootstrap } else { Dp3clAlarm::UnknownState };
+    fn refuse_request(&mut self, request: RequestedState) -> AlStatus {
+        let alarm = if request == RequestedState::Boot { Dp3clAlarm::Bootstrap } else { Dp3clAlarm::UnknownState };
         let to = if alarm == Dp3clAlarm::Bootstrap { AlState::Init } else { AlState::SafeOp };
         self.raise(alarm);
         device::fall(self, to, alarm.al_status());

@@ -196,7 +196,7 @@ impl Application {
         self.waiting = None;
         device.set_communication(&controller.communication());
         let RequestedState::State(to) = control.state() else {
-            let refused = device.request_state(control.state().code()).err();
+            let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
             // Bootstrap is entered from Init alone, whether there is one or not.
             let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;

@@ -2,6 +2,7 @@
 
 use ecmsk::coe::AbortCode;
 use ecmsk::ethercat::AlState;
+use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
 use ecmsk::slave::{AlStatus, DeviceFault, Fault, Slave};
 
@@ -362,7 +363,7 @@ fn alarm_monitors() {
     assert_eq!([0x3100, 0x3109, 0x310A].map(|index| read(&mut drive, index, 0)), [Ok(0); 3]);
     for _ in 0..2 {
         assert_eq!(drive.enter(AlState::Op), Err(AlStatus(0x0011)));
-        assert_eq!(drive.request_state(7), Err(AlStatus(0x0012)));
+        assert_eq!(drive.request_state(RequestedState::from_code(7)), Err(AlStatus(0x0012)));
     }
     let shown = [0x3100, 0x3109, 0x310A, 0x310B, 0x310C, 0x310D].map(|index| read(&mut drive, index, 0));
     assert_eq!(shown, [801, 4, 800, 801, 800, 0].map(Ok));

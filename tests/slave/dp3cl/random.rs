@@ -4,6 +4,7 @@ use ecmsk::cia402::DriveState;
 use ecmsk::coe::ObjectListType;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::AlState;
+use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clConfig, Dp3clMode, Dp3clVariants, Rating};
 use ecmsk::slave::{DeviceFault, Fault, Input, InputPattern, Slave, SyncEvent};
 use proptest::prelude::*;
@@ -145,7 +146,7 @@ proptest! {
                 Action::Enter(code) => {
                     drive.set_sync_managers(8, 19);
                     let was = drive.state();
-                    let answer = drive.request_state(code);
+                    let answer = drive.request_state(RequestedState::from_code(code));
                     prop_assert!(answer.is_err() || drive.state() as u8 == code);
                     prop_assert!(answer.is_ok() || drive.state() <= was);
                 }

@@ -2,6 +2,7 @@
 
 use ecmsk::cia402::DriveState;
 use ecmsk::ethercat::AlState;
+use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig};
 use ecmsk::slave::{AlStatus, DeviceFault, Fault, InputPattern, Slave, SyncEvent};
 
@@ -47,13 +48,13 @@ fn states_that_do_not_exist() {
         for state in [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op] {
             let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
             bench.enter(state).unwrap();
-            assert_eq!(bench.drive.request_state(code), Err(AlStatus(status)));
+            assert_eq!(bench.drive.request_state(RequestedState::from_code(code)), Err(AlStatus(status)));
             let after = if code == 3 { AlState::Init } else { state.min(AlState::SafeOp) };
             has_alarm(&mut bench.drive, alarm, after, (status, 0xFF50, 0x10));
         }
     }
     let mut drive = Dp3cl::default();
-    assert_eq!((drive.request_state(2), drive.state()), (Ok(()), AlState::PreOp));
+    assert_eq!((drive.request_state(RequestedState::from_code(2)), drive.state()), (Ok(()), AlState::PreOp));
 }
 
 /// DP3CL-5.5 E-803.

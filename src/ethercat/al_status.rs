@@ -1,31 +1,13 @@
 //! AL status codes: why a slave refuses a change of its AL state, or has left a state.
 
-use core::fmt;
+use super::named_codes::named_codes;
 
 /// The AL status code, register 0x0134 (ETG.1000.6 table 11, ETG.1020).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AlStatus(pub u16);
 
-macro_rules! al_status_codes {
-    ($($name:ident = $code:literal, $text:literal;)*) => {
-        impl AlStatus {
-            $(#[doc = $text] pub const $name: Self = Self($code);)*
-
-            /// All codes that have a name here, ascending.
-            pub const ALL: &'static [Self] = &[$(Self::$name,)*];
-
-            /// The code's meaning; `None` for a code that no list has.
-            pub const fn text(self) -> Option<&'static str> {
-                match self.0 {
-                    $($code => Some($text),)*
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-al_status_codes! {
+named_codes! {
+    AlStatus as "0x{:04X}";
     NONE = 0x0000, "no error";
     UNSPECIFIED = 0x0001, "unspecified error";
     NO_MEMORY = 0x0002, "no memory";
@@ -89,13 +71,4 @@ al_status_codes! {
     TEMPERATURE_LOW = 0x0082, "temperature too low";
     TEMPERATURE_HIGH = 0x0083, "temperature too high";
     APPLICATION = 0x00F0, "application controller available";
-}
-
-impl fmt::Display for AlStatus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.text() {
-            Some(text) => write!(f, "0x{:04X} ({text})", self.0),
-            None => write!(f, "0x{:04X}", self.0),
-        }
-    }
 }

@@ -16,6 +16,7 @@ pub use information::{
 pub use message::{COE_HEADER_LEN, CoeMessage, CoeService};
 pub use sdo::{FIRST_OVERHEAD, SDO_LEN, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoValuePart};
 
+use super::named_codes::named_codes;
 use core::fmt;
 
 /// The address of an entry in a slave's object dictionary. `0x6041:0` is index 0x6041, sub-index 0.
@@ -90,23 +91,8 @@ pub enum SdoScope {
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct AbortCode(pub u32);
 
-macro_rules! abort_codes {
-    ($($(#[$meta:meta])* $name:ident = $code:literal, $text:literal;)*) => {
-        impl AbortCode {
-            $(#[doc = $text] pub const $name: Self = Self($code);)*
-
-            /// The code's text in the standard; `None` for a code that it does not define.
-            pub const fn text(self) -> Option<&'static str> {
-                match self.0 {
-                    $($code => Some($text),)*
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-abort_codes! {
+named_codes! {
+    AbortCode as "0x{:08X}";
     TOGGLE_BIT = 0x0503_0000, "toggle bit not changed";
     TIMEOUT = 0x0504_0000, "SDO protocol timeout";
     COMMAND = 0x0504_0001, "client or server command specifier not valid or unknown";
@@ -139,15 +125,6 @@ abort_codes! {
     DEVICE_STATE = 0x0800_0022, "data cannot be transferred or stored because of the present device state";
     NO_DICTIONARY = 0x0800_0023, "object dictionary dynamic generation fails or no object dictionary is present";
     NO_DATA = 0x0800_0024, "no data available";
-}
-
-impl fmt::Display for AbortCode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.text() {
-            Some(text) => write!(f, "0x{:08X} ({text})", self.0),
-            None => write!(f, "0x{:08X}", self.0),
-        }
-    }
 }
 
 impl fmt::Debug for AbortCode {

@@ -3,8 +3,8 @@
 //! Source: ETG.1000.6 5.8; rules ECAT-6.
 
 use super::WireError;
+use super::named_codes::named_codes;
 use super::wire_error::{room_for, split};
-use core::fmt;
 
 /// How many bytes of a mailbox are no data of a file: the header of the mailbox, operation and packet number. A packet with
 /// fewer bytes than there is room for ends the file.
@@ -14,23 +14,8 @@ pub const FOE_OVERHEAD: usize = 6 + FoeMessage::HEADER_LEN;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FoeError(pub u32);
 
-macro_rules! errors {
-    ($($name:ident = $code:literal, $text:literal;)*) => {
-        impl FoeError {
-            $(#[doc = $text] pub const $name: Self = Self($code);)*
-
-            /// The code's meaning; `None` for a code that the standard does not define.
-            pub const fn text(self) -> Option<&'static str> {
-                match self.0 {
-                    $($code => Some($text),)*
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-errors! {
+named_codes! {
+    FoeError as "0x{:04X}";
     UNDEFINED = 0x8000, "not defined";
     NOT_FOUND = 0x8001, "the file was not found";
     ACCESS_DENIED = 0x8002, "access is denied";
@@ -44,15 +29,6 @@ errors! {
     NO_RIGHTS = 0x800A, "no rights";
     PROGRAM_ERROR = 0x800B, "program error";
     WRONG_CHECKSUM = 0x800C, "wrong checksum";
-}
-
-impl fmt::Display for FoeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.text() {
-            Some(text) => write!(f, "0x{:04X} ({text})", self.0),
-            None => write!(f, "0x{:04X}", self.0),
-        }
-    }
 }
 
 /// A message. Names and texts are bytes, since nobody says in which encoding they are.

@@ -2,7 +2,7 @@
 //!
 //! Source: ETG.1000.4 5.6, ETG.1000.6 5.2; rules ECAT-4.
 
-use core::fmt;
+use super::named_codes::named_codes;
 
 use bytemuck::{Pod, Zeroable};
 
@@ -196,23 +196,8 @@ pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> R
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxFault(pub u16);
 
-macro_rules! faults {
-    ($($name:ident = $code:literal, $text:literal;)*) => {
-        impl MailboxFault {
-            $(#[doc = $text] pub const $name: Self = Self($code);)*
-
-            /// The code's meaning; `None` for a code that the standard does not define.
-            pub const fn text(self) -> Option<&'static str> {
-                match self.0 {
-                    $($code => Some($text),)*
-                    _ => None,
-                }
-            }
-        }
-    };
-}
-
-faults! {
+named_codes! {
+    MailboxFault as "mailbox error {}";
     SYNTAX = 1, "syntax of the mailbox header";
     UNSUPPORTED_PROTOCOL = 2, "the protocol is not supported";
     INVALID_CHANNEL = 3, "invalid channel";
@@ -247,14 +232,5 @@ impl MailboxFault {
             return Err(WireError::Field { part: "type of a mailbox error", found: kind.into(), allowed: "1" });
         }
         Ok(Self(u16::from_le_bytes([*low, *high])))
-    }
-}
-
-impl fmt::Display for MailboxFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.text() {
-            Some(text) => write!(f, "mailbox error {} ({text})", self.0),
-            None => write!(f, "mailbox error {}", self.0),
-        }
     }
 }

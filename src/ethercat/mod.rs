@@ -23,6 +23,7 @@ pub mod foe;
 mod frame;
 mod little_endian;
 pub mod mailbox;
+mod named_codes;
 pub mod registers;
 pub mod sii;
 mod slave_set;

@@ -1,6 +1,6 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
-use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
@@ -92,10 +92,6 @@ impl Slave for Scripted {
 
     fn describe_entry(&self, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
         self.device.describe_entry(at)
-    }
-
-    fn object_list(&self, list: ObjectListType) -> Vec<u16> {
-        self.device.object_list(list)
     }
 
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {

@@ -94,25 +94,25 @@ impl Dp3clAlarm {
 
     /// The AL status code that comes with the alarm; 0: the AL state has no part in it.
     pub const fn al_status(self) -> AlStatus {
-        AlStatus(match self {
-            Self::InvalidChange => 0x0011,
-            Self::UnknownState => 0x0012,
-            Self::Bootstrap => 0x0013,
-            Self::NotSynchronized => 0x002D,
-            Self::Watchdog => 0x001B,
-            Self::PhaseLost => 0x0032,
-            Self::SyncDeviation => 0x002C,
-            Self::SyncCycle => 0x0035,
-            Self::MailboxSyncManager => 0x0016,
-            Self::WatchdogTime => 0x001F,
-            Self::DcActivation => 0x0030,
-            Self::SyncType => 0x0028,
-            Self::OutputSyncManager => 0x001D,
-            Self::InputSyncManager => 0x001E,
-            Self::InputsTooLong => 0x0024,
-            Self::OutputsTooLong => 0x0025,
-            _ => 0,
-        })
+        match self {
+            Self::InvalidChange => AlStatus::INVALID_CHANGE,
+            Self::UnknownState => AlStatus::UNKNOWN_STATE,
+            Self::Bootstrap => AlStatus::BOOT_UNSUPPORTED,
+            Self::NotSynchronized => AlStatus::NO_SYNC,
+            Self::Watchdog => AlStatus::WATCHDOG,
+            Self::PhaseLost => AlStatus::PLL,
+            Self::SyncDeviation => AlStatus::FATAL_SYNC,
+            Self::SyncCycle => AlStatus::INVALID_DC_CYCLE,
+            Self::MailboxSyncManager => AlStatus::INVALID_MAILBOX,
+            Self::WatchdogTime => AlStatus::INVALID_WATCHDOG,
+            Self::DcActivation => AlStatus::INVALID_DC_SYNC,
+            Self::SyncType => AlStatus::SYNC_MODE_UNSUPPORTED,
+            Self::OutputSyncManager => AlStatus::INVALID_OUTPUTS,
+            Self::InputSyncManager => AlStatus::INVALID_INPUTS,
+            Self::InputsTooLong => AlStatus::INVALID_INPUT_MAPPING,
+            Self::OutputsTooLong => AlStatus::INVALID_OUTPUT_MAPPING,
+            _ => AlStatus::NONE,
+        }
     }
 
     /// The alarm that comes with an AL status code.

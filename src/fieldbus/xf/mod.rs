@@ -3,6 +3,7 @@
 //! | file | what it answers |
 //! | --- | --- |
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
+//! | `options.rs` | how it uses its chip: [`XfBusOptions`] |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands, and in `run.rs` how these are asked; `ask.rs`: one command and its answer |
 //! | `flow.rs` | process data: what is written and read in which exchange |
 //! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
@@ -26,6 +27,7 @@ mod ledger;
 mod level;
 mod local_io;
 mod network;
+mod options;
 pub mod plan;
 mod watch;
 
@@ -46,6 +48,7 @@ use level::FillLevel;
 pub use local_io::LocalPins;
 use local_io::PinSetup;
 use network::Network;
+pub use options::XfBusOptions;
 use plan::IN_FLIGHT_MAX;
 use watch::{TakingDown, Watch};
 
@@ -67,39 +70,6 @@ const LATE_MAX_NS: Ns = 1_000_000_000;
 const CATCH_UP_NS: Ns = 1_000_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
-
-/// How an [`XfBus`] uses its chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct XfBusOptions {
-    /// How many sets of outputs lie in the chip for a host that is late, 1 to 60: one that is late by as many cycles stops
-    /// nothing. As many more as the transport takes are handed over besides
-    /// ([`CyclePlan::transport_sets`](plan::CyclePlan::transport_sets), 3 to 6 with cycles of 1 ms), all together no more
-    /// than the chip's FIFO holds. What lies there was computed so many cycles ago.
-    pub ahead: u16,
-    /// The clock of SPI in Hz, by which the cycle is judged that can be held; `None`: the link has none.
-    pub clock_hz: Option<u32>,
-    /// Which pins of the chip are the board's local inputs and outputs.
-    pub local_pins: LocalPins,
-    /// The wires' clock passes by itself, and not only in exchanges and waits.
-    pub real_time: bool,
-    /// The chip's packets have one size alone, as those of an ECM-XFU; else the chip is set to another one where the
-    /// process data or the cycle need it.
-    pub size_is_fixed: bool,
-}
-
-impl XfBusOptions {
-    /// The most: the chip's FIFO has 64 entries (XF EN 1262), and the transport takes some.
-    pub const AHEAD_MAX: u16 = 60;
-    /// 4 sets. \[OURS]
-    pub const DEFAULT: Self =
-        Self { ahead: 4, clock_hz: None, local_pins: LocalPins::NONE, real_time: false, size_is_fixed: false };
-}
-
-impl Default for XfBusOptions {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
 
 /// What a bus has counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -67,7 +67,7 @@ use crate::sk::{Frame, SlotSize};
 pub const WINDOW_CYCLES: usize = 24;
 
 /// An axis stands whose positions have not changed for so many reports. \[OURS]
-const STANDS_REPORTS: u16 = 8;
+pub(crate) const STANDS_REPORTS: u16 = 8;
 
 /// For so long, in nanoseconds, it may be unsure which cycle a report is of: a host writes while a report is on its way, which
 /// takes an ECM-XF two exchanges. \[OURS]

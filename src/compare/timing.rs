@@ -20,6 +20,7 @@ use super::gaps::apart;
 use super::report::Answer;
 use super::steps::Step;
 use super::{Options, STANDS_REPORTS, Side, WINDOW_CYCLES, answers, unsure_cycles};
+use crate::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
 /// Answers in a row that are the same in both runs, after which an axis that moves is at the same place of its way. \[OURS]
@@ -29,8 +30,6 @@ const SLACK_CYCLES: usize = 2;
 /// After so many answers that are the same some cycles before or later a run has no cycles more: its reports were taken for
 /// those of other commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// The bits of a statusword that say the state (CiA 402-2).
-const STATE_BITS: u16 = 0x006F;
 /// An axis may be on its way for so many cycles longer in one run: waits for a few SDOs in a row. \[OURS]
 const WAY_CYCLES: usize = 128;
 /// Pairs of steps before and behind one that are looked at at most. \[OURS]
@@ -257,7 +256,9 @@ impl Timing {
     fn moves_at_end(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
         let is_state = match what {
-            Deviation::Statusword { words: [a, b], .. } => (a.0 ^ b.0) & STATE_BITS & self.options.statusword_mask != 0,
+            Deviation::Statusword { words: [a, b], .. } => {
+                (a.0 ^ b.0) & Statusword::STATE_BITS & self.options.statusword_mask != 0
+            }
             Deviation::Position { .. } => false,
             _ => true,
         };

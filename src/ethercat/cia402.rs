@@ -126,6 +126,8 @@ impl fmt::Display for DriveState {
 pub struct Statusword(pub u16);
 
 impl Statusword {
+    /// Bits 0 to 3, 5 and 6, which say the state.
+    pub const STATE_BITS: u16 = 0x006F;
     /// Bit 3: fault.
     pub const FAULT: u16 = 1 << 3;
     /// Bit 4: voltage enabled.
@@ -149,12 +151,12 @@ impl Statusword {
     /// The state of the drive; `None` for a pattern of bits that CiA 402 does not define.
     #[inline]
     pub const fn state(self) -> Option<DriveState> {
-        STATES[(self.0 & 0x6F) as usize]
+        STATES[(self.0 & Self::STATE_BITS) as usize]
     }
 
     /// Whether the drive is in the state Operation enabled.
     pub const fn is_enabled(self) -> bool {
-        self.0 & 0x6F == 0x27
+        self.0 & Self::STATE_BITS == 0x27
     }
 }
 

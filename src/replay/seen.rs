@@ -1,15 +1,13 @@
 //! What a program may have seen of a board, and waited for.
 
 use crate::cia402::Statusword;
+use crate::compare::STANDS_REPORTS;
 use crate::recording::Kinds;
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SdoResponse, SlotSize, StateByte};
 
-/// The bits of a statusword that say the state (CiA 402-2), and those of homing (12 and 13).
-const STATE_BITS: u16 = 0x006F;
-const HOMING_BITS: u16 = 0x3000;
-/// An axis stands whose position has not changed for so many reports. \[OURS]
-const STANDS_REPORTS: u16 = 8;
+/// The bits of a statusword that say how homing goes.
+const HOMING_BITS: u16 = Statusword::BIT12 | Statusword::BIT13;
 /// So many entries more may wait in the model's FIFO than had in the recorded one: behind an ECM-XF those count that are on their
 /// way. \[OURS]
 const ON_THE_WAY: u16 = 12;
@@ -162,7 +160,7 @@ fn agree_on_fifo(recorded: &Seen, model: &Seen) -> bool {
 
 fn agree_on_slave(recorded: &Shown, model: &Shown) -> bool {
     let word = |shown: &Shown| {
-        let bits = if shown.homes { STATE_BITS | HOMING_BITS } else { STATE_BITS };
+        let bits = if shown.homes { Statusword::STATE_BITS | HOMING_BITS } else { Statusword::STATE_BITS };
         shown.statusword.map(|word| word.0 & bits)
     };
     let stands = recorded.still < STANDS_REPORTS || model.still >= STANDS_REPORTS;

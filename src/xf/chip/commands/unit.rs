@@ -8,9 +8,6 @@ use crate::xf::request::{AsyncResetActions, MotorNumber};
 use crate::xf::response::{Answer, DriveStateByte, FirmwareVersion};
 use crate::xf::{DataSize, Errors};
 
-/// The bits of the statusword that 402_STATE_GET returns (XF EN 778).
-const STATE_BITS: u16 = 0x6F;
-
 impl<N: Network> Chip<N> {
     /// From the next packet on, and in the answer to this one.
     pub(super) fn set_size(&mut self, size: DataSize) -> Outcome {
@@ -60,7 +57,8 @@ impl<N: Network> Chip<N> {
     }
 
     pub(super) fn drive_state(&self, motor: MotorNumber, data: &mut [u8]) -> Outcome {
-        let state = |word: Statusword| DriveStateByte((word.0 & STATE_BITS) as u8);
+        // Those bits of the statusword that say the state (XF EN 778).
+        let state = |word: Statusword| DriveStateByte((word.0 & Statusword::STATE_BITS) as u8);
         answered(self.statusword(motor).map(state), data)
     }
 }

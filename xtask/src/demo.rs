@@ -89,6 +89,12 @@ fn end(folder: &Path, has_both: bool) -> String {
     let folder = folder.display();
     let both =
         if has_both { format!("\nboth runs:     {folder}/both.svg, the other one in black") } else { String::new() };
+    let successor = if has_both {
+        ""
+    } else {
+        "
+  cargo xtask demo --link 'xf-sim:?slaves=drive*2'                          # the same program on an ECM-XF, both in a picture"
+    };
     format!(
         "
 the recording: {folder}/two_axes.pcapng
@@ -99,7 +105,7 @@ next, in this folder:
   ecmsk dump {folder}/two_axes.pcapng --slots 2 --from 2.749s --to 2.752s   # the alarm, cycle by cycle
   ecmsk home 1 --up --link 'sim:?slaves=drive*2'                            # an axis without a program
   g++ YOURS.cpp -o yours $(pkg-config --cflags --libs nextwusblib)          # your program, unchanged
-  ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours
+  ecmsk exec --link 'sim:?slaves=drive*2' -- ./yours{successor}
 docs/GUIDE-CPP.md goes on from there in C++, docs/GUIDE.md in Rust, docs/DOTNET.md in C#, docs/TOOL.md with the tool alone"
     )
 }
@@ -124,7 +130,9 @@ mod tests {
         assert_eq!(pages.len(), 4, "{text}");
         assert!(pages.iter().all(|page| root.join(page).is_file()), "{pages:?}");
         assert!(text.contains("target/demo/both.svg"), "{text}");
-        assert!(!end(Path::new("target/demo"), false).contains("both"));
+        assert!(!text.contains("demo --link"), "it was just run: {text}");
+        let of_one = end(Path::new("target/demo"), false);
+        assert!(!of_one.contains("both.svg") && of_one.contains("demo --link 'xf-sim:?slaves=drive*2'"), "{of_one}");
     }
 
     /// The other board has the alarm too, unless its link says otherwise or its slaves are real.

@@ -166,7 +166,8 @@ pub(crate) fn help() -> String {
         "A script (script=FILE) is one event a line, at board time since the link was opened; # begins a comment:\n\n    \
          [at TIME] VERB .. [for TIME]      for example  at 3s cut 2 for 500ms\n    \
          [at TIME] end VERB [SLAVE]        takes back what lasts\n\n\
-         Times are numbers with us, ms, s, min or h. Verbs:\n",
+         Times are numbers with us, ms, s, min or h. Warnings and the summary have board time since its power came on, which is \
+         more\nby the time of its boot. Verbs:\n",
     );
     for verb in VERBS {
         let lasts = if verb.lasts { " [for TIME]" } else { "" };

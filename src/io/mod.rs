@@ -1,7 +1,10 @@
-//! Access to the hardware that a real board is connected by, without knowledge of the board's protocol: a HID device on USB
-//! ([`hid`], features `usb`) and a device on SPI with its lines ([`spi`], feature `spi`).
+//! Access to the hardware that a board or its slaves are connected by, without knowledge of a protocol: a HID device on USB
+//! ([`hid`], features `usb`), a device on SPI with its lines ([`spi`], feature `spi`), and a network interface ([`ethernet`],
+//! features `nic` and `serve`).
 
 pub mod descriptors;
+#[cfg(all(any(feature = "nic", feature = "serve"), target_os = "linux"))]
+pub mod ethernet;
 #[cfg(all(feature = "usb", any(unix, windows)))]
 pub mod hid;
 #[cfg(all(feature = "spi", target_os = "linux"))]

@@ -6,34 +6,31 @@
 //! - `mod.rs`: [`Server`], its options and errors
 //! - `network.rs`: the slaves with what a script does to them; time is an argument
 //! - `scripted.rs`: a device that refuses states and aborts SDOs as a script wants
-//! - `interface.rs`: whether a network interface is fit for it
-//! - `socket.rs`: frames from and to the interface
 //! - `service.rs`: the thread
 
-mod interface;
 mod network;
 mod scripted;
 mod service;
-mod socket;
 
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-pub use interface::InterfaceError;
+pub use crate::io::ethernet::InterfaceError;
 pub use network::Network;
 
 use super::notes::{Notes, Teller};
 use super::serving::{Serving, Shared};
 use crate::engine::RealTime;
+use crate::ethercat::ETHERTYPE;
+use crate::io::ethernet::{self, DefaultRoute, Socket};
 use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
 use crate::slave::cable::Cable;
 use crate::slave::esc::DescriptionError;
 use service::Service;
-use socket::Socket;
 
 /// How slaves are served.
 #[derive(Clone)]
@@ -99,8 +96,12 @@ impl Server {
         let script = script.map(|path| simulated_slaves::script(path, &options.slaves)).transpose()?;
         let network = Network::new(simulated_slaves::build(&options.slaves)?, script)?;
         let cable = network.cable().clone();
-        let index = interface::check(&options.interface, options.allow_default_route)?;
-        let socket = Socket::open(&options.interface, index)?;
+        let default_route = match options.allow_default_route {
+            true => DefaultRoute::Allowed,
+            false => DefaultRoute::Refused { insist: Some("--force") },
+        };
+        let interface = ethernet::check(&options.interface, default_route)?;
+        let socket = Socket::open(&interface, ETHERTYPE)?;
         let record = |file: PathBuf| {
             let name = format!("ethercat:{}", options.interface);
             NetworkRecording::begin(&file, name, 0).map_err(|source| ServeError::Record { file, source })

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::network::Network;
-use super::socket::Socket;
 use crate::engine::RealTime;
 use crate::ethercat::{FRAME_LEN_MAX, Ns};
+use crate::io::ethernet::Socket;
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
 use crate::port::log_limit::LogLimit;

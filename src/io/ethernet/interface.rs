@@ -1,4 +1,4 @@
-//! Whether a network interface is fit for simulated slaves: frames of EtherCAT have no place on a network of people.
+//! The network interfaces of this machine, and whether one is fit for frames that have no place on a network of people.
 
 use std::ffi::CStr;
 use std::io;
@@ -10,11 +10,11 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 pub enum InterfaceError {
     /// There is none of that name.
     #[error(
-        "there is no network interface {name}; there are {found}. Name one with --on, docs/SLAVES.md says how to make a pair"
+        "there is no network interface {name}; there are {found}. Correct the name, or make a pair: docs/SLAVES.md"
     )]
     Missing { name: String, found: String },
     /// It is no Ethernet.
-    #[error("the network interface {name} is no Ethernet; name another one with --on")]
+    #[error("the network interface {name} is no Ethernet; name another one")]
     NoEthernet { name: String },
     /// It is switched off.
     #[error("the network interface {name} is down; switch it on: sudo ip link set {name} up")]
@@ -22,15 +22,15 @@ pub enum InterfaceError {
     /// This machine is reached by it.
     #[error(
         "the network interface {name} has the address {address}, so that it belongs to another network; name an interface \
-         that masters alone use, or take the address away: sudo ip address flush dev {name}"
+         that belongs to EtherCAT alone, or take the address away: sudo ip address flush dev {name}"
     )]
     HasAddress { name: String, address: IpAddr },
     /// Other machines are reached by it.
     #[error(
         "the network interface {name} is this machine's way to others (its default route): everybody there would get \
-         frames of EtherCAT; name another interface, or insist with --force"
+         these frames; name another interface{}", insist.map(|with| format!(", or insist with {with}")).unwrap_or_default()
     )]
-    DefaultRoute { name: String },
+    DefaultRoute { name: String, insist: Option<&'static str> },
     /// This program may not use raw frames.
     #[error(
         "raw frames on {name} need the capability CAP_NET_RAW, which this program does not have; give it to it: sudo setcap \
@@ -42,54 +42,86 @@ pub enum InterfaceError {
     System { name: String, source: io::Error },
 }
 
+/// The address of an Ethernet card.
+pub type MacAddress = [u8; 6];
+
 /// What the system says about a network interface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Interface {
-    name: String,
+pub struct Interface {
+    /// Its name.
+    pub name: String,
     /// Its number, from 1.
-    index: i32,
-    is_ethernet: bool,
-    is_up: bool,
-    addresses: Vec<IpAddr>,
-    has_default_route: bool,
+    pub index: i32,
+    /// Whether it carries Ethernet; the loopback interface does not.
+    pub is_ethernet: bool,
+    /// The address of an Ethernet card.
+    pub mac_address: MacAddress,
+    /// Whether it is switched on.
+    pub is_up: bool,
+    /// Whether there is a link: a cable with somebody at its other end.
+    pub has_carrier: bool,
+    /// Its addresses of IP.
+    pub addresses: Vec<IpAddr>,
+    /// Whether it is this machine's way to others.
+    pub has_default_route: bool,
 }
 
-/// The number of the interface, if it can be used.
+impl Interface {
+    /// Whether it can be used for frames that are not of a network of people.
+    ///
+    /// \[OURS] An IPv6 address that the system has made up for the link alone is none: every interface has one. One that is the
+    /// default route has an address, too, and both are allowed together.
+    ///
+    /// # Errors
+    /// [`InterfaceError`].
+    pub fn is_fit(&self, default_route: DefaultRoute) -> Result<(), InterfaceError> {
+        let name = || self.name.clone();
+        if !self.is_ethernet {
+            return Err(InterfaceError::NoEthernet { name: name() });
+        }
+        if !self.is_up {
+            return Err(InterfaceError::Down { name: name() });
+        }
+        if self.has_default_route {
+            return match default_route {
+                DefaultRoute::Allowed => Ok(()),
+                DefaultRoute::Refused { insist } => Err(InterfaceError::DefaultRoute { name: name(), insist }),
+            };
+        }
+        match self.addresses.iter().find(|address| !is_of_link(address)) {
+            Some(address) => Err(InterfaceError::HasAddress { name: name(), address: *address }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Whether an interface may be this machine's way to others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DefaultRoute {
+    /// It may be.
+    Allowed,
+    /// It may not; the error says how a user insists on it, if one can.
+    Refused {
+        /// The option with which a user insists.
+        insist: Option<&'static str>,
+    },
+}
+
+/// The interface of that name, if it can be used.
 ///
 /// # Errors
 /// [`InterfaceError`].
-pub(super) fn check(name: &str, allow_default_route: bool) -> Result<i32, InterfaceError> {
+pub fn check(name: &str, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
     let failed = |source| InterfaceError::System { name: name.to_owned(), source };
-    judge(name, &interfaces().map_err(failed)?, allow_default_route)
+    named(name, interfaces().map_err(failed)?, default_route)
 }
 
-/// The number of the interface `name` among all, if it can be used.
-///
-/// \[OURS] An IPv6 address that the system has made up for the link alone is none: every interface has one. One that is the
-/// default route has an address, too, and both are allowed together.
-fn judge(name: &str, all: &[Interface], allow_default_route: bool) -> Result<i32, InterfaceError> {
-    let owned = || name.to_owned();
-    let Some(interface) = all.iter().find(|interface| interface.name == name) else {
-        let found: Vec<&str> = all.iter().map(|interface| &*interface.name).collect();
-        return Err(InterfaceError::Missing { name: owned(), found: found.join(", ") });
-    };
-    if !interface.is_ethernet {
-        return Err(InterfaceError::NoEthernet { name: owned() });
-    }
-    if !interface.is_up {
-        return Err(InterfaceError::Down { name: owned() });
-    }
-    if interface.has_default_route {
-        return if allow_default_route {
-            Ok(interface.index)
-        } else {
-            Err(InterfaceError::DefaultRoute { name: owned() })
-        };
-    }
-    match interface.addresses.iter().find(|address| !is_of_link(address)) {
-        Some(address) => Err(InterfaceError::HasAddress { name: owned(), address: *address }),
-        None => Ok(interface.index),
-    }
+/// The interface `name` among all, if it can be used.
+fn named(name: &str, all: Vec<Interface>, default_route: DefaultRoute) -> Result<Interface, InterfaceError> {
+    let found = all.iter().map(|interface| &*interface.name).collect::<Vec<_>>().join(", ");
+    let missing = || InterfaceError::Missing { name: name.to_owned(), found };
+    let interface = all.into_iter().find(|interface| interface.name == name).ok_or_else(missing)?;
+    interface.is_fit(default_route).map(|()| interface)
 }
 
 const fn is_of_link(address: &IpAddr) -> bool {
@@ -97,7 +129,10 @@ const fn is_of_link(address: &IpAddr) -> bool {
 }
 
 /// All network interfaces that this process sees.
-fn interfaces() -> io::Result<Vec<Interface>> {
+///
+/// # Errors
+/// That of the system, if it lists none.
+pub fn interfaces() -> io::Result<Vec<Interface>> {
     let mut all = listed()?;
     // Without these files there is no IP, and no route.
     let read = |file: &str| std::fs::read_to_string(file).unwrap_or_default();
@@ -147,6 +182,7 @@ fn listed() -> io::Result<Vec<Interface>> {
         });
         let interface = &mut all[at];
         interface.is_up = entry.ifa_flags & libc::IFF_UP as u32 != 0;
+        interface.has_carrier = entry.ifa_flags & libc::IFF_RUNNING as u32 != 0;
         // SAFETY: the address of an entry is valid or null.
         let Some(address) = (unsafe { entry.ifa_addr.as_ref() }) else { continue };
         match i32::from(address.sa_family) {
@@ -154,6 +190,8 @@ fn listed() -> io::Result<Vec<Interface>> {
                 // SAFETY: addresses of this family have this type.
                 let link = unsafe { entry.ifa_addr.cast::<libc::sockaddr_ll>().read_unaligned() };
                 (interface.index, interface.is_ethernet) = (link.sll_ifindex, link.sll_hatype == libc::ARPHRD_ETHER);
+                let [mac_address @ .., _, _] = link.sll_addr;
+                interface.mac_address = mac_address;
             }
             libc::AF_INET => {
                 // SAFETY: addresses of this family have this type.
@@ -187,7 +225,7 @@ mod tests {
             is_ethernet: true,
             is_up: true,
             addresses: vec![link_local],
-            has_default_route: false,
+            ..Interface::default()
         }
     }
 
@@ -195,16 +233,19 @@ mod tests {
     /// step; the last alone can be insisted on.
     #[test]
     fn each_unfit_interface_is_refused_with_its_reason() {
-        let judged =
-            |interface: Interface, force| judge("veth1", &[interface], force).map_err(|error| error.to_string());
+        let judged = |interface: Interface, force| {
+            let route = if force { DefaultRoute::Allowed } else { DefaultRoute::Refused { insist: Some("--force") } };
+            let found = named("veth1", vec![interface], route);
+            found.map(|interface| interface.index).map_err(|error| error.to_string())
+        };
         assert_eq!(judged(veth(), false), Ok(7));
         let refused = |interface: Interface, force, reason: &str, step: &str| {
             let said = judged(interface, force).expect_err("it is refused");
             assert!(said.contains(reason) && said.contains(step), "{said}");
         };
         let other = Interface { name: "eth5".into(), ..veth() };
-        refused(other, true, "no network interface veth1; there are eth5", "--on");
-        refused(Interface { is_ethernet: false, ..veth() }, true, "no Ethernet", "--on");
+        refused(other, true, "no network interface veth1; there are eth5", "Correct the name");
+        refused(Interface { is_ethernet: false, ..veth() }, true, "no Ethernet", "name another");
         refused(Interface { is_up: false, ..veth() }, true, "is down", "sudo ip link set veth1 up");
         let addresses = vec!["192.0.2.7".parse().expect("an address")];
         let with_address = Interface { addresses, ..veth() };
@@ -236,6 +277,6 @@ mod tests {
         let all = interfaces().expect("the interfaces");
         let lo = all.iter().find(|interface| interface.name == "lo").expect("lo");
         assert!(lo.index > 0 && !lo.is_ethernet && !lo.has_default_route, "{lo:?}");
-        assert!(matches!(check("lo", true), Err(InterfaceError::NoEthernet { .. })));
+        assert!(matches!(check("lo", DefaultRoute::Allowed), Err(InterfaceError::NoEthernet { .. })));
     }
 }

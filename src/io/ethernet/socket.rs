@@ -1,5 +1,5 @@
-//! Frames of EtherCAT from and to a network interface (packet(7)). Such a socket gets no other frames, and not those that
-//! this machine sends.
+//! The frames of one EtherType from and to a network interface. Such a socket gets no other frames, and not those that this
+//! machine sends.
 
 use std::io;
 use std::mem::size_of;
@@ -8,44 +8,44 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
 
-use super::interface::InterfaceError;
-use crate::ethercat::ETHERTYPE;
+use super::interface::{Interface, InterfaceError};
 
 /// A socket of one network interface.
-pub(super) struct Socket {
+pub struct Socket {
     fd: OwnedFd,
 }
 
 impl Socket {
-    /// Opens the interface with that number.
+    /// Opens the interface for frames of that EtherType.
     ///
     /// # Errors
     /// [`InterfaceError::NoRight`], [`InterfaceError::System`].
-    pub fn open(name: &str, index: i32) -> Result<Self, InterfaceError> {
-        Self::open_raw(index).map_err(|source| match source.kind() {
+    pub fn open(interface: &Interface, ethertype: u16) -> Result<Self, InterfaceError> {
+        let name = &interface.name;
+        Self::open_raw(interface.index, ethertype).map_err(|source| match source.kind() {
             io::ErrorKind::PermissionDenied => {
                 let program =
                     std::env::current_exe().map_or_else(|_| "ecmsk".into(), |path| path.display().to_string());
-                InterfaceError::NoRight { name: name.to_owned(), program }
+                InterfaceError::NoRight { name: name.clone(), program }
             }
-            _ => InterfaceError::System { name: name.to_owned(), source },
+            _ => InterfaceError::System { name: name.clone(), source },
         })
     }
 
-    fn open_raw(index: i32) -> io::Result<Self> {
+    fn open_raw(index: i32, ethertype: u16) -> io::Result<Self> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let protocol = std::num::NonZeroU32::new(u16::to_be(ETHERTYPE).into()).map(Protocol::from_raw);
+        let protocol = std::num::NonZeroU32::new(ethertype.to_be().into()).map(Protocol::from_raw);
         let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, protocol)?;
         let address = libc::sockaddr_ll {
             sll_family: libc::AF_PACKET as u16,
-            sll_protocol: ETHERTYPE.to_be(),
+            sll_protocol: ethertype.to_be(),
             sll_ifindex: index,
             sll_hatype: 0,
             sll_pkttype: 0,
             sll_halen: 0,
             sll_addr: [0; 8],
         };
-        // Masters may send to any address; a real interface lets only some of them in by itself.
+        // Frames may be sent to any address; a real interface lets only some of them in by itself.
         let membership = libc::packet_mreq {
             mr_ifindex: index,
             mr_type: libc::PACKET_MR_PROMISC as u16,
@@ -69,6 +69,9 @@ impl Socket {
     }
 
     /// Takes a frame; its length, which is that of the frame even if it has no room in `frame`. `None`: there is none.
+    ///
+    /// # Errors
+    /// That of the system, such as an interface that is down.
     pub fn take(&self, frame: &mut [u8]) -> io::Result<Option<usize>> {
         match recv(&self.fd, frame, RecvFlags::DONTWAIT | RecvFlags::TRUNC) {
             Ok((_, len)) => Ok(Some(len)),
@@ -78,6 +81,9 @@ impl Socket {
     }
 
     /// Sends a frame. It never waits: without room the frame is lost, as on a cable.
+    ///
+    /// # Errors
+    /// That of the system, such as an interface that is down.
     pub fn send(&self, frame: &[u8]) -> io::Result<()> {
         send(&self.fd, frame, SendFlags::DONTWAIT)?;
         Ok(())

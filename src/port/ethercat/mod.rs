@@ -5,11 +5,9 @@
 //!
 //! - `mod.rs`: [`Server`], its options and errors
 //! - `network.rs`: the slaves with what a script does to them; time is an argument
-//! - `scripted.rs`: a device that refuses states and aborts SDOs as a script wants
 //! - `service.rs`: the thread
 
 mod network;
-mod scripted;
 mod service;
 
 use std::io;
@@ -29,7 +27,7 @@ use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
 use crate::slave::cable::Cable;
-use crate::slave::esc::DescriptionError;
+use crate::slave::esc::UndescribedError;
 use service::Service;
 
 /// How slaves are served.
@@ -66,8 +64,8 @@ pub enum ServeError {
     #[error("no slave is to be served; name some with --slaves, e.g. 'drive*2,io'")]
     NoSlave,
     /// The EEPROM of a slave cannot be written.
-    #[error("slave {slave} ({kind}) cannot be put on a network: {source}")]
-    Description { slave: usize, kind: String, source: DescriptionError },
+    #[error(transparent)]
+    Description(#[from] UndescribedError),
     /// The recording cannot be made.
     #[error("cannot record to {}: {source}; name another file with --record or leave it out", file.display())]
     Record { file: PathBuf, source: io::Error },

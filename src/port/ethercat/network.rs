@@ -1,25 +1,19 @@
 //! The slaves on a cable, and what a script does to them. Time is an argument; nothing here knows the network interface.
 
 use super::ServeError;
-use super::scripted::Scripted;
 use crate::engine::Script as _;
 use crate::ethercat::registers::AL_STATUS_CODE;
-use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns, SlaveSet};
+use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns};
 use crate::link::script::{RunningScript, Script};
 use crate::link::simulated_slaves;
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
-use crate::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
+use crate::slave::esc::{CabledChain, Chain, EscSlave, FrameFate};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
-    chain: Chain,
-    cable: Cable,
+    slaves: CabledChain,
     script: Option<RunningScript>,
-    /// How many slaves the cable reaches.
-    reach: u8,
-    /// The slaves that answer.
-    answering: SlaveSet,
     /// The states that were told of the slaves.
     told: Vec<(AlState, AlStatus)>,
     /// What has happened that nobody has taken yet.
@@ -32,34 +26,20 @@ impl Network {
     /// # Errors
     /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>) -> Result<Self, ServeError> {
-        let (cable, settings) = (Cable::default(), EscSettings::default());
-        let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
-            let kind = device.name().to_owned();
-            let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
-            let slave = EscSlave::describe(device, settings.clone(), 0);
-            slave.map_err(|source| ServeError::Description { slave: n + 1, kind, source })
-        };
-        let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, ServeError>>()?;
-        let told = vec![(AlState::Init, AlStatus::NONE); slaves.len()];
-        Ok(Self {
-            answering: SlaveSet::first(slaves.len() as u8),
-            chain: Chain::line(slaves),
-            script: script.map(|script| simulated_slaves::start(script, cable.clone(), 0)),
-            reach: cable.reach(),
-            cable,
-            told,
-            lines: Vec::new(),
-        })
+        let slaves = CabledChain::new(devices, Cable::default())?;
+        let told = vec![(AlState::Init, AlStatus::NONE); slaves.chain().len()];
+        let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
+        Ok(Self { slaves, script, told, lines: Vec::new() })
     }
 
     /// The cable, for faults.
     pub const fn cable(&self) -> &Cable {
-        &self.cable
+        self.slaves.cable()
     }
 
     /// The slaves.
     pub const fn chain(&self) -> &Chain {
-        &self.chain
+        self.slaves.chain()
     }
 
     /// Whether the frame is one of a master: EtherCAT with datagrams.
@@ -70,8 +50,8 @@ impl Network {
     /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
     /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend.
     pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
-        self.carry_out(now);
-        let fate = self.chain.process(&mut frame[..len], now);
+        self.run_script(now);
+        let fate = self.slaves.process(&mut frame[..len], now);
         // A master may acknowledge an error before time passes again.
         self.tell_states(|(_, code)| code != AlStatus::NONE);
         let padded = len.max(FRAME_LEN_MIN);
@@ -81,11 +61,8 @@ impl Network {
 
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
-        self.carry_out(now);
-        for n in 0..self.chain.len() {
-            self.chain.slave_mut(n).delay_sdo(self.cable.sdo_delay_ns(n as u8 + 1));
-        }
-        self.chain.advance(now);
+        self.run_script(now);
+        self.slaves.advance(now);
         self.tell_states(|_| true);
     }
 
@@ -94,42 +71,21 @@ impl Network {
         self.lines.drain(..)
     }
 
-    /// What the script wants is done to the slaves.
-    fn carry_out(&mut self, now: Ns) {
+    /// The cable is told what the script wants by `now`.
+    fn run_script(&mut self, now: Ns) {
         let lines = &mut self.lines;
         if let Some(script) = &mut self.script {
             script.run(now, &mut |event| lines.push(event.to_string()));
         }
-        let chain = &mut self.chain;
-        let place = |slave: u8| usize::from(slave) - 1;
-        let last = chain.len() as u8;
-        let reach = self.cable.reach();
-        if reach != std::mem::replace(&mut self.reach, reach) {
-            (1..=last).for_each(|slave| chain.connect(place(slave), place(slave) != usize::from(reach)));
-        }
-        for slave in self.cable.take_powered_off().iter().filter(|slave| *slave <= last) {
-            chain.power(place(slave), false, now);
-            chain.power(place(slave), true, now);
-        }
-        let answering =
-            self.cable.answering().union(SlaveSet::first(last).difference(SlaveSet::first(reach.min(last))));
-        if answering != std::mem::replace(&mut self.answering, answering) {
-            (1..=last).for_each(|slave| chain.silence(place(slave), !answering.contains(slave)));
-        }
-        self.cable.take_faults(|slave, fault| {
-            if (1..=last).contains(&slave) {
-                chain.slave_mut(place(slave)).device_mut().apply_fault(fault);
-            }
-        });
     }
 
     /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
     fn tell_states(&mut self, which: impl Fn((AlState, AlStatus)) -> bool) {
         let mut n = 0;
         while n < self.told.len() {
-            let state = state_of(self.chain.slave(n));
+            let state = state_of(self.slaves.chain().slave(n));
             let is_alike =
-                |n: &usize| which(state) && self.told[*n] != state && state_of(self.chain.slave(*n)) == state;
+                |n: &usize| which(state) && self.told[*n] != state && state_of(self.slaves.chain().slave(*n)) == state;
             let end = (n..self.told.len()).find(|n| !is_alike(n)).unwrap_or(self.told.len());
             if end > n {
                 self.lines.push(line_of(n, end, state));

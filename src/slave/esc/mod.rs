@@ -20,10 +20,12 @@
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
+//! | `cabled.rs`, `scripted.rs` | a line of them to which happens what scripts and tests want: [`CabledChain`] |
 //!
 //! Rules: ECAT-8 and on.
 
 mod application;
+mod cabled;
 mod chain;
 mod clock;
 mod controller;
@@ -36,6 +38,7 @@ mod information;
 mod mailbox;
 mod managers;
 mod memory;
+mod scripted;
 mod sdo_server;
 mod settings;
 mod slave;
@@ -43,6 +46,7 @@ mod sync_unit;
 mod watchdog;
 
 pub use application::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, OP_WAIT_NS, SYNC0_CYCLE_MIN_NS};
+pub use cabled::{CabledChain, UndescribedError};
 pub use chain::{Chain, FrameFate, HOP_NS};
 pub use clock::SLEW_MAX_NS;
 pub use controller::{Controller, Passage};

@@ -1,0 +1,102 @@
+//! Slave controllers in a line, and the handle by which scripts and tests reach them while frames pass.
+
+use super::scripted::Scripted;
+use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate};
+use crate::ethercat::{Ns, SlaveSet};
+use crate::slave::Slave;
+use crate::slave::cable::Cable;
+
+/// A slave in a line cannot be put on a network: its EEPROM cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("slave {slave} ({kind}) cannot be put on a network: {source}")]
+pub struct UndescribedError {
+    /// Which one, from 1.
+    pub slave: usize,
+    /// Its name.
+    pub kind: String,
+    /// Why.
+    pub source: DescriptionError,
+}
+
+/// Slaves in a line, to which happens what its [`Cable`] is told.
+pub struct CabledChain {
+    chain: Chain,
+    cable: Cable,
+    /// How many slaves the cable reaches.
+    reach: u8,
+    /// The slaves that answer.
+    answering: SlaveSet,
+}
+
+impl CabledChain {
+    /// Slaves in a line that are switched on at time 0.
+    ///
+    /// # Errors
+    /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
+    pub fn new(devices: Vec<Box<dyn Slave>>, cable: Cable) -> Result<Self, UndescribedError> {
+        let settings = EscSettings::default();
+        let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
+            let kind = device.name().to_owned();
+            let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
+            let slave = EscSlave::describe(device, settings.clone(), 0);
+            slave.map_err(|source| UndescribedError { slave: n + 1, kind, source })
+        };
+        let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            answering: SlaveSet::first(slaves.len() as u8),
+            chain: Chain::line(slaves),
+            reach: cable.reach(),
+            cable,
+        })
+    }
+
+    /// The cable, for faults.
+    pub const fn cable(&self) -> &Cable {
+        &self.cable
+    }
+
+    /// The slaves.
+    pub const fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// A frame goes out at `now` and is changed in place, as [`Chain::process`] says.
+    pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
+        self.follow_cable(now);
+        self.chain.process(frame, now)
+    }
+
+    /// Time passes up to `now`.
+    pub fn advance(&mut self, now: Ns) {
+        self.follow_cable(now);
+        for n in 0..self.chain.len() {
+            self.chain.slave_mut(n).delay_sdo(self.cable.sdo_delay_ns(n as u8 + 1));
+        }
+        self.chain.advance(now);
+    }
+
+    /// What the cable was told happens to the slaves.
+    fn follow_cable(&mut self, now: Ns) {
+        let chain = &mut self.chain;
+        let place = |slave: u8| usize::from(slave) - 1;
+        let last = chain.len() as u8;
+        let reach = self.cable.reach();
+        if reach != std::mem::replace(&mut self.reach, reach) {
+            (1..=last).for_each(|slave| chain.connect(place(slave), place(slave) != usize::from(reach)));
+        }
+        for slave in self.cable.take_powered_off().iter().filter(|slave| *slave <= last) {
+            chain.power(place(slave), false, now);
+            chain.power(place(slave), true, now);
+        }
+        let answering =
+            self.cable.answering().union(SlaveSet::first(last).difference(SlaveSet::first(reach.min(last))));
+        if answering != std::mem::replace(&mut self.answering, answering) {
+            (1..=last).for_each(|slave| chain.silence(place(slave), !answering.contains(slave)));
+        }
+        self.cable.take_faults(|slave, fault| {
+            if (1..=last).contains(&slave) {
+                chain.slave_mut(place(slave)).device_mut().apply_fault(fault);
+            }
+        });
+    }
+}

@@ -1,0 +1,9 @@
+//! The software master, against simulated slaves behind their controllers, in virtual time.
+//!
+//! - `rig.rs`: the master with a wire to a chain of slaves
+//! - `start.rs`: the scan, the way to OP, process data
+//! - `objects.rs`: SDO
+
+mod objects;
+mod rig;
+mod start;

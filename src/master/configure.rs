@@ -1,6 +1,6 @@
 //! Which process data each slave has, and their bytes.
 
-use super::{ConfigureError, Master, ProcessManager, process_data};
+use super::{ConfigureError, Master, Pace, ProcessManager, Sync, process_data};
 use crate::ethercat::registers::SyncManager;
 
 impl Master {
@@ -52,6 +52,19 @@ impl Master {
             return Err(ConfigureError::Active(slave));
         }
         self.process.configure(slave, outputs, inputs, lacks_lrw, active)
+    }
+
+    /// Sets which SYNC signals a slave with distributed clocks gets from its way to SafeOP on; `None`: none.
+    ///
+    /// # Errors
+    /// [`ConfigureError::NoSlave`].
+    pub fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> Result<(), ConfigureError> {
+        if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
+    }
+
+    /// Sets how cycles follow the reference clock, which [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then says; `None`: they do not.
+    pub fn set_pace(&mut self, pace: Option<Pace>) {
+        self.bus.with(|shared| (shared.pace, shared.pacer) = (pace, super::pace::Pacer::default()));
     }
 
     /// The outputs of a slave, which every cycle sends; `None`: there is no slave with that number.

@@ -1,6 +1,6 @@
 //! What a scan finds out about a slave.
 
-use super::SiiError;
+use super::{SiiError, Upstream};
 use crate::ethercat::registers::{DlStatus, Features, SmControl, SyncManager};
 use crate::ethercat::sii::{
     CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmType,
@@ -51,6 +51,8 @@ pub struct SlaveInfo {
     pub sync_managers: u8,
     /// Its ports.
     pub ports: DlStatus,
+    /// Where it is connected; `None`: it is the first one.
+    pub upstream: Option<Upstream>,
     /// Its mailbox; `None`: it has none, or none that can be used.
     pub mailbox: Option<MailboxInfo>,
     /// Its sync managers for outputs.
@@ -75,6 +77,7 @@ impl SlaveInfo {
             fmmus: 0,
             sync_managers: 0,
             ports: DlStatus::default(),
+            upstream: None,
             mailbox: None,
             outputs: Vec::new(),
             inputs: Vec::new(),

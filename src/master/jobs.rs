@@ -3,7 +3,7 @@
 use std::future::Future;
 
 use super::bus::Task;
-use super::shared::{Live, Shared};
+use super::shared::Shared;
 use super::states::Plan;
 use super::watch::Watch;
 use super::{Master, ScanError, SdoError, SlaveInfo, StateError, scan, sdo, states};
@@ -83,12 +83,7 @@ impl Master {
         self.process.reset(0);
         self.bus.with(Shared::reset);
         let bus = self.bus.clone();
-        self.start(async move {
-            let found = scan::scan(bus.clone()).await;
-            let count = found.as_ref().map_or(0, Vec::len);
-            bus.with(|shared| shared.live.resize(count, Live::default()));
-            Output::Scan(found)
-        })
+        self.start(async move { Output::Scan(scan::scan(bus).await) })
     }
 
     /// Starts to bring slaves to a state, step by step and each at its own pace, within `timeout_ns`. Errors are acknowledged on
@@ -105,10 +100,11 @@ impl Master {
 
     fn plan(&self, slave: u8) -> Plan {
         let (managers, fmmus) = self.process.registers(slave);
+        let sync = self.process.sync(slave);
         let info = self.slave(slave);
         // A station that nobody has does not answer.
         let station = info.map_or(0, |info| info.station);
-        Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), managers, fmmus }
+        Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), managers, fmmus, sync }
     }
 
     fn target(&self, slave: u8, object: ObjectAddress, scope: SdoScope, timeout_ns: Ns) -> sdo::Target {

@@ -104,15 +104,18 @@
 //! | `scan.rs`, `info.rs`, `sii.rs` | finding slaves, what is known of them, their EEPROMs |
 //! | `states.rs` | changes of the AL state |
 //! | `mailbox.rs`, `sdo.rs` | messages without loss and without a second time; SDO transfers |
+//! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
 //! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
 
 mod bus;
+mod clocks;
 mod configure;
 mod exchange;
 mod info;
 mod jobs;
 mod mailbox;
+mod pace;
 mod process_data;
 mod scan;
 mod sdo;
@@ -120,6 +123,7 @@ mod settings;
 mod shared;
 mod sii;
 mod states;
+mod topology;
 mod watch;
 mod wire;
 
@@ -129,10 +133,12 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
+pub use clocks::Sync;
 pub use exchange::FrameCounters;
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
 pub use jobs::{JobDone, JobId};
 pub use mailbox::MailboxError;
+pub use pace::Pace;
 pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
 pub use scan::ScanError;
 pub use sdo::{SdoError, VALUE_BYTES_MAX};
@@ -140,6 +146,7 @@ pub use settings::Settings;
 pub use shared::{EVENTS_MAX, Event, SlaveStatus};
 pub use sii::SiiError;
 pub use states::{StateError, StateReason};
+pub use topology::Upstream;
 pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
@@ -238,7 +245,8 @@ impl Master {
             shared.last_cycle = Some(shared.now);
             shared.exchange.expire_cyclic(now);
             judge(process, shared);
-            process.send(now, &mut shared.exchange, wire);
+            let clock = shared.reference();
+            process.send(now, clock, &mut shared.exchange, wire);
             if !shared.exchange.is_acyclic_flying() {
                 shared.exchange.send_queued(now, shared.settings.acyclic_bytes_max, wire);
             }
@@ -279,6 +287,11 @@ impl Master {
     /// The present condition of a slave, from 1; `None`: there is none with that number.
     pub fn status(&self, slave: u8) -> Option<SlaveStatus> {
         self.bus.with(|shared| shared.live_mut(slave).map(|live| live.status))
+    }
+
+    /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is none.
+    pub fn reference_clock(&self) -> Option<u8> {
+        self.bus.with(|shared| shared.clocks.reference(shared.missing))
     }
 
     /// The slaves that do not answer, as far as it is known: a cycle after the one that was short.

@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use super::Wire;
 use super::exchange::Exchange;
+use super::{Sync, Wire};
 use crate::ethercat::registers::{
     AL_STATUS, Fmmu, FmmuDirections, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
 };
@@ -80,6 +80,9 @@ pub struct CycleDone {
     pub all_in_op: bool,
     /// The time of the reference clock when the frame passed it, ns.
     pub reference_time: Option<u64>,
+    /// When the next cycle should be sent to keep the pace that was set, ns of the master's clock; `None`: no pace is set, or no
+    /// reference has answered.
+    pub next_deadline: Option<Ns>,
 }
 
 /// Where process data of one direction lie.
@@ -95,6 +98,7 @@ struct SlaveData {
     outputs: Vec<(u8, SyncManager)>,
     inputs: Vec<(u8, SyncManager)>,
     lacks_lrw: bool,
+    sync: Option<Sync>,
     output_place: Place,
     input_place: Place,
 }
@@ -114,8 +118,8 @@ struct Segment {
 pub(super) struct ProcessData {
     slaves: Vec<SlaveData>,
     segments: Vec<Segment>,
-    /// The station with the reference clock, and the time that it had last.
-    pub(super) clock: Option<(u16, u64)>,
+    /// The time that was sent to the reference clock.
+    sent_time: u64,
     cycle: CycleDone,
     /// Datagrams that have not come back yet.
     pending: usize,
@@ -226,6 +230,17 @@ impl ProcessData {
         (data.outputs.iter().chain(&data.inputs).copied().collect(), fmmus)
     }
 
+    /// The SYNC signals of a slave.
+    pub(super) fn sync(&self, slave: u8) -> Option<Sync> {
+        self.slave(slave)?.sync
+    }
+
+    /// Sets the SYNC signals of a slave. Whether there is one.
+    pub(super) fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> bool {
+        let data = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
+        data.map(|data| data.sync = sync).is_some()
+    }
+
     /// The outputs of a slave, which every cycle sends.
     pub(super) fn outputs_mut(&mut self, slave: u8) -> Option<&mut [u8]> {
         let Place { segment, range } = self.slave(slave)?.output_place.clone();
@@ -252,16 +267,23 @@ impl ProcessData {
         if data.lacks_lrw { outputs + inputs } else { 2 * outputs + inputs }
     }
 
-    /// Sends the frames of a cycle. The one before has ended.
-    pub(super) fn send(&mut self, now: Ns, exchange: &mut Exchange, wire: &mut (impl Wire + ?Sized)) {
+    /// Sends the frames of a cycle. The one before has ended. `clock`: the station with the reference clock, and the time that it
+    /// had last.
+    pub(super) fn send(
+        &mut self,
+        now: Ns,
+        clock: Option<(u16, u64)>,
+        exchange: &mut Exchange,
+        wire: &mut (impl Wire + ?Sized),
+    ) {
         self.cycle = CycleDone { number: self.cycle.number + 1, sent_at: now, ..CycleDone::default() };
         (self.pending, self.is_open) = (0, true);
         self.segments.iter_mut().for_each(|segment| segment.answer = None);
         let Some(mut frame) = exchange.begin_cyclic(now) else { return };
-        let clock = self.clock.map(|(station, time)| (u32::from(station), time.to_le_bytes()));
         if let Some((station, time)) = clock {
-            let address = station | u32::from(SYSTEM_TIME) << 16;
-            self.pending += usize::from(frame.push(Command::Frmw, address, &time, CLOCK));
+            self.sent_time = time;
+            let address = u32::from(station) | u32::from(SYSTEM_TIME) << 16;
+            self.pending += usize::from(frame.push(Command::Frmw, address, &time.to_le_bytes(), CLOCK));
         }
         self.pending += usize::from(frame.push(Command::Brd, u32::from(AL_STATUS) << 16, &[0; STATE_LEN], STATES));
         for (n, segment) in self.segments.iter().enumerate().take(SEGMENTS_MAX) {
@@ -285,13 +307,9 @@ impl ProcessData {
         self.pending = self.pending.saturating_sub(1);
         match number {
             CLOCK => {
-                if datagram.working_counter > 0
-                    && let Some((_, time)) = &mut self.clock
-                    && let Some(bytes) = datagram.data.first_chunk()
-                {
-                    *time = u64::from_le_bytes(*bytes);
-                    self.cycle.reference_time = Some(*time);
-                }
+                // What comes back as it was sent was read from no clock.
+                let time = datagram.data.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+                self.cycle.reference_time = time.filter(|time| *time != self.sent_time);
             }
             STATES => {
                 let op = RequestedState::State(crate::ethercat::AlState::Op).code();
@@ -343,6 +361,13 @@ impl ProcessData {
         }
         self.done = Some(self.cycle);
         self.done
+    }
+
+    /// What the time of the reference clock means for the cycle that has ended.
+    pub(super) const fn note_time(&mut self, time: u64, next_deadline: Option<Ns>) {
+        if let Some(done) = &mut self.done {
+            (done.reference_time, done.next_deadline) = (Some(time), next_deadline);
+        }
     }
 
     /// When the last cycle was sent.

@@ -2,7 +2,8 @@
 
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
-use super::{SlaveInfo, sii};
+use super::topology::upstreams;
+use super::{SlaveInfo, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, DL_STATUS, DlStatus, FEATURES, FMMU, FMMU_LEN, FMMUS, Features,
     RequestedState, SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS, STATION_ALIAS, SYNC_ACTIVATION,
@@ -65,12 +66,20 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
         bus.exchange(Command::Apwr, position.wrapping_neg(), STATION_ADDRESS, &mut station.clone()).await?;
     }
     let slaves = join((0..found).map(|position| identify(&bus, FIRST_STATION + position))).await;
-    let slaves = slaves.into_iter().collect::<Result<Vec<_>, _>>();
+    let slaves: Result<Vec<SlaveInfo>, _> = slaves.into_iter().collect();
     let then = count(&bus).await;
     if then != found {
         return Err(ScanError::Changed { first: found, then });
     }
-    slaves.map_err(|_| ScanError::Lost)
+    let mut slaves = slaves.map_err(|_| ScanError::Lost)?;
+    let ports: Vec<DlStatus> = slaves.iter().map(|slave| slave.ports).collect();
+    slaves.iter_mut().zip(upstreams(&ports)).for_each(|(slave, upstream)| slave.upstream = upstream);
+    bus.with(|shared| shared.begin(&slaves));
+    let clocks = bus.with(|shared| shared.clocks.all);
+    if !clocks.is_empty() {
+        clocks::set(&bus, clocks).await?;
+    }
+    Ok(slaves)
 }
 
 /// Brings all slaves to Init, without addresses and without a configuration.

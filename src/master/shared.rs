@@ -2,12 +2,14 @@
 
 use std::collections::VecDeque;
 
-use super::Settings;
+use super::clocks::{Clocks, Place};
 use super::exchange::Exchange;
 use super::mailbox::MailboxState;
+use super::pace::Pacer;
 use super::process_data::ProcessData;
+use super::{Pace, Settings, SlaveInfo};
 use crate::coe::Emergency;
-use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, RequestedState};
+use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 
 /// \[OURS] How many events wait at most; the oldest are lost.
@@ -110,6 +112,10 @@ pub(super) struct Shared {
     pub(super) is_alarmed: bool,
     /// The working counters of the last cycle: of process data, expected, of all slaves.
     pub(super) last_counters: (u16, u16, Option<u16>),
+    pub(super) clocks: Clocks,
+    /// How cycles follow the reference clock.
+    pub(super) pace: Option<Pace>,
+    pub(super) pacer: Pacer,
     pub(super) events: VecDeque<Event>,
 }
 
@@ -126,6 +132,9 @@ impl Shared {
             is_all_in_op: false,
             is_alarmed: false,
             last_counters: (0, 0, None),
+            clocks: Clocks::default(),
+            pace: None,
+            pacer: Pacer::default(),
             events: VecDeque::with_capacity(EVENTS_MAX),
         }
     }
@@ -136,6 +145,26 @@ impl Shared {
         self.live.clear();
         (self.active, self.missing) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         (self.is_all_in_op, self.is_alarmed) = (false, false);
+        (self.clocks, self.pacer) = (Clocks::default(), Pacer::default());
+    }
+
+    /// These slaves were found.
+    pub(super) fn begin(&mut self, slaves: &[SlaveInfo]) {
+        self.live.resize(slaves.len(), Live::default());
+        for (slave, info) in (1..).zip(slaves) {
+            if info.features.contains(Features::CLOCK) {
+                self.clocks.all.insert(slave);
+            }
+            if !info.features.contains(Features::CLOCK_64_BITS) {
+                self.clocks.short.insert(slave);
+            }
+            self.clocks.places.push(Place { station: info.station, ports: info.ports, upstream: info.upstream });
+        }
+    }
+
+    /// The station with the reference clock, and the time that it had last; `None`: no clock has been set.
+    pub(super) fn reference(&self) -> Option<(u16, u64)> {
+        Some((self.clocks.reference_station(self.missing)?, self.clocks.time))
     }
 
     pub(super) fn live_mut(&mut self, slave: u8) -> Option<&mut Live> {
@@ -221,9 +250,14 @@ impl Shared {
 /// Ends a cycle, and sees whether slaves are missing or have left OP.
 pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
     let Some(done) = process.finish(shared.active) else { return };
+    if let Some(time) = done.reference_time {
+        shared.clocks.take_time(time, shared.missing);
+        let Shared { clocks, pace, pacer, .. } = shared;
+        process.note_time(clocks.time, pace.and_then(|pace| pacer.next(pace, done.sent_at, clocks.time)));
+    }
     let found = shared.live.len() as u16;
     let is_short = done.working_counter < done.expected_working_counter;
-    shared.is_all_in_op = done.all_in_op && done.present == Some(found) && !is_short;
+    shared.is_all_in_op = done.all_in_op && done.present == Some(found) && !is_short && shared.missing.is_empty();
     if done.lost > 0 || done.present.is_none() {
         // It tells nothing of slaves.
         return;

@@ -2,7 +2,7 @@
 
 use super::bus::{Bus, Unanswered, join};
 use super::scan::STATE_POLL_NS;
-use super::sii;
+use super::{Sync, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
     sync_manager,
@@ -73,6 +73,7 @@ pub(super) struct Plan {
     /// The sync managers of process data.
     pub(super) managers: Vec<(u8, SyncManager)>,
     pub(super) fmmus: Vec<Fmmu>,
+    pub(super) sync: Option<Sync>,
 }
 
 /// Brings slaves to a state, each at its own pace; the error of the first one in the order of the cable that is not there.
@@ -202,7 +203,7 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
     bus.write(plan.station, sync_manager(n), &manager.encode()).await
 }
 
-/// PreOP to SafeOP: sync managers and FMMUs of process data.
+/// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     for (n, manager) in &plan.managers {
         set_manager(bus, plan, *n, manager).await?;
@@ -210,11 +211,12 @@ async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> 
     for (n, mapped) in (0..).zip(&plan.fmmus) {
         bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
     }
-    Ok(())
+    clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await
 }
 
 /// Below SafeOP nothing is exchanged any more.
 async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+    clocks::stop_sync(bus, plan.slave, plan.station).await?;
     for n in 0..plan.fmmus.len() as u8 {
         bus.write(plan.station, fmmu(n), &Fmmu::default().encode()).await?;
     }

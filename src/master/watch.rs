@@ -3,7 +3,7 @@
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
-use super::{Event, SlaveInfo, sii};
+use super::{Event, SlaveInfo, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, RequestedState, SII_CONFIGURATION,
     STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
@@ -41,6 +41,9 @@ impl Watch {
                 self.read_states().await;
             }
             self.look_for_mail().await;
+            if self.bus.with(|shared| !shared.has_cycles()) {
+                clocks::distribute(&self.bus).await;
+            }
             let now = self.bus.now();
             if now >= self.next_return && self.bus.with(|shared| !shared.missing.is_empty()) {
                 self.next_return = now.saturating_add(RETURN_NS);
@@ -139,7 +142,8 @@ impl Watch {
         self.bus.write(UNKNOWN_STATION, STATION_ADDRESS, &station.to_le_bytes()).await.ok()?;
         let status = AlStatusRegister::of(RequestedState::State(AlState::Init));
         self.bus.with(|shared| {
-            shared.see_status(slave, AlStatusWithCode { status, ..AlStatusWithCode::default() });
+            shared.note_status(slave, AlStatusWithCode { status, ..AlStatusWithCode::default() });
+            shared.clocks.set.remove(slave);
             shared.tell(Event::PowerCycled { slave });
         });
         Some(())

@@ -1,16 +1,18 @@
 //! The master with a wire to a chain of slaves, in virtual time.
 
-use std::collections::VecDeque;
-
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::ethercat::registers::Features;
 use ecmsk::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use ecmsk::fieldbus::Role;
 use ecmsk::fieldbus::pdo::ProcessData;
-use ecmsk::master::{CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, Wire, WireDown};
+use ecmsk::master::{
+    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, Sync, Wire, WireDown,
+};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Channels, Dp3cl, Dp3clConfig, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
+use support::dice::Dice;
 
 pub const US: Ns = 1_000;
 pub const MS: Ns = 1_000_000;
@@ -24,22 +26,68 @@ pub const STEP: Ns = 50 * US;
 pub struct Net {
     pub chain: Chain,
     pub now: Ns,
-    /// Frames on their way back, with when they arrive.
-    back: VecDeque<(Ns, Vec<u8>)>,
+    /// Frames on their way back, with when they arrive, in that order.
+    back: Vec<(Ns, Vec<u8>)>,
+    pub faults: Faults,
+}
+
+/// What goes wrong with frames: one in so many, 0: none.
+pub struct Faults {
+    pub dice: Dice,
+    /// A frame reaches no slave.
+    pub lost_out: u64,
+    /// A frame is lost on its way back.
+    pub lost_back: u64,
+    /// A frame comes back once more, up to 10 ms later.
+    pub doubled: u64,
+    /// A frame comes back up to 10 ms later.
+    pub late: u64,
+}
+
+impl Faults {
+    pub const NONE: Self = Self { dice: Dice(0), lost_out: 0, lost_back: 0, doubled: 0, late: 0 };
+
+    /// Each kind, one in so many.
+    pub fn all(seed: u64, one_in: u64) -> Self {
+        Self { dice: Dice(seed), lost_out: one_in, lost_back: one_in, doubled: one_in, late: one_in }
+    }
+
+    fn hits(&mut self, one_in: u64) -> bool {
+        one_in > 0 && self.dice.one_in(one_in)
+    }
+}
+
+impl Net {
+    fn arrive(&mut self, at: Ns, frame: Vec<u8>) {
+        let place = self.back.partition_point(|(other, _)| *other <= at);
+        self.back.insert(place, (at, frame));
+    }
 }
 
 impl Wire for Net {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
         let mut frame = frame.to_vec();
-        if let FrameFate::Returned(at) = self.chain.process(&mut frame, self.now) {
-            self.back.push_back((at, frame));
+        if self.faults.hits(self.faults.lost_out) {
+            return Ok(());
         }
+        let FrameFate::Returned(mut at) = self.chain.process(&mut frame, self.now) else { return Ok(()) };
+        if self.faults.hits(self.faults.lost_back) {
+            return Ok(());
+        }
+        if self.faults.hits(self.faults.late) {
+            at += self.faults.dice.below(10 * MS);
+        }
+        if self.faults.hits(self.faults.doubled) {
+            let again = at + self.faults.dice.below(10 * MS);
+            self.arrive(again, frame.clone());
+        }
+        self.arrive(at, frame);
         Ok(())
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        self.back.front().filter(|(at, _)| *at <= self.now)?;
-        let (_, frame) = self.back.pop_front()?;
+        self.back.first().filter(|(at, _)| *at <= self.now)?;
+        let (_, frame) = self.back.remove(0);
         buffer[..frame.len()].copy_from_slice(&frame);
         Some(frame.len())
     }
@@ -83,7 +131,7 @@ pub fn slave(kind: &str, settings: EscSettings) -> EscSlave {
 
 impl Rig {
     pub fn of(chain: Chain) -> Self {
-        let net = Net { chain, now: MS, back: VecDeque::new() };
+        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE };
         let master = Master::new(Settings::default());
         Self { master, net, next_cycle: None, last: CycleDone::default() }
     }
@@ -194,6 +242,9 @@ impl Rig {
                 "{download:?}: {ended:?}"
             );
         }
+        let clock = self.master.slaves()[usize::from(slave) - 1].features.contains(Features::CLOCK);
+        let sync = (clock && sync == DriveSync::DcSync).then_some(Sync::sync0(CYCLE as u32, 0));
+        self.master.set_sync(slave, sync).expect("it was found");
         let configured = self.master.configure(slave, data.output_bytes() as u16, data.input_bytes() as u16);
         configured.expect("its process data can be configured");
     }
@@ -208,9 +259,14 @@ impl Rig {
 
     #[track_caller]
     pub fn bring_to_op(&mut self, kinds: &[&str]) {
+        self.bring_to_op_with(kinds, DriveSync::FreeRun);
+    }
+
+    #[track_caller]
+    pub fn bring_to_op_with(&mut self, kinds: &[&str], sync: DriveSync) {
         self.reach(AlState::PreOp);
         for (slave, kind) in (1..).zip(kinds) {
-            self.map(slave, kind, DriveSync::FreeRun);
+            self.map(slave, kind, sync);
         }
         self.reach(AlState::SafeOp);
         self.next_cycle = Some(self.net.now);

@@ -1,7 +1,82 @@
 //! Logical addressing: which bits of a datagram are which bits of the memory.
 
+use std::ops::Range;
+
 use super::Controller;
-use crate::ethercat::registers::{Fmmu, FmmuDirections};
+use super::managers::Managers;
+use super::memory::Memory;
+use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
+
+/// The most FMMUs that a controller has.
+pub(super) const FMMUS_MAX: usize = 16;
+
+/// What a datagram that has all of an FMMU needs to know of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Whole {
+    /// The logical address of the first byte, and how many bytes there are.
+    logical: u32,
+    len: u16,
+    /// A bit for the sync manager whose area is just what the FMMU maps, in whole bytes; 0: none.
+    area: u16,
+}
+
+/// The FMMUs as their registers say, decoded when these are written.
+#[derive(Clone, Debug, Default)]
+#[repr(C)] // What each frame uses lies side by side, first.
+pub(super) struct Fmmus {
+    /// A bit for each FMMU that maps outputs, and that maps inputs.
+    outputs: u16,
+    inputs: u16,
+    wholes: [Whole; FMMUS_MAX],
+    all: [Fmmu; FMMUS_MAX],
+}
+
+impl Fmmus {
+    /// Decodes the registers of so many FMMUs, of which each finds its sync manager.
+    pub(super) fn decode(count: u8, memory: &Memory, managers: &Managers) -> Self {
+        let mut fmmus = Self::default();
+        for n in 0..count.min(FMMUS_MAX as u8) {
+            let fmmu = Fmmu::decode(&memory.get(registers::fmmu(n)));
+            let bit = u16::from(fmmu.enabled && fmmu.bits() > 0) << n;
+            for (direction, bits) in
+                [(FmmuDirections::WRITE, &mut fmmus.outputs), (FmmuDirections::READ, &mut fmmus.inputs)]
+            {
+                *bits |= if fmmu.directions.contains(direction) { bit } else { 0 };
+            }
+            let n = usize::from(n);
+            let area = if fmmu.is_bytewise() { managers.of_area(fmmu.physical, fmmu.len) } else { 0 };
+            fmmus.wholes[n] = Whole { logical: fmmu.logical, len: fmmu.len, area };
+            fmmus.all[n] = fmmu;
+        }
+        fmmus
+    }
+
+    /// If an FMMU maps an area that can be exchanged whole, one of those in `areas`, and a datagram has all of it: the number
+    /// of its sync manager, and its bytes of the datagram.
+    #[inline]
+    fn whole(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Option<(usize, Range<usize>)> {
+        let Whole { logical, len, area } = self.wholes[n];
+        let area = area & areas;
+        // A datagram that begins behind the FMMU's first byte is taken for one that ends long before.
+        let at = u64::from(logical.wrapping_sub(address));
+        let end = at + u64::from(len);
+        if area == 0 || end > data_len as u64 {
+            return None;
+        }
+        Some((area.trailing_zeros() as usize, at as usize..end as usize))
+    }
+}
+
+/// The first of the bits in `left`, which is taken out of them.
+#[inline]
+const fn next(left: &mut u16) -> Option<usize> {
+    if *left == 0 {
+        return None;
+    }
+    let n = left.trailing_zeros() as usize;
+    *left &= *left - 1;
+    Some(n)
+}
 
 /// The part of an FMMU that a datagram has.
 struct Part {
@@ -48,22 +123,19 @@ fn set_bit(bytes: &mut [u8], bit: usize, value: bool) {
 }
 
 impl Controller {
-    /// The next FMMU of those in `left`, a bit each, that is for a direction.
-    fn next_mapped(&self, direction: FmmuDirections, left: &mut u16) -> Option<Fmmu> {
-        while *left != 0 {
-            let fmmu = &self.fmmus[left.trailing_zeros() as usize];
-            *left &= *left - 1;
-            if fmmu.directions.contains(direction) {
-                return Some(*fmmu);
-            }
-        }
-        None
-    }
-
     /// Writes what FMMUs map for outputs. Whether anything was written.
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
-        let (mut done, mut left) = (false, self.fmmus_enabled);
-        while let Some(fmmu) = self.next_mapped(FmmuDirections::WRITE, &mut left) {
+        let (mut done, mut left) = (false, self.fmmus.outputs);
+        while let Some(n) = next(&mut left) {
+            if let Some((manager, bytes)) = self.fmmus.whole(n, self.managers.writable(), address, data.len()) {
+                let is_watched = self.managers.write_whole(manager, &data[bytes], &mut self.memory);
+                if is_watched {
+                    self.watchdog.trigger(self.arrival, &mut self.memory);
+                }
+                done = true;
+                continue;
+            }
+            let fmmu = self.fmmus.all[n];
             let Some(part) = part_of(&fmmu, address, data) else { continue };
             done |= if fmmu.is_bytewise() {
                 self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
@@ -92,8 +164,14 @@ impl Controller {
 
     /// Reads what FMMUs map for inputs; other bits stay as they came. Whether anything was read.
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
-        let (mut done, mut left) = (false, self.fmmus_enabled);
-        while let Some(fmmu) = self.next_mapped(FmmuDirections::READ, &mut left) {
+        let (mut done, mut left) = (false, self.fmmus.inputs);
+        while let Some(n) = next(&mut left) {
+            if let Some((manager, bytes)) = self.fmmus.whole(n, self.managers.readable(), address, data.len()) {
+                self.managers.read_whole(manager, &mut data[bytes], &self.memory);
+                done = true;
+                continue;
+            }
+            let fmmu = self.fmmus.all[n];
             let Some(part) = part_of(&fmmu, address, data) else { continue };
             done |= if fmmu.is_bytewise() {
                 self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])

@@ -3,7 +3,7 @@
 //! A buffer is opened by its first byte and done with its last one. \[OURS] Effects take place with the datagram, not at the
 //! end of the frame.
 
-use super::memory::Memory;
+use super::memory::{Memory, copy};
 use crate::ethercat::registers::{
     self, BufferMode, RAM, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
 };
@@ -40,6 +40,9 @@ pub(super) struct Managers {
     count: u8,
     /// A bit for each that is enabled and has an area.
     enabled: u16,
+    /// A bit for each whose three buffers the network can write, or read, whole and without looking at another one.
+    writable: u16,
+    readable: u16,
     pub(super) events: ManagerEvents,
 }
 
@@ -127,6 +130,41 @@ impl Manager {
         }
     }
 
+    /// The network, or the slave's own controller, writes the next of three buffers whole: where that lies.
+    #[inline]
+    fn fill(&mut self) -> usize {
+        let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
+        let buffer = if !is_taken(0) {
+            0
+        } else if !is_taken(1) {
+            1
+        } else {
+            2
+        };
+        (self.last, self.writing) = (Some(buffer), None);
+        let status = self.registers.status.without(SmStatus::READ).without(SmStatus::WRITING);
+        self.registers.status = status.with(SmStatus::WRITTEN).with_last_buffer(buffer);
+        self.buffer_start(buffer)
+    }
+
+    /// The network, or the slave's own controller, reads the newest of three buffers whole: where that lies.
+    #[inline]
+    fn drain(&mut self) -> usize {
+        self.reading = None;
+        let status = self.registers.status.without(SmStatus::WRITTEN).without(SmStatus::READING);
+        self.registers.status = status.with(SmStatus::READ);
+        self.buffer_start(self.last.unwrap_or(0))
+    }
+
+    /// Whether the network may use it in this way now.
+    fn is_open_to(&self, side: Side) -> bool {
+        let SyncManager { control, pdi, .. } = self.registers;
+        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
+        control.direction() == wanted
+            && control.mode() != BufferMode::Unknown
+            && !pdi.contains(SmPdiControl::DEACTIVATE)
+    }
+
     /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
     fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
         if offset == 0 {
@@ -142,7 +180,8 @@ impl Manager {
 impl Managers {
     pub(super) fn new(count: u8) -> Self {
         let count = count.min(MANAGERS_MAX as u8);
-        Self { managers: Default::default(), count, enabled: 0, events: ManagerEvents::default() }
+        let (managers, events) = (Default::default(), ManagerEvents::default());
+        Self { managers, count, enabled: 0, writable: 0, readable: 0, events }
     }
 
     pub(super) fn registers(&self, n: u8) -> SyncManager {
@@ -154,9 +193,11 @@ impl Managers {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
-    /// Puts its status into the memory, which is all that an access to its area changes.
-    fn show_status(&self, n: usize, memory: &mut Memory) {
-        memory.set_u8(registers::sync_manager_status(n as u8), self.managers[n].registers.status.0);
+    /// Puts what accesses to areas have changed into the memory, which has to be done before the registers are read.
+    pub(super) fn show_statuses(&self, memory: &mut Memory) {
+        for n in 0..self.count {
+            memory.set_u8(registers::sync_manager_status(n), self.registers(n).status.0);
+        }
     }
 
     /// A byte of the registers is written from the network.
@@ -181,6 +222,41 @@ impl Managers {
         let bit = 1 << n;
         self.enabled = if manager.is_active() { self.enabled | bit } else { self.enabled & !bit };
         self.show(n, memory);
+        self.find_whole(memory);
+    }
+
+    /// Finds the sync managers whose buffers can be exchanged whole.
+    fn find_whole(&mut self, memory: &Memory) {
+        (self.writable, self.readable) = (0, 0);
+        for n in 0..usize::from(self.count) {
+            let manager = &self.managers[n];
+            let area = manager.area();
+            let end = manager.buffer_start(2) + usize::from(manager.registers.len);
+            // An address belongs to the first sync manager that has it.
+            let mut before = self.managers[..n].iter().filter(|other| other.is_active()).map(Manager::area);
+            let is_first = before.all(|other| other.end <= area.start || area.end <= other.start);
+            let is_whole = manager.is_usable() && !manager.is_mailbox() && end <= memory.end() && is_first;
+            for (side, bits) in [(Side::Writer, &mut self.writable), (Side::Reader, &mut self.readable)] {
+                *bits |= u16::from(is_whole && manager.is_open_to(side)) << n;
+            }
+        }
+    }
+
+    /// A bit for each whose three buffers the network can write whole.
+    pub(super) const fn writable(&self) -> u16 {
+        self.writable
+    }
+
+    /// A bit for each whose three buffers the network can read whole.
+    pub(super) const fn readable(&self) -> u16 {
+        self.readable
+    }
+
+    /// A bit for the first enabled sync manager that has just this area; 0: there is none.
+    pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
+        let has_it =
+            |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;
+        self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
     /// The status of a sync manager that nobody has used.
@@ -208,13 +284,22 @@ impl Managers {
         (None, next)
     }
 
-    /// Whether an area belongs to a sync manager that the network may not use in this way now.
-    fn may_use(&self, n: usize, side: Side) -> bool {
-        let SyncManager { control, pdi, .. } = self.managers[n].registers;
-        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
-        control.direction() == wanted
-            && control.mode() != BufferMode::Unknown
-            && !pdi.contains(SmPdiControl::DEACTIVATE)
+    /// The network writes three buffers whole, of one that is [writable](Self::writable). Whether that triggers the watchdog.
+    #[inline]
+    pub(super) fn write_whole(&mut self, n: usize, data: &[u8], memory: &mut Memory) -> bool {
+        let manager = &mut self.managers[n];
+        let start = manager.fill();
+        copy(memory.slice_mut(start, data.len()), data);
+        self.events.written |= 1 << n;
+        manager.registers.control.contains(SmControl::WATCHDOG)
+    }
+
+    /// The network reads three buffers whole, of one that is [readable](Self::readable).
+    #[inline]
+    pub(super) fn read_whole(&mut self, n: usize, data: &mut [u8], memory: &Memory) {
+        let start = self.managers[n].drain();
+        copy(data, memory.slice(start, data.len()));
+        self.events.read |= 1 << n;
     }
 
     /// The network writes RAM. Whether any byte was written.
@@ -235,7 +320,7 @@ impl Managers {
     }
 
     fn write_area(&mut self, n: usize, address: usize, data: &[u8], memory: &mut Memory) -> bool {
-        if !self.may_use(n, Side::Writer) {
+        if !self.managers[n].is_open_to(Side::Writer) {
             return false;
         }
         let manager = &mut self.managers[n];
@@ -247,7 +332,6 @@ impl Managers {
             manager.close(Side::Writer);
             self.events.written |= 1 << n;
         }
-        self.show_status(n, memory);
         done
     }
 
@@ -269,7 +353,7 @@ impl Managers {
     }
 
     fn read_area(&mut self, n: usize, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
-        if !self.may_use(n, Side::Reader) {
+        if !self.managers[n].is_open_to(Side::Reader) {
             return false;
         }
         let manager = &mut self.managers[n];
@@ -281,24 +365,31 @@ impl Managers {
             manager.close(Side::Reader);
             self.events.read |= 1 << n;
         }
-        self.show_status(n, memory);
         done
     }
 
     /// The slave's own controller writes a whole buffer; `false`: the sync manager is off, or its mailbox is full.
     pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
-        let n = usize::from(n);
-        let manager = &mut self.managers[n];
-        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
-            return false;
+        let manager = &mut self.managers[usize::from(n)];
+        if self.readable & 1 << n == 0 {
+            if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
+                return false;
+            }
+            if manager.is_mailbox() {
+                if manager.open(Side::Writer).is_none() {
+                    return false;
+                }
+                manager.close(Side::Writer);
+            }
         }
-        let Some(buffer) = manager.open(Side::Writer) else { return false };
-        let room = memory.slice_mut(manager.buffer_start(buffer), usize::from(manager.registers.len));
+        let start = if manager.is_mailbox() { manager.buffer_start(0) } else { manager.fill() };
+        let room = memory.slice_mut(start, usize::from(manager.registers.len));
         let len = data.len().min(room.len());
-        room[..len].copy_from_slice(&data[..len]);
-        room[len..].fill(0);
-        manager.close(Side::Writer);
-        self.show_status(n, memory);
+        copy(&mut room[..len], &data[..len]);
+        // Nearly always nothing is left.
+        if len < room.len() {
+            room[len..].fill(0);
+        }
         true
     }
 
@@ -309,11 +400,14 @@ impl Managers {
         if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Write {
             return None;
         }
-        let buffer = manager.open(Side::Reader)?;
-        let (start, len) = (manager.buffer_start(buffer), usize::from(manager.registers.len));
-        manager.close(Side::Reader);
-        self.show_status(n, memory);
-        Some(memory.slice(start, len))
+        let start = if manager.is_mailbox() {
+            let buffer = manager.open(Side::Reader)?;
+            manager.close(Side::Reader);
+            manager.buffer_start(buffer)
+        } else {
+            manager.drain()
+        };
+        Some(memory.slice(start, usize::from(manager.registers.len)))
     }
 
     /// Takes back a message that the network has not read yet, with the whole mailbox.
@@ -327,7 +421,6 @@ impl Managers {
         manager.registers.status = status.without(SmStatus::FULL).without(SmStatus::WRITTEN);
         manager.reading = None;
         let (start, len) = (manager.buffer_start(0), usize::from(manager.registers.len));
-        self.show_status(n, memory);
         Some(memory.slice(start, len))
     }
 
@@ -346,6 +439,7 @@ impl Managers {
         let pdi = &mut self.managers[usize::from(n)].registers.pdi;
         *pdi = if is_off { pdi.with(SmPdiControl::DEACTIVATE) } else { pdi.without(SmPdiControl::DEACTIVATE) };
         self.show(n.into(), memory);
+        self.find_whole(memory);
     }
 
     /// The number of sync managers.

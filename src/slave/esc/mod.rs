@@ -20,6 +20,7 @@
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
+//! | `route.rs`, `passing.rs` | the way of a frame through them, and its datagrams on that way |
 //!
 //! Rules: ECAT-8 and on.
 
@@ -36,6 +37,8 @@ mod information;
 mod mailbox;
 mod managers;
 mod memory;
+mod passing;
+mod route;
 mod sdo_server;
 mod settings;
 mod slave;
@@ -45,7 +48,7 @@ mod watchdog;
 pub use application::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, OP_WAIT_NS, SYNC0_CYCLE_MIN_NS};
 pub use chain::{Chain, FrameFate, HOP_NS};
 pub use clock::SLEW_MAX_NS;
-pub use controller::{Controller, Passage};
+pub use controller::Controller;
 pub use description::{DescriptionError, eeprom_of};
 pub use esi::esi_of;
 pub use mailbox::EMERGENCIES_MAX;

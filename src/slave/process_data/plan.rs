@@ -28,7 +28,7 @@ pub(in crate::slave) struct EntryCopy {
 /// One step of a plan.
 enum Step<D> {
     Object(EntryCopy),
-    /// A PDO that has the entries of power-on and begins at that byte.
+    /// A PDO with entries of power-on, or others that masters often map, which begins at that byte.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
@@ -180,9 +180,11 @@ impl<D: Planned> Plan<D> {
     }
 }
 
-/// One step for a whole PDO, if the PDO has the entries of power-on and begins with a whole byte.
+/// One step for a whole PDO, if the PDO has the entries of power-on, or others that masters often map, and begins with a whole
+/// byte.
 fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
-    let pdo = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries)?;
+    let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
+    let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
     let step = match pdo.mover {
         Mover::Inputs(put) => Step::Inputs(bit / 8, put),
         Mover::Outputs(take) => Step::Outputs(bit / 8, take),
@@ -205,6 +207,9 @@ pub(in crate::slave) trait Planned: Device {
 
     /// The PDOs at power-on.
     fn pdos() -> &'static [Pdo<Self>];
+
+    /// PDOs with entries that masters often map, whatever the index.
+    fn often_mapped() -> &'static [Pdo<Self>];
 }
 
 /// Puts the inputs of the device into an image. An image that is too short stays as it is.

@@ -124,6 +124,7 @@ fn set_bit(bytes: &mut [u8], bit: usize, value: bool) {
 
 impl Controller {
     /// Writes what FMMUs map for outputs. Whether anything was written.
+    #[inline]
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
         let (mut done, mut left) = (false, self.fmmus.outputs);
         while let Some(n) = next(&mut left) {
@@ -135,15 +136,22 @@ impl Controller {
                 done = true;
                 continue;
             }
-            let fmmu = self.fmmus.all[n];
-            let Some(part) = part_of(&fmmu, address, data) else { continue };
-            done |= if fmmu.is_bytewise() {
-                self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
-            } else {
-                self.write_bits(&fmmu, &part, data)
-            };
+            done |= self.write_part(n, address, data);
         }
         done
+    }
+
+    /// Writes the part of an FMMU that a datagram has.
+    #[inline(never)]
+    fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
+        let fmmu = self.fmmus.all[n];
+        match part_of(&fmmu, address, data) {
+            None => false,
+            Some(part) if fmmu.is_bytewise() => {
+                self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
+            }
+            Some(part) => self.write_bits(&fmmu, &part, data),
+        }
     }
 
     /// \[OURS] Bits beside the mapped ones keep their values everywhere, not in the digital outputs alone.
@@ -163,6 +171,7 @@ impl Controller {
     }
 
     /// Reads what FMMUs map for inputs; other bits stay as they came. Whether anything was read.
+    #[inline]
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
         let (mut done, mut left) = (false, self.fmmus.inputs);
         while let Some(n) = next(&mut left) {
@@ -171,15 +180,22 @@ impl Controller {
                 done = true;
                 continue;
             }
-            let fmmu = self.fmmus.all[n];
-            let Some(part) = part_of(&fmmu, address, data) else { continue };
-            done |= if fmmu.is_bytewise() {
-                self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])
-            } else {
-                self.read_bits(&fmmu, &part, data)
-            };
+            done |= self.read_part(n, address, data);
         }
         done
+    }
+
+    /// Reads the part of an FMMU that a datagram has.
+    #[inline(never)]
+    fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
+        let fmmu = self.fmmus.all[n];
+        match part_of(&fmmu, address, data) {
+            None => false,
+            Some(part) if fmmu.is_bytewise() => {
+                self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])
+            }
+            Some(part) => self.read_bits(&fmmu, &part, data),
+        }
     }
 
     fn read_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &mut [u8]) -> bool {

@@ -369,45 +369,48 @@ impl Managers {
     }
 
     /// The slave's own controller writes a whole buffer; `false`: the sync manager is off, or its mailbox is full.
+    #[inline]
     pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
         let manager = &mut self.managers[usize::from(n)];
-        if self.readable & 1 << n == 0 {
-            if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
-                return false;
-            }
-            if manager.is_mailbox() {
-                if manager.open(Side::Writer).is_none() {
-                    return false;
-                }
-                manager.close(Side::Writer);
-            }
+        if self.readable & 1 << n == 0 || data.len() != usize::from(manager.registers.len) {
+            return self.put_with_care(n, data, memory);
         }
-        let start = if manager.is_mailbox() { manager.buffer_start(0) } else { manager.fill() };
-        let room = memory.slice_mut(start, usize::from(manager.registers.len));
+        let start = manager.fill();
+        copy(memory.slice_mut(start, data.len()), data);
+        true
+    }
+
+    #[inline(never)]
+    fn put_with_care(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
+        let manager = &mut self.managers[usize::from(n)];
+        if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
+            return false;
+        }
+        let Some(buffer) = manager.open(Side::Writer) else { return false };
+        manager.close(Side::Writer);
+        let room = memory.slice_mut(manager.buffer_start(buffer), usize::from(manager.registers.len));
         let len = data.len().min(room.len());
-        copy(&mut room[..len], &data[..len]);
-        // Nearly always nothing is left.
-        if len < room.len() {
-            room[len..].fill(0);
-        }
+        room[..len].copy_from_slice(&data[..len]);
+        room[len..].fill(0);
         true
     }
 
     /// The slave's own controller reads a whole buffer; `None`: the sync manager is off, or its mailbox is empty.
+    #[inline]
     pub(super) fn take<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
-        let n = usize::from(n);
-        let manager = &mut self.managers[n];
+        let manager = &mut self.managers[usize::from(n)];
+        let start = if self.writable & 1 << n == 0 { Self::take_with_care(manager)? } else { manager.drain() };
+        Some(memory.slice(start, usize::from(manager.registers.len)))
+    }
+
+    #[inline(never)]
+    fn take_with_care(manager: &mut Manager) -> Option<usize> {
         if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Write {
             return None;
         }
-        let start = if manager.is_mailbox() {
-            let buffer = manager.open(Side::Reader)?;
-            manager.close(Side::Reader);
-            manager.buffer_start(buffer)
-        } else {
-            manager.drain()
-        };
-        Some(memory.slice(start, usize::from(manager.registers.len)))
+        let buffer = manager.open(Side::Reader)?;
+        manager.close(Side::Reader);
+        Some(manager.buffer_start(buffer))
     }
 
     /// Takes back a message that the network has not read yet, with the whole mailbox.

@@ -301,6 +301,7 @@ impl EscSlave {
     }
 
     /// Time has passed in the device: it takes its newest outputs and gives new inputs.
+    #[inline]
     fn end_cycle(&mut self, now: Ns) {
         let state = self.state();
         if state >= AlState::SafeOp {
@@ -309,15 +310,17 @@ impl EscSlave {
             let Controller { managers, memory, .. } = &mut self.controller;
             managers.put(self.application.managers.inputs, &self.inputs, memory);
         }
-        self.application.follow(&mut self.controller, &*self.device);
-        self.look_for_errors(now);
+        if self.device.state() != state {
+            self.application.follow(&mut self.controller, &*self.device);
+        }
+        if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
+            self.look_for_errors(now);
+        }
     }
 
+    #[inline(never)]
     fn look_for_errors(&mut self, now: Ns) {
-        if now.saturating_sub(self.looked) < ERROR_CYCLE_NS
-            || self.state() == AlState::Init
-            || !self.controller.settings().emergencies
-        {
+        if !self.controller.settings().emergencies || self.state() == AlState::Init {
             return;
         }
         self.looked = now;

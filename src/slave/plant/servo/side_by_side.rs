@@ -55,7 +55,8 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
         let Some(Following { servo, from, fraction, by }) = motor else { continue };
-        let span = servo.span(ns);
+        servo.set_span(ns);
+        let span = &servo.span;
         substeps = span.substeps;
         of.feed_forward[n] = *by * span.rate;
         of.position_gain[n] = servo.position_gain;
@@ -79,8 +80,8 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         let Some(Following { servo, .. }) = motor else { continue };
         (servo.velocity, servo.fraction) = (of.velocity[n], of.fraction[n]);
         let wanted = of.wanted[n];
-        let span = servo.span;
-        servo.finish_span(&span, of.asked[n], clamp_to(wanted, of.velocity_limit[n]) != wanted);
+        let limits = (servo.span.torque, servo.span.torque_per_change);
+        servo.finish_span(limits, of.asked[n], clamp_to(wanted, of.velocity_limit[n]) != wanted);
         servo.settle();
     }
 }

@@ -39,7 +39,7 @@ pub struct Controller {
     pub(super) watchdog: Watchdog,
     clock: Clock,
     pub(super) events: ControllerEvents,
-    /// Registers were written that may change when something happens next.
+    /// Registers were written.
     pub(super) is_set_anew: bool,
     /// Another port has been opened or closed since the way of frames was found.
     pub(super) ports_have_changed: bool,
@@ -288,11 +288,10 @@ impl Controller {
         self.eeprom.due().is_some() || self.sync.is_running()
     }
 
-    /// Whether a frame has done more than to exchange process data and to read.
+    /// Whether a frame has written registers that make the device do something, or that change when something happens next.
     #[inline]
-    pub(super) const fn is_touched(&self) -> bool {
-        let ControllerEvents { al_control, watchdog, sync_changed, reset } = self.events;
-        self.is_set_anew | al_control | watchdog | sync_changed | reset
+    pub(super) const fn is_set_anew(&self) -> bool {
+        self.is_set_anew
     }
 
     fn raise_for_device(&mut self, events: AlEvents) {

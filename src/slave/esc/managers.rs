@@ -21,6 +21,8 @@ pub(super) struct Manager {
     writing: Option<u8>,
     /// The buffer that the reader has opened.
     reading: Option<u8>,
+    /// How far the buffers are from each other, as the length says: a buffer of one byte is a single one.
+    distance: u16,
 }
 
 /// What the network has done to sync managers since somebody asked: a bit for each.
@@ -74,9 +76,7 @@ impl Manager {
 
     /// Where a buffer lies.
     fn buffer_start(&self, buffer: u8) -> usize {
-        // A buffer of one byte is a single one.
-        let distance = if self.registers.len == 1 { 0 } else { usize::from(self.registers.len) };
-        usize::from(self.registers.start) + usize::from(buffer) * distance
+        usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
     }
 
     /// Opens a buffer for a side; `None`: it has to wait.
@@ -217,7 +217,8 @@ impl Managers {
         manager.registers = SyncManager::decode(&bytes);
         if !manager.registers.is_enabled() {
             let registers = SyncManager { status: Self::idle(manager.registers.control), ..manager.registers };
-            *manager = Manager { registers, ..Manager::default() };
+            let distance = if registers.len == 1 { 0 } else { registers.len };
+            *manager = Manager { registers, distance, ..Manager::default() };
         }
         let bit = 1 << n;
         self.enabled = if manager.is_active() { self.enabled | bit } else { self.enabled & !bit };

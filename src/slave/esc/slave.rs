@@ -42,7 +42,9 @@ pub struct EscSlave {
     error_code: u16,
     /// There is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
     is_quiet: bool,
-    /// The newest frame has brought outputs on which the device has not worked.
+    /// The AL state, while the slave is quiet.
+    quiet_state: AlState,
+    /// How far the device is with the outputs of the newest frame.
     work: Work,
     device: Box<dyn Slave>,
     /// The newest outputs, as long as sync manager 2.
@@ -84,6 +86,7 @@ impl EscSlave {
             looked: now,
             error_code: 0,
             is_quiet: false,
+            quiet_state: AlState::Init,
             work: Work::None,
         }
     }
@@ -186,11 +189,11 @@ impl EscSlave {
         let mailbox = if self.application.has_mailbox { Mailbox::MANAGERS } else { 0 };
         let done = self.controller.managers.events;
         let is_common = (done.written | done.read) & mailbox == 0 && done.activated == 0;
-        if !self.is_quiet || !is_common || self.controller.is_touched() {
+        if !self.is_quiet || !is_common || self.controller.is_set_anew() {
             return self.react(self.controller.arrival);
         }
         self.controller.managers.events = ManagerEvents::default();
-        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs() {
+        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs(self.quiet_state) {
             self.work = Work::Waiting;
         }
     }
@@ -223,7 +226,7 @@ impl EscSlave {
             Work::Stepping(ns) => self.device.end_step(ns),
             Work::Stepped => {}
         }
-        self.end_cycle(self.controller.arrival);
+        self.end_cycle(self.controller.arrival, self.quiet_state);
     }
 
     /// Time passes up to `now`.
@@ -289,7 +292,7 @@ impl EscSlave {
         if passed > 0 {
             self.device.step(passed);
         }
-        self.end_cycle(now);
+        self.end_cycle(now, self.state());
     }
 
     /// How much time has to pass in the device up to `now`. Without a reason it works again in `next_ns`.
@@ -302,8 +305,7 @@ impl EscSlave {
 
     /// Time has passed in the device: it takes its newest outputs and gives new inputs.
     #[inline]
-    fn end_cycle(&mut self, now: Ns) {
-        let state = self.state();
+    fn end_cycle(&mut self, now: Ns, state: AlState) {
         if state >= AlState::SafeOp {
             let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
@@ -312,6 +314,7 @@ impl EscSlave {
         }
         if self.device.state() != state {
             self.application.follow(&mut self.controller, &*self.device);
+            self.is_quiet = false;
         }
         if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
             self.look_for_errors(now);
@@ -348,7 +351,7 @@ impl EscSlave {
         if events.sync_changed {
             self.sync_changed();
         }
-        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs() {
+        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs(self.state()) {
             self.cycle(now, DRIVEN_NS);
         }
         if events.watchdog {
@@ -369,6 +372,7 @@ impl EscSlave {
             self.mailbox.serve(now, done, managers, memory, &mut *self.device);
         }
         self.is_quiet = self.has_become_quiet();
+        self.quiet_state = self.state();
     }
 
     /// The state has changed to one with a mailbox or with process data.
@@ -393,8 +397,9 @@ impl EscSlave {
     }
 
     /// Takes the outputs that were written. Whether the device works on them now, since nothing else drives it.
-    fn take_outputs(&mut self) -> bool {
-        if self.state() < AlState::SafeOp {
+    #[inline]
+    fn take_outputs(&mut self, state: AlState) -> bool {
+        if state < AlState::SafeOp {
             return false;
         }
         let Controller { managers, memory, .. } = &mut self.controller;

@@ -51,6 +51,9 @@ pub(in crate::slave) struct Plan<D> {
     output_bytes: usize,
     /// Some bits of the input image belong to no object.
     has_padding: bool,
+    /// All inputs, or all outputs, are one PDO, which this function copies.
+    all_inputs: Option<fn(&D, &mut [u8])>,
+    all_outputs: Option<fn(&mut D, &[u8])>,
 }
 
 impl<D> Clone for Plan<D> {
@@ -69,7 +72,15 @@ impl<D> fmt::Debug for Plan<D> {
 
 impl<D> Default for Plan<D> {
     fn default() -> Self {
-        Self { steps: Vec::new(), inputs: 0, input_bytes: 0, output_bytes: 0, has_padding: false }
+        Self {
+            steps: Vec::new(),
+            inputs: 0,
+            input_bytes: 0,
+            output_bytes: 0,
+            has_padding: false,
+            all_inputs: None,
+            all_outputs: None,
+        }
     }
 }
 
@@ -148,6 +159,12 @@ impl<D: Planned> Plan<D> {
         self.has_padding = inputs.bits % 8 != 0 || inputs.padding;
         let outputs = self.add(device, PdoDirection::Rx, mapping).ok_or(AlStatus::INVALID_OUTPUT_MAPPING)?;
         (self.input_bytes, self.output_bytes) = (inputs.bits.div_ceil(8), outputs.bits.div_ceil(8));
+        if let [Step::Inputs(0, put)] = self.steps[..self.inputs] {
+            self.all_inputs = Some(put);
+        }
+        if let [Step::Outputs(0, take)] = self.steps[self.inputs..] {
+            self.all_outputs = Some(take);
+        }
         Ok(())
     }
 
@@ -213,11 +230,21 @@ pub(in crate::slave) trait Planned: Device {
 }
 
 /// Puts the inputs of the device into an image. An image that is too short stays as it is.
+#[inline]
 pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
     let plan = device.plan();
     if image.len() < plan.input_bytes {
         return;
     }
+    match plan.all_inputs {
+        Some(put) => put(device, image),
+        None => put_each_input(device, image),
+    }
+}
+
+#[inline(never)]
+fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
+    let plan = device.plan();
     if plan.has_padding {
         image[..plan.input_bytes].fill(0);
     }
@@ -231,11 +258,21 @@ pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
 }
 
 /// Hands the outputs in an image to the device. An image that is too short is ignored.
+#[inline]
 pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
     let plan = device.plan();
     if image.len() < plan.output_bytes {
         return;
     }
+    match plan.all_outputs {
+        Some(take) => take(device, image),
+        None => take_each_output(device, image),
+    }
+}
+
+#[inline(never)]
+fn take_each_output<D: Planned>(device: &mut D, image: &[u8]) {
+    let plan = device.plan();
     for n in plan.inputs..plan.steps.len() {
         match device.plan().steps[n] {
             Step::Outputs(at, take) => take(device, &image[at..]),

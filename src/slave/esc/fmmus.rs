@@ -51,20 +51,30 @@ impl Fmmus {
         fmmus
     }
 
-    /// If an FMMU maps an area that can be exchanged whole, one of those in `areas`, and a datagram has all of it: the number
-    /// of its sync manager, and its bytes of the datagram.
+    /// How much of an FMMU a datagram has, where the areas that can be exchanged whole are those in `areas`.
     #[inline]
-    fn whole(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Option<(usize, Range<usize>)> {
+    fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
+        let (data_len, len) = (data_len as u64, u64::from(len));
+        // Both are far greater than any length if they are less than 0.
+        let at = u64::from(logical).wrapping_sub(address.into());
+        let skipped = u64::from(address).wrapping_sub(logical.into());
         let area = area & areas;
-        // A datagram that begins behind the FMMU's first byte is taken for one that ends long before.
-        let at = u64::from(logical.wrapping_sub(address));
-        let end = at + u64::from(len);
-        if area == 0 || end > data_len as u64 {
-            return None;
+        if area != 0 && len <= data_len && at <= data_len - len {
+            return Share::Whole(area.trailing_zeros() as usize, at as usize..(at + len) as usize);
         }
-        Some((area.trailing_zeros() as usize, at as usize..end as usize))
+        if at >= data_len && skipped >= len { Share::None } else { Share::Part }
     }
+}
+
+/// How much of an FMMU a datagram has.
+enum Share {
+    /// Nothing.
+    None,
+    /// All, and it can be exchanged whole: the number of the sync manager, and the bytes of the datagram.
+    Whole(usize, Range<usize>),
+    /// Something that has to be looked at.
+    Part,
 }
 
 /// The first of the bits in `left`, which is taken out of them.
@@ -128,15 +138,16 @@ impl Controller {
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
         let (mut done, mut left) = (false, self.fmmus.outputs);
         while let Some(n) = next(&mut left) {
-            if let Some((manager, bytes)) = self.fmmus.whole(n, self.managers.writable(), address, data.len()) {
-                let is_watched = self.managers.write_whole(manager, &data[bytes], &mut self.memory);
-                if is_watched {
-                    self.watchdog.trigger(self.arrival, &mut self.memory);
+            done |= match self.fmmus.share(n, self.managers.writable(), address, data.len()) {
+                Share::None => false,
+                Share::Whole(manager, bytes) => {
+                    if self.managers.write_whole(manager, &data[bytes], &mut self.memory) {
+                        self.watchdog.trigger(self.arrival, &mut self.memory);
+                    }
+                    true
                 }
-                done = true;
-                continue;
-            }
-            done |= self.write_part(n, address, data);
+                Share::Part => self.write_part(n, address, data),
+            };
         }
         done
     }
@@ -175,12 +186,14 @@ impl Controller {
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
         let (mut done, mut left) = (false, self.fmmus.inputs);
         while let Some(n) = next(&mut left) {
-            if let Some((manager, bytes)) = self.fmmus.whole(n, self.managers.readable(), address, data.len()) {
-                self.managers.read_whole(manager, &mut data[bytes], &self.memory);
-                done = true;
-                continue;
-            }
-            done |= self.read_part(n, address, data);
+            done |= match self.fmmus.share(n, self.managers.readable(), address, data.len()) {
+                Share::None => false,
+                Share::Whole(manager, bytes) => {
+                    self.managers.read_whole(manager, &mut data[bytes], &self.memory);
+                    true
+                }
+                Share::Part => self.read_part(n, address, data),
+            };
         }
         done
     }

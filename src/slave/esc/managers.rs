@@ -37,15 +37,16 @@ pub(super) struct ManagerEvents {
 }
 
 #[derive(Clone, Debug)]
+#[repr(C)] // What each frame uses lies side by side, first.
 pub(super) struct Managers {
-    managers: [Manager; MANAGERS_MAX],
-    count: u8,
-    /// A bit for each that is enabled and has an area.
-    enabled: u16,
+    pub(super) events: ManagerEvents,
     /// A bit for each whose three buffers the network can write, or read, whole and without looking at another one.
     writable: u16,
     readable: u16,
-    pub(super) events: ManagerEvents,
+    /// A bit for each that is enabled and has an area.
+    enabled: u16,
+    count: u8,
+    managers: [Manager; MANAGERS_MAX],
 }
 
 /// Which side of a sync manager.

@@ -168,12 +168,7 @@ impl EscSlave {
     /// A frame comes to the slave.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
-        if self.is_quiet && arrival < self.free_run && self.controller.is_quiet_until(arrival) {
-            self.now = self.now.max(arrival);
-            self.controller.advance_quietly(arrival);
-        } else {
-            self.advance(arrival);
-        }
+        self.advance(arrival);
         self.controller.arrival = arrival;
     }
 
@@ -230,7 +225,19 @@ impl EscSlave {
     }
 
     /// Time passes up to `now`.
+    #[inline]
     pub fn advance(&mut self, now: Ns) {
+        if self.is_quiet && now < self.free_run && self.controller.is_quiet_until(now) {
+            self.now = self.now.max(now);
+            self.controller.advance_quietly(now);
+        } else {
+            self.advance_with_care(now);
+        }
+    }
+
+    /// Time passes up to `now`, and things happen in the meantime.
+    #[inline(never)]
+    fn advance_with_care(&mut self, now: Ns) {
         let mut pulses = 0;
         while self.due() < now {
             pulses += self.run_to(self.due().max(self.now));

@@ -4,13 +4,16 @@
 //! motor takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`]
 //! computes, by the same operations in the same order.
 
-use super::super::clamp_to;
+use super::super::{Setpoint, clamp_to};
 use super::Servo;
 use crate::ethercat::Ns;
 
 /// How many motors are computed together: as many as a processor with two numbers in a register can work on while it
 /// waits for the results of the first.
 pub const SIDE_BY_SIDE: usize = 8;
+
+/// So many motors take less time one by one.
+const FEW: usize = 2;
 
 /// A motor, and the position that it is to follow; see [`Setpoint::Position`](super::super::Setpoint::Position).
 #[derive(Debug)]
@@ -48,6 +51,12 @@ struct Motors {
 /// `ns` pass for these motors.
 pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], ns: Ns) {
     if ns == 0 {
+        return;
+    }
+    if motors.iter().flatten().count() <= FEW {
+        for Following { servo, from, fraction, by } in motors.iter_mut().flatten() {
+            servo.run(Setpoint::Position { from: *from, fraction: *fraction, by: *by }, ns);
+        }
         return;
     }
     // Zeros are computed for a place without a motor.
@@ -107,7 +116,6 @@ impl Motors {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::Setpoint;
     use super::super::Motor;
     use super::*;
 

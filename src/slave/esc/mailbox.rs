@@ -65,9 +65,6 @@ pub(super) struct Mailbox {
 }
 
 impl Mailbox {
-    /// A bit for each of its sync managers.
-    pub(super) const MANAGERS: u16 = 1 << REQUESTS | 1 << ANSWERS;
-
     /// The mailbox begins anew, with sync managers of these lengths.
     pub(super) fn reset(&mut self, requests: usize, answers: usize) {
         for (bytes, len) in [
@@ -102,7 +99,8 @@ impl Mailbox {
 
     /// Whether [`Self::serve`] has something to do, after the network has done that to sync managers.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
-        (done.written | done.read | done.activated) & Self::MANAGERS != 0
+        const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
+        (done.written | done.read | done.activated) & BOTH != 0
             || self.answer.is_used
             || self.put_back.is_used
             || self.emergencies_waiting > 0

@@ -3,27 +3,17 @@
 //! A buffer is opened by its first byte and done with its last one. \[OURS] Effects take place with the datagram, not at the
 //! end of the frame.
 
+mod manager;
+
 use super::memory::{Memory, copy};
 use crate::ethercat::registers::{
-    self, BufferMode, RAM, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
+    self, BufferMode, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
 };
+
+use manager::{Manager, Side};
 
 /// The most sync managers that a controller has.
 pub(super) const MANAGERS_MAX: usize = 16;
-
-/// One sync manager and what it keeps.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Manager {
-    registers: SyncManager,
-    /// The last written buffer; `None`: none.
-    last: Option<u8>,
-    /// The buffer that the writer has opened.
-    writing: Option<u8>,
-    /// The buffer that the reader has opened.
-    reading: Option<u8>,
-    /// How far the buffers are from each other, as the length says: a buffer of one byte is a single one.
-    distance: u16,
-}
 
 /// What the network has done to sync managers since somebody asked: a bit for each.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,135 +37,6 @@ pub(super) struct Managers {
     enabled: u16,
     count: u8,
     managers: [Manager; MANAGERS_MAX],
-}
-
-/// Which side of a sync manager.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Side {
-    Writer,
-    Reader,
-}
-
-impl Manager {
-    fn area(&self) -> std::ops::Range<usize> {
-        let start = usize::from(self.registers.start);
-        start..start + usize::from(self.registers.len)
-    }
-
-    fn is_active(&self) -> bool {
-        self.registers.is_enabled() && self.registers.len > 0
-    }
-
-    /// Whether the slave's own controller may use it: it does not lie over registers.
-    fn is_usable(&self) -> bool {
-        self.is_active() && self.registers.start >= RAM
-    }
-
-    fn is_mailbox(&self) -> bool {
-        self.registers.control.mode() == BufferMode::Mailbox
-    }
-
-    /// Where a buffer lies.
-    fn buffer_start(&self, buffer: u8) -> usize {
-        usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
-    }
-
-    /// Opens a buffer for a side; `None`: it has to wait.
-    fn open(&mut self, side: Side) -> Option<u8> {
-        let is_full = self.registers.status.contains(SmStatus::FULL);
-        let buffer = match (side, self.is_mailbox()) {
-            (Side::Writer, true) if is_full => return None,
-            (Side::Reader, true) if !is_full => return None,
-            (_, true) => 0,
-            (Side::Writer, false) => {
-                (0..3).find(|buffer| Some(*buffer) != self.last && Some(*buffer) != self.reading)?
-            }
-            (Side::Reader, false) => self.last.unwrap_or(0),
-        };
-        let status = &mut self.registers.status;
-        match side {
-            Side::Writer => {
-                self.writing = Some(buffer);
-                *status = status.without(SmStatus::READ).with(SmStatus::WRITING);
-            }
-            Side::Reader => {
-                self.reading = Some(buffer);
-                *status = status.without(SmStatus::WRITTEN).with(SmStatus::READING);
-            }
-        }
-        Some(buffer)
-    }
-
-    /// The last byte of a buffer was written or read.
-    fn close(&mut self, side: Side) {
-        let is_mailbox = self.is_mailbox();
-        let status = &mut self.registers.status;
-        match side {
-            Side::Writer => {
-                *status = status.without(SmStatus::WRITING).with(SmStatus::WRITTEN);
-                let buffer = self.writing.take();
-                if is_mailbox {
-                    *status = status.with(SmStatus::FULL);
-                } else {
-                    self.last = buffer;
-                    *status = status.with_last_buffer(buffer.unwrap_or(3));
-                }
-            }
-            Side::Reader => {
-                self.reading = None;
-                *status = status.without(SmStatus::READING).with(SmStatus::READ);
-                if is_mailbox {
-                    *status = status.without(SmStatus::FULL);
-                }
-            }
-        }
-    }
-
-    /// The network, or the slave's own controller, writes the next of three buffers whole: where that lies.
-    #[inline]
-    fn fill(&mut self) -> usize {
-        let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
-        let buffer = if !is_taken(0) {
-            0
-        } else if !is_taken(1) {
-            1
-        } else {
-            2
-        };
-        (self.last, self.writing) = (Some(buffer), None);
-        let status = self.registers.status.without(SmStatus::READ).without(SmStatus::WRITING);
-        self.registers.status = status.with(SmStatus::WRITTEN).with_last_buffer(buffer);
-        self.buffer_start(buffer)
-    }
-
-    /// The network, or the slave's own controller, reads the newest of three buffers whole: where that lies.
-    #[inline]
-    fn drain(&mut self) -> usize {
-        self.reading = None;
-        let status = self.registers.status.without(SmStatus::WRITTEN).without(SmStatus::READING);
-        self.registers.status = status.with(SmStatus::READ);
-        self.buffer_start(self.last.unwrap_or(0))
-    }
-
-    /// Whether the network may use it in this way now.
-    fn is_open_to(&self, side: Side) -> bool {
-        let SyncManager { control, pdi, .. } = self.registers;
-        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
-        control.direction() == wanted
-            && control.mode() != BufferMode::Unknown
-            && !pdi.contains(SmPdiControl::DEACTIVATE)
-    }
-
-    /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
-    fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
-        if offset == 0 {
-            return self.open(side);
-        }
-        match side {
-            Side::Writer => self.writing,
-            Side::Reader => self.reading,
-        }
-    }
 }
 
 impl Managers {

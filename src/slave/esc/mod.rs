@@ -10,11 +10,11 @@
 //! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
 //! | `memory.rs` | its memory, and which bytes the network may write |
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
-//! | `managers.rs` | sync managers: mailboxes, and three buffers |
+//! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
 //! | `eeprom.rs` | the interface to the EEPROM |
 //! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
 //! | `watchdog.rs` | the watchdog of process data |
-//! | `slave.rs` | a controller with its device: [`EscSlave`] |
+//! | `slave.rs`, `slave/frames.rs` | a controller with its device: [`EscSlave`], and what it does with a frame |
 //! | `application.rs` | the AL state machine with its checks |
 //! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
 //! | `description.rs` | the EEPROM of a device |

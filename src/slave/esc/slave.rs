@@ -1,5 +1,7 @@
 //! A controller with its device: what the device does after a frame has passed, and while time passes.
 
+mod frames;
+
 use super::application::{Application, Change, active_len};
 use super::mailbox::Mailbox;
 use super::managers::ManagerEvents;
@@ -8,9 +10,10 @@ use super::{Controller, DescriptionError, EscSettings, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
 use crate::ethercat::registers::{Features, PORTS, SyncActivation};
 use crate::ethercat::sii::Sii;
-use crate::ethercat::{AlState, DatagramHeader, Ns};
-use crate::slave::plant::Following;
+use crate::ethercat::{AlState, Ns};
 use crate::slave::{Slave, SyncEvent};
+
+use frames::Work;
 
 /// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
@@ -54,19 +57,6 @@ pub struct EscSlave {
     application: Application,
     controller: Controller,
     mailbox: Mailbox,
-}
-
-/// How far a device is with the outputs of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Work {
-    /// There is nothing to work on.
-    None,
-    /// The outputs have come.
-    Waiting,
-    /// Time passes for so long in the device, its motor among others.
-    Stepping(Ns),
-    /// Time has passed in the device.
-    Stepped,
 }
 
 impl EscSlave {
@@ -163,65 +153,6 @@ impl EscSlave {
     /// Whether a port was opened or closed since [`Self::set_returns`].
     pub(super) const fn ports_have_changed(&self) -> bool {
         self.controller.ports_have_changed
-    }
-
-    /// A frame comes to the slave.
-    #[inline]
-    pub(super) fn begin_frame(&mut self, arrival: Ns) {
-        self.advance(arrival);
-        self.controller.arrival = arrival;
-    }
-
-    /// A datagram of the frame passes the slave. What its working counter counts.
-    #[inline]
-    pub(super) fn pass(&mut self, header: &mut DatagramHeader, data: &mut [u8]) -> u16 {
-        self.controller.pass(header, data)
-    }
-
-    /// The frame has passed: the device sees what it has brought. [`Self::begin_work`] and [`Self::end_work`] have to follow.
-    #[inline]
-    pub(super) fn end_frame(&mut self) {
-        let mailbox = if self.application.has_mailbox { Mailbox::MANAGERS } else { 0 };
-        let done = self.controller.managers.events;
-        let is_common = (done.written | done.read) & mailbox == 0 && done.activated == 0;
-        if !self.is_quiet || !is_common || self.controller.is_set_anew() {
-            return self.react(self.controller.arrival);
-        }
-        self.controller.managers.events = ManagerEvents::default();
-        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs(self.quiet_state) {
-            self.work = Work::Waiting;
-        }
-    }
-
-    /// The device begins to work on the outputs of the frame, if there are some. A motor may be handed out, to be run with those
-    /// of other slaves before [`Self::end_work`]; they all run for `step_ns`, which the first one says.
-    #[inline]
-    pub(super) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<Following<'_>> {
-        if self.work == Work::None {
-            return None;
-        }
-        let passed = self.pass_time(self.controller.arrival, DRIVEN_NS);
-        if *step_ns == 0 {
-            *step_ns = passed;
-        }
-        if passed == 0 || passed != *step_ns {
-            self.work = Work::Stepped;
-            self.device.step(passed);
-            return None;
-        }
-        self.work = Work::Stepping(passed);
-        self.device.begin_step(passed)
-    }
-
-    /// The device does the rest of its work on the outputs of the frame.
-    #[inline]
-    pub(super) fn end_work(&mut self) {
-        match std::mem::replace(&mut self.work, Work::None) {
-            Work::None | Work::Waiting => return,
-            Work::Stepping(ns) => self.device.end_step(ns),
-            Work::Stepped => {}
-        }
-        self.end_cycle(self.controller.arrival, self.quiet_state);
     }
 
     /// Time passes up to `now`.

@@ -29,8 +29,8 @@ const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
 
 /// A slave as the network sees it: a controller, and a device behind it.
 ///
-/// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave
-/// [is quiet](Self::is_quiet) then, and does only what it has to.
+/// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave is quiet then, and
+/// does only what it has to.
 #[repr(C)] // What each frame uses lies side by side, first; the mailbox last.
 pub struct EscSlave {
     /// Up to when time has passed in the controller.

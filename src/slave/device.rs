@@ -138,6 +138,12 @@ pub trait Model: Send + Sized + 'static {
     /// The PDOs that devices of this kind can have at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 
+    /// PDOs that masters often make of the objects of this kind, whatever their index: a cycle moves them as fast as those of
+    /// power-on.
+    fn often_mapped() -> &'static [Pdo<Self>] {
+        &[]
+    }
+
     /// What every device keeps.
     fn base(&self) -> &Base<Self>;
 

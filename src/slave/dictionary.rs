@@ -118,18 +118,18 @@ pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, valu
 }
 
 fn read_entry<D: Device>(device: &D, at: ObjectAddress, value: &mut [u8]) -> Result<usize, AbortCode> {
-    let Place { row, cell } = find(device, at)?;
+    let (row, offset) = find_row(device, at)?;
     let object = &D::objects()[row];
     if matches!(object.access, Access::WriteOnly) {
         return Err(AbortCode::WRITE_ONLY);
     }
-    Ok(match object.cell {
-        Cell::Text(text) => put_first(text(device).as_bytes(), value),
-        _ => {
-            let bits = object.data.encode(number(device, object, cell));
-            put_first(&bits.to_le_bytes()[..object.data.bytes().into()], value)
-        }
-    })
+    let number = match object.cell {
+        Cell::Text(text) => return Ok(put_first(text(device).as_bytes(), value)),
+        Cell::Live { get, .. } => get(device),
+        Cell::Stored { .. } => number(device, object, cell_of::<D>(row, offset)),
+    };
+    let bits = object.data.encode(number);
+    Ok(put_first(&bits.to_le_bytes()[..object.data.bytes().into()], value))
 }
 
 fn write_entry<D: Device>(device: &mut D, at: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
@@ -174,22 +174,33 @@ pub(super) struct Place {
     pub(super) cell: usize,
 }
 
-/// The place of an address. A linear search is enough, since SDO transfers are rare and tables short.
+/// The place of an address.
 pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, AbortCode> {
-    let mut cell = 0;
+    let (row, offset) = find_row(device, at)?;
+    Ok(Place { row, cell: cell_of::<D>(row, offset) })
+}
+
+/// The row of an address, and which of its sub-indices it is.
+fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), AbortCode> {
+    let objects = D::objects();
+    let first = objects.partition_point(|object| object.index < at.index);
     let mut index_exists = false;
-    for (row, object) in D::objects().iter().enumerate() {
-        if object.index == at.index && object.only_if.is_none_or(|has| has(device)) {
+    for (row, object) in (first..).zip(&objects[first..]).take_while(|(_, object)| object.index == at.index) {
+        if object.only_if.is_none_or(|has| has(device)) {
             index_exists = true;
             if let Some(offset) = at.sub.checked_sub(object.first_sub)
                 && offset < object.count
             {
-                return Ok(Place { row, cell: cell + usize::from(offset) });
+                return Ok((row, offset.into()));
             }
         }
-        cell += usize::from(object.count);
     }
     Err(if index_exists { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
+}
+
+/// The cell of a sub-index of a row. The rows before are counted, which is done for stored values alone.
+fn cell_of<D: Device>(row: usize, offset: usize) -> usize {
+    D::objects()[..row].iter().map(|object| usize::from(object.count)).sum::<usize>() + offset
 }
 
 /// The present value of an object as a number; 0 for a text.

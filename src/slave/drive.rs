@@ -126,6 +126,10 @@ impl Model for Drive {
         objects::PDOS
     }
 
+    fn often_mapped() -> &'static [Pdo<Self>] {
+        objects::OFTEN_MAPPED
+    }
+
     fn base(&self) -> &Base<Self> {
         &self.base
     }

@@ -48,15 +48,19 @@ impl Network {
     }
 
     /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
-    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend.
+    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend. Once the
+    /// frame is on its way, [`Self::look`] has to follow.
     pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
         self.run_script(now);
         let fate = self.slaves.process(&mut frame[..len], now);
-        // A master may acknowledge an error before time passes again.
-        self.tell_states(|(_, code)| code != AlStatus::NONE);
         let padded = len.max(FRAME_LEN_MIN);
         frame[len..padded].fill(0);
         matches!(fate, FrameFate::Returned(_)).then_some(padded)
+    }
+
+    /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
+    pub fn look(&mut self) {
+        self.tell_states(|(_, code)| code != AlStatus::NONE);
     }
 
     /// Time passes up to `now`.
@@ -170,7 +174,9 @@ mod tests {
             let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
             frame[len..].fill(0xEE);
             self.now += 1000;
-            let padded = self.network.answer(&mut frame, len, self.now)?;
+            let padded = self.network.answer(&mut frame, len, self.now);
+            self.network.look();
+            let padded = padded?;
             self.lines.extend(self.network.take_lines());
             assert_eq!((padded, frame[6]), (len.max(FRAME_LEN_MIN), 0x12));
             assert!(frame[len..padded].iter().all(|byte| *byte == 0), "padded with zeros");

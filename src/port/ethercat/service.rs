@@ -84,7 +84,12 @@ impl Service {
     }
 
     fn now(&self) -> Ns {
-        Ns::try_from(self.begin.elapsed().as_nanos()).unwrap_or(Ns::MAX)
+        self.time_of(Instant::now())
+    }
+
+    /// The time of the network.
+    fn time_of(&self, at: Instant) -> Ns {
+        Ns::try_from(at.duration_since(self.begin).as_nanos()).unwrap_or(Ns::MAX)
     }
 
     /// Waits until a frame comes or time has to pass.
@@ -115,20 +120,24 @@ impl Service {
         if !Network::is_masters(&frame[..len]) {
             return;
         }
-        let now = self.now();
+        let came = Instant::now();
+        let now = self.time_of(came);
         self.record(Dir::Write, now, &frame[..len]);
-        if self.last_frame.replace(Instant::now()).is_none() {
+        if self.last_frame.replace(came).is_none() {
             self.notes.tell(format!("a master is there on {}", self.interface));
         }
-        let Some(len) = self.network.answer(frame, len, now) else {
-            self.lost += 1;
-            return;
-        };
-        self.answered += 1;
-        if let Err(error) = self.socket.send(&frame[..len]) {
-            self.interface_failed(&error);
+        match self.network.answer(frame, len, now) {
+            None => self.lost += 1,
+            Some(len) => {
+                self.answered += 1;
+                if let Err(error) = self.socket.send(&frame[..len]) {
+                    self.interface_failed(&error);
+                }
+                self.record(Dir::Read, self.now(), &frame[..len]);
+            }
         }
-        self.record(Dir::Read, self.now(), &frame[..len]);
+        // The master does not wait for that.
+        self.network.look();
     }
 
     fn record(&self, dir: Dir, at: Ns, frame: &[u8]) {

@@ -292,4 +292,8 @@ impl<M: Model> process_data::Planned for M {
     fn pdos() -> &'static [Pdo<M>] {
         M::pdos()
     }
+
+    fn often_mapped() -> &'static [Pdo<M>] {
+        M::often_mapped()
+    }
 }

@@ -94,6 +94,12 @@ pub(super) const PDOS: &[Pdo<Drive>] = &[
     rx_pdo!(OBJECTS, 0x1602, false, [0x6040_0010, 0x6071_0010]),
 ];
 
+/// The PDOs of masters that change between the cyclic modes in OP: all targets, all actual values.
+pub(super) const OFTEN_MAPPED: &[Pdo<Drive>] = &[
+    tx_pdo!(OBJECTS, 0x1A00, false, [0x6041_0010, 0x6064_0020, 0x606C_0020, 0x6077_0010]),
+    rx_pdo!(OBJECTS, 0x1600, false, [0x6040_0010, 0x607A_0020, 0x60FF_0020, 0x6071_0010]),
+];
+
 pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     match kind {
         DriveKind::Servo => PDOS,

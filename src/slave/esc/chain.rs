@@ -3,15 +3,15 @@
 //! The cable is a tree. A frame leaves a slave by port 3, then 1, then 2, and comes back by port 0; a port that is closed
 //! is passed by. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
 
-use super::{EscSlave, Passage};
+use super::EscSlave;
+use super::passing::Passing;
+use super::route::{Route, Visit};
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
-use crate::ethercat::{Frame, Ns, each_datagram, mark_as_passed};
+use crate::ethercat::{Frame, Ns, mark_as_passed};
+use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
 
 /// \[OURS] How long a frame takes from one slave to the next one unless it is set, ns: a cable of some metres and two ports.
 pub const HOP_NS: Ns = 310;
-
-/// The ports by which a frame leaves a slave, in the order in which it does.
-const ORDER: [usize; PORTS - 1] = [3, 1, 2];
 
 /// What has become of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,27 +25,28 @@ pub enum FrameFate {
 }
 
 /// A slave on the cable.
-struct Place {
-    slave: EscSlave,
+pub(super) struct Place {
+    pub(super) slave: EscSlave,
     /// The slave at each port but 0, by its place.
-    children: [Option<usize>; PORTS],
+    pub(super) children: [Option<usize>; PORTS],
     /// Where the slave is connected: the place and the port.
     parent: Option<(usize, usize)>,
     /// How long a frame takes from the parent, ns.
-    hop_ns: Ns,
+    pub(super) hop_ns: Ns,
     /// The cable to the parent is whole.
     is_connected: bool,
     is_powered: bool,
     /// Frames pass it untouched.
-    is_silent: bool,
+    pub(super) is_silent: bool,
 }
 
 /// A network of slaves.
 #[derive(Default)]
 pub struct Chain {
     places: Vec<Place>,
-    /// The slaves that the frame visits, with when it comes and returns. Kept for its room.
-    visits: Vec<(usize, Passage)>,
+    route: Route,
+    /// The datagrams of the frame that passes. Kept for its room.
+    passing: Passing,
 }
 
 impl Chain {
@@ -85,7 +86,6 @@ impl Chain {
         let children = [None; PORTS];
         let (is_connected, is_powered, is_silent) = (true, true, false);
         self.places.push(Place { slave, children, parent, hop_ns: HOP_NS, is_connected, is_powered, is_silent });
-        self.visits.reserve(self.places.len());
         self.update_links();
     }
 
@@ -112,6 +112,7 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn slave_mut(&mut self, n: usize) -> &mut EscSlave {
+        self.route.is_current = false;
         &mut self.places[n].slave
     }
 
@@ -120,6 +121,7 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn set_hop(&mut self, n: usize, hop_ns: Ns) {
+        self.route.is_current = false;
         self.places[n].hop_ns = hop_ns;
     }
 
@@ -150,22 +152,17 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn silence(&mut self, n: usize, is_silent: bool) {
+        self.route.is_current = false;
         self.places[n].is_silent = is_silent;
     }
 
-    /// Whether there is a link between a slave and the one that it is connected to; for the first one, to the master.
-    fn has_link(&self, n: usize) -> bool {
-        let place = &self.places[n];
-        let parent_is_powered = place.parent.is_none_or(|(parent, _)| self.places[parent].is_powered);
-        place.is_powered && place.is_connected && parent_is_powered
-    }
-
     fn update_links(&mut self) {
+        self.route.is_current = false;
         for n in 0..self.places.len() {
             let mut links = [false; PORTS];
-            links[0] = self.has_link(n);
+            links[0] = has_link(&self.places, n);
             for (link, child) in links.iter_mut().zip(self.places[n].children).skip(1) {
-                *link = child.is_some_and(|child| self.has_link(child));
+                *link = child.is_some_and(|child| has_link(&self.places, child));
             }
             self.places[n].slave.controller_mut().set_links(links);
         }
@@ -175,68 +172,47 @@ impl Chain {
     ///
     /// \[OURS] A frame whose datagrams do not fit into it has no effect but in the error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
-        let mut visits = std::mem::take(&mut self.visits);
-        visits.clear();
-        let back = self.route(now, &mut visits);
-        let fate = match back {
-            Some(back) => self.visit(frame, &visits, back),
+        let mut route = std::mem::take(&mut self.route);
+        if !route.is_current {
+            let is_reached = !self.places.is_empty() && has_link(&self.places, 0);
+            route.find(&mut self.places, is_reached, has_link);
+        }
+        let fate = match route.back_ns {
+            Some(back_ns) => self.visit(frame, &mut route, now, now + back_ns),
             None => FrameFate::Lost,
         };
-        self.visits = visits;
+        self.route = route;
         fate
     }
 
-    /// The slaves that a frame visits; when it is back. `None`: it is lost.
-    fn route(&self, now: Ns, visits: &mut Vec<(usize, Passage)>) -> Option<Ns> {
-        if self.places.is_empty() || !self.has_link(0) {
-            return None;
-        }
-        self.route_from(0, now, visits)
-    }
-
-    fn route_from(&self, n: usize, arrival: Ns, visits: &mut Vec<(usize, Passage)>) -> Option<Ns> {
-        let visit = visits.len();
-        visits.push((n, Passage { arrival, ..Passage::default() }));
-        let place = &self.places[n];
-        let mut at = arrival;
-        for port in ORDER {
-            if !place.slave.controller().is_open(port) {
-                continue;
-            }
-            // An open port without a link is a hole.
-            let child = place.children[port].filter(|child| self.has_link(*child))?;
-            let hop = self.places[child].hop_ns;
-            at = self.route_from(child, at + hop, visits)? + hop;
-            visits[visit].1.returns[port - 1] = Some(at);
-        }
-        Some(at)
-    }
-
-    fn visit(&mut self, frame: &mut [u8], visits: &[(usize, Passage)], back: Ns) -> FrameFate {
+    fn visit(&mut self, frame: &mut [u8], route: &mut Route, now: Ns, back: Ns) -> FrameFate {
         let Ok(decoded) = Frame::decode(frame) else {
-            return if self.destroys_others(visits) { FrameFate::Destroyed } else { FrameFate::Returned(back) };
+            return if self.destroys_others(&route.visits) { FrameFate::Destroyed } else { FrameFate::Returned(back) };
         };
-        let has_datagrams = decoded.datagrams().is_some();
-        let is_whole = decoded.datagrams().is_some_and(|mut all| all.all(|datagram| datagram.is_ok()));
-        for (n, passage) in visits {
-            let Place { slave, is_silent: false, .. } = &mut self.places[*n] else { continue };
-            slave.begin_frame(*passage);
-            if is_whole {
-                // It was looked through already.
-                let _ = each_datagram(frame, |mut datagram| slave.pass(&mut datagram));
-            } else if has_datagrams {
-                slave.controller_mut().note_wrong_structure();
+        let is_whole = self.passing.begin(decoded.datagrams());
+        for group in route.visits.chunk_by(|one, next| one.group == next.group) {
+            let places = &mut self.places[group[0].place..][..group.len()];
+            for (Place { slave, .. }, visit) in places.iter_mut().zip(group) {
+                slave.begin_frame(now + visit.after_ns);
+                if is_whole {
+                    self.passing.each(frame, |header, data| slave.pass(header, data));
+                } else {
+                    slave.controller_mut().note_wrong_structure();
+                }
+                slave.end_frame();
+                route.is_current &= !slave.ports_have_changed();
             }
-            slave.end_frame();
+            work(places);
         }
+        self.passing.end(frame);
         mark_as_passed(frame);
         FrameFate::Returned(back)
     }
 
     /// Whether a slave on the way destroys frames that are not of EtherCAT.
-    fn destroys_others(&self, visits: &[(usize, Passage)]) -> bool {
-        visits.iter().any(|(n, _)| {
-            let control = self.places[*n].slave.controller().peek(DL_CONTROL, 1);
+    fn destroys_others(&self, visits: &[Visit]) -> bool {
+        visits.iter().any(|visit| {
+            let control = self.places[visit.place].slave.controller().peek(DL_CONTROL, 1);
             control.first().is_some_and(|byte| u32::from(*byte) & DlControl::DESTROYS_OTHERS != 0)
         })
     }
@@ -245,4 +221,22 @@ impl Chain {
     pub fn advance(&mut self, now: Ns) {
         self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
     }
+}
+
+/// Whether there is a link between a slave and the one that it is connected to; for the first one, to the master.
+fn has_link(places: &[Place], n: usize) -> bool {
+    let place = &places[n];
+    let parent_is_powered = place.parent.is_none_or(|(parent, _)| places[parent].is_powered);
+    place.is_powered && place.is_connected && parent_is_powered
+}
+
+/// The devices of neighbours to which a frame has brought outputs work on them, their motors side by side.
+fn work(places: &mut [Place]) {
+    let mut motors = [const { None }; SIDE_BY_SIDE];
+    let mut step_ns = 0;
+    for (motor, place) in motors.iter_mut().zip(&mut *places) {
+        *motor = place.slave.begin_work(&mut step_ns);
+    }
+    follow_side_by_side(&mut motors, step_ns);
+    places.iter_mut().for_each(|place| place.slave.end_work());
 }

@@ -39,6 +39,7 @@ impl Clock {
     }
 
     /// Time passes up to `now`.
+    #[inline]
     pub(super) fn advance(&mut self, now: Ns) {
         let passed = now.saturating_sub(self.now);
         if passed == 0 {
@@ -46,6 +47,13 @@ impl Clock {
         }
         self.now = now;
         self.local = self.local.wrapping_add(passed);
+        if self.drift_ppb != 0 || self.correction != 0 {
+            self.drift(passed);
+        }
+    }
+
+    /// The part of [`Self::advance`] in which a clock differs from the time of the network.
+    fn drift(&mut self, passed: Ns) {
         if self.drift_ppb != 0 {
             let drifted = i128::from(passed) * i128::from(self.drift_ppb) + i128::from(self.remainder);
             // Numbers of 64 bits are divided much faster.

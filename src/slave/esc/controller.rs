@@ -5,28 +5,17 @@ mod accesses;
 use super::EscSettings;
 use super::clock::{Clock, FILTERS, SPEED_START};
 use super::eeprom::Eeprom;
+use super::fmmus::{FMMUS_MAX, Fmmus};
 use super::managers::Managers;
 use super::memory::Memory;
 use super::sync_unit::{SyncPulse, SyncUnit};
 use super::watchdog::Watchdog;
 use crate::ethercat::registers::{
     self, AL_CONTROL, AL_EVENT, AL_STATUS, AL_STATUS_CODE, AlControl, AlEvents, AlStatusRegister, DL_CONTROL,
-    DL_STATUS, DlControl, DlStatus, ECAT_EVENT, EcatEvents, Fmmu, LoopControl, PORTS, SmStatus, SyncActivation,
+    DL_STATUS, DlControl, DlStatus, ECAT_EVENT, EcatEvents, LoopControl, PORTS, SmStatus, SyncActivation,
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Communication, SyncManagerSettings};
-
-/// The most FMMUs that a controller has.
-const FMMUS_MAX: usize = 16;
-
-/// The times at which a frame passes the ports of a controller, in the time of the network.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Passage {
-    /// When the frame comes to the processing unit.
-    pub arrival: Ns,
-    /// When it comes back to ports 1, 2 and 3, if it leaves by them.
-    pub returns: [Option<Ns>; PORTS - 1],
-}
 
 /// What has happened to a controller since its device looked.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,19 +32,27 @@ pub(super) struct ControllerEvents {
 
 /// A slave controller (ESC): what the network can read and write, without a device.
 #[derive(Clone, Debug)]
+#[repr(C)] // What each frame uses lies side by side, first.
 pub struct Controller {
-    settings: EscSettings,
-    pub(super) memory: Memory,
-    pub(super) fmmus: [Fmmu; FMMUS_MAX],
-    /// A bit for each FMMU that is enabled.
-    pub(super) fmmus_enabled: u16,
-    pub(super) managers: Managers,
-    pub(super) eeprom: Eeprom,
-    watchdog: Watchdog,
+    /// When the newest frame has come.
+    pub(super) arrival: Ns,
+    pub(super) watchdog: Watchdog,
     clock: Clock,
-    pub(super) sync: SyncUnit,
     pub(super) events: ControllerEvents,
-    pub(super) passage: Passage,
+    /// Registers were written.
+    pub(super) is_set_anew: bool,
+    /// Another port has been opened or closed since the way of frames was found.
+    pub(super) ports_have_changed: bool,
+    /// The mask of the events for the master, as in the memory.
+    event_mask: u16,
+    pub(super) memory: Memory,
+    pub(super) fmmus: Fmmus,
+    pub(super) managers: Managers,
+    pub(super) sync: SyncUnit,
+    pub(super) eeprom: Eeprom,
+    settings: EscSettings,
+    /// How long after a frame has come it is back at ports 1, 2 and 3, if it leaves by them, ns.
+    pub(super) returns: [Option<Ns>; PORTS - 1],
     /// Which ports have a link.
     links: [bool; PORTS],
     /// Which ports with the loop control "auto close" are open.
@@ -73,15 +70,18 @@ impl Controller {
     pub fn new(settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let mut controller = Self {
             memory: Memory::new(&settings),
-            fmmus: Default::default(),
-            fmmus_enabled: 0,
+            fmmus: Fmmus::default(),
             managers: Managers::new(settings.sync_managers),
             eeprom: Eeprom::new(eeprom, settings.reads_8_bytes, settings.eeprom_ns),
             watchdog: Watchdog::default(),
             clock: Clock::new(now, settings.local_time_ns, settings.drift_ppb),
             sync: SyncUnit::default(),
             events: ControllerEvents::default(),
-            passage: Passage::default(),
+            is_set_anew: true,
+            ports_have_changed: true,
+            event_mask: 0,
+            arrival: now,
+            returns: [None; PORTS - 1],
             links: [false; PORTS],
             opened: [true; PORTS],
             open: [false; PORTS],
@@ -96,12 +96,13 @@ impl Controller {
     /// Switches the controller off and on again: everything but its EEPROM and its cables is as new.
     pub fn power_on(&mut self, now: Ns) {
         self.memory.clear();
-        self.fmmus = Default::default();
-        self.fmmus_enabled = 0;
+        self.fmmus = Fmmus::default();
+        self.event_mask = 0;
         self.managers = Managers::new(self.settings.sync_managers);
         self.clock = Clock::new(now, self.settings.local_time_ns, self.settings.drift_ppb);
         self.sync = SyncUnit::default();
         self.events = ControllerEvents::default();
+        self.is_set_anew = true;
         self.reset_progress = 0;
         self.opened = [true; PORTS];
         let settings = &self.settings;
@@ -165,7 +166,7 @@ impl Controller {
         self.eeprom.content()
     }
 
-    /// Bytes of the memory as they stand there, without any effect. Clocks show what was read last.
+    /// Bytes of the memory as they stand there, without any effect. Clocks and the states of sync managers show what was read last.
     pub fn peek(&self, address: u16, len: usize) -> &[u8] {
         self.memory.slice(address.into(), len)
     }
@@ -201,9 +202,9 @@ impl Controller {
 
     fn show_links(&mut self) {
         let exists = self.settings.ports.map(|port| port >= 2);
-        for (port, exists) in exists.into_iter().enumerate() {
-            self.open[port] = exists && self.opens(port);
-        }
+        let open = std::array::from_fn(|port| exists[port] && self.opens(port));
+        self.ports_have_changed |= open != self.open;
+        self.open = open;
         let before = DlStatus(self.memory.u16(DL_STATUS));
         let status = (0..PORTS)
             .fold(before, |status, port| status.with_port(port, self.links[port] && exists[port], !self.open[port]));
@@ -235,8 +236,10 @@ impl Controller {
 
     /// The events that the controller adds to each datagram.
     pub(super) fn masked_events(&self) -> u16 {
-        let mask = self.memory.u16(registers::ECAT_EVENT_MASK);
-        if mask == 0 { 0 } else { mask & (self.memory.u16(ECAT_EVENT) | self.manager_events()) }
+        match self.event_mask {
+            0 => 0,
+            mask => mask & (self.memory.u16(ECAT_EVENT) | self.manager_events()),
+        }
     }
 
     /// The bits of the sync managers in the events for the master.
@@ -265,6 +268,30 @@ impl Controller {
             self.events.watchdog = true;
             self.raise_for_device(AlEvents::WATCHDOG);
         }
+    }
+
+    /// Time passes up to `now`, before which the controller does nothing by itself.
+    #[inline]
+    pub(super) fn advance_quietly(&mut self, now: Ns) {
+        self.clock.advance(now);
+    }
+
+    /// Whether nothing but frames does anything up to `now`, if [nothing is ahead](Self::has_something_ahead).
+    #[inline]
+    pub(super) fn is_quiet_until(&self, now: Ns) -> bool {
+        self.watchdog.due().is_none_or(|due| now < due)
+    }
+
+    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, or a pulse
+    /// comes.
+    pub(super) fn has_something_ahead(&self) -> bool {
+        self.eeprom.due().is_some() || self.sync.is_running()
+    }
+
+    /// Whether a frame has written registers that make the device do something, or that change when something happens next.
+    #[inline]
+    pub(super) const fn is_set_anew(&self) -> bool {
+        self.is_set_anew
     }
 
     fn raise_for_device(&mut self, events: AlEvents) {
@@ -317,6 +344,7 @@ impl Controller {
     /// Takes the events for the device.
     pub(super) fn take_events(&mut self) -> ControllerEvents {
         let events = std::mem::take(&mut self.events);
+        self.is_set_anew = false;
         if events.al_control {
             self.drop_for_device(AlEvents::AL_CONTROL);
         }

@@ -1,9 +1,8 @@
 //! What a controller does with a datagram that passes it: the 15 commands.
 
 use super::Controller;
-use super::controller::Passage;
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PHYSICAL_OFFSET, STATION_ADDRESS, STATION_ALIAS};
-use crate::ethercat::{Addressing, Command, DatagramHeader, DatagramMut};
+use crate::ethercat::{Addressing, Command, DatagramHeader};
 
 /// Which parts of an access were done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,39 +24,39 @@ impl Done {
 }
 
 impl Controller {
-    /// A frame comes to the controller.
-    pub fn begin_frame(&mut self, passage: Passage) {
-        self.passage = passage;
-        self.advance(passage.arrival);
+    /// A datagram of the frame passes the controller. What its working counter counts.
+    #[inline]
+    pub(super) fn pass(&mut self, header: &mut DatagramHeader, data: &mut [u8]) -> u16 {
+        let command = header.command;
+        let counts = match command {
+            Command::Nop | Command::Unknown(_) => 0,
+            Command::Lrd | Command::Lwr | Command::Lrw => self.pass_logical(header, data),
+            _ => self.pass_register(header, data),
+        };
+        header.irq |= self.masked_events();
+        counts
     }
 
-    /// A datagram of the frame passes the controller.
-    pub fn pass(&mut self, datagram: &mut DatagramMut<'_>) {
-        let header = datagram.header();
-        let is_addressed = self.is_addressed(&header);
+    fn pass_register(&mut self, header: &mut DatagramHeader, data: &mut [u8]) -> u16 {
+        let is_addressed = self.is_addressed(header);
         let address = usize::from(header.ado());
-        let counts = match header.command {
-            Command::Nop | Command::Unknown(_) => 0,
-            Command::Lrd | Command::Lwr | Command::Lrw => self.pass_logical(&header, datagram.data),
-            Command::Armw | Command::Frmw if is_addressed => u16::from(self.read(address, datagram.data)),
-            Command::Armw | Command::Frmw => u16::from(self.write(address, datagram.data)),
+        if matches!(header.command.addressing(), Addressing::Position | Addressing::Broadcast) {
+            *header = header.with_adp(header.adp().wrapping_add(1));
+        }
+        match header.command {
+            Command::Armw | Command::Frmw if is_addressed => u16::from(self.read(address, data)),
+            Command::Armw | Command::Frmw => u16::from(self.write(address, data)),
             _ if !is_addressed => 0,
-            Command::Aprd | Command::Fprd => u16::from(self.read(address, datagram.data)),
-            Command::Apwr | Command::Fpwr | Command::Bwr => u16::from(self.write(address, datagram.data)),
+            Command::Aprd | Command::Fprd => u16::from(self.read(address, data)),
+            Command::Apwr | Command::Fpwr | Command::Bwr => u16::from(self.write(address, data)),
             Command::Aprw | Command::Fprw => {
                 let offset = usize::from(self.memory.u16(PHYSICAL_OFFSET));
-                self.swap(address, address + offset, datagram.data, false).both()
+                self.swap(address, address + offset, data, false).both()
             }
-            Command::Brd => self.read_combined(address, datagram.data),
-            Command::Brw => self.swap(address, address, datagram.data, true).both(),
-        };
-        if counts != 0 {
-            datagram.count(counts);
+            Command::Brd => self.read_combined(address, data),
+            Command::Brw => self.swap(address, address, data, true).both(),
+            _ => 0,
         }
-        if matches!(header.command.addressing(), Addressing::Position | Addressing::Broadcast) {
-            datagram.set_adp(header.adp().wrapping_add(1));
-        }
-        datagram.add_events(self.masked_events());
     }
 
     fn is_addressed(&self, header: &DatagramHeader) -> bool {
@@ -103,6 +102,7 @@ impl Controller {
         Done { read, written }
     }
 
+    #[inline]
     fn pass_logical(&mut self, header: &DatagramHeader, data: &mut [u8]) -> u16 {
         let command = header.command;
         // Outputs are taken before inputs replace them, if both have the same logical bytes.

@@ -1,7 +1,92 @@
 //! Logical addressing: which bits of a datagram are which bits of the memory.
 
+use std::ops::Range;
+
 use super::Controller;
-use crate::ethercat::registers::{Fmmu, FmmuDirections};
+use super::managers::Managers;
+use super::memory::Memory;
+use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
+
+/// The most FMMUs that a controller has.
+pub(super) const FMMUS_MAX: usize = 16;
+
+/// What a datagram that has all of an FMMU needs to know of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Whole {
+    /// The logical address of the first byte, and how many bytes there are.
+    logical: u32,
+    len: u16,
+    /// A bit for the sync manager whose area is just what the FMMU maps, in whole bytes; 0: none.
+    area: u16,
+}
+
+/// The FMMUs as their registers say, decoded when these are written.
+#[derive(Clone, Debug, Default)]
+#[repr(C)] // What each frame uses lies side by side, first.
+pub(super) struct Fmmus {
+    /// A bit for each FMMU that maps outputs, and that maps inputs.
+    outputs: u16,
+    inputs: u16,
+    wholes: [Whole; FMMUS_MAX],
+    all: [Fmmu; FMMUS_MAX],
+}
+
+impl Fmmus {
+    /// Decodes the registers of so many FMMUs, of which each finds its sync manager.
+    pub(super) fn decode(count: u8, memory: &Memory, managers: &Managers) -> Self {
+        let mut fmmus = Self::default();
+        for n in 0..count.min(FMMUS_MAX as u8) {
+            let fmmu = Fmmu::decode(&memory.get(registers::fmmu(n)));
+            let bit = u16::from(fmmu.enabled && fmmu.bits() > 0) << n;
+            for (direction, bits) in
+                [(FmmuDirections::WRITE, &mut fmmus.outputs), (FmmuDirections::READ, &mut fmmus.inputs)]
+            {
+                *bits |= if fmmu.directions.contains(direction) { bit } else { 0 };
+            }
+            let n = usize::from(n);
+            let area = if fmmu.is_bytewise() { managers.of_area(fmmu.physical, fmmu.len) } else { 0 };
+            fmmus.wholes[n] = Whole { logical: fmmu.logical, len: fmmu.len, area };
+            fmmus.all[n] = fmmu;
+        }
+        fmmus
+    }
+
+    /// How much of an FMMU a datagram has, where the areas that can be exchanged whole are those in `areas`.
+    #[inline]
+    fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
+        let Whole { logical, len, area } = self.wholes[n];
+        let (data_len, len) = (data_len as u64, u64::from(len));
+        // Both are far greater than any length if they are less than 0.
+        let at = u64::from(logical).wrapping_sub(address.into());
+        let skipped = u64::from(address).wrapping_sub(logical.into());
+        let area = area & areas;
+        if area != 0 && len <= data_len && at <= data_len - len {
+            return Share::Whole(area.trailing_zeros() as usize, at as usize..(at + len) as usize);
+        }
+        if at >= data_len && skipped >= len { Share::None } else { Share::Part }
+    }
+}
+
+/// How much of an FMMU a datagram has.
+enum Share {
+    /// Nothing.
+    None,
+    /// All, and it can be exchanged whole: the number of the sync manager, and the bytes of the datagram.
+    Whole(usize, Range<usize>),
+    /// Something that has to be looked at.
+    Part,
+}
+
+/// The first of the bits in `left`, which is taken out of them.
+#[inline]
+const fn next(left: &mut u16) -> Option<usize> {
+    if *left == 0 {
+        return None;
+    }
+    let n = left.trailing_zeros() as usize;
+    *left &= *left - 1;
+    Some(n)
+}
 
 /// The part of an FMMU that a datagram has.
 struct Part {
@@ -48,30 +133,36 @@ fn set_bit(bytes: &mut [u8], bit: usize, value: bool) {
 }
 
 impl Controller {
-    /// The next FMMU of those in `left`, a bit each, that is for a direction.
-    fn next_mapped(&self, direction: FmmuDirections, left: &mut u16) -> Option<Fmmu> {
-        while *left != 0 {
-            let fmmu = &self.fmmus[left.trailing_zeros() as usize];
-            *left &= *left - 1;
-            if fmmu.directions.contains(direction) {
-                return Some(*fmmu);
-            }
-        }
-        None
-    }
-
     /// Writes what FMMUs map for outputs. Whether anything was written.
+    #[inline]
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
-        let (mut done, mut left) = (false, self.fmmus_enabled);
-        while let Some(fmmu) = self.next_mapped(FmmuDirections::WRITE, &mut left) {
-            let Some(part) = part_of(&fmmu, address, data) else { continue };
-            done |= if fmmu.is_bytewise() {
-                self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
-            } else {
-                self.write_bits(&fmmu, &part, data)
+        let (mut done, mut left) = (false, self.fmmus.outputs);
+        while let Some(n) = next(&mut left) {
+            done |= match self.fmmus.share(n, self.managers.writable(), address, data.len()) {
+                Share::None => false,
+                Share::Whole(manager, bytes) => {
+                    if self.managers.write_whole(manager, &data[bytes], &mut self.memory) {
+                        self.watchdog.trigger(self.arrival, &mut self.memory);
+                    }
+                    true
+                }
+                Share::Part => self.write_part(n, address, data),
             };
         }
         done
+    }
+
+    /// Writes the part of an FMMU that a datagram has.
+    #[inline(never)]
+    fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
+        let fmmu = self.fmmus.all[n];
+        match part_of(&fmmu, address, data) {
+            None => false,
+            Some(part) if fmmu.is_bytewise() => {
+                self.write(usize::from(fmmu.physical) + part.skipped, &data[part.at..][..part.len])
+            }
+            Some(part) => self.write_bits(&fmmu, &part, data),
+        }
     }
 
     /// \[OURS] Bits beside the mapped ones keep their values everywhere, not in the digital outputs alone.
@@ -91,17 +182,33 @@ impl Controller {
     }
 
     /// Reads what FMMUs map for inputs; other bits stay as they came. Whether anything was read.
+    #[inline]
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
-        let (mut done, mut left) = (false, self.fmmus_enabled);
-        while let Some(fmmu) = self.next_mapped(FmmuDirections::READ, &mut left) {
-            let Some(part) = part_of(&fmmu, address, data) else { continue };
-            done |= if fmmu.is_bytewise() {
-                self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])
-            } else {
-                self.read_bits(&fmmu, &part, data)
+        let (mut done, mut left) = (false, self.fmmus.inputs);
+        while let Some(n) = next(&mut left) {
+            done |= match self.fmmus.share(n, self.managers.readable(), address, data.len()) {
+                Share::None => false,
+                Share::Whole(manager, bytes) => {
+                    self.managers.read_whole(manager, &mut data[bytes], &self.memory);
+                    true
+                }
+                Share::Part => self.read_part(n, address, data),
             };
         }
         done
+    }
+
+    /// Reads the part of an FMMU that a datagram has.
+    #[inline(never)]
+    fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
+        let fmmu = self.fmmus.all[n];
+        match part_of(&fmmu, address, data) {
+            None => false,
+            Some(part) if fmmu.is_bytewise() => {
+                self.read(usize::from(fmmu.physical) + part.skipped, &mut data[part.at..][..part.len])
+            }
+            Some(part) => self.read_bits(&fmmu, &part, data),
+        }
     }
 
     fn read_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &mut [u8]) -> bool {

@@ -3,25 +3,17 @@
 //! A buffer is opened by its first byte and done with its last one. \[OURS] Effects take place with the datagram, not at the
 //! end of the frame.
 
-use super::memory::Memory;
+mod manager;
+
+use super::memory::{Memory, copy};
 use crate::ethercat::registers::{
-    self, BufferMode, RAM, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
+    self, BufferMode, SYNC_MANAGER_LEN, SmActivate, SmControl, SmDirection, SmPdiControl, SmStatus, SyncManager,
 };
+
+use manager::{Manager, Side};
 
 /// The most sync managers that a controller has.
 pub(super) const MANAGERS_MAX: usize = 16;
-
-/// One sync manager and what it keeps.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Manager {
-    registers: SyncManager,
-    /// The last written buffer; `None`: none.
-    last: Option<u8>,
-    /// The buffer that the writer has opened.
-    writing: Option<u8>,
-    /// The buffer that the reader has opened.
-    reading: Option<u8>,
-}
 
 /// What the network has done to sync managers since somebody asked: a bit for each.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,114 +27,23 @@ pub(super) struct ManagerEvents {
 }
 
 #[derive(Clone, Debug)]
+#[repr(C)] // What each frame uses lies side by side, first.
 pub(super) struct Managers {
-    managers: [Manager; MANAGERS_MAX],
-    count: u8,
+    pub(super) events: ManagerEvents,
+    /// A bit for each whose three buffers the network can write, or read, whole and without looking at another one.
+    writable: u16,
+    readable: u16,
     /// A bit for each that is enabled and has an area.
     enabled: u16,
-    pub(super) events: ManagerEvents,
-}
-
-/// Which side of a sync manager.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Side {
-    Writer,
-    Reader,
-}
-
-impl Manager {
-    fn area(&self) -> std::ops::Range<usize> {
-        let start = usize::from(self.registers.start);
-        start..start + usize::from(self.registers.len)
-    }
-
-    fn is_active(&self) -> bool {
-        self.registers.is_enabled() && self.registers.len > 0
-    }
-
-    /// Whether the slave's own controller may use it: it does not lie over registers.
-    fn is_usable(&self) -> bool {
-        self.is_active() && self.registers.start >= RAM
-    }
-
-    fn is_mailbox(&self) -> bool {
-        self.registers.control.mode() == BufferMode::Mailbox
-    }
-
-    /// Where a buffer lies.
-    fn buffer_start(&self, buffer: u8) -> usize {
-        // A buffer of one byte is a single one.
-        let distance = if self.registers.len == 1 { 0 } else { usize::from(self.registers.len) };
-        usize::from(self.registers.start) + usize::from(buffer) * distance
-    }
-
-    /// Opens a buffer for a side; `None`: it has to wait.
-    fn open(&mut self, side: Side) -> Option<u8> {
-        let is_full = self.registers.status.contains(SmStatus::FULL);
-        let buffer = match (side, self.is_mailbox()) {
-            (Side::Writer, true) if is_full => return None,
-            (Side::Reader, true) if !is_full => return None,
-            (_, true) => 0,
-            (Side::Writer, false) => {
-                (0..3).find(|buffer| Some(*buffer) != self.last && Some(*buffer) != self.reading)?
-            }
-            (Side::Reader, false) => self.last.unwrap_or(0),
-        };
-        let status = &mut self.registers.status;
-        match side {
-            Side::Writer => {
-                self.writing = Some(buffer);
-                *status = status.without(SmStatus::READ).with(SmStatus::WRITING);
-            }
-            Side::Reader => {
-                self.reading = Some(buffer);
-                *status = status.without(SmStatus::WRITTEN).with(SmStatus::READING);
-            }
-        }
-        Some(buffer)
-    }
-
-    /// The last byte of a buffer was written or read.
-    fn close(&mut self, side: Side) {
-        let is_mailbox = self.is_mailbox();
-        let status = &mut self.registers.status;
-        match side {
-            Side::Writer => {
-                *status = status.without(SmStatus::WRITING).with(SmStatus::WRITTEN);
-                let buffer = self.writing.take();
-                if is_mailbox {
-                    *status = status.with(SmStatus::FULL);
-                } else {
-                    self.last = buffer;
-                    *status = status.with_last_buffer(buffer.unwrap_or(3));
-                }
-            }
-            Side::Reader => {
-                self.reading = None;
-                *status = status.without(SmStatus::READING).with(SmStatus::READ);
-                if is_mailbox {
-                    *status = status.without(SmStatus::FULL);
-                }
-            }
-        }
-    }
-
-    /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
-    fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
-        if offset == 0 {
-            return self.open(side);
-        }
-        match side {
-            Side::Writer => self.writing,
-            Side::Reader => self.reading,
-        }
-    }
+    count: u8,
+    managers: [Manager; MANAGERS_MAX],
 }
 
 impl Managers {
     pub(super) fn new(count: u8) -> Self {
         let count = count.min(MANAGERS_MAX as u8);
-        Self { managers: Default::default(), count, enabled: 0, events: ManagerEvents::default() }
+        let (managers, events) = (Default::default(), ManagerEvents::default());
+        Self { managers, count, enabled: 0, writable: 0, readable: 0, events }
     }
 
     pub(super) fn registers(&self, n: u8) -> SyncManager {
@@ -154,9 +55,11 @@ impl Managers {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
-    /// Puts its status into the memory, which is all that an access to its area changes.
-    fn show_status(&self, n: usize, memory: &mut Memory) {
-        memory.set_u8(registers::sync_manager_status(n as u8), self.managers[n].registers.status.0);
+    /// Puts what accesses to areas have changed into the memory, which has to be done before the registers are read.
+    pub(super) fn show_statuses(&self, memory: &mut Memory) {
+        for n in 0..self.count {
+            memory.set_u8(registers::sync_manager_status(n), self.registers(n).status.0);
+        }
     }
 
     /// A byte of the registers is written from the network.
@@ -176,11 +79,47 @@ impl Managers {
         manager.registers = SyncManager::decode(&bytes);
         if !manager.registers.is_enabled() {
             let registers = SyncManager { status: Self::idle(manager.registers.control), ..manager.registers };
-            *manager = Manager { registers, ..Manager::default() };
+            let distance = if registers.len == 1 { 0 } else { registers.len };
+            *manager = Manager { registers, distance, ..Manager::default() };
         }
         let bit = 1 << n;
         self.enabled = if manager.is_active() { self.enabled | bit } else { self.enabled & !bit };
         self.show(n, memory);
+        self.find_whole(memory);
+    }
+
+    /// Finds the sync managers whose buffers can be exchanged whole.
+    fn find_whole(&mut self, memory: &Memory) {
+        (self.writable, self.readable) = (0, 0);
+        for n in 0..usize::from(self.count) {
+            let manager = &self.managers[n];
+            let area = manager.area();
+            let end = manager.buffer_start(2) + usize::from(manager.registers.len);
+            // An address belongs to the first sync manager that has it.
+            let mut before = self.managers[..n].iter().filter(|other| other.is_active()).map(Manager::area);
+            let is_first = before.all(|other| other.end <= area.start || area.end <= other.start);
+            let is_whole = manager.is_usable() && !manager.is_mailbox() && end <= memory.end() && is_first;
+            for (side, bits) in [(Side::Writer, &mut self.writable), (Side::Reader, &mut self.readable)] {
+                *bits |= u16::from(is_whole && manager.is_open_to(side)) << n;
+            }
+        }
+    }
+
+    /// A bit for each whose three buffers the network can write whole.
+    pub(super) const fn writable(&self) -> u16 {
+        self.writable
+    }
+
+    /// A bit for each whose three buffers the network can read whole.
+    pub(super) const fn readable(&self) -> u16 {
+        self.readable
+    }
+
+    /// A bit for the first enabled sync manager that has just this area; 0: there is none.
+    pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
+        let has_it =
+            |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;
+        self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
     /// The status of a sync manager that nobody has used.
@@ -208,13 +147,22 @@ impl Managers {
         (None, next)
     }
 
-    /// Whether an area belongs to a sync manager that the network may not use in this way now.
-    fn may_use(&self, n: usize, side: Side) -> bool {
-        let SyncManager { control, pdi, .. } = self.managers[n].registers;
-        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
-        control.direction() == wanted
-            && control.mode() != BufferMode::Unknown
-            && !pdi.contains(SmPdiControl::DEACTIVATE)
+    /// The network writes three buffers whole, of one that is [writable](Self::writable). Whether that triggers the watchdog.
+    #[inline]
+    pub(super) fn write_whole(&mut self, n: usize, data: &[u8], memory: &mut Memory) -> bool {
+        let manager = &mut self.managers[n];
+        let start = manager.fill();
+        copy(memory.slice_mut(start, data.len()), data);
+        self.events.written |= 1 << n;
+        manager.registers.control.contains(SmControl::WATCHDOG)
+    }
+
+    /// The network reads three buffers whole, of one that is [readable](Self::readable).
+    #[inline]
+    pub(super) fn read_whole(&mut self, n: usize, data: &mut [u8], memory: &Memory) {
+        let start = self.managers[n].drain();
+        copy(data, memory.slice(start, data.len()));
+        self.events.read |= 1 << n;
     }
 
     /// The network writes RAM. Whether any byte was written.
@@ -235,7 +183,7 @@ impl Managers {
     }
 
     fn write_area(&mut self, n: usize, address: usize, data: &[u8], memory: &mut Memory) -> bool {
-        if !self.may_use(n, Side::Writer) {
+        if !self.managers[n].is_open_to(Side::Writer) {
             return false;
         }
         let manager = &mut self.managers[n];
@@ -247,7 +195,6 @@ impl Managers {
             manager.close(Side::Writer);
             self.events.written |= 1 << n;
         }
-        self.show_status(n, memory);
         done
     }
 
@@ -269,7 +216,7 @@ impl Managers {
     }
 
     fn read_area(&mut self, n: usize, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
-        if !self.may_use(n, Side::Reader) {
+        if !self.managers[n].is_open_to(Side::Reader) {
             return false;
         }
         let manager = &mut self.managers[n];
@@ -281,39 +228,52 @@ impl Managers {
             manager.close(Side::Reader);
             self.events.read |= 1 << n;
         }
-        self.show_status(n, memory);
         done
     }
 
     /// The slave's own controller writes a whole buffer; `false`: the sync manager is off, or its mailbox is full.
+    #[inline]
     pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
-        let n = usize::from(n);
-        let manager = &mut self.managers[n];
+        let manager = &mut self.managers[usize::from(n)];
+        if self.readable & 1 << n == 0 || data.len() != usize::from(manager.registers.len) {
+            return self.put_with_care(n, data, memory);
+        }
+        let start = manager.fill();
+        copy(memory.slice_mut(start, data.len()), data);
+        true
+    }
+
+    #[inline(never)]
+    fn put_with_care(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
+        let manager = &mut self.managers[usize::from(n)];
         if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Read {
             return false;
         }
         let Some(buffer) = manager.open(Side::Writer) else { return false };
+        manager.close(Side::Writer);
         let room = memory.slice_mut(manager.buffer_start(buffer), usize::from(manager.registers.len));
         let len = data.len().min(room.len());
         room[..len].copy_from_slice(&data[..len]);
         room[len..].fill(0);
-        manager.close(Side::Writer);
-        self.show_status(n, memory);
         true
     }
 
     /// The slave's own controller reads a whole buffer; `None`: the sync manager is off, or its mailbox is empty.
+    #[inline]
     pub(super) fn take<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
-        let n = usize::from(n);
-        let manager = &mut self.managers[n];
+        let manager = &mut self.managers[usize::from(n)];
+        let start = if self.writable & 1 << n == 0 { Self::take_with_care(manager)? } else { manager.drain() };
+        Some(memory.slice(start, usize::from(manager.registers.len)))
+    }
+
+    #[inline(never)]
+    fn take_with_care(manager: &mut Manager) -> Option<usize> {
         if !manager.is_usable() || manager.registers.control.direction() != SmDirection::Write {
             return None;
         }
         let buffer = manager.open(Side::Reader)?;
-        let (start, len) = (manager.buffer_start(buffer), usize::from(manager.registers.len));
         manager.close(Side::Reader);
-        self.show_status(n, memory);
-        Some(memory.slice(start, len))
+        Some(manager.buffer_start(buffer))
     }
 
     /// Takes back a message that the network has not read yet, with the whole mailbox.
@@ -327,7 +287,6 @@ impl Managers {
         manager.registers.status = status.without(SmStatus::FULL).without(SmStatus::WRITTEN);
         manager.reading = None;
         let (start, len) = (manager.buffer_start(0), usize::from(manager.registers.len));
-        self.show_status(n, memory);
         Some(memory.slice(start, len))
     }
 
@@ -346,6 +305,7 @@ impl Managers {
         let pdi = &mut self.managers[usize::from(n)].registers.pdi;
         *pdi = if is_off { pdi.with(SmPdiControl::DEACTIVATE) } else { pdi.without(SmPdiControl::DEACTIVATE) };
         self.show(n.into(), memory);
+        self.find_whole(memory);
     }
 
     /// The number of sync managers.

@@ -10,17 +10,18 @@
 //! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
 //! | `memory.rs` | its memory, and which bytes the network may write |
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
-//! | `managers.rs` | sync managers: mailboxes, and three buffers |
+//! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
 //! | `eeprom.rs` | the interface to the EEPROM |
 //! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
 //! | `watchdog.rs` | the watchdog of process data |
-//! | `slave.rs` | a controller with its device: [`EscSlave`] |
+//! | `slave.rs`, `slave/frames.rs` | a controller with its device: [`EscSlave`], and what it does with a frame |
 //! | `application.rs` | the AL state machine with its checks |
 //! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
 //! | `cabled.rs`, `scripted.rs` | a line of them to which happens what scripts and tests want: [`CabledChain`] |
+//! | `route.rs`, `passing.rs` | the way of a frame through them, and its datagrams on that way |
 //!
 //! Rules: ECAT-8 and on.
 
@@ -38,6 +39,8 @@ mod information;
 mod mailbox;
 mod managers;
 mod memory;
+mod passing;
+mod route;
 mod scripted;
 mod sdo_server;
 mod settings;
@@ -49,7 +52,7 @@ pub use application::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, OP_WAIT_NS, SYNC0_CY
 pub use cabled::{CabledChain, UndescribedError};
 pub use chain::{Chain, FrameFate, HOP_NS};
 pub use clock::SLEW_MAX_NS;
-pub use controller::{Controller, Passage};
+pub use controller::Controller;
 pub use description::{DescriptionError, eeprom_of};
 pub use esi::esi_of;
 pub use mailbox::EMERGENCIES_MAX;

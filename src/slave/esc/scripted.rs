@@ -6,6 +6,7 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
+use crate::slave::plant::Following;
 use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
@@ -120,6 +121,14 @@ impl Slave for Scripted {
 
     fn step(&mut self, dt_ns: Ns) {
         self.device.step(dt_ns);
+    }
+
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+        self.device.begin_step(dt_ns)
+    }
+
+    fn end_step(&mut self, dt_ns: Ns) {
+        self.device.end_step(dt_ns);
     }
 
     fn apply_fault(&mut self, fault: Fault) -> bool {

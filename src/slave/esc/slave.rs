@@ -1,13 +1,19 @@
 //! A controller with its device: what the device does after a frame has passed, and while time passes.
 
+mod frames;
+
 use super::application::{Application, Change, active_len};
 use super::mailbox::Mailbox;
-use super::{Controller, DescriptionError, EscSettings, Passage, SyncPulse, eeprom_of};
+use super::managers::ManagerEvents;
+use super::memory::copy;
+use super::{Controller, DescriptionError, EscSettings, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
-use crate::ethercat::registers::{Features, SyncActivation};
+use crate::ethercat::registers::{Features, PORTS, SyncActivation};
 use crate::ethercat::sii::Sii;
-use crate::ethercat::{AlState, DatagramMut, Ns};
+use crate::ethercat::{AlState, Ns};
 use crate::slave::{Slave, SyncEvent};
+
+use frames::Work;
 
 /// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
@@ -22,24 +28,35 @@ const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::cia402::ERROR_CODE, 
 const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
 
 /// A slave as the network sees it: a controller, and a device behind it.
+///
+/// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave is quiet then, and
+/// does only what it has to.
+#[repr(C)] // What each frame uses lies side by side, first; the mailbox last.
 pub struct EscSlave {
-    controller: Controller,
-    device: Box<dyn Slave>,
-    application: Application,
-    mailbox: Mailbox,
-    /// The newest outputs, as long as sync manager 2.
-    outputs: Vec<u8>,
-    /// Room for the inputs, as long as sync manager 3.
-    inputs: Vec<u8>,
     /// Up to when time has passed in the controller.
     now: Ns,
     /// Up to when it has passed in the device.
     stepped: Ns,
     /// When the device works next by itself.
     free_run: Ns,
-    /// When the device looked for errors, and the code that it saw.
+    /// When the device looked for errors.
     looked: Ns,
+    /// The code of the error that it saw then.
     error_code: u16,
+    /// There is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
+    is_quiet: bool,
+    /// The AL state, while the slave is quiet.
+    quiet_state: AlState,
+    /// How far the device is with the outputs of the newest frame.
+    work: Work,
+    device: Box<dyn Slave>,
+    /// The newest outputs, as long as sync manager 2.
+    outputs: Vec<u8>,
+    /// Room for the inputs, as long as sync manager 3.
+    inputs: Vec<u8>,
+    application: Application,
+    controller: Controller,
+    mailbox: Mailbox,
 }
 
 impl EscSlave {
@@ -58,6 +75,9 @@ impl EscSlave {
             free_run: now + FREE_RUN_CYCLE_NS,
             looked: now,
             error_code: 0,
+            is_quiet: false,
+            quiet_state: AlState::Init,
+            work: Work::None,
         }
     }
 
@@ -81,6 +101,7 @@ impl EscSlave {
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
         self.free_run = now + FREE_RUN_CYCLE_NS;
+        (self.is_quiet, self.work) = (false, Work::None);
         self.outputs.clear();
         self.inputs.clear();
     }
@@ -92,6 +113,7 @@ impl EscSlave {
 
     /// The controller, for its ports, its error counters and its EEPROM.
     pub const fn controller_mut(&mut self) -> &mut Controller {
+        self.is_quiet = false;
         &mut self.controller
     }
 
@@ -113,7 +135,7 @@ impl EscSlave {
     /// Sends an emergency as soon as the mailbox has room for it.
     pub fn send_emergency(&mut self, emergency: Emergency) {
         self.mailbox.raise(emergency);
-        self.react(self.controller.passage.arrival);
+        self.react(self.controller.arrival);
     }
 
     /// Makes SDOs take that much longer from the next one on; 0: no longer than they do. Answers come with the next step of
@@ -122,24 +144,31 @@ impl EscSlave {
         self.mailbox.delay_sdo(ns);
     }
 
-    /// A frame comes to the slave.
-    pub fn begin_frame(&mut self, passage: Passage) {
-        self.advance(passage.arrival);
-        self.controller.begin_frame(passage);
+    /// Tells how long after a frame has come it is back at ports 1, 2 and 3, if it leaves by them, ns.
+    pub(super) const fn set_returns(&mut self, returns: [Option<Ns>; PORTS - 1]) {
+        self.controller.returns = returns;
+        self.controller.ports_have_changed = false;
     }
 
-    /// A datagram of the frame passes the slave.
-    pub fn pass(&mut self, datagram: &mut DatagramMut<'_>) {
-        self.controller.pass(datagram);
-    }
-
-    /// The frame has passed: the device sees what it has brought.
-    pub fn end_frame(&mut self) {
-        self.react(self.controller.passage.arrival);
+    /// Whether a port was opened or closed since [`Self::set_returns`].
+    pub(super) const fn ports_have_changed(&self) -> bool {
+        self.controller.ports_have_changed
     }
 
     /// Time passes up to `now`.
+    #[inline]
     pub fn advance(&mut self, now: Ns) {
+        if self.is_quiet && now < self.free_run && self.controller.is_quiet_until(now) {
+            self.now = self.now.max(now);
+            self.controller.advance_quietly(now);
+        } else {
+            self.advance_with_care(now);
+        }
+    }
+
+    /// Time passes up to `now`, and things happen in the meantime.
+    #[inline(never)]
+    fn advance_with_care(&mut self, now: Ns) {
         let mut pulses = 0;
         while self.due() < now {
             pulses += self.run_to(self.due().max(self.now));
@@ -148,6 +177,12 @@ impl EscSlave {
             }
         }
         self.run_to(now);
+    }
+
+    /// Whether there is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
+    fn has_become_quiet(&self) -> bool {
+        let has_mailbox_work = self.mailbox.is_touched(ManagerEvents::default());
+        !has_mailbox_work && !self.application.is_busy() && !self.controller.has_something_ahead()
     }
 
     /// Whether the device works at the pulses of SYNC0.
@@ -191,28 +226,42 @@ impl EscSlave {
     /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
     /// in `next_ns`.
     fn cycle(&mut self, now: Ns, next_ns: Ns) {
-        self.free_run = now + next_ns;
-        let passed = now.saturating_sub(self.stepped);
+        let passed = self.pass_time(now, next_ns);
         if passed > 0 {
             self.device.step(passed);
-            self.stepped = now;
         }
-        let state = self.state();
+        self.end_cycle(now, self.state());
+    }
+
+    /// How much time has to pass in the device up to `now`. Without a reason it works again in `next_ns`.
+    fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
+        self.free_run = now + next_ns;
+        let passed = now.saturating_sub(self.stepped);
+        self.stepped += passed;
+        passed
+    }
+
+    /// Time has passed in the device: it takes its newest outputs and gives new inputs.
+    #[inline]
+    fn end_cycle(&mut self, now: Ns, state: AlState) {
         if state >= AlState::SafeOp {
             let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
             let Controller { managers, memory, .. } = &mut self.controller;
             managers.put(self.application.managers.inputs, &self.inputs, memory);
         }
-        self.application.follow(&mut self.controller, &*self.device);
-        self.look_for_errors(now);
+        if self.device.state() != state {
+            self.application.follow(&mut self.controller, &*self.device);
+            self.is_quiet = false;
+        }
+        if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
+            self.look_for_errors(now);
+        }
     }
 
+    #[inline(never)]
     fn look_for_errors(&mut self, now: Ns) {
-        if !self.controller.settings().emergencies
-            || self.state() == AlState::Init
-            || now.saturating_sub(self.looked) < ERROR_CYCLE_NS
-        {
+        if !self.controller.settings().emergencies || self.state() == AlState::Init {
             return;
         }
         self.looked = now;
@@ -222,6 +271,7 @@ impl EscSlave {
             self.error_code = code;
             let register = self.device.upload(ERROR_REGISTER).map_or(0, |register| register.bits as u8);
             self.mailbox.raise(Emergency { code, register, data: [0; 5] });
+            self.is_quiet = false;
         }
     }
 
@@ -239,8 +289,8 @@ impl EscSlave {
         if events.sync_changed {
             self.sync_changed();
         }
-        if done.written & 1 << self.application.managers.outputs != 0 {
-            self.take_outputs(now);
+        if done.written & 1 << self.application.managers.outputs != 0 && self.take_outputs(self.state()) {
+            self.cycle(now, DRIVEN_NS);
         }
         if events.watchdog {
             self.watchdog_expired();
@@ -259,6 +309,8 @@ impl EscSlave {
             let Controller { managers, memory, .. } = &mut self.controller;
             self.mailbox.serve(now, done, managers, memory, &mut *self.device);
         }
+        self.is_quiet = self.has_become_quiet();
+        self.quiet_state = self.state();
     }
 
     /// The state has changed to one with a mailbox or with process data.
@@ -282,19 +334,18 @@ impl EscSlave {
         }
     }
 
-    fn take_outputs(&mut self, now: Ns) {
-        if self.state() < AlState::SafeOp {
-            return;
+    /// Takes the outputs that were written. Whether the device works on them now, since nothing else drives it.
+    #[inline]
+    fn take_outputs(&mut self, state: AlState) -> bool {
+        if state < AlState::SafeOp {
+            return false;
         }
         let Controller { managers, memory, .. } = &mut self.controller;
-        if let Some(outputs) = managers.take(self.application.managers.outputs, memory) {
-            let len = outputs.len().min(self.outputs.len());
-            self.outputs[..len].copy_from_slice(&outputs[..len]);
-            self.application.outputs_came = true;
-            if !self.application.is_synchronized {
-                self.cycle(now, DRIVEN_NS);
-            }
-        }
+        let Some(outputs) = managers.take(self.application.managers.outputs, memory) else { return false };
+        let len = outputs.len().min(self.outputs.len());
+        copy(&mut self.outputs[..len], &outputs[..len]);
+        self.application.outputs_came = true;
+        !self.application.is_synchronized
     }
 
     /// No outputs have come for too long.

@@ -18,6 +18,8 @@ const TICK_NS: Ns = 40;
 pub(super) struct Watchdog {
     /// When it expires.
     due: Option<Ns>,
+    /// The time that is set; `None`: it is off.
+    time_ns: Option<Ns>,
 }
 
 impl Watchdog {
@@ -25,7 +27,7 @@ impl Watchdog {
         memory.set_u16(WATCHDOG_DIVIDER, DIVIDER);
         memory.set_u16(WATCHDOG_PDI, TIME);
         memory.set_u16(WATCHDOG_PROCESS_DATA, TIME);
-        Self::default()
+        Self { due: None, time_ns: Self::time(memory) }
     }
 
     /// The time that is set; `None`: it is off.
@@ -36,20 +38,25 @@ impl Watchdog {
     }
 
     fn show(&self, memory: &mut Memory) {
-        let runs = self.due.is_some() || Self::time(memory).is_none();
+        let runs = self.due.is_some() || self.time_ns.is_none();
         memory.set_u16(WATCHDOG_STATUS, runs.into());
     }
 
     /// Outputs have come.
+    #[inline]
     pub(super) fn trigger(&mut self, now: Ns, memory: &mut Memory) {
-        self.due = Self::time(memory).map(|time| now + time);
-        self.show(memory);
+        let begins = self.due.is_none();
+        self.due = self.time_ns.map(|time| now + time);
+        if begins {
+            self.show(memory);
+        }
     }
 
     /// The time was written. A watchdog that runs begins anew.
     pub(super) fn set(&mut self, now: Ns, memory: &mut Memory) {
+        self.time_ns = Self::time(memory);
         if self.due.is_some() {
-            self.due = Self::time(memory).map(|time| now + time);
+            self.due = self.time_ns.map(|time| now + time);
         }
         self.show(memory);
     }

@@ -224,7 +224,8 @@ impl Servo {
         if ns == 0 {
             return;
         }
-        let span = self.span(ns);
+        self.set_span(ns);
+        let span = self.span;
         match setpoint {
             Setpoint::Coast => self.coast(&span),
             Setpoint::Position { from, fraction, by } => {
@@ -237,12 +238,12 @@ impl Servo {
         self.settle();
     }
 
-    /// The constants of a span of that length.
-    fn span(&mut self, ns: Ns) -> Span {
+    /// Keeps the constants of a span of that length.
+    #[inline]
+    fn set_span(&mut self, ns: Ns) {
         if self.span.ns != ns {
             self.span = self.span_of(ns);
         }
-        self.span
     }
 
     /// Ends a span: moves whole counts out of the fraction, and stops the shaft at an end stop.
@@ -308,7 +309,7 @@ impl Servo {
             self.substep(span, clamp_to(asked, span.torque));
             demand += step;
         }
-        self.finish_span(span, asked, clamp_to(wanted, self.velocity_limit) != wanted);
+        self.finish_span((span.torque, span.torque_per_change), asked, clamp_to(wanted, self.velocity_limit) != wanted);
     }
 
     fn follow_velocity(&mut self, span: &Span, from: f64, to: f64) {
@@ -320,7 +321,7 @@ impl Servo {
             asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
             self.substep(span, clamp_to(asked, span.torque));
         }
-        self.finish_span(span, asked, clamp_to(wanted, self.velocity_limit) != wanted);
+        self.finish_span((span.torque, span.torque_per_change), asked, clamp_to(wanted, self.velocity_limit) != wanted);
     }
 
     fn follow_torque(&mut self, span: &Span, torque: f64) {
@@ -334,7 +335,7 @@ impl Servo {
             too_fast = asked != target;
             self.substep(span, clamp_to(asked, span.torque));
         }
-        self.finish_span(span, asked, too_fast);
+        self.finish_span((span.torque, span.torque_per_change), asked, too_fast);
     }
 
     /// The velocity loop: the change of speed that it asks for in a sub-step, with the compensation of friction.
@@ -351,10 +352,12 @@ impl Servo {
         self.fraction += self.velocity * span.substep_s;
     }
 
-    /// Keeps the torque of the last sub-step, and whether it or the speed was limited.
-    fn finish_span(&mut self, span: &Span, asked: f64, speed_limited: bool) {
-        let given = clamp_to(asked, span.torque);
-        self.torque = given * span.torque_per_change;
+    /// Keeps the torque of the last sub-step, and whether it or the speed was limited. The greatest change of speed in a
+    /// sub-step and the torque for each unit of it are those of the span.
+    #[inline]
+    fn finish_span(&mut self, (change_max, torque_per_change): (f64, f64), asked: f64, speed_limited: bool) {
+        let given = clamp_to(asked, change_max);
+        self.torque = given * torque_per_change;
         self.limited = speed_limited || given != asked;
     }
 }

@@ -28,7 +28,7 @@ pub(in crate::slave) struct EntryCopy {
 /// One step of a plan.
 enum Step<D> {
     Object(EntryCopy),
-    /// A PDO that has the entries of power-on and begins at that byte.
+    /// A PDO with entries of power-on, or others that masters often map, which begins at that byte.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
@@ -51,6 +51,9 @@ pub(in crate::slave) struct Plan<D> {
     output_bytes: usize,
     /// Some bits of the input image belong to no object.
     has_padding: bool,
+    /// All inputs, or all outputs, are one PDO, which this function copies.
+    all_inputs: Option<fn(&D, &mut [u8])>,
+    all_outputs: Option<fn(&mut D, &[u8])>,
 }
 
 impl<D> Clone for Plan<D> {
@@ -69,7 +72,15 @@ impl<D> fmt::Debug for Plan<D> {
 
 impl<D> Default for Plan<D> {
     fn default() -> Self {
-        Self { steps: Vec::new(), inputs: 0, input_bytes: 0, output_bytes: 0, has_padding: false }
+        Self {
+            steps: Vec::new(),
+            inputs: 0,
+            input_bytes: 0,
+            output_bytes: 0,
+            has_padding: false,
+            all_inputs: None,
+            all_outputs: None,
+        }
     }
 }
 
@@ -148,6 +159,12 @@ impl<D: Planned> Plan<D> {
         self.has_padding = inputs.bits % 8 != 0 || inputs.padding;
         let outputs = self.add(device, PdoDirection::Rx, mapping).ok_or(AlStatus::INVALID_OUTPUT_MAPPING)?;
         (self.input_bytes, self.output_bytes) = (inputs.bits.div_ceil(8), outputs.bits.div_ceil(8));
+        if let [Step::Inputs(0, put)] = self.steps[..self.inputs] {
+            self.all_inputs = Some(put);
+        }
+        if let [Step::Outputs(0, take)] = self.steps[self.inputs..] {
+            self.all_outputs = Some(take);
+        }
         Ok(())
     }
 
@@ -180,9 +197,11 @@ impl<D: Planned> Plan<D> {
     }
 }
 
-/// One step for a whole PDO, if the PDO has the entries of power-on and begins with a whole byte.
+/// One step for a whole PDO, if the PDO has the entries of power-on, or others that masters often map, and begins with a whole
+/// byte.
 fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
-    let pdo = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries)?;
+    let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
+    let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
     let step = match pdo.mover {
         Mover::Inputs(put) => Step::Inputs(bit / 8, put),
         Mover::Outputs(take) => Step::Outputs(bit / 8, take),
@@ -205,14 +224,27 @@ pub(in crate::slave) trait Planned: Device {
 
     /// The PDOs at power-on.
     fn pdos() -> &'static [Pdo<Self>];
+
+    /// PDOs with entries that masters often map, whatever the index.
+    fn often_mapped() -> &'static [Pdo<Self>];
 }
 
 /// Puts the inputs of the device into an image. An image that is too short stays as it is.
+#[inline]
 pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
     let plan = device.plan();
     if image.len() < plan.input_bytes {
         return;
     }
+    match plan.all_inputs {
+        Some(put) => put(device, image),
+        None => put_each_input(device, image),
+    }
+}
+
+#[inline(never)]
+fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
+    let plan = device.plan();
     if plan.has_padding {
         image[..plan.input_bytes].fill(0);
     }
@@ -226,11 +258,21 @@ pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
 }
 
 /// Hands the outputs in an image to the device. An image that is too short is ignored.
+#[inline]
 pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
     let plan = device.plan();
     if image.len() < plan.output_bytes {
         return;
     }
+    match plan.all_outputs {
+        Some(take) => take(device, image),
+        None => take_each_output(device, image),
+    }
+}
+
+#[inline(never)]
+fn take_each_output<D: Planned>(device: &mut D, image: &[u8]) {
+    let plan = device.plan();
     for n in plan.inputs..plan.steps.len() {
         match device.plan().steps[n] {
             Step::Outputs(at, take) => take(device, &image[at..]),

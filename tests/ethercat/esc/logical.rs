@@ -1,12 +1,12 @@
 //! FMMUs: logical addresses, to the bit.
 
-use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections};
-use ecmsk::ethercat::{AlState, Command};
+use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections, SmControl, SyncManager};
+use ecmsk::ethercat::{AlState, Command, DatagramHeader};
 use ecmsk::slave::esc::EscSettings;
 use ecmsk::slave::{Io, IoConfig};
 use proptest::prelude::*;
 
-use super::rig::{FIRST, Rig, slave};
+use super::rig::{FIRST, OUTPUTS, Rig, slave};
 
 const IMAGE: [u8; 6] = [1, 2, 3, 4, 5, 6];
 
@@ -34,6 +34,62 @@ fn s18_an_fmmu_maps_bytes() {
     rig.set_fmmu(FIRST, 3, Fmmu::bytes(0xFFFF_FFFE, 6, 0x1180, FmmuDirections::READ));
     let answer = rig.logical(Command::Lrd, 0xFFFF_FFFC, &[0xEE; 6]);
     assert_eq!((answer.wkc, answer.data), (1, vec![0xEE, 0xEE, 1, 2, 3, 4]));
+}
+
+/// ECAT-10.1 Logical addresses end: a datagram at the last ones does not have the first ones.
+#[test]
+fn logical_addresses_end() {
+    let mut rig = Rig::drives(1);
+    rig.bring_to_op(FIRST, 0);
+    let (outputs, inputs) = rig.lens(FIRST);
+    let all = vec![0x55; 64];
+    assert_eq!(rig.logical(Command::Lrw, 0_u32.wrapping_sub(16), &all).wkc, 0);
+    assert_eq!(rig.logical(Command::Lrw, u32::from(outputs + inputs), &all).wkc, 0);
+    assert_eq!(rig.logical(Command::Lrw, 0, &all).wkc, 3);
+}
+
+/// ECAT-10.1, ECAT-10.8 Areas that one datagram exchanges whole are exchanged as those that come in parts: the same data,
+/// registers of sync managers and watchdog, and the drive moves alike.
+#[test]
+fn whole_areas_are_exchanged_as_parts_are() {
+    for control in [SmControl::OUTPUTS, SmControl::OUTPUTS.without(SmControl::WATCHDOG)] {
+        let mut rigs = [Rig::drives(1), Rig::drives(1)];
+        for rig in &mut rigs {
+            rig.bring_to_preop(FIRST);
+            assert_eq!(rig.set_process_data(FIRST, 0x20), 16);
+            rig.write(FIRST, registers::sync_manager_activate(2), &[0]);
+            rig.set_manager(FIRST, 2, SyncManager::enabled(OUTPUTS, 6, control));
+            rig.reach(FIRST, AlState::SafeOp);
+            rig.logical(Command::Lrw, 0x20, &[0; 16]);
+            rig.reach(FIRST, AlState::Op);
+        }
+        for n in 0_u32..600 {
+            let word = [0x06, 0x07, 0x0F][n.min(599) as usize / 200];
+            let mut image = [0xEE; 16];
+            image[..6].copy_from_slice(&[word, 0, n as u8, (n >> 8) as u8, 0, 0]);
+            let whole = rigs[0].logical(Command::Lrw, 0x20, &image);
+            let (first, last) =
+                (DatagramHeader::new(Command::Lrw, 1, 0x20), DatagramHeader::new(Command::Lrw, 2, 0x28));
+            let [first, last] = rigs[1].frame(&[(first, &image[..8]), (last, &image[8..])]).try_into().expect("two");
+            assert_eq!(whole.data, [&first.data[..], &last.data].concat(), "cycle {n}");
+            // Outputs and some inputs; the rest of the inputs.
+            assert_eq!((whole.wkc, first.wkc, last.wkc), (3, 3, 1));
+            if n % 50 == 7 {
+                // A buffer that is begun and not ended.
+                rigs.iter_mut().for_each(|rig| rig.write(FIRST, OUTPUTS, &[0x0F]));
+            }
+            let shown = |rig: &mut Rig| {
+                let managers = rig.read(FIRST, registers::SYNC_MANAGER, 64);
+                let watchdog = rig.read_u16(FIRST, registers::WATCHDOG_STATUS);
+                (managers, watchdog, rig.read_u16(FIRST, registers::ECAT_EVENT), rig.read(FIRST, OUTPUTS + 18, 1))
+            };
+            let [of_whole, of_parts] = rigs.each_mut().map(shown);
+            assert_eq!(of_whole, of_parts, "cycle {n}");
+        }
+        let shafts = rigs.each_ref().map(|rig| rig.chain.slave(0).device().shaft(0));
+        assert_eq!(shafts[0], shafts[1]);
+        assert!(shafts[0].is_some_and(|shaft| shaft > 500), "{shafts:?}");
+    }
 }
 
 /// ECAT-10.2 An FMMU of one bit shows whether a mailbox is full; the bits of other slaves stay.

@@ -111,6 +111,38 @@ fn branches_are_visited_in_the_order_of_ports() {
     assert_eq!(rig.read_u16(FIRST, registers::DL_STATUS), 0xAAF1);
 }
 
+/// ECAT-9.9, ECAT-10.3 Drives on branches take their outputs and move as those in a line do, also after a branch was cut off.
+#[test]
+fn drives_on_branches_move() {
+    let settings = || EscSettings { ports: [3; 4], ..EscSettings::default() };
+    let mut rig = Rig::new([drive(settings())]);
+    for (parent, port) in [(0, 1), (0, 2), (0, 3), (1, 1), (4, 1)] {
+        rig.chain.add(drive(settings()), parent, port);
+    }
+    rig.give_stations();
+    let len: usize = (0..6).map(|n| rig.bring_to_op(FIRST + n, u32::from(n) * 16)).sum();
+    let mut image = vec![0; len];
+    let mut cycles = |rig: &mut Rig, n: i32, word: u8, target: i32| {
+        for _ in 0..n {
+            for outputs in image.chunks_mut(16) {
+                outputs[..2].copy_from_slice(&[word, 0]);
+                outputs[2..6].copy_from_slice(&target.to_le_bytes());
+            }
+            let answer = rig.logical(Command::Lrw, 0, &image);
+            image.copy_from_slice(&answer.data);
+        }
+    };
+    rig.pause = MS;
+    [0x06, 0x07, 0x0F].into_iter().for_each(|word| cycles(&mut rig, 200, word, 0));
+    cycles(&mut rig, 200, 0x0F, 1000);
+    let shafts = |rig: &Rig| [0, 1, 2, 3, 4, 5].map(|n| rig.chain.slave(n).device().shaft(0));
+    assert_eq!(shafts(&rig), [Some(1000); 6]);
+    rig.chain.connect(4, false);
+    cycles(&mut rig, 50, 0x0F, 1500);
+    assert_eq!(shafts(&rig)[..4], [Some(1500); 4]);
+    assert_eq!(shafts(&rig)[4..], [Some(1000); 2]);
+}
+
 /// ECAT-9.10 Error counters stop at 255 and are cleared by a write to any of their group.
 #[test]
 fn error_counters_stop_and_are_cleared() {

@@ -1,10 +1,12 @@
 //! What the network reads and writes in a controller, and what that causes.
 
-use super::{Controller, FMMUS_MAX};
+use super::Controller;
 use crate::ethercat::registers::{
     self, AL_CONTROL, AL_STATUS, AlEvents, CLOCK_REGISTERS, DL_CONTROL, DL_STATUS, ECAT_EVENT, EcatEvents, FMMU,
-    FMMU_LEN, Fmmu, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
+    FMMU_LEN, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
 };
+use crate::slave::esc::fmmus::{FMMUS_MAX, Fmmus};
+use crate::slave::esc::managers::MANAGERS_MAX;
 use crate::slave::esc::memory::ByteAccess;
 
 /// The registers of the EEPROM interface that nobody can write while it is busy or not the master's.
@@ -55,6 +57,9 @@ impl Controller {
             let others = self.memory.u16(ECAT_EVENT) & 0x000F;
             self.memory.set_u16(ECAT_EVENT, others | self.manager_events());
         }
+        if touches(address, len, SYNC_MANAGER, MANAGERS_MAX * SYNC_MANAGER_LEN) {
+            self.managers.show_statuses(&mut self.memory);
+        }
         let clock = usize::from(CLOCK_REGISTERS.start)..usize::from(CLOCK_REGISTERS.end);
         if !self.has_clock() || address >= clock.end || address + len <= clock.start {
             return;
@@ -93,14 +98,14 @@ impl Controller {
             let n = written.trailing_zeros() as u8;
             written &= written - 1;
             if self.managers.registers(n).control.contains(registers::SmControl::WATCHDOG) {
-                self.watchdog.trigger(self.passage.arrival, &mut self.memory);
+                self.watchdog.trigger(self.arrival, &mut self.memory);
             }
         }
     }
 
     fn write_registers(&mut self, address: usize, data: &[u8]) -> bool {
         let eeprom_is_free = self.eeprom.is_free(&self.memory);
-        let managers = usize::from(SYNC_MANAGER)..usize::from(SYNC_MANAGER) + 16 * SYNC_MANAGER_LEN;
+        let managers = usize::from(SYNC_MANAGER)..usize::from(SYNC_MANAGER) + MANAGERS_MAX * SYNC_MANAGER_LEN;
         let mut done = false;
         for (n, byte) in data.iter().enumerate() {
             let at = address + n;
@@ -138,12 +143,10 @@ impl Controller {
     /// What a write to registers causes.
     fn after_write(&mut self, address: usize, data: &[u8], eeprom_is_free: bool) {
         let hits = |at: u16, len: usize| touches(address, data.len(), at, len);
+        self.is_set_anew = true;
         // The registers in ascending order.
-        if address < usize::from(DL_CONTROL) {
-            if hits(registers::RESET_ECAT, 1) {
-                self.reset_byte(self.memory.u8(registers::RESET_ECAT));
-            }
-            return;
+        if hits(registers::RESET_ECAT, 1) {
+            self.reset_byte(self.memory.u8(registers::RESET_ECAT));
         }
         if hits(DL_CONTROL, 4) {
             self.opened = self.links;
@@ -153,21 +156,24 @@ impl Controller {
             self.events.al_control = true;
             self.raise_for_device(AlEvents::AL_CONTROL);
         }
+        if hits(registers::ECAT_EVENT_MASK, 2) {
+            self.event_mask = self.memory.u16(registers::ECAT_EVENT_MASK);
+        }
         if hits(registers::WATCHDOG_DIVIDER, 2) || hits(registers::WATCHDOG_PROCESS_DATA, 2) {
-            self.watchdog.set(self.passage.arrival, &mut self.memory);
+            self.watchdog.set(self.arrival, &mut self.memory);
         }
         if hits(registers::SII_CONFIGURATION, 1) && self.memory.u8(registers::SII_CONFIGURATION) & 0b10 != 0 {
             self.memory.set_u8(registers::SII_PDI_ACCESS, 0);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
             let written = SiiControl(self.memory.u16(registers::SII_CONTROL));
-            self.eeprom.command(written, self.passage.arrival, &mut self.memory);
-            if self.eeprom.advance(self.passage.arrival, &mut self.memory) {
+            self.eeprom.command(written, self.arrival, &mut self.memory);
+            if self.eeprom.advance(self.arrival, &mut self.memory) {
                 self.load_words(false);
             }
         }
-        if hits(FMMU, FMMUS_MAX * FMMU_LEN) {
-            self.decode_fmmus();
+        if hits(FMMU, FMMUS_MAX * FMMU_LEN) || hits(SYNC_MANAGER, MANAGERS_MAX * SYNC_MANAGER_LEN) {
+            self.fmmus = Fmmus::decode(self.settings.fmmus, &self.memory, &self.managers);
         }
         if self.managers.events.activated != 0 {
             self.raise_for_device(AlEvents::SM_ACTIVATION);
@@ -187,15 +193,6 @@ impl Controller {
         if self.reset_progress == expected.len() {
             self.reset_progress = 0;
             self.events.reset = true;
-        }
-    }
-
-    fn decode_fmmus(&mut self) {
-        self.fmmus_enabled = 0;
-        for n in 0..self.settings.fmmus.min(FMMUS_MAX as u8) {
-            let fmmu = Fmmu::decode(&self.memory.get(registers::fmmu(n)));
-            self.fmmus[usize::from(n)] = fmmu;
-            self.fmmus_enabled |= u16::from(fmmu.enabled && fmmu.bits() > 0) << n;
         }
     }
 
@@ -234,9 +231,10 @@ impl Controller {
         let arrival = self.clock.local();
         self.memory.set_u64(registers::RECEIVE_TIME_UNIT, arrival);
         self.memory.set_u32(registers::RECEIVE_TIMES, arrival as u32);
-        for (port, back) in (1..).zip(self.passage.returns) {
-            if let Some(back) = back {
-                self.memory.set_u32(registers::receive_time(port), self.clock.local_at(back) as u32);
+        for (port, returns_ns) in (1..).zip(self.returns) {
+            if let Some(returns_ns) = returns_ns {
+                let local = self.clock.local_at(self.arrival + returns_ns);
+                self.memory.set_u32(registers::receive_time(port), local as u32);
             }
         }
     }

@@ -4,13 +4,16 @@
 //! motor takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`]
 //! computes, by the same operations in the same order.
 
-use super::super::clamp_to;
+use super::super::{Setpoint, clamp_to};
 use super::Servo;
 use crate::ethercat::Ns;
 
 /// How many motors are computed together: as many as a processor with two numbers in a register can work on while it
 /// waits for the results of the first.
 pub const SIDE_BY_SIDE: usize = 8;
+
+/// So many motors take less time one by one.
+const FEW: usize = 2;
 
 /// A motor, and the position that it is to follow; see [`Setpoint::Position`](super::super::Setpoint::Position).
 #[derive(Debug)]
@@ -50,12 +53,19 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
     if ns == 0 {
         return;
     }
+    if motors.iter().flatten().count() <= FEW {
+        for Following { servo, from, fraction, by } in motors.iter_mut().flatten() {
+            servo.run(Setpoint::Position { from: *from, fraction: *fraction, by: *by }, ns);
+        }
+        return;
+    }
     // Zeros are computed for a place without a motor.
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
         let Some(Following { servo, from, fraction, by }) = motor else { continue };
-        let span = servo.span(ns);
+        servo.set_span(ns);
+        let span = &servo.span;
         substeps = span.substeps;
         of.feed_forward[n] = *by * span.rate;
         of.position_gain[n] = servo.position_gain;
@@ -79,8 +89,8 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         let Some(Following { servo, .. }) = motor else { continue };
         (servo.velocity, servo.fraction) = (of.velocity[n], of.fraction[n]);
         let wanted = of.wanted[n];
-        let span = servo.span;
-        servo.finish_span(&span, of.asked[n], clamp_to(wanted, of.velocity_limit[n]) != wanted);
+        let limits = (servo.span.torque, servo.span.torque_per_change);
+        servo.finish_span(limits, of.asked[n], clamp_to(wanted, of.velocity_limit[n]) != wanted);
         servo.settle();
     }
 }
@@ -106,7 +116,6 @@ impl Motors {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::Setpoint;
     use super::super::Motor;
     use super::*;
 

@@ -1,0 +1,146 @@
+//! One sync manager: its registers, and which of its buffers each side has.
+
+use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
+
+/// One sync manager and what it keeps.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Manager {
+    pub(super) registers: SyncManager,
+    /// The last written buffer; `None`: none.
+    pub(super) last: Option<u8>,
+    /// The buffer that the writer has opened.
+    pub(super) writing: Option<u8>,
+    /// The buffer that the reader has opened.
+    pub(super) reading: Option<u8>,
+    /// How far the buffers are from each other, as the length says: a buffer of one byte is a single one.
+    pub(super) distance: u16,
+}
+
+/// Which side of a sync manager.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    Writer,
+    Reader,
+}
+
+impl Manager {
+    pub(super) fn area(&self) -> std::ops::Range<usize> {
+        let start = usize::from(self.registers.start);
+        start..start + usize::from(self.registers.len)
+    }
+
+    pub(super) fn is_active(&self) -> bool {
+        self.registers.is_enabled() && self.registers.len > 0
+    }
+
+    /// Whether the slave's own controller may use it: it does not lie over registers.
+    pub(super) fn is_usable(&self) -> bool {
+        self.is_active() && self.registers.start >= RAM
+    }
+
+    pub(super) fn is_mailbox(&self) -> bool {
+        self.registers.control.mode() == BufferMode::Mailbox
+    }
+
+    /// Where a buffer lies.
+    pub(super) fn buffer_start(&self, buffer: u8) -> usize {
+        usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
+    }
+
+    /// Opens a buffer for a side; `None`: it has to wait.
+    pub(super) fn open(&mut self, side: Side) -> Option<u8> {
+        let is_full = self.registers.status.contains(SmStatus::FULL);
+        let buffer = match (side, self.is_mailbox()) {
+            (Side::Writer, true) if is_full => return None,
+            (Side::Reader, true) if !is_full => return None,
+            (_, true) => 0,
+            (Side::Writer, false) => {
+                (0..3).find(|buffer| Some(*buffer) != self.last && Some(*buffer) != self.reading)?
+            }
+            (Side::Reader, false) => self.last.unwrap_or(0),
+        };
+        let status = &mut self.registers.status;
+        match side {
+            Side::Writer => {
+                self.writing = Some(buffer);
+                *status = status.without(SmStatus::READ).with(SmStatus::WRITING);
+            }
+            Side::Reader => {
+                self.reading = Some(buffer);
+                *status = status.without(SmStatus::WRITTEN).with(SmStatus::READING);
+            }
+        }
+        Some(buffer)
+    }
+
+    /// The last byte of a buffer was written or read.
+    pub(super) fn close(&mut self, side: Side) {
+        let is_mailbox = self.is_mailbox();
+        let status = &mut self.registers.status;
+        match side {
+            Side::Writer => {
+                *status = status.without(SmStatus::WRITING).with(SmStatus::WRITTEN);
+                let buffer = self.writing.take();
+                if is_mailbox {
+                    *status = status.with(SmStatus::FULL);
+                } else {
+                    self.last = buffer;
+                    *status = status.with_last_buffer(buffer.unwrap_or(3));
+                }
+            }
+            Side::Reader => {
+                self.reading = None;
+                *status = status.without(SmStatus::READING).with(SmStatus::READ);
+                if is_mailbox {
+                    *status = status.without(SmStatus::FULL);
+                }
+            }
+        }
+    }
+
+    /// The network, or the slave's own controller, writes the next of three buffers whole: where that lies.
+    #[inline]
+    pub(super) fn fill(&mut self) -> usize {
+        let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
+        let buffer = if !is_taken(0) {
+            0
+        } else if !is_taken(1) {
+            1
+        } else {
+            2
+        };
+        (self.last, self.writing) = (Some(buffer), None);
+        let status = self.registers.status.without(SmStatus::READ).without(SmStatus::WRITING);
+        self.registers.status = status.with(SmStatus::WRITTEN).with_last_buffer(buffer);
+        self.buffer_start(buffer)
+    }
+
+    /// The network, or the slave's own controller, reads the newest of three buffers whole: where that lies.
+    #[inline]
+    pub(super) fn drain(&mut self) -> usize {
+        self.reading = None;
+        let status = self.registers.status.without(SmStatus::WRITTEN).without(SmStatus::READING);
+        self.registers.status = status.with(SmStatus::READ);
+        self.buffer_start(self.last.unwrap_or(0))
+    }
+
+    /// Whether the network may use it in this way now.
+    pub(super) fn is_open_to(&self, side: Side) -> bool {
+        let SyncManager { control, pdi, .. } = self.registers;
+        let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
+        control.direction() == wanted
+            && control.mode() != BufferMode::Unknown
+            && !pdi.contains(SmPdiControl::DEACTIVATE)
+    }
+
+    /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
+    pub(super) fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
+        if offset == 0 {
+            return self.open(side);
+        }
+        match side {
+            Side::Writer => self.writing,
+            Side::Reader => self.reading,
+        }
+    }
+}

@@ -29,7 +29,14 @@ pub struct Net {
     /// Frames on their way back, with when they arrive, in that order.
     back: Vec<(Ns, Vec<u8>)>,
     pub faults: Faults,
+    /// Slaves that answer anything: it is called with each frame on its way back.
+    pub hostile: Option<Hostile>,
+    /// Buffers of frames that have come back, to be used again.
+    spare: Vec<Vec<u8>>,
 }
+
+/// What changes frames on their way back.
+pub type Hostile = Box<dyn FnMut(&mut Vec<u8>)>;
 
 /// What goes wrong with frames: one in so many, 0: none.
 pub struct Faults {
@@ -66,11 +73,17 @@ impl Net {
 
 impl Wire for Net {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
-        let mut frame = frame.to_vec();
+        let mut bytes = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(1514));
+        bytes.clear();
+        bytes.extend_from_slice(frame);
+        let mut frame = bytes;
         if self.faults.hits(self.faults.lost_out) {
             return Ok(());
         }
         let FrameFate::Returned(mut at) = self.chain.process(&mut frame, self.now) else { return Ok(()) };
+        if let Some(hostile) = &mut self.hostile {
+            hostile(&mut frame);
+        }
         if self.faults.hits(self.faults.lost_back) {
             return Ok(());
         }
@@ -88,8 +101,10 @@ impl Wire for Net {
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
         self.back.first().filter(|(at, _)| *at <= self.now)?;
         let (_, frame) = self.back.remove(0);
-        buffer[..frame.len()].copy_from_slice(&frame);
-        Some(frame.len())
+        let len = frame.len().min(buffer.len());
+        buffer[..len].copy_from_slice(&frame[..len]);
+        self.spare.push(frame);
+        Some(len)
     }
 }
 
@@ -131,7 +146,7 @@ pub fn slave(kind: &str, settings: EscSettings) -> EscSlave {
 
 impl Rig {
     pub fn of(chain: Chain) -> Self {
-        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE };
+        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE, hostile: None, spare: Vec::new() };
         let master = Master::new(Settings::default());
         Self { master, net, next_cycle: None, last: CycleDone::default() }
     }

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use ecmsk::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope, ValueInfo};
 use ecmsk::ethercat::{AlState, Ns, SlaveSet, each_datagram};
-use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Pace, Settings, Sync, Wire, WireDown};
+use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Pace, Settings, SyncSignals, Wire, WireDown};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use libfuzzer_sys::fuzz_target;
@@ -149,7 +149,7 @@ impl Rig {
             }
             13 => {
                 let sync =
-                    Sync { assign_activate: u16::from_le_bytes([b, c]), ..Sync::sync0(u32::from(d) * 10_000, 7) };
+                    SyncSignals { assign_activate: u16::from_le_bytes([b, c]), ..SyncSignals::sync0(u32::from(d) * 10_000, 7) };
                 let _ = self.master.set_sync(slave, Some(sync));
                 return;
             }

@@ -252,7 +252,10 @@ impl Exchange {
             IndexUse::Flying(_) => false,
             IndexUse::Resting { until } => now >= until,
         };
-        let index = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n)).find(is_free)?;
+        // If so many frames were lost that all indices rest, the one that does so for longest is taken.
+        let is_resting = |index: &u8| matches!(self.indices[usize::from(*index)], IndexUse::Resting { .. });
+        let mut all = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n));
+        let index = all.clone().find(is_free).or_else(|| all.find(is_resting))?;
         self.next_index = index.wrapping_add(1);
         self.indices[usize::from(index)] = IndexUse::Flying(place);
         let flight = &mut self.flights[place];

@@ -232,7 +232,7 @@ impl Mailbox {
         loop {
             let ticket = self.bus.queue_with(Command::Fprd, self.station, start, &self.bytes, 1);
             match ticket.answer(&mut self.bytes).await {
-                Ok(counter) => return Ok(counter == 1 && self.is_new()),
+                Ok(counter) => return Ok(counter == 1 && (self.is_new() || repeats == 0)),
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
                 // The slave may have taken it for read.
                 Err(_) => self.ask_for_repeat().await?,
@@ -265,7 +265,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether the message is another one than the last, which came again by a repeat.
+    /// Whether the message is another one than the last, which a repeat may bring again: not every slave counts its messages right.
     fn is_new(&self) -> bool {
         let Ok(message) = MailboxMessage::decode(&self.bytes) else { return false };
         let counter = message.header.counter;

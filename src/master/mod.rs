@@ -136,7 +136,7 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-pub use clocks::Sync;
+pub use clocks::SyncSignals;
 pub use exchange::FrameCounters;
 pub use foe::FileError;
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
@@ -243,9 +243,9 @@ impl Master {
     /// Sends the frames of a cycle, and one frame beside them. The cycle before has ended then, with those of its frames that have
     /// come back.
     pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        self.receive(now, wire);
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
-            shared.now = shared.now.max(now);
             shared.last_cycle = Some(shared.now);
             shared.exchange.expire_cyclic(now);
             judge(process, shared);

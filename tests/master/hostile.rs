@@ -2,7 +2,7 @@
 
 use ecmsk::coe::{ObjectAddress, ObjectListType, SdoScope};
 use ecmsk::ethercat::{AlState, FRAME_HEADER_LEN, SlaveSet, each_datagram};
-use ecmsk::master::{Pace, Sync};
+use ecmsk::master::{Pace, SyncSignals};
 use support::dice::Dice;
 
 use super::rig::{CYCLE, Faults, Hostile, MS, Rig, SECOND, kinds};
@@ -60,8 +60,9 @@ fn use_everything(rig: &mut Rig, dice: &mut Dice) {
             6 => rig.master.read_file(slave, b"name", 0, 50 * MS),
             _ => {
                 let _ = rig.master.configure(slave, dice.below(30) as u16, dice.below(30) as u16);
-                let _ =
-                    rig.master.set_sync(slave, dice.one_in(2).then_some(Sync::sync0(dice.below(2_000_000) as u32, -5)));
+                let _ = rig
+                    .master
+                    .set_sync(slave, dice.one_in(2).then_some(SyncSignals::sync0(dice.below(2_000_000) as u32, -5)));
                 continue;
             }
         };

@@ -7,7 +7,7 @@ use ecmsk::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use ecmsk::fieldbus::Role;
 use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::master::{
-    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, Sync, Wire, WireDown,
+    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, SyncSignals, Wire, WireDown,
 };
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
@@ -144,6 +144,10 @@ pub fn slave(kind: &str, settings: EscSettings) -> EscSlave {
     EscSlave::describe(device(kind), settings, 0).expect("it can be described")
 }
 
+/// A master may be moved to another thread.
+const fn is_send<T: Send>() {}
+const _: () = is_send::<Master>();
+
 impl Rig {
     pub fn of(chain: Chain) -> Self {
         let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE, hostile: None, spare: Vec::new() };
@@ -170,7 +174,6 @@ impl Rig {
         self.net.chain.advance(now);
         if self.next_cycle.is_some_and(|next| now >= next) {
             self.next_cycle = Some(now + CYCLE);
-            self.master.poll(now, &mut self.net);
             self.master.cycle(now, &mut self.net);
         }
         self.master.poll(now, &mut self.net);
@@ -258,7 +261,7 @@ impl Rig {
             );
         }
         let clock = self.master.slaves()[usize::from(slave) - 1].features.contains(Features::CLOCK);
-        let sync = (clock && sync == DriveSync::DcSync).then_some(Sync::sync0(CYCLE as u32, 0));
+        let sync = (clock && sync == DriveSync::DcSync).then_some(SyncSignals::sync0(CYCLE as u32, 0));
         self.master.set_sync(slave, sync).expect("it was found");
         let configured = self.master.configure(slave, data.output_bytes() as u16, data.input_bytes() as u16);
         configured.expect("its process data can be configured");

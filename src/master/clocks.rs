@@ -13,8 +13,9 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{Command, Ns, SlaveSet};
 
-/// \[OURS] The first pulse of SYNC0 comes so much later than its slave is told, and 10 cycles later at least.
-const START_NS: u64 = 20_000_000;
+/// The first pulse of SYNC0 comes so much later than its slave is told, as with other masters, and 10 cycles later at least: one
+/// that comes in the past never comes.
+const START_NS: u64 = 100_000_000;
 /// \[OURS] How near to the reference a clock has to be before its SYNC signals begin, ns, as other masters want it.
 const NEAR_NS: i64 = 10_000;
 /// \[OURS] How long the master waits for that; then the signals begin all the same.
@@ -25,7 +26,7 @@ const SPEED_START: u16 = 0x1000;
 
 /// The SYNC signals of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sync {
+pub struct SyncSignals {
     /// What goes into registers 0x0980 (low byte) and 0x0981: which signals there are. ESI files and EEPROMs call it
     /// AssignActivate.
     pub assign_activate: u16,
@@ -37,7 +38,7 @@ pub struct Sync {
     pub sync1_ns: u32,
 }
 
-impl Sync {
+impl SyncSignals {
     /// SYNC0 alone.
     pub const fn sync0(cycle_ns: u32, shift_ns: i32) -> Self {
         Self { assign_activate: 0x0300, cycle_ns, shift_ns, sync1_ns: 0 }
@@ -201,7 +202,12 @@ pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), 
 }
 
 /// Sets the clock of a slave, if it is not, and starts its SYNC signals.
-pub(super) async fn start_sync(bus: &Bus, slave: u8, station: u16, sync: Option<Sync>) -> Result<(), Unanswered> {
+pub(super) async fn start_sync(
+    bus: &Bus,
+    slave: u8,
+    station: u16,
+    sync: Option<SyncSignals>,
+) -> Result<(), Unanswered> {
     if !bus.with(|shared| shared.clocks.all.contains(slave)) {
         return Ok(());
     }
@@ -209,7 +215,8 @@ pub(super) async fn start_sync(bus: &Bus, slave: u8, station: u16, sync: Option<
     if bus.with(|shared| !shared.clocks.set.contains(slave)) {
         set(bus, [slave].into_iter().collect()).await?;
     }
-    let Some(Sync { assign_activate, cycle_ns, shift_ns, sync1_ns }) = sync.filter(|sync| sync.cycle_ns > 0) else {
+    let Some(SyncSignals { assign_activate, cycle_ns, shift_ns, sync1_ns }) = sync.filter(|sync| sync.cycle_ns > 0)
+    else {
         return Ok(());
     };
     wait_until_near(bus, station).await?;

@@ -1,6 +1,6 @@
 //! Which process data each slave has, and their bytes.
 
-use super::{ConfigureError, Master, Pace, ProcessManager, Sync, process_data};
+use super::{ConfigureError, Master, Pace, ProcessManager, SyncSignals, process_data};
 use crate::ethercat::registers::SyncManager;
 
 impl Master {
@@ -58,7 +58,7 @@ impl Master {
     ///
     /// # Errors
     /// [`ConfigureError::NoSlave`].
-    pub fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> Result<(), ConfigureError> {
+    pub fn set_sync(&mut self, slave: u8, sync: Option<SyncSignals>) -> Result<(), ConfigureError> {
         if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
     }
 

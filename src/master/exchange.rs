@@ -9,11 +9,13 @@ use std::collections::VecDeque;
 use super::{Settings, Wire};
 use crate::ethercat::{
     Addressing, Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX,
-    FRAME_LEN_MIN, Frame, FrameHeader, FrameWriter, Ns,
+    FRAME_LEN_MIN, Frame, FrameHeader, FrameWriter, MAX_SLAVES, Ns,
 };
 
 /// \[OURS] How many frames may be on the way.
 const FLIGHTS: usize = 32;
+/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory: two a slave, and some.
+const REQUESTS: usize = 2 * MAX_SLAVES + 16;
 /// \[OURS] How many datagrams a frame has at most.
 const DATAGRAMS_MAX: usize = 64;
 
@@ -127,7 +129,7 @@ struct Request {
 impl Default for Request {
     fn default() -> Self {
         let (state, command) = (RequestState::Unused, Command::Nop);
-        Self { state, command, address: 0, data: Vec::new(), tries: 0, is_abandoned: false }
+        Self { state, command, address: 0, data: Vec::with_capacity(DATA_LEN_MAX), tries: 0, is_abandoned: false }
     }
 }
 
@@ -145,6 +147,8 @@ pub(super) struct Exchange {
     queue: VecDeque<usize>,
     buffer: [u8; FRAME_LEN_MAX],
     pub(super) counters: FrameCounters,
+    /// The source of the last frame of another master.
+    pub(super) other_source: Option<[u8; 6]>,
 }
 
 /// A frame of the cycle that is being put together.
@@ -187,11 +191,12 @@ impl Exchange {
             indices: [IndexUse::Free; 256],
             next_index: 0,
             flights: (0..FLIGHTS).map(|_| flight()).collect(),
-            requests: Vec::new(),
-            unused: Vec::new(),
-            queue: VecDeque::new(),
+            requests: (0..REQUESTS).map(|_| Request::default()).collect(),
+            unused: (0..REQUESTS).collect(),
+            queue: VecDeque::with_capacity(REQUESTS),
             buffer: [0; FRAME_LEN_MAX],
             counters: FrameCounters::default(),
+            other_source: None,
         }
     }
 
@@ -247,7 +252,10 @@ impl Exchange {
             IndexUse::Flying(_) => false,
             IndexUse::Resting { until } => now >= until,
         };
-        let index = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n)).find(is_free)?;
+        // If so many frames were lost that all indices rest, the one that does so for longest is taken.
+        let is_resting = |index: &u8| matches!(self.indices[usize::from(*index)], IndexUse::Resting { .. });
+        let mut all = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n));
+        let index = all.clone().find(is_free).or_else(|| all.find(is_resting))?;
         self.next_index = index.wrapping_add(1);
         self.indices[usize::from(index)] = IndexUse::Flying(place);
         let flight = &mut self.flights[place];
@@ -379,6 +387,7 @@ impl Exchange {
             self.counters.unpassed += 1;
         } else if !is_ours {
             self.counters.foreign += 1;
+            self.other_source = Some(source);
         }
         is_ours
     }

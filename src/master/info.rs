@@ -61,7 +61,8 @@ pub struct SlaveInfo {
     pub inputs: Vec<ProcessManager>,
     /// It takes no LRW, as its controller or its EEPROM says.
     pub lacks_lrw: bool,
-    /// The content of its EEPROM, as far as it was read, or why it was not. Without it the slave stays in Init.
+    /// The content of its EEPROM, as far as it was read, or why it was not. Without it the master knows of no mailbox
+    /// and of no process data.
     pub eeprom: Result<Vec<u8>, SiiError>,
 }
 

@@ -3,11 +3,12 @@
 use std::future::Future;
 
 use super::bus::Task;
+use super::mailbox::Peer;
 use super::shared::Shared;
 use super::states::Plan;
 use super::watch::Watch;
-use super::{Master, ScanError, SdoError, SlaveInfo, StateError, scan, sdo, states};
-use crate::coe::{ObjectAddress, SdoScope};
+use super::{FileError, Master, ScanError, SdoError, SlaveInfo, StateError, foe, information, scan, sdo, states};
+use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Ns, SlaveSet};
 
 /// Names something that was started.
@@ -25,6 +26,14 @@ pub enum JobDone {
     Upload(Result<Vec<u8>, SdoError>),
     /// An object was written.
     Download(Result<(), SdoError>),
+    /// The indices of the objects of a list; for [`ObjectListType::Lengths`] how many objects each list has.
+    ObjectList(Result<Vec<u16>, SdoError>),
+    /// The description of an object or of a sub-index, to be decoded.
+    Description(Result<Vec<u8>, SdoError>),
+    /// A file was read.
+    ReadFile(Result<Vec<u8>, FileError>),
+    /// A file was written.
+    WriteFile(Result<(), FileError>),
 }
 
 /// What a sequence gives when it has ended.
@@ -107,17 +116,18 @@ impl Master {
         Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), managers, fmmus, sync }
     }
 
-    fn target(&self, slave: u8, object: ObjectAddress, scope: SdoScope, timeout_ns: Ns) -> sdo::Target {
+    /// The mailbox of a slave; of one that is not there it is none.
+    fn peer(&self, slave: u8, timeout_ns: Ns) -> Peer {
         let info = self.slave(slave);
         let (station, mailbox) = info.map_or((0, None), |info| (info.station, info.mailbox));
-        sdo::Target { slave, station, mailbox, object, scope, timeout_ns }
+        Peer { slave, station, mailbox, timeout_ns }
     }
 
     /// Starts to read an object of any length, at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX). `timeout_ns`: how long the
     /// slave may take for each answer.
     pub fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, timeout_ns: Ns) -> JobId {
-        let (bus, target) = (self.bus.clone(), self.target(slave, object, scope, timeout_ns));
-        self.start(async move { Output::Done(JobDone::Upload(sdo::upload(bus, target).await)) })
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        self.start(async move { Output::Done(JobDone::Upload(sdo::upload(bus, peer, object, scope).await)) })
     }
 
     /// Starts to write an object. `timeout_ns`: how long the slave may take for each answer.
@@ -129,7 +139,42 @@ impl Master {
         value: &[u8],
         timeout_ns: Ns,
     ) -> JobId {
-        let (bus, target, value) = (self.bus.clone(), self.target(slave, object, scope, timeout_ns), value.to_vec());
-        self.start(async move { Output::Done(JobDone::Download(sdo::download(bus, target, value).await)) })
+        let (bus, peer, value) = (self.bus.clone(), self.peer(slave, timeout_ns), value.to_vec());
+        self.start(async move { Output::Done(JobDone::Download(sdo::download(bus, peer, object, scope, value).await)) })
+    }
+
+    /// Starts to ask which objects a slave has. `timeout_ns`: how long the slave may take for each part of the answer.
+    pub fn object_list(&mut self, slave: u8, list: ObjectListType, timeout_ns: Ns) -> JobId {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        self.start(async move { Output::Done(JobDone::ObjectList(information::list(bus, peer, list).await)) })
+    }
+
+    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::coe::ObjectDescription) to be decoded.
+    pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> JobId {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        self.start(async move { Output::Done(JobDone::Description(information::object(bus, peer, index).await)) })
+    }
+
+    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::coe::EntryDescription) to be decoded.
+    pub fn describe_entry(&mut self, slave: u8, request: EntryRequest, timeout_ns: Ns) -> JobId {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        self.start(async move { Output::Done(JobDone::Description(information::entry(bus, peer, request).await)) })
+    }
+
+    /// Starts to read a file, at most [`VALUE_BYTES_MAX`](super::VALUE_BYTES_MAX). `password`: 0, or what the slave wants to
+    /// know. `timeout_ns`: how long the slave may take for each packet.
+    pub fn read_file(&mut self, slave: u8, name: &[u8], password: u32, timeout_ns: Ns) -> JobId {
+        let (bus, peer, name) = (self.bus.clone(), self.peer(slave, timeout_ns), name.to_vec());
+        self.start(async move { Output::Done(JobDone::ReadFile(foe::read(bus, peer, &name, password).await)) })
+    }
+
+    /// Starts to write a file. `password`: 0, or what the slave wants to know. `timeout_ns`: how long the slave may take for
+    /// each packet.
+    pub fn write_file(&mut self, slave: u8, name: &[u8], password: u32, content: &[u8], timeout_ns: Ns) -> JobId {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
+        let (name, content) = (name.to_vec(), content.to_vec());
+        self.start(
+            async move { Output::Done(JobDone::WriteFile(foe::write(bus, peer, &name, password, &content).await)) },
+        )
     }
 }

@@ -6,10 +6,13 @@
 use super::bus::{Bus, Unanswered};
 use super::{Event, MailboxInfo};
 use crate::coe::CoeMessage;
-use crate::ethercat::mailbox::{MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol};
+use crate::ethercat::mailbox::{
+    MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
+};
 use crate::ethercat::registers::{
     SmActivate, SmPdiControl, SmStatus, sync_manager_activate, sync_manager_pdi_control, sync_manager_status,
 };
+use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{Command, Ns};
 
 /// \[OURS] How long the master waits until it looks again whether there is an answer.
@@ -26,6 +29,9 @@ pub enum MailboxError {
     /// The slave has no mailbox, or does not speak the protocol.
     #[error("the slave has no mailbox for this protocol, as its EEPROM says")]
     NoMailbox,
+    /// The request is longer than the mailbox.
+    #[error("the request does not fit into the slave's mailbox")]
+    TooLong,
     /// Another request is under way.
     #[error("a request to this slave is under way; wait until it has ended")]
     Busy,
@@ -68,6 +74,26 @@ impl MailboxState {
     }
 }
 
+/// Whose mailbox is used, and how long the slave may take for each answer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Peer {
+    /// Its number, from 1.
+    pub(super) slave: u8,
+    pub(super) station: u16,
+    pub(super) mailbox: Option<MailboxInfo>,
+    pub(super) timeout_ns: Ns,
+}
+
+impl Peer {
+    /// Takes the mailbox, if the slave speaks the protocol, and takes away what has been left in it.
+    pub(super) async fn open(self, bus: Bus, protocol: MailboxProtocols) -> Result<Mailbox, MailboxError> {
+        let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
+        let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
+        mailbox.drain().await?;
+        Ok(mailbox)
+    }
+}
+
 /// The mailbox of one slave, for one user at a time.
 pub(super) struct Mailbox {
     bus: Bus,
@@ -104,9 +130,18 @@ impl Mailbox {
         self.bus.now()
     }
 
+    pub(super) async fn pause(&self, ns: Ns) {
+        self.bus.sleep(ns).await;
+    }
+
+    /// How long the mailbox of answers is, bytes.
+    pub(super) const fn answer_len(&self) -> usize {
+        self.info.areas.send.len as usize
+    }
+
     /// How many bytes of data a message to the slave can have.
     pub(super) const fn room(&self) -> usize {
-        (self.info.areas.receive.len as usize).saturating_sub(crate::ethercat::mailbox::MAILBOX_HEADER_LEN)
+        (self.info.areas.receive.len as usize).saturating_sub(MAILBOX_HEADER_LEN)
     }
 
     /// Sends a message.
@@ -120,12 +155,11 @@ impl Mailbox {
             state.counter = state.counter.next();
             state.counter
         });
-        let mut data = vec![0; self.room()];
-        let len = encode(&mut data).ok_or(MailboxError::NoMailbox)?;
-        let message = MailboxMessage { header: MailboxHeader::new(protocol, counter), data: &data[..len] };
         self.bytes.clear();
         self.bytes.resize(self.info.areas.receive.len.into(), 0);
-        message.encode(&mut self.bytes).map_err(|_| MailboxError::NoMailbox)?;
+        let len = self.bytes.get_mut(MAILBOX_HEADER_LEN..).and_then(encode).ok_or(MailboxError::TooLong)?;
+        let header = MailboxHeader::new(protocol, counter);
+        encode_around(header, len, &mut self.bytes).map_err(|_| MailboxError::TooLong)?;
         let mut was_lost = false;
         loop {
             let written = self
@@ -198,7 +232,7 @@ impl Mailbox {
         loop {
             let ticket = self.bus.queue_with(Command::Fprd, self.station, start, &self.bytes, 1);
             match ticket.answer(&mut self.bytes).await {
-                Ok(counter) => return Ok(counter == 1 && self.is_new()),
+                Ok(counter) => return Ok(counter == 1 && (self.is_new() || repeats == 0)),
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
                 // The slave may have taken it for read.
                 Err(_) => self.ask_for_repeat().await?,
@@ -231,7 +265,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether the message is another one than the last, which came again by a repeat.
+    /// Whether the message is another one than the last, which a repeat may bring again: not every slave counts its messages right.
     fn is_new(&self) -> bool {
         let Ok(message) = MailboxMessage::decode(&self.bytes) else { return false };
         let counter = message.header.counter;

@@ -9,7 +9,7 @@
 //! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
 //!   under way, and sends what that needs.
 //! - What takes more than a frame is started and gives a [`JobId`]: [`Master::scan`], [`Master::request_state`],
-//!   [`Master::upload`], [`Master::download`]. [`Master::take_done`] tells how it has ended; everything ends. Several may run
+//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`] and others. [`Master::take_done`] tells how it has ended; everything ends. Several may run
 //!   at once: SDOs to several slaves, changes of state of several sets of slaves, both beside cycles.
 //! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
 //! - [`Master::cycle`] once a cycle, from SafeOP on: it sends the process data. When its frames have come back,
@@ -103,7 +103,8 @@
 //! | `shared.rs` | what sequences, the cycle and the user share; events |
 //! | `scan.rs`, `info.rs`, `sii.rs` | finding slaves, what is known of them, their EEPROMs |
 //! | `states.rs` | changes of the AL state |
-//! | `mailbox.rs`, `sdo.rs` | messages without loss and without a second time; SDO transfers |
+//! | `mailbox.rs` | messages to slaves, without loss and without a second time |
+//! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
 //! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
@@ -112,7 +113,9 @@ mod bus;
 mod clocks;
 mod configure;
 mod exchange;
+mod foe;
 mod info;
+mod information;
 mod jobs;
 mod mailbox;
 mod pace;
@@ -133,8 +136,9 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-pub use clocks::Sync;
+pub use clocks::SyncSignals;
 pub use exchange::FrameCounters;
+pub use foe::FileError;
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
 pub use jobs::{JobDone, JobId};
 pub use mailbox::MailboxError;
@@ -239,9 +243,9 @@ impl Master {
     /// Sends the frames of a cycle, and one frame beside them. The cycle before has ended then, with those of its frames that have
     /// come back.
     pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        self.receive(now, wire);
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
-            shared.now = shared.now.max(now);
             shared.last_cycle = Some(shared.now);
             shared.exchange.expire_cyclic(now);
             judge(process, shared);
@@ -272,6 +276,12 @@ impl Master {
     /// What became of its frames.
     pub fn counters(&self) -> FrameCounters {
         self.bus.with(|shared| shared.exchange.counters)
+    }
+
+    /// The source address of another master on the wire, or of something that sends frames of EtherCAT by mistake, as slaves have
+    /// changed it; `None`: there has been none.
+    pub fn other_master(&self) -> Option<[u8; 6]> {
+        self.bus.with(|shared| shared.exchange.other_source)
     }
 
     /// The slaves that the last scan has found.

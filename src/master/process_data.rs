@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use super::exchange::Exchange;
-use super::{Sync, Wire};
+use super::{SyncSignals, Wire};
 use crate::ethercat::registers::{
     AL_STATUS, Fmmu, FmmuDirections, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
 };
@@ -98,7 +98,7 @@ struct SlaveData {
     outputs: Vec<(u8, SyncManager)>,
     inputs: Vec<(u8, SyncManager)>,
     lacks_lrw: bool,
-    sync: Option<Sync>,
+    sync: Option<SyncSignals>,
     output_place: Place,
     input_place: Place,
 }
@@ -231,12 +231,12 @@ impl ProcessData {
     }
 
     /// The SYNC signals of a slave.
-    pub(super) fn sync(&self, slave: u8) -> Option<Sync> {
+    pub(super) fn sync(&self, slave: u8) -> Option<SyncSignals> {
         self.slave(slave)?.sync
     }
 
     /// Sets the SYNC signals of a slave. Whether there is one.
-    pub(super) fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> bool {
+    pub(super) fn set_sync(&mut self, slave: u8, sync: Option<SyncSignals>) -> bool {
         let data = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         data.map(|data| data.sync = sync).is_some()
     }

@@ -1,8 +1,7 @@
 //! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
 
-use super::MailboxInfo;
 use super::bus::Bus;
-use super::mailbox::{Mailbox, MailboxError};
+use super::mailbox::{Mailbox, MailboxError, Peer};
 use crate::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
     SdoValuePart,
@@ -13,6 +12,9 @@ use crate::ethercat::sii::MailboxProtocols;
 
 /// \[OURS] The longest value that is read, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
+
+/// What a segment has at least that is not the last one (ETG.1000.6 5.6.2).
+const SEGMENT_BYTES_MIN: usize = 7;
 
 /// Why a transfer has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -31,7 +33,9 @@ impl SdoError {
         match self {
             Self::Abort(code) => code,
             Self::Mailbox(MailboxError::WrongAnswer) => AbortCode::COMMAND,
-            Self::Mailbox(MailboxError::Fault(_) | MailboxError::NoMailbox) => AbortCode::UNSUPPORTED_ACCESS,
+            Self::Mailbox(MailboxError::Fault(_) | MailboxError::NoMailbox | MailboxError::TooLong) => {
+                AbortCode::UNSUPPORTED_ACCESS
+            }
             Self::Mailbox(_) => AbortCode::TIMEOUT,
         }
     }
@@ -41,28 +45,14 @@ impl SdoError {
 pub(super) struct Sdo {
     mailbox: Mailbox,
     object: ObjectAddress,
-    scope: SdoScope,
     /// How long the slave may take for each answer.
     timeout_ns: Ns,
 }
 
-/// What a transfer is about.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Target {
-    pub(super) slave: u8,
-    pub(super) station: u16,
-    pub(super) mailbox: Option<MailboxInfo>,
-    pub(super) object: ObjectAddress,
-    pub(super) scope: SdoScope,
-    pub(super) timeout_ns: Ns,
-}
-
 impl Sdo {
-    fn open(bus: Bus, target: &Target) -> Result<Self, MailboxError> {
-        let has_coe = |info: &MailboxInfo| info.protocols.contains(MailboxProtocols::COE);
-        let info = target.mailbox.filter(has_coe).ok_or(MailboxError::NoMailbox)?;
-        let mailbox = Mailbox::open(bus, target.slave, target.station, info).ok_or(MailboxError::Busy)?;
-        Ok(Self { mailbox, object: target.object, scope: target.scope, timeout_ns: target.timeout_ns })
+    async fn open(bus: Bus, peer: Peer, object: ObjectAddress) -> Result<Self, MailboxError> {
+        let mailbox = peer.open(bus, MailboxProtocols::COE).await?;
+        Ok(Self { mailbox, object, timeout_ns: peer.timeout_ns })
     }
 
     async fn send(&mut self, request: SdoRequest<'_>) -> Result<Ns, SdoError> {
@@ -78,10 +68,7 @@ impl Sdo {
         request: SdoRequest<'_>,
         mut take: impl FnMut(SdoResponse<'_>) -> Option<R>,
     ) -> Result<R, SdoError> {
-        let until = match self.send(request).await {
-            Ok(until) => until,
-            Err(error) => return Err(error),
-        };
+        let until = self.send(request).await?;
         loop {
             let data = match self.mailbox.receive(MailboxProtocol::Coe, until).await {
                 Ok(data) => data,
@@ -135,22 +122,25 @@ fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
 }
 
 /// Reads an object.
-pub(super) async fn upload(bus: Bus, target: Target) -> Result<Vec<u8>, SdoError> {
-    let mut sdo = Sdo::open(bus, &target)?;
-    sdo.mailbox.drain().await?;
-    let (object, scope) = (sdo.object, sdo.scope);
-    let (size, mut value) = sdo
-        .ask(SdoRequest::Upload { object, scope }, |response| match response {
-            SdoResponse::Upload { object: other, value, .. } if other == object => Some(match value {
-                SdoValuePart::Expedited(data) => (data.len(), data.to_vec()),
-                SdoValuePart::Unsized(four) => (four.len(), four.to_vec()),
+pub(super) async fn upload(bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, SdoError> {
+    let mut sdo = Sdo::open(bus, peer, object).await?;
+    let mut value = Vec::new();
+    let size = sdo
+        .ask(SdoRequest::Upload { object, scope }, |response| {
+            let SdoResponse::Upload { object: other, value: part, .. } = response else { return None };
+            let (size, data) = match part {
+                _ if other != object => return None,
+                SdoValuePart::Expedited(data) => (data.len(), data),
+                SdoValuePart::Unsized(four) => (four.len(), &four[..]),
                 // What follows a value in its message has no meaning.
                 SdoValuePart::First { size, data } => {
                     let size = usize::try_from(size).unwrap_or(usize::MAX);
-                    (size, data[..data.len().min(size)].to_vec())
+                    (size, &data[..data.len().min(size)])
                 }
-            }),
-            _ => None,
+            };
+            value.reserve_exact(size.min(VALUE_BYTES_MAX));
+            value.extend_from_slice(data);
+            Some(size)
         })
         .await?;
     if size > VALUE_BYTES_MAX {
@@ -158,23 +148,23 @@ pub(super) async fn upload(bus: Bus, target: Target) -> Result<Vec<u8>, SdoError
     }
     let mut toggle = false;
     while value.len() < size {
-        let (more, is_last) = sdo
+        let before = value.len();
+        let is_last = sdo
             .ask(SdoRequest::UploadSegment { toggle }, |response| match response {
                 SdoResponse::UploadSegment { toggle: other, last, data } if other == toggle => {
-                    Some((data.to_vec(), last))
+                    let room = size - value.len();
+                    value.extend_from_slice(&data[..data.len().min(room)]);
+                    Some(if data.len() > room { Err(AbortCode::TOO_LONG) } else { Ok(last) })
                 }
                 _ => None,
             })
             .await?;
-        value.extend_from_slice(&more);
-        if value.len() > size {
-            return sdo.fail(AbortCode::TOO_LONG).await;
-        }
-        if is_last {
-            break;
-        }
-        if more.is_empty() {
-            return sdo.fail(AbortCode::COMMAND).await;
+        match is_last {
+            Ok(true) => break,
+            // Each one brings the value nearer to its end.
+            Ok(false) if value.len() - before >= SEGMENT_BYTES_MIN => {}
+            Ok(false) => return sdo.fail(AbortCode::COMMAND).await,
+            Err(code) => return sdo.fail(code).await,
         }
         toggle = !toggle;
     }
@@ -185,10 +175,14 @@ pub(super) async fn upload(bus: Bus, target: Target) -> Result<Vec<u8>, SdoError
 }
 
 /// Writes an object.
-pub(super) async fn download(bus: Bus, target: Target, value: Vec<u8>) -> Result<(), SdoError> {
-    let mut sdo = Sdo::open(bus, &target)?;
-    sdo.mailbox.drain().await?;
-    let (object, scope) = (sdo.object, sdo.scope);
+pub(super) async fn download(
+    bus: Bus,
+    peer: Peer,
+    object: ObjectAddress,
+    scope: SdoScope,
+    value: Vec<u8>,
+) -> Result<(), SdoError> {
+    let mut sdo = Sdo::open(bus, peer, object).await?;
     let first = value.len().min(sdo.room(FIRST_OVERHEAD));
     let (part, sent) = match value.len() {
         1..=4 => (SdoValuePart::Expedited(&value), value.len()),

@@ -2,7 +2,7 @@
 
 use super::bus::{Bus, Unanswered};
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
-use crate::ethercat::sii::{SII_INFO_LEN, Sii};
+use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
 use crate::ethercat::{Ns, WireError};
 
 /// How long a command for an EEPROM may take (all known masters).
@@ -74,8 +74,20 @@ fn error_in(bytes: &[u8]) -> Option<WireError> {
     Sii::new(bytes).map_or_else(Some, |sii| sii.categories().find_map(Result::err))
 }
 
+/// Who the slave is.
+///
+/// # Errors
+/// [`SiiError`].
+pub(super) async fn identity(bus: &Bus, station: u16) -> Result<SiiIdentity, SiiError> {
+    const START: usize = 2 * VENDOR_WORD as usize;
+    let mut bytes = vec![0; START];
+    read_up_to(bus, station, &mut bytes, START + size_of::<SiiIdentity>()).await?;
+    bytes.resize(SII_INFO_LEN, 0);
+    Ok(bytes.first_chunk().map(SiiInfo::decode).unwrap_or_default().identity)
+}
+
 /// Reads on until there are `len` bytes.
-pub(super) async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) -> Result<(), SiiError> {
+async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) -> Result<(), SiiError> {
     while bytes.len() < len {
         let word = (bytes.len() / 2) as u16;
         let (data, count) = read_words(bus, station, word).await?;

@@ -2,7 +2,7 @@
 
 use super::bus::{Bus, Unanswered, join};
 use super::scan::STATE_POLL_NS;
-use super::{Sync, clocks, sii};
+use super::{SyncSignals, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
     sync_manager,
@@ -73,7 +73,7 @@ pub(super) struct Plan {
     /// The sync managers of process data.
     pub(super) managers: Vec<(u8, SyncManager)>,
     pub(super) fmmus: Vec<Fmmu>,
-    pub(super) sync: Option<Sync>,
+    pub(super) sync: Option<SyncSignals>,
 }
 
 /// Brings slaves to a state, each at its own pace; the error of the first one in the order of the cable that is not there.

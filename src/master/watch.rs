@@ -8,7 +8,6 @@ use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, RequestedState, SII_CONFIGURATION,
     STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
 };
-use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// \[OURS] The station address that a slave has while it is not known which one it is.
@@ -105,19 +104,28 @@ impl Watch {
     /// Looks for slaves that have lost their station address: they were without power.
     async fn find_returned(&mut self) {
         let Ok(count) = self.bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await else { return };
-        for position in 0..count.min(self.slaves.len() as u16) {
-            let adp = position.wrapping_neg();
+        let count = count.min(self.slaves.len() as u16) as u8;
+        for position in 0..count {
+            let adp = u16::from(position).wrapping_neg();
+            self.tickets.push((position, self.bus.queue(Command::Aprd, adp, STATION_ADDRESS, &[0; 2])));
+        }
+        let mut unknown = SlaveSet::EMPTY;
+        while let Some((position, ticket)) = self.tickets.pop() {
             let mut station = [0; 2];
-            let answer = self.bus.exchange(Command::Aprd, adp, STATION_ADDRESS, &mut station).await;
-            let is_unknown = matches!(u16::from_le_bytes(station), 0 | UNKNOWN_STATION);
-            if answer == Ok(1) && is_unknown {
-                self.identify(adp).await;
+            let answer = ticket.answer(&mut station).await;
+            if answer == Ok(1) && matches!(u16::from_le_bytes(station), 0 | UNKNOWN_STATION) {
+                unknown.insert(position + 1);
             }
+        }
+        for place in unknown.iter() {
+            // What does not succeed now is tried again.
+            let _ = self.identify(place).await;
         }
     }
 
-    /// Gives a slave without a station address its own again, if it is one that is missing.
-    async fn identify(&self, adp: u16) -> Option<()> {
+    /// Gives a slave without a station address, the `place`th on the cable, its own again, if it is one that is missing.
+    async fn identify(&self, place: u8) -> Option<()> {
+        let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
         // No other one may have it.
         self.bus.queue(Command::Fpwr, UNKNOWN_STATION, STATION_ADDRESS, &[0; 2]).answer(&mut []).await.ok()?;
@@ -125,16 +133,14 @@ impl Watch {
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[2]).await.ok()?;
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[0]).await.ok()?;
         let alias = u16::from_le_bytes(self.bus.read(UNKNOWN_STATION, STATION_ALIAS).await.ok()?);
-        let mut bytes = Vec::new();
-        sii::read_up_to(&self.bus, UNKNOWN_STATION, &mut bytes, SII_INFO_LEN).await.ok()?;
-        let identity = Sii::new(&bytes).ok()?.info().identity;
+        let identity = sii::identity(&self.bus, UNKNOWN_STATION).await.ok()?;
         let missing = self.bus.with(|shared| shared.missing);
         let is_it = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);
             info.is_some_and(|info| info.identity == identity && info.alias == alias)
         };
-        // The same position is the likeliest among equal ones.
-        let same = u8::try_from(adp.wrapping_neg() + 1).ok().filter(|slave| missing.contains(*slave));
+        // Among equal ones it is the one that was there.
+        let same = Some(place).filter(|slave| missing.contains(*slave));
         let slave = same.filter(is_it).or_else(|| missing.iter().find(is_it))?;
         let station = self.station(slave)?;
         let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);

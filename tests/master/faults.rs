@@ -65,6 +65,26 @@ fn nothing_is_written_twice() {
     }
 }
 
+/// MASTER-1.4 Frames of another master are counted and told of, and disturb nothing; neither do others that are none of ours.
+#[test]
+fn another_master_is_noticed() {
+    let mut rig = Rig::in_op(&["drive"]);
+    rig.net.hostile = Some(Box::new(|frame| frame[6..12].copy_from_slice(&[0x02, 1, 2, 3, 4, 5])));
+    rig.run_for(2 * CYCLE);
+    rig.net.hostile = Some(Box::new(|frame| frame[6] = 0x10));
+    rig.run_for(2 * CYCLE);
+    rig.net.hostile = Some(Box::new(|frame| frame[12] = 0x08));
+    rig.run_for(2 * CYCLE);
+    rig.net.hostile = Some(Box::new(|frame| frame[16] ^= 0x01));
+    rig.run_for(2 * CYCLE);
+    rig.net.hostile = None;
+    rig.run_for(20 * CYCLE);
+    let counters = rig.master.counters();
+    assert!(counters.foreign >= 2 && counters.unpassed >= 2 && counters.malformed >= 2 && counters.mismatched >= 2);
+    assert_eq!(rig.master.other_master(), Some([0x02, 1, 2, 3, 4, 5]));
+    assert!(rig.last.all_in_op);
+}
+
 /// MASTER-4.4 A cycle whose frames are lost says so, and names no slave; the inputs stay as they were.
 #[test]
 fn a_lost_cycle_is_no_lost_slave() {

@@ -4,11 +4,15 @@
 //! - `start.rs`: the scan, the way to OP, process data
 //! - `objects.rs`: SDO
 //! - `clocks.rs`: distributed clocks
+//! - `files.rs`: FoE
+//! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
 //! - `lost.rs`: slaves that go and come back
 
 mod clocks;
 mod faults;
+mod files;
+mod hostile;
 mod lost;
 mod objects;
 mod rig;

@@ -3,13 +3,16 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use ecmsk::coe::{AbortCode, Emergency, ObjectAddress, SdoScope};
+use ecmsk::coe::{
+    AbortCode, Emergency, EntryDescription, EntryRequest, ObjectAddress, ObjectCode, ObjectDescription, ObjectListType,
+    SdoScope, ValueInfo,
+};
 use ecmsk::ethercat::AlState;
 use ecmsk::master::{Event, JobDone, MailboxError, SdoError};
 use ecmsk::slave::esc::Chain;
 use support::blob::{BLOB, Blob, bytes};
 
-use super::rig::{MS, Rig, SECOND};
+use super::rig::{MS, Rig, SECOND, device};
 
 fn blob(len: usize) -> Rig {
     let mut rig = Rig::of(Chain::line([Blob::of(len).slave()]));
@@ -112,6 +115,51 @@ fn emergencies_are_events() {
         assert_eq!(rig.master.take_event(), Some(Event::Emergency { slave: 1, emergency: emergency(n) }));
     }
     assert_eq!(rig.master.take_event(), None);
+}
+
+/// MASTER-5.7 A slave tells which objects it has and what they are, in fragments if its mailbox is short.
+#[test]
+fn objects_are_listed_and_described() {
+    let mut rig = Rig::scanned(&["dp3cl"]);
+    rig.reach(AlState::PreOp);
+    let id = rig.master.object_list(1, ObjectListType::All, SECOND);
+    let JobDone::ObjectList(Ok(all)) = rig.wait(id) else { panic!("no list") };
+    assert_eq!(all, device("dp3cl").object_list(ObjectListType::All));
+    assert!(all.len() > 60, "it does not fit into a mailbox");
+    let id = rig.master.object_list(1, ObjectListType::Lengths, SECOND);
+    let JobDone::ObjectList(Ok(lengths)) = rig.wait(id) else { panic!("no lengths") };
+    assert_eq!((lengths.len(), usize::from(lengths[0])), (5, all.len()));
+    let id = rig.master.describe_object(1, 0x1018, SECOND);
+    let JobDone::Description(Ok(description)) = rig.wait(id) else { panic!("no description") };
+    let description = ObjectDescription::decode(&description).expect("a description");
+    assert_eq!((description.index, description.max_sub, description.code), (0x1018, 4, ObjectCode::Record));
+    let request = EntryRequest { object: ObjectAddress::new(0x6041, 0), wanted: ValueInfo(7) };
+    let id = rig.master.describe_entry(1, request, SECOND);
+    let JobDone::Description(Ok(description)) = rig.wait(id) else { panic!("no description") };
+    let description = EntryDescription::decode(&description).expect("a description");
+    assert_eq!((description.object, description.bits), (request.object, 16));
+    let id = rig.master.describe_object(1, 0x2FFF, SECOND);
+    assert_eq!(rig.wait(id), JobDone::Description(Err(SdoError::Abort(AbortCode::NO_OBJECT))));
+}
+
+/// MASTER-5.8 An object is read and written as a whole by complete access.
+#[test]
+fn objects_are_read_as_a_whole() {
+    let mut rig = Rig::scanned(&["drive"]);
+    rig.reach(AlState::PreOp);
+    let id = rig.master.upload(1, ObjectAddress::new(0x1018, 0), SdoScope::Complete, SECOND);
+    let JobDone::Upload(Ok(whole)) = rig.wait(id) else { panic!("no value") };
+    let mut expected = vec![4, 0];
+    for sub in 1..=4 {
+        expected.extend(rig.upload(1, 0x1018, sub).expect("it can be read"));
+    }
+    assert_eq!(whole, expected);
+    let mapping = [1, 0, 0x00, 0x1A];
+    let object = ObjectAddress::new(0x1C13, 0);
+    let id = rig.master.download(1, object, SdoScope::Complete, &mapping, SECOND);
+    assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+    let id = rig.master.upload(1, object, SdoScope::Complete, SECOND);
+    assert_eq!(rig.wait(id), JobDone::Upload(Ok(mapping.to_vec())));
 }
 
 /// MASTER-5.6 A transfer that was given up leaves the mailbox to the next one.

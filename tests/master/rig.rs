@@ -7,7 +7,7 @@ use ecmsk::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use ecmsk::fieldbus::Role;
 use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::master::{
-    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, Sync, Wire, WireDown,
+    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, SyncSignals, Wire, WireDown,
 };
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
@@ -29,7 +29,14 @@ pub struct Net {
     /// Frames on their way back, with when they arrive, in that order.
     back: Vec<(Ns, Vec<u8>)>,
     pub faults: Faults,
+    /// Slaves that answer anything: it is called with each frame on its way back.
+    pub hostile: Option<Hostile>,
+    /// Buffers of frames that have come back, to be used again.
+    spare: Vec<Vec<u8>>,
 }
+
+/// What changes frames on their way back.
+pub type Hostile = Box<dyn FnMut(&mut Vec<u8>)>;
 
 /// What goes wrong with frames: one in so many, 0: none.
 pub struct Faults {
@@ -66,11 +73,17 @@ impl Net {
 
 impl Wire for Net {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
-        let mut frame = frame.to_vec();
+        let mut bytes = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(1514));
+        bytes.clear();
+        bytes.extend_from_slice(frame);
+        let mut frame = bytes;
         if self.faults.hits(self.faults.lost_out) {
             return Ok(());
         }
         let FrameFate::Returned(mut at) = self.chain.process(&mut frame, self.now) else { return Ok(()) };
+        if let Some(hostile) = &mut self.hostile {
+            hostile(&mut frame);
+        }
         if self.faults.hits(self.faults.lost_back) {
             return Ok(());
         }
@@ -88,8 +101,10 @@ impl Wire for Net {
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
         self.back.first().filter(|(at, _)| *at <= self.now)?;
         let (_, frame) = self.back.remove(0);
-        buffer[..frame.len()].copy_from_slice(&frame);
-        Some(frame.len())
+        let len = frame.len().min(buffer.len());
+        buffer[..len].copy_from_slice(&frame[..len]);
+        self.spare.push(frame);
+        Some(len)
     }
 }
 
@@ -129,9 +144,13 @@ pub fn slave(kind: &str, settings: EscSettings) -> EscSlave {
     EscSlave::describe(device(kind), settings, 0).expect("it can be described")
 }
 
+/// A master may be moved to another thread.
+const fn is_send<T: Send>() {}
+const _: () = is_send::<Master>();
+
 impl Rig {
     pub fn of(chain: Chain) -> Self {
-        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE };
+        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE, hostile: None, spare: Vec::new() };
         let master = Master::new(Settings::default());
         Self { master, net, next_cycle: None, last: CycleDone::default() }
     }
@@ -155,7 +174,6 @@ impl Rig {
         self.net.chain.advance(now);
         if self.next_cycle.is_some_and(|next| now >= next) {
             self.next_cycle = Some(now + CYCLE);
-            self.master.poll(now, &mut self.net);
             self.master.cycle(now, &mut self.net);
         }
         self.master.poll(now, &mut self.net);
@@ -243,7 +261,7 @@ impl Rig {
             );
         }
         let clock = self.master.slaves()[usize::from(slave) - 1].features.contains(Features::CLOCK);
-        let sync = (clock && sync == DriveSync::DcSync).then_some(Sync::sync0(CYCLE as u32, 0));
+        let sync = (clock && sync == DriveSync::DcSync).then_some(SyncSignals::sync0(CYCLE as u32, 0));
         self.master.set_sync(slave, sync).expect("it was found");
         let configured = self.master.configure(slave, data.output_bytes() as u16, data.input_bytes() as u16);
         configured.expect("its process data can be configured");

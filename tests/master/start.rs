@@ -1,15 +1,16 @@
 //! From the scan to OP, and what slaves refuse.
 
 use ecmsk::cia402::Controlword;
-use ecmsk::ethercat::registers::{AlStatusRegister, RequestedState};
+use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::ethercat::registers::{AlStatusRegister, Features, RequestedState};
 use ecmsk::ethercat::sii::MailboxProtocols;
 use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
 use ecmsk::fieldbus::{SlaveIn, SlaveOut};
-use ecmsk::master::{ConfigureError, Event, StateError, StateReason};
-use ecmsk::slave::esc::EscSettings;
+use ecmsk::master::{ConfigureError, Event, JobDone, StateError, StateReason};
+use ecmsk::slave::esc::{Chain, EscSettings};
 use support::blob::Blob;
 
-use super::rig::{CYCLE, MS, Rig, device, kinds, process_data, slave};
+use super::rig::{CYCLE, MS, Rig, SECOND, device, kinds, process_data, slave};
 
 /// MASTER-2.1 The scan finds all slaves, gives them station addresses and reads who they are.
 #[test]
@@ -45,7 +46,7 @@ fn no_slaves_are_found_where_there_are_none() {
 fn slow_eeproms_are_read() {
     let quick = Rig::scanned(&["drive"]);
     let settings = EscSettings { reads_8_bytes: false, eeprom_ns: 3 * MS, ..EscSettings::default() };
-    let chain = ecmsk::slave::esc::Chain::line([slave("drive", settings)]);
+    let chain = Chain::line([slave("drive", settings)]);
     let mut slow = Rig::of(chain);
     assert_eq!(slow.scan(), 1);
     let [quick, slow] = [&quick, &slow].map(|rig| rig.master.slave(1).expect("one").clone());
@@ -150,7 +151,7 @@ fn a_change_of_state_ends_when_its_time_is_up() {
     let begin = rig.net.now;
     let state = RequestedState::State(AlState::SafeOp);
     let error = StateError { slave: 1, target: AlState::Op, reason: StateReason::TimeUp { state } };
-    assert_eq!(rig.wait(id), ecmsk::master::JobDone::State(Err(error)));
+    assert_eq!(rig.wait(id), JobDone::State(Err(error)));
     assert!((100 * MS..110 * MS).contains(&(rig.net.now - begin)));
 }
 
@@ -182,10 +183,55 @@ fn process_data_that_cannot_be_are_refused() {
     assert_eq!(rig.master.configure(1, 1, 1), Err(ConfigureError::Active(1)));
 }
 
+/// MASTER-4.5 Slaves without LRW are read and written by LRD and LWR beside others.
+#[test]
+fn slaves_without_lrw_share_lrd_and_lwr() {
+    let features = EscSettings::default().features | Features::NO_LRW;
+    let kinds = ["io", "drive", "io", "hsp"];
+    let chain = Chain::line(kinds.iter().enumerate().map(|(n, kind)| {
+        let settings = if n < 2 { EscSettings { features, ..EscSettings::default() } } else { EscSettings::default() };
+        slave(kind, settings)
+    }));
+    let mut rig = Rig::of(chain);
+    rig.scan();
+    assert_eq!(rig.master.slaves().iter().map(|slave| slave.lacks_lrw).collect::<Vec<_>>(), [true, true, false, false]);
+    rig.bring_to_op(&kinds);
+    // 2 for each slave without, 3 for each with LRW.
+    assert_eq!((rig.last.working_counter, rig.last.expected_working_counter), (10, 10));
+    for slave in [1, 3] {
+        rig.master.outputs_mut(slave).expect("outputs").copy_from_slice(&[slave, 0x5A]);
+    }
+    rig.run_for(5 * CYCLE);
+    // Output k of these slaves is wired to input k.
+    for slave in [1, 3] {
+        assert_eq!(rig.master.inputs(slave), Some(&[slave, 0x5A][..]));
+    }
+}
+
+/// MASTER-4.6 A cycle allocates nothing, with 40 slaves, and neither does an object that is written beside it once that has begun.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let kinds = kinds(40);
+    let mut rig = Rig::in_op(&kinds);
+    rig.run_for(100 * CYCLE);
+    let object = ObjectAddress::new(0x6065, 0);
+    let id = rig.master.download(1, object, SdoScope::Entry, &[0, 1, 0, 0], SECOND);
+    rig.step();
+    let allocated = allocation_counter::measure(|| {
+        for n in 0..100 {
+            rig.master.outputs_mut(2).expect("outputs")[0] = n;
+            rig.run_for(CYCLE);
+        }
+    });
+    assert_eq!((allocated.count_total, allocated.bytes_total), (0, 0));
+    assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+    assert_eq!((rig.last.working_counter, rig.last.expected_working_counter), (120, 120));
+}
+
 /// MASTER-4.3 Slaves that fit into one datagram share one; others get further datagrams, and none is cut in two.
 #[test]
 fn process_data_are_cut_at_slaves() {
-    let mut rig = Rig::of(ecmsk::slave::esc::Chain::line((0..5).map(|_| Blob::default().slave())));
+    let mut rig = Rig::of(Chain::line((0..5).map(|_| Blob::default().slave())));
     rig.scan();
     for slave in 1..=5 {
         rig.master.configure(slave, 200, 200).expect("it has sync managers");

@@ -6,7 +6,7 @@ use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, Master, SdoError, Sync};
+use crate::master::{JobDone, JobId, Master, SdoError, SyncSignals};
 use crate::sk::DriveSync;
 
 /// How many slaves are configured at once. \[OURS]
@@ -201,8 +201,8 @@ impl Configuring {
                 }
                 let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
                 let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
-                let sync =
-                    (sync == DriveSync::DcSync).then(|| Sync::sync0(cycle_ns, (cycle_ns / SYNC0_SHIFT).cast_signed()));
+                let sync = (sync == DriveSync::DcSync)
+                    .then(|| SyncSignals::sync0(cycle_ns, (cycle_ns / SYNC0_SHIFT).cast_signed()));
                 let configured = master
                     .configure(slave, data.output_bytes() as u16, data.input_bytes() as u16)
                     .and_then(|()| master.set_sync(slave, sync));

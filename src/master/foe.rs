@@ -1,0 +1,128 @@
+//! Files by FoE: packet by packet, each with its acknowledgement; a packet that is shorter than the mailbox ends the file.
+
+use super::VALUE_BYTES_MAX;
+use super::bus::Bus;
+use super::mailbox::{Mailbox, MailboxError, Peer};
+use crate::ethercat::Ns;
+use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
+use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
+use crate::ethercat::sii::MailboxProtocols;
+
+/// \[OURS] How long the master waits before it sends again what a slave was too busy for.
+const BUSY_NS: Ns = 10_000_000;
+/// \[OURS] How often a slave may say so of one packet.
+const BUSY_MAX: u32 = 6_000;
+
+/// Why a file was not read or written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FileError {
+    /// The slave, or the master, has ended the transfer.
+    #[error("ended with error {0}")]
+    File(FoeError),
+    /// There was no answer.
+    #[error(transparent)]
+    Mailbox(#[from] MailboxError),
+}
+
+/// A transfer.
+struct Transfer {
+    mailbox: Mailbox,
+    timeout_ns: Ns,
+}
+
+/// What a slave says to a packet.
+enum Answer {
+    /// It was taken.
+    Taken,
+    /// The packet that was asked for was put behind the content; whether it is the last one.
+    Data { is_last: bool },
+}
+
+impl Transfer {
+    async fn open(bus: Bus, peer: Peer) -> Result<Self, MailboxError> {
+        let mailbox = peer.open(bus, MailboxProtocols::FOE).await?;
+        Ok(Self { mailbox, timeout_ns: peer.timeout_ns })
+    }
+
+    /// Sends a message, again if the slave is busy, until the slave takes it as packet `packet`, or sends that one.
+    async fn ask(&mut self, message: FoeMessage<'_>, packet: u32, content: &mut Vec<u8>) -> Result<Answer, FileError> {
+        for _ in 0..BUSY_MAX {
+            let until = self.mailbox.now().saturating_add(self.timeout_ns);
+            self.mailbox.send(MailboxProtocol::Foe, until, |room| message.encode(room).ok()).await?;
+            let until = self.mailbox.now().saturating_add(self.timeout_ns);
+            loop {
+                let room = self.mailbox.answer_len().saturating_sub(FOE_OVERHEAD);
+                let data = self.mailbox.receive(MailboxProtocol::Foe, until).await?;
+                match FoeMessage::decode(data).map_err(|_| MailboxError::WrongAnswer)? {
+                    FoeMessage::Ack { packet: other } if other == packet => return Ok(Answer::Taken),
+                    FoeMessage::Data { packet: other, data } if other == packet => {
+                        content.extend_from_slice(data);
+                        return Ok(Answer::Data { is_last: data.len() < room });
+                    }
+                    FoeMessage::Error { code, .. } => return Err(FileError::File(code)),
+                    FoeMessage::Busy { .. } => break,
+                    // An older packet once more.
+                    FoeMessage::Ack { .. } | FoeMessage::Data { .. } => {}
+                    _ => return self.fail(FoeError::ILLEGAL).await,
+                }
+            }
+            self.mailbox.pause(BUSY_NS).await;
+        }
+        Err(MailboxError::TimeUp.into())
+    }
+
+    async fn say(&mut self, message: FoeMessage<'_>) -> Result<(), MailboxError> {
+        let until = self.mailbox.now().saturating_add(self.timeout_ns);
+        self.mailbox.send(MailboxProtocol::Foe, until, |room| message.encode(room).ok()).await
+    }
+
+    async fn fail<R>(&mut self, code: FoeError) -> Result<R, FileError> {
+        // It has ended whether the slave takes note or not.
+        let _ = self.say(FoeMessage::Error { code, text: &[] }).await;
+        Err(FileError::File(code))
+    }
+}
+
+/// Reads a file.
+pub(super) async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Result<Vec<u8>, FileError> {
+    let mut transfer = Transfer::open(bus, peer).await?;
+    let mut content = Vec::new();
+    let mut answer = transfer.ask(FoeMessage::Read { password, name }, 1, &mut content).await?;
+    let mut packet = 1;
+    loop {
+        match answer {
+            Answer::Taken => return transfer.fail(FoeError::ILLEGAL).await,
+            Answer::Data { is_last: true } => {
+                transfer.say(FoeMessage::Ack { packet }).await?;
+                return Ok(content);
+            }
+            Answer::Data { is_last: false } if content.len() > VALUE_BYTES_MAX => {
+                return transfer.fail(FoeError::DISK_FULL).await;
+            }
+            Answer::Data { is_last: false } => {}
+        }
+        answer = transfer.ask(FoeMessage::Ack { packet }, packet + 1, &mut content).await?;
+        packet += 1;
+    }
+}
+
+/// Writes a file.
+pub(super) async fn write(bus: Bus, peer: Peer, name: &[u8], password: u32, content: &[u8]) -> Result<(), FileError> {
+    let mut transfer = Transfer::open(bus, peer).await?;
+    let room = (transfer.mailbox.room() + MAILBOX_HEADER_LEN).saturating_sub(FOE_OVERHEAD).max(1);
+    let mut unused = Vec::new();
+    let mut answer = transfer.ask(FoeMessage::Write { password, name }, 0, &mut unused).await?;
+    let mut rest = content;
+    for packet in 1.. {
+        if matches!(answer, Answer::Data { .. }) {
+            return transfer.fail(FoeError::ILLEGAL).await;
+        }
+        let (data, behind) = rest.split_at(rest.len().min(room));
+        answer = transfer.ask(FoeMessage::Data { packet, data }, packet, &mut unused).await?;
+        if data.len() < room {
+            break;
+        }
+        rest = behind;
+    }
+    if matches!(answer, Answer::Data { .. }) { transfer.fail(FoeError::ILLEGAL).await } else { Ok(()) }
+}

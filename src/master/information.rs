@@ -1,0 +1,76 @@
+//! SDO information: which objects a slave has, and what they are.
+
+use super::bus::Bus;
+use super::mailbox::{MailboxError, Peer};
+use super::{SdoError, VALUE_BYTES_MAX};
+use crate::coe::{
+    AbortCode, CoeMessage, EntryRequest, InformationFragment, InformationKind, ObjectListType, decode_abort, decode_u16,
+};
+use crate::ethercat::mailbox::MailboxProtocol;
+use crate::ethercat::sii::MailboxProtocols;
+
+/// The objects of a list.
+pub(super) async fn list(bus: Bus, peer: Peer, list: ObjectListType) -> Result<Vec<u16>, SdoError> {
+    let question = list.code().to_le_bytes();
+    let answer = ask(bus, peer, InformationKind::ListRequest, &question, InformationKind::ListResponse).await?;
+    // The first number says which list it is.
+    if decode_u16(&answer) != Ok(list.code()) {
+        return Err(MailboxError::WrongAnswer.into());
+    }
+    Ok(answer.as_chunks().0.iter().skip(1).map(|index| u16::from_le_bytes(*index)).collect())
+}
+
+/// The description of an object.
+pub(super) async fn object(bus: Bus, peer: Peer, index: u16) -> Result<Vec<u8>, SdoError> {
+    let question = index.to_le_bytes();
+    ask(bus, peer, InformationKind::ObjectRequest, &question, InformationKind::ObjectResponse).await
+}
+
+/// The description of a sub-index.
+pub(super) async fn entry(bus: Bus, peer: Peer, request: EntryRequest) -> Result<Vec<u8>, SdoError> {
+    ask(bus, peer, InformationKind::EntryRequest, &request.encode(), InformationKind::EntryResponse).await
+}
+
+/// Asks, and puts the fragments of the answer behind each other.
+async fn ask(
+    bus: Bus,
+    peer: Peer,
+    kind: InformationKind,
+    question: &[u8],
+    wanted: InformationKind,
+) -> Result<Vec<u8>, SdoError> {
+    let mut mailbox = peer.open(bus, MailboxProtocols::COE).await?;
+    let question = CoeMessage::Information(InformationFragment::whole(kind, question));
+    let until = mailbox.now().saturating_add(peer.timeout_ns);
+    mailbox.send(MailboxProtocol::Coe, until, |room| question.encode(room).ok()).await?;
+    let mut answer = Vec::new();
+    let mut until = mailbox.now().saturating_add(peer.timeout_ns);
+    let mut expected = None;
+    loop {
+        let data = mailbox.receive(MailboxProtocol::Coe, until).await?;
+        let Ok(CoeMessage::Information(fragment)) = CoeMessage::decode(data) else { continue };
+        if fragment.kind == InformationKind::Error {
+            return Err(decode_abort(fragment.data).map_or(MailboxError::WrongAnswer.into(), SdoError::Abort));
+        }
+        if fragment.kind != wanted {
+            continue;
+        }
+        // The numbers of fragments count down.
+        if expected.is_some_and(|expected| expected != fragment.left) {
+            return Err(MailboxError::WrongAnswer.into());
+        }
+        answer.extend_from_slice(fragment.data);
+        if answer.len() > VALUE_BYTES_MAX {
+            return Err(SdoError::Abort(AbortCode::OUT_OF_MEMORY));
+        }
+        let (incomplete, left) = (fragment.incomplete, fragment.left);
+        if !incomplete {
+            return Ok(answer);
+        }
+        expected = left.checked_sub(1);
+        if expected.is_none() {
+            return Err(MailboxError::WrongAnswer.into());
+        }
+        until = mailbox.now().saturating_add(peer.timeout_ns);
+    }
+}

@@ -3,11 +3,13 @@
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
+use super::topology::{Upstream, is_open};
 use super::{Event, SlaveInfo, clocks, sii};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, RequestedState, SII_CONFIGURATION,
-    STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, DL_STATUS, DlStatus, RequestedState,
+    SII_CONFIGURATION, STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
 };
+use crate::ethercat::sii::SiiIdentity;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// \[OURS] The station address that a slave has while it is not known which one it is.
@@ -134,14 +136,7 @@ impl Watch {
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[0]).await.ok()?;
         let alias = u16::from_le_bytes(self.bus.read(UNKNOWN_STATION, STATION_ALIAS).await.ok()?);
         let identity = sii::identity(&self.bus, UNKNOWN_STATION).await.ok()?;
-        let missing = self.bus.with(|shared| shared.missing);
-        let is_it = |slave: &u8| {
-            let info = self.slaves.get(usize::from(*slave) - 1);
-            info.is_some_and(|info| info.identity == identity && info.alias == alias)
-        };
-        // Among equal ones it is the one that was there.
-        let same = Some(place).filter(|slave| missing.contains(*slave));
-        let slave = same.filter(is_it).or_else(|| missing.iter().find(is_it))?;
+        let slave = self.missing_one(identity, alias).await?;
         let station = self.station(slave)?;
         let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
         self.bus.write(UNKNOWN_STATION, AL_CONTROL, &init.0.to_le_bytes()).await.ok()?;
@@ -153,5 +148,36 @@ impl Watch {
             shared.tell(Event::PowerCycled { slave });
         });
         Some(())
+    }
+
+    /// The missing slave with that identity and alias. Of several equal ones it is the only one that frames can reach now, by
+    /// the port where it was connected; `None`: more than one can be meant, so that it waits for the others.
+    async fn missing_one(&self, identity: SiiIdentity, alias: u16) -> Option<u8> {
+        let missing = self.bus.with(|shared| shared.missing);
+        let is_equal = |slave: &u8| {
+            let info = self.slaves.get(usize::from(*slave) - 1);
+            info.is_some_and(|info| info.identity == identity && info.alias == alias)
+        };
+        let mut equal = SlaveSet::EMPTY;
+        missing.iter().filter(is_equal).for_each(|slave| equal.insert(slave));
+        if equal.len() <= 1 {
+            return equal.iter().next();
+        }
+        let mut reached = SlaveSet::EMPTY;
+        for slave in equal.iter() {
+            let upstream = self.slaves.get(usize::from(slave) - 1)?.upstream;
+            let is_reached = match upstream {
+                None => true,
+                Some(upstream) if missing.contains(upstream.slave) => false,
+                Some(Upstream { slave, port }) => {
+                    let status = self.bus.read(self.station(slave)?, DL_STATUS).await.ok()?;
+                    is_open(DlStatus(u16::from_le_bytes(status)), port.into())
+                }
+            };
+            if is_reached {
+                reached.insert(slave);
+            }
+        }
+        reached.iter().next().filter(|_| reached.len() == 1)
     }
 }

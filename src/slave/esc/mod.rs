@@ -16,7 +16,7 @@
 //! | `watchdog.rs` | the watchdog of process data |
 //! | `slave.rs` | a controller with its device: [`EscSlave`] |
 //! | `application.rs` | the AL state machine with its checks |
-//! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
+//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox with its repeat, SDO, SDO information, emergencies, files |
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
@@ -33,6 +33,7 @@ mod datagrams;
 mod description;
 mod eeprom;
 mod esi;
+mod file_server;
 mod fmmus;
 mod information;
 mod mailbox;

@@ -6,7 +6,8 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
-use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
+use crate::slave::esc::EscSettings;
+use crate::slave::{Communication, Fault, FileStore, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -106,6 +107,10 @@ impl Slave for Scripted {
         self.device.report_sync(event);
     }
 
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        self.device.sync_lock_limit_ns()
+    }
+
     fn expire_watchdog(&mut self) {
         self.device.expire_watchdog();
     }
@@ -128,6 +133,14 @@ impl Slave for Scripted {
 
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         self.device.add_manufacturer_objects(objects);
+    }
+
+    fn files(&mut self) -> Option<&mut FileStore> {
+        self.device.files()
+    }
+
+    fn controller_settings(&self) -> EscSettings {
+        self.device.controller_settings()
     }
 
     fn has_dc(&self) -> bool {

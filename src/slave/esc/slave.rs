@@ -4,7 +4,7 @@ use super::application::{Application, Change, active_len};
 use super::mailbox::Mailbox;
 use super::{Controller, DescriptionError, EscSettings, Passage, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
-use crate::ethercat::registers::{Features, SyncActivation};
+use crate::ethercat::registers::{Features, RequestedState, SyncActivation};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, DatagramMut, Ns};
 use crate::slave::{Slave, SyncEvent};
@@ -105,7 +105,12 @@ impl EscSlave {
         &mut *self.device
     }
 
-    /// The AL state.
+    /// The AL state that the network reads, bootstrap too.
+    pub const fn shown_state(&self) -> RequestedState {
+        self.application.shown_state()
+    }
+
+    /// The AL state of the device. In bootstrap it stands in Init.
     pub fn state(&self) -> AlState {
         self.application.state()
     }
@@ -254,7 +259,8 @@ impl EscSlave {
             change = self.application.advance(now, &mut self.controller, &mut *self.device);
             self.begin(change, now);
         }
-        let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
+        let is_on = self.state() > AlState::Init || self.application.is_in_bootstrap();
+        let has_mailbox = self.application.has_mailbox && is_on;
         if has_mailbox && (self.mailbox.is_touched(done) || change == Change::MailboxOn) {
             let Controller { managers, memory, .. } = &mut self.controller;
             self.mailbox.serve(now, done, managers, memory, &mut *self.device);
@@ -268,7 +274,8 @@ impl EscSlave {
         match change {
             Change::None => {}
             Change::MailboxOn => {
-                self.mailbox.reset(len(super::mailbox::REQUESTS), len(super::mailbox::ANSWERS));
+                let (requests, answers) = (len(super::mailbox::REQUESTS), len(super::mailbox::ANSWERS));
+                self.mailbox.reset(requests, answers, self.application.is_in_bootstrap());
                 self.error_code = 0;
             }
             Change::ProcessDataOn => {
@@ -307,7 +314,7 @@ impl EscSlave {
     /// The unit for SYNC was switched on or off.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
-        if self.state() == AlState::Op && self.application.is_synchronized && !is_running {
+        if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {
             self.application.lose_sync(&mut self.controller, &mut *self.device);
         }
     }

@@ -128,6 +128,7 @@
 //! | [`sk`] | the wire format: slots, frames, CRC, commands and responses as types, a readable dump; `no_std` |
 //! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types, the driver of a host; `no_std`. In `xf::chip` a model of it |
 //! | [`ethercat`] | EtherCAT itself: frames, registers, EEPROMs, mailboxes, [`coe`], [`cia402`]; `no_std` |
+//! | [`master`] | a small EtherCAT master in software, without I/O: frames out, frames in, and the time |
 //! | [`xf_api`] | [`Xf`], the API for a chip ECM-XF: any of its commands, the start of a network, process data with types |
 //! | [`engine`] | the model of the EC01M: states of the network, command FIFO, SDO slot, homing |
 //! | [`fieldbus`] | the trait by which the model reaches its slaves, and the simulated bus |
@@ -192,6 +193,8 @@ pub mod io;
 pub mod link;
 #[cfg(any(all(feature = "std", target_os = "linux"), all(feature = "usb", windows)))]
 pub mod machine;
+#[cfg(feature = "std")]
+pub mod master;
 #[cfg(feature = "std")]
 pub mod migrate;
 #[cfg(all(feature = "serve", any(unix, windows)))]

@@ -194,6 +194,21 @@ impl Board {
         self.bus.work_until(now, until);
     }
 
+    /// The length of a cycle, ns.
+    pub(super) fn period_ns(&self) -> Ns {
+        self.engine.period_ns()
+    }
+
+    /// Whether cycles that a runner is late for are run one after the other ([`Fieldbus::catches_up`]).
+    pub fn catches_up(&self) -> bool {
+        self.bus.catches_up()
+    }
+
+    /// The runner was late, and has left out that many cycles.
+    pub(super) const fn leave_out(&mut self, cycles: u64) {
+        self.engine.note_left_out(cycles);
+    }
+
     /// Boots the board: time passes until the host interface answers, at most `limit_ns`. Whether it answers then.
     pub fn boot(&mut self, limit_ns: Ns) -> bool {
         let end = self.now + limit_ns;

@@ -144,6 +144,9 @@ pub struct Counters {
     /// Sets of outputs that a bus which takes outputs ahead had taken and has given up: what they held was not sent for all
     /// that is known.
     pub outputs_lost: u64,
+    /// Cycles that were left out because the machine was too late for them, on a bus whose cycles are not caught up on: what moves
+    /// has stood still for so long.
+    pub cycles_left_out: u64,
     /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are

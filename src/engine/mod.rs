@@ -419,6 +419,13 @@ impl Engine {
         passed
     }
 
+    /// A runner has left out cycles.
+    const fn note_left_out(&mut self, cycles: u64) {
+        if self.network().in_op() {
+            self.counters.cycles_left_out += cycles;
+        }
+    }
+
     fn note_bus_down(&mut self, down: bool, at: Ns) {
         if down && !self.bus_down {
             self.log.push(Event::BusDown { at });

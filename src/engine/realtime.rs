@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 pub struct RealTime {
     /// The SCHED_FIFO priority of the thread, 1..=99; `None`: it has no real-time priority.
     pub priority: Option<u8>,
+    /// The processor that the thread runs on, from 0; `None`: any that the process may use.
+    pub cpu: Option<u16>,
     /// Whether the memory of the process is locked (mlockall), so that no page fault delays a cycle.
     pub lock_memory: bool,
 }
@@ -43,6 +45,13 @@ impl RealTime {
                 ));
             }
         }
+        if let Some(cpu) = self.cpu
+            && let Err(e) = run_on(cpu)
+        {
+            warnings.push(format!(
+                "cpu={cpu} was refused ({e}): name a processor that `nproc --all` and the process's limits allow"
+            ));
+        }
         if self.lock_memory
             && let Err(e) = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
         {
@@ -56,13 +65,27 @@ impl RealTime {
     /// Applies the settings to the calling thread. The warnings: what was refused and what to do.
     #[cfg(not(target_os = "linux"))]
     pub(crate) fn apply(self) -> Vec<String> {
-        let asked = [("priority", self.priority.is_some()), ("lock_memory", self.lock_memory)];
+        let asked =
+            [("priority", self.priority.is_some()), ("cpu", self.cpu.is_some()), ("lock_memory", self.lock_memory)];
         asked
             .into_iter()
             .filter(|(_, asked)| *asked)
             .map(|(key, _)| format!("{key} is not available on this system and was left out"))
             .collect()
     }
+}
+
+/// Keeps the calling thread on one processor.
+#[cfg(target_os = "linux")]
+fn run_on(cpu: u16) -> std::io::Result<()> {
+    use rustix::thread::{CpuSet, sched_setaffinity};
+
+    let mut set = CpuSet::new();
+    if usize::from(cpu) >= CpuSet::MAX_CPU {
+        return Err(std::io::ErrorKind::InvalidInput.into());
+    }
+    set.set(usize::from(cpu));
+    Ok(sched_setaffinity(None, &set)?)
 }
 
 /// The speed of the runner's clock in billionths of that of the machine's clock, 1..=1 000 000 000.

@@ -246,6 +246,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     // The gaps that board time has skipped: by so much it is behind the clock.
     let mut skipped = Duration::ZERO;
     let mut now = Duration::ZERO;
+    let mut has_left_out = false;
     let rate = clock.rate();
     let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
     while !shared.stop.load(Ordering::Acquire) {
@@ -261,6 +262,18 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
+        }
+        if !board.catches_up() {
+            let period = board.period_ns();
+            let cycles = cycles_to_leave_out(late.as_nanos() as Ns, period);
+            // A machine that is always late still runs every other cycle.
+            if cycles > 0 && !std::mem::replace(&mut has_left_out, true) {
+                board.leave_out(cycles);
+                skipped += Duration::from_nanos(cycles * period);
+                shared.skipped_ns.fetch_add(cycles * period, Ordering::Relaxed);
+                continue;
+            }
+            has_left_out = false;
         }
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
         // Cycles are caught up on in parts, and frames are taken after each part.
@@ -280,6 +293,12 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let now = board.now();
     take_frames(&mut board, now, now, shared, &mut frame);
     board
+}
+
+/// How many cycles are left out where they are not caught up on: as many as there have to be for the next one to be due in time
+/// again; none, if this one is at most half a cycle late \[OURS].
+const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
+    if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }
 
 /// Takes the frames that have come by `until` from the inbox; all frames if `until` is the present time of the board.

@@ -1,4 +1,5 @@
-//! Commands that were not executed and were not rejected either: what happened to them, by the counter that counts them.
+//! Commands that were not executed, or not in time, and were not rejected either: what happened to them, by the counter that
+//! counts them.
 
 use super::Counters;
 
@@ -25,11 +26,13 @@ pub enum Unexecuted {
     SdoAborted,
     /// [`Counters::outputs_lost`]: a bus that takes outputs ahead has given them up.
     OutputsLost,
+    /// [`Counters::cycles_left_out`]: the machine was late, and so is all that was to be executed.
+    LeftOut,
 }
 
 impl Unexecuted {
     /// How many kinds there are.
-    pub const KINDS: usize = 10;
+    pub const KINDS: usize = 11;
 
     /// All kinds.
     pub const ALL: [Self; Self::KINDS] = [
@@ -43,6 +46,7 @@ impl Unexecuted {
         Self::Cleared,
         Self::SdoAborted,
         Self::OutputsLost,
+        Self::LeftOut,
     ];
 
     /// The count of this kind.
@@ -58,6 +62,7 @@ impl Unexecuted {
             Self::Cleared => counters.cleared,
             Self::SdoAborted => counters.sdo_aborted,
             Self::OutputsLost => counters.outputs_lost,
+            Self::LeftOut => counters.cycles_left_out,
         }
     }
 
@@ -74,6 +79,7 @@ impl Unexecuted {
             Self::Cleared => "cleared",
             Self::SdoAborted => "sdo_aborted",
             Self::OutputsLost => "outputs_lost",
+            Self::LeftOut => "cycles_left_out",
         }
     }
 
@@ -90,6 +96,7 @@ impl Unexecuted {
             Self::Cleared => "queued command frame(s) were cleared unexecuted",
             Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
             Self::OutputsLost => "set(s) of outputs may not have reached the slaves",
+            Self::LeftOut => "cycle(s) were left out because this machine was late: what was moving has paused",
         }
     }
 
@@ -111,6 +118,9 @@ impl Unexecuted {
             Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
             Self::OutputsLost => {
                 "exchanges with the chip fail, or frames on the cable are lost; look at its wires and at the cable"
+            }
+            Self::LeftOut => {
+                "give the cycle a priority and a processor of its own (priority=, cpu=), and see `ecmsk doctor`"
             }
         }
     }

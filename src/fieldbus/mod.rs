@@ -8,6 +8,7 @@
 //! | `pdo/downloads.rs` | which SDOs do that mapping, and in which order |
 //! | `sim.rs` | the network of simulated slaves: cycles, working counter, lost slaves |
 //! | `sim/jobs.rs`, `sim/timing.rs` | how its scan, configuration, changes of state and SDOs run, and how long they take |
+//! | `nic/` | the network at the end of a network card, over our own master: the same over frames of EtherCAT |
 //! | `xf/` | the network behind an ECM-XF: the same jobs and cycles over the driver of that chip |
 //!
 //! A bus never blocks and never asks for the time. What takes long (scan, configuration, changes of state, SDOs) is started
@@ -21,6 +22,7 @@
 //!   level only as of some exchanges ago. Discarding what it has taken ahead takes a while, too:
 //!   [`Fieldbus::clear_ahead`].
 
+pub mod nic;
 pub mod pdo;
 #[cfg(feature = "sim")]
 pub mod sim;
@@ -378,6 +380,12 @@ pub trait Fieldbus: Send {
     /// here, in the runner's own thread, and in [`Self::poll`] none that would end later than it was asked for. A runner that
     /// is late gives a time that has passed, and catches up on its cycles.
     fn work_until(&mut self, _now: Ns, _until: Ns) {}
+
+    /// Whether cycles that a runner is late for are run one right after the other. A bus whose slaves have clocks of their own
+    /// cannot: of two sets of outputs within a cycle of a slave it acts on the second one alone. Its late cycles are left out.
+    fn catches_up(&self) -> bool {
+        true
+    }
 
     /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
     fn is_down(&self) -> bool {

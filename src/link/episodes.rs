@@ -166,6 +166,7 @@ mod tests {
             while_booting: 8,
             sdo_aborted: 9,
             outputs_lost: 10,
+            cycles_left_out: 11,
             ..Counters::default()
         };
         let mut log = Log::of(&Counters::default());

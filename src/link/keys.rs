@@ -31,11 +31,14 @@ pub enum Scheme {
     XfSpi,
     /// A real ECM-XFU on USB: in the same two ways.
     XfUsb,
+    /// A board of this process whose slaves are at the end of a network card.
+    Nic,
 }
 
 impl Scheme {
     /// All schemes, including those that this build cannot open.
-    pub const ALL: [Self; 7] = [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb];
+    pub const ALL: [Self; 8] =
+        [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb, Self::Nic];
 
     /// The word before the colon.
     pub const fn name(self) -> &'static str {
@@ -47,6 +50,7 @@ impl Scheme {
             Self::XfSim => "xf-sim",
             Self::XfSpi => "xf-spi",
             Self::XfUsb => "xf-usb",
+            Self::Nic => "nic",
         }
     }
 
@@ -57,6 +61,7 @@ impl Scheme {
             Self::Usb | Self::XfUsb => "usb",
             Self::Spi | Self::XfSpi => "spi",
             Self::Tcp => "tcp",
+            Self::Nic => "nic",
         }
     }
 
@@ -65,8 +70,8 @@ impl Scheme {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: it needs [its feature](Self::feature), what is on SPI exists on Linux
-    /// only, and an ECM-XFU on USB not on Windows.
+    /// Whether this build can open such a link: it needs [its feature](Self::feature), what is on SPI or a network card exists
+    /// on Linux only, and an ECM-XFU on USB not on Windows.
     pub const fn in_build(self) -> bool {
         match self {
             Self::Sim | Self::XfSim => cfg!(feature = "sim"),
@@ -74,6 +79,7 @@ impl Scheme {
             Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
             Self::XfUsb => cfg!(all(feature = "usb", unix)),
             Self::Spi | Self::XfSpi => cfg!(all(feature = "spi", target_os = "linux")),
+            Self::Nic => cfg!(all(feature = "nic", target_os = "linux")),
         }
     }
 
@@ -93,6 +99,7 @@ impl Scheme {
             Self::Sim | Self::Usb | Self::XfSim | Self::XfUsb => None,
             Self::Spi | Self::XfSpi => Some("/dev/spidevB.C"),
             Self::Tcp => Some("//HOST:PORT"),
+            Self::Nic => Some("INTERFACE"),
         }
     }
 
@@ -108,6 +115,9 @@ impl Scheme {
             }
             Self::XfSpi => "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
             Self::XfUsb => "the same behind a real ECM-XFU on USB",
+            Self::Nic => {
+                "a board of this process whose slaves are at the end of a network card, e.g. nic:eth1: no board is there at all"
+            }
         }
     }
 }

@@ -22,6 +22,8 @@
 //! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
 //!   board
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
+//! - `nic/`: slaves at the end of a network card
+//! - `own_board.rs`: boards over real hardware whose EC01M is this process
 //! - `chip/`: links to an ECM-XF itself, which is a chip and no board: its trait, its errors, `xf-sim:`, `xf-spi:`; and the
 //!   bus of a board over such a link
 //! - `call_counts.rs`: the counters of a program's calls, which every link has
@@ -41,7 +43,10 @@ mod layer;
 #[cfg(feature = "sim")]
 pub mod manufacturer_objects;
 mod network;
+#[cfg(all(feature = "nic", target_os = "linux"))]
+mod nic;
 pub mod options;
+mod own_board;
 pub mod record;
 mod rejections;
 #[cfg(feature = "sim")]
@@ -486,6 +491,8 @@ fn connect(
         keys::Scheme::Usb => usb::open(uri, options, uncounted),
         #[cfg(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
         keys::Scheme::XfSpi | keys::Scheme::XfUsb => Ok(Arc::new(chip::board::open(uri)?)),
+        #[cfg(all(feature = "nic", target_os = "linux"))]
+        keys::Scheme::Nic => Ok(Arc::new(nic::open(uri, options)?)),
         #[cfg(not(target_os = "linux"))]
         keys::Scheme::Spi => Err(LinkError::Unsupported {
             scheme: keys::Scheme::Spi.name().into(),

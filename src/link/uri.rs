@@ -288,6 +288,7 @@ impl fmt::Display for LinkUri {
 const REAL_CLOCK_ONLY: &[(&str, &str)] = &[
     ("rate", "with clock=virtual time passes by calls alone, at no rate"),
     ("priority", "with clock=virtual there is no thread of the cycle"),
+    ("cpu", "with clock=virtual there is no thread to keep somewhere"),
     ("lock_memory", "with clock=virtual no cycle has a time to keep"),
 ];
 

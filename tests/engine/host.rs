@@ -7,15 +7,18 @@ use std::thread;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
 use ecmsk::engine::{Board, Counters, EngineConfig, Event, Reason, Rejection};
-use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::nic::{ChainWires, NicBus};
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::fieldbus::{Fieldbus, Ns, Pacing};
+use ecmsk::master::Settings;
 use ecmsk::sk::{
     CommandId, DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, RawSlot,
     SdoCommand, SdoResponse, SlaveCommand, SlaveKind, SlotSize, StateByte,
 };
 
 use crate::watch::Watch;
+use ecmsk::slave::Slave;
 use support::ahead_bus::{Ahead, AheadBus};
 use support::chip_line::xf_bus_reached_by;
 
@@ -51,6 +54,8 @@ pub const ONE_BY_ONE: &str = "one_by_one";
 pub const XF_SETTLED: &str = "xf_settled";
 /// As [`ONE_BY_ONE`], likewise.
 pub const XF_ONE_BY_ONE: &str = "xf_one_by_one";
+/// The simulated network is at the end of a wire, as slave controllers that our own master reaches.
+pub const NIC: &str = "nic";
 /// What such a run says on standard error before the name of each test that has a board whose slaves are behind the chip.
 pub const BEHIND_CHIP: &str = "behind the chip: ";
 
@@ -67,14 +72,28 @@ pub fn on(how: Option<Ahead>, config: EngineConfig, bus: impl Fieldbus + 'static
     }
 }
 
-/// A simulated network, watched or not, behind the model of an ECM-XF; another bus stays as it is.
-fn behind_chip<B: Fieldbus + 'static>(bus: B) -> Box<dyn Fieldbus> {
+/// The slaves behind the model of an ECM-XF.
+fn chip(slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> impl Fieldbus {
+    xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT)
+}
+
+/// The slaves at the end of a wire.
+fn wire(slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> impl Fieldbus {
+    let wires = ChainWires::new(slaves, handle).expect("its slaves have an EEPROM");
+    NicBus::new(wires, Settings::default())
+}
+
+/// The slaves of a simulated network, watched or not, behind something else; another bus stays as it is.
+fn behind<B: Fieldbus + 'static, F: Fieldbus + 'static>(
+    bus: B,
+    put: fn(Vec<Box<dyn Slave>>, SimHandle) -> F,
+) -> Box<dyn Fieldbus> {
     let put_behind = |sim: SimBus| {
         // Past what is kept of a test's output: tests/engine/over.rs reads it.
         let test = thread::current();
         let _ = writeln!(io::stderr(), "{BEHIND_CHIP}{}", test.name().unwrap_or_default());
         let (slaves, handle) = sim.into_parts();
-        xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT)
+        put(slaves, handle)
     };
     let mut bus = Some(bus);
     let any = &mut bus as &mut dyn Any;
@@ -94,7 +113,8 @@ impl Host {
         let is_late = over.as_ref().is_some_and(|how| how == SETTLED || how == XF_SETTLED);
         let bus: Box<dyn Fieldbus> = match over.as_deref() {
             None => Box::new(bus),
-            Some(XF_SETTLED | XF_ONE_BY_ONE) => behind_chip(bus),
+            Some(XF_SETTLED | XF_ONE_BY_ONE) => behind(bus, chip),
+            Some(NIC) => behind(bus, wire),
             Some(_) => Box::new(AheadBus::new(bus, Ahead::chip())),
         };
         let mut board = Board::new(config, bus);

@@ -55,6 +55,7 @@ mod mixed;
 mod models;
 mod modes;
 mod network_rig;
+mod nic_bus;
 mod over;
 mod partial_frames;
 mod probe;

@@ -68,7 +68,7 @@ fn defaults_are_those_of_the_specification() {
 #[test]
 fn every_key_reaches_its_option() {
     let text = "sim:?slaves=drive*3&slot=16&fw=1.5&test=1&name=left-arm.1&host_us=0&state_timeout_ms=20\
-                &sdo_timeout_ms=30&priority=99&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
+                &sdo_timeout_ms=30&priority=99&cpu=3&lock_memory=yes&catch_up_ms=0&queue=1&record=/tmp/a%20b.pcapng\
                 &read_timeout_ms=40&write_timeout_ms=50&rate=0.25&script=/tmp/a.ecmscript";
     let common = common(text);
     assert_eq!(common.slot, Some(SlotSize::Bytes16));
@@ -90,7 +90,7 @@ fn every_key_reaches_its_option() {
     assert_eq!(sim.board.state_timeout, Duration::from_millis(20));
     assert_eq!(sim.board.sdo_timeout, Duration::from_millis(30));
     assert_eq!(sim.board.priority, Some(99));
-    assert!(sim.board.lock_memory);
+    assert!(sim.board.lock_memory && sim.board.cpu == Some(3));
     assert_eq!(sim.catch_up, Duration::ZERO);
     assert_eq!(sim.rate, Fraction::from_billionths(250_000_000));
     assert_eq!(sim.script.as_deref(), Some(Path::new("/tmp/a.ecmscript")));
@@ -141,6 +141,7 @@ fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
             "with clock=virtual time passes by calls alone, at no rate; allowed: rate= with clock=real, or rate=1",
         ),
         ("priority", "50", "with clock=virtual there is no thread of the cycle; allowed: priority= with clock=real"),
+        ("cpu", "3", "with clock=virtual there is no thread to keep somewhere; allowed: cpu= with clock=real"),
         (
             "lock_memory",
             "yes",
@@ -286,7 +287,7 @@ fn an_error_names_key_value_and_what_is_allowed() {
     refused("", &["no scheme", "sim:", "usb:"]);
     refused("sim", &["`sim`", "no scheme"]);
     refused("xyz:?a=b", &["`xyz`", "sim:, usb:, spi:, tcp:", "e.g. sim:?slaves=drive*2"]);
-    refused("nic:eth1", &["unknown scheme `nic`", "sim:, usb:, spi:, tcp:", "e.g. sim:?slaves=drive*2"]);
+    refused("can:eth1", &["unknown scheme `can`", "sim:, usb:, spi:, tcp:", "e.g. sim:?slaves=drive*2"]);
     refused("Sim:", &["`Sim`", "did you mean `sim`?"]);
     refused("spy:", &["`spy`", "did you mean `spi`?"]);
     refused("sim:left", &["`left`", "sim:?key=value"]);
@@ -368,7 +369,7 @@ fn any_link() -> impl Strategy<Value = (Scheme, String, Vec<(&'static str, Strin
                 }
             });
             if keys.contains(&("clock", "virtual".to_owned())) {
-                keys.retain(|(key, _)| !["rate", "priority", "lock_memory"].contains(key));
+                keys.retain(|(key, _)| !["rate", "priority", "cpu", "lock_memory"].contains(key));
             }
             keys
         });
@@ -397,7 +398,7 @@ proptest! {
         prop_assert_eq!(again.to_string(), normal);
         prop_assert!(CommonOptions::from_uri(&parsed).is_ok());
         prop_assert_eq!(ChipOptions::from_uri(&parsed).is_ok(), scheme.has_chip());
-        prop_assert_eq!(BoardOptions::from_uri(&parsed).is_ok(), scheme == Scheme::Sim || scheme.has_chip());
+        prop_assert_eq!(BoardOptions::from_uri(&parsed).is_ok(), [Scheme::Sim, Scheme::Nic].contains(&scheme) || scheme.has_chip());
         prop_assert_eq!(SimOptions::from_uri(&parsed).is_ok(), scheme.is_model());
     }
 

@@ -169,6 +169,7 @@ fn links_that_are_not_in_this_build() {
             Scheme::Sim | Scheme::Usb | Scheme::XfSim | Scheme::XfUsb => "",
             Scheme::Spi | Scheme::XfSpi => "/dev/spidev0.0",
             Scheme::Tcp => "//localhost:5000",
+            Scheme::Nic => "eth1",
         };
         let error = refused(&format!("{scheme}:{path}"), Share::ByUri);
         let text = error.to_string();

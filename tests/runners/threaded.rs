@@ -285,7 +285,7 @@ fn a_dead_runner_ends_the_waits() {
 fn a_refused_real_time_priority_is_a_warning() {
     let _turn = listen();
     // No system has priority 200.
-    let real_time = RealTime { priority: Some(200), lock_memory: false };
+    let real_time = RealTime { priority: Some(200), cpu: None, lock_memory: false };
     let (board, _) = board(1);
     let link = EngineLink::open("wishes", board, RunOptions { real_time, ..options() }, None).unwrap();
     let mut report = Frame::new();

@@ -2,19 +2,14 @@
 
 use super::{ChipError, ChipLink, ChipOptions, host_config};
 use crate::engine::{Board, Rate};
-use crate::fieldbus::Ns;
 use crate::fieldbus::xf::{LocalPins, XfBus, XfBusOptions};
 use crate::link::LinkError;
-use crate::link::engine::{EngineLink, Keeper};
+use crate::link::engine::EngineLink;
 use crate::link::keys;
 use crate::link::options::{BoardOptions, CommonOptions};
+use crate::link::own_board::{boots, switching_off};
 use crate::link::uri::{LinkUri, UriError};
 use crate::xf::host::StepError;
-
-/// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
-const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// For so long a network without a slave is scanned. \[OURS]
-const SCAN_NS: Ns = 3_000_000_000;
 
 /// How a board uses the chip that its slaves are behind.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -84,9 +79,8 @@ impl ChipBoard {
 
     /// Opens the board over that link to a chip: the chip is started, and the network behind it scanned.
     ///
-    /// The board is gone with this process. When the link is closed, its axes are brought to a standstill and the network to
-    /// PreOP ([`Board::switch_off`]), which takes some seconds at most. A process that is killed cannot do that: the chip
-    /// repeats its newest outputs for ever, so that in CSP an axis stands, and in CSV and CST it goes on.
+    /// The board is gone with this process, as `link/own_board.rs` says. If the process is killed, the chip repeats its newest
+    /// outputs for ever, so that in CSP an axis stands, and in CSV and CST it goes on.
     ///
     /// # Errors
     /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
@@ -108,30 +102,6 @@ impl ChipBoard {
         let run = self.board.run(&self.common, false, Rate::default());
         EngineLink::open(&name, board, run, Some(switching_off()))
     }
-}
-
-/// Whether the board comes up: it has found slaves, and they have come to PreOP.
-fn boots(board: &mut Board) -> bool {
-    let end = board.now() + BOOT_LIMIT_NS;
-    while board.now() < end {
-        if board.boot(SCAN_NS) {
-            return true;
-        }
-        if board.engine().state().is_failed() {
-            break;
-        }
-    }
-    false
-}
-
-/// What becomes of a board whose link is closed.
-fn switching_off() -> Keeper {
-    Box::new(|board| {
-        let Some(mut board) = board else { return };
-        for slave in board.switch_off().iter() {
-            log::error!("the axis of slave {slave} was still on when its board was closed: stop it by hand");
-        }
-    })
 }
 
 /// Opens the board that the URI describes.

@@ -181,7 +181,9 @@ fn connect(uri: &LinkUri) -> Result<Box<dyn ChipLink>, ChipError> {
         Scheme::XfSpi => Ok(Box::new(SpiChip::from_uri(uri)?)),
         #[cfg(all(feature = "usb", unix))]
         Scheme::XfUsb => Ok(Box::new(UsbChip::from_uri(uri)?)),
-        Scheme::Sim | Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(ChipError::NotAChip { name: uri.to_string() }),
+        Scheme::Sim | Scheme::Usb | Scheme::Spi | Scheme::Tcp | Scheme::Nic => {
+            Err(ChipError::NotAChip { name: uri.to_string() })
+        }
         #[allow(unreachable_patterns, reason = "a build may have every link")]
         scheme => Err(ChipError::Unsupported { scheme, hint: instead_of(scheme) }),
     }

@@ -20,8 +20,8 @@ const USB: &[Scheme] = &[Scheme::Usb];
 const XF_SIM: &[Scheme] = &[Scheme::XfSim];
 const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
-/// Boards whose EC01M is the model in this process, over simulated slaves or behind a chip.
-const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
+/// Boards whose EC01M is the model in this process, over simulated slaves, behind a chip or at the end of a network card.
+const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic];
 /// Links to a chip ECM-XF.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
@@ -137,6 +137,14 @@ pub const KEYS: &[Key] = &[
         default: None,
         example: "50",
         meaning: "real-time priority (SCHED_FIFO) of the cycle's thread; not given: an ordinary thread",
+    },
+    Key {
+        name: "cpu",
+        schemes: MODELLED,
+        syntax: Syntax::Number(0, 1023),
+        default: None,
+        example: "3",
+        meaning: "the processor that the cycle's thread runs on, from 0, such as one that isolcpus= keeps free; not given: any",
     },
     Key {
         name: "lock_memory",

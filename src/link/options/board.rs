@@ -9,7 +9,7 @@ use crate::link::engine::RunOptions;
 use crate::link::uri::{LinkUri, UriError, slot_size};
 use crate::sk::SlotSize;
 
-/// Options of `sim:`, `xf-sim:`, `xf-spi:` and `xf-usb:`, whose EC01M is the model.
+/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoardOptions {
     /// The slot size, which the board's jumper CONFIG2 selects.
@@ -26,6 +26,8 @@ pub struct BoardOptions {
     pub sdo_timeout: Duration,
     /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None`: an ordinary thread.
     pub priority: Option<u8>,
+    /// The processor that the cyclic thread runs on, from 0; `None`: any.
+    pub cpu: Option<u16>,
     /// Whether the process is locked into memory (`mlockall`), so that no cycle waits for a page.
     pub lock_memory: bool,
 }
@@ -44,6 +46,7 @@ impl BoardOptions {
             state_timeout: uri.required("state_timeout_ms", millis)?,
             sdo_timeout: uri.required("sdo_timeout_ms", millis)?,
             priority: uri.typed("priority", |value| value.parse().ok())?,
+            cpu: uri.typed("cpu", |value| value.parse().ok())?,
             lock_memory: uri.choice("lock_memory", [("no", false), ("yes", true)])?,
         })
     }
@@ -68,7 +71,7 @@ impl BoardOptions {
             queue: common.queue,
             read_wait: common.read_wait(),
             write_wait: common.write_wait(),
-            real_time: RealTime { priority: self.priority, lock_memory: self.lock_memory },
+            real_time: RealTime { priority: self.priority, cpu: self.cpu, lock_memory: self.lock_memory },
             rate,
         }
     }

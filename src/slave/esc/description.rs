@@ -1,4 +1,7 @@
 //! The EEPROM of a device, written from what the device says about itself.
+//!
+//! \[OURS] Categories 20 (data types), 42 and 43 (FMMUs and sync units in full) are left out: every master skips them by their length
+//! if it does not know them, and none that is known needs one.
 
 use super::EscSettings;
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};

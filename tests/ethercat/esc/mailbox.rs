@@ -4,73 +4,21 @@ use ecmsk::coe::{
     AbortCode, CoeMessage, Emergency, EntryDescription, InformationFragment, InformationKind, ObjectAccess,
     ObjectAddress, ObjectCode, ObjectDescription, SdoRequest, SdoResponse, SdoScope, SdoValuePart,
 };
+use ecmsk::ethercat::AlState;
 use ecmsk::ethercat::mailbox::{MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol};
-use ecmsk::ethercat::{AlState, Ns};
-use ecmsk::slave::esc::{EscSettings, EscSlave, VALUE_BYTES_MAX, eeprom_of};
-use ecmsk::slave::{AlStatus, DeviceFault, Drive, DriveConfig, Fault, Slave};
+use ecmsk::slave::esc::{EscSettings, VALUE_BYTES_MAX};
+use ecmsk::slave::{DeviceFault, Fault};
+
+use support::blob::{BLOB, Blob, bytes};
 
 use super::rig::{FIRST, MS, Rig, drive};
 
-/// A device with one object, 0x2000:0, of any length.
-#[derive(Default)]
-struct Blob {
-    value: Vec<u8>,
-    state: AlState,
-    writes: usize,
-}
-
-const BLOB: ObjectAddress = ObjectAddress::new(0x2000, 0);
-
-impl Slave for Blob {
-    fn name(&self) -> &str {
-        "blob"
-    }
-
-    fn state(&self) -> AlState {
-        self.state
-    }
-
-    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
-        self.state = target;
-        Ok(())
-    }
-
-    fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        if object != BLOB {
-            return Err(AbortCode::NO_OBJECT);
-        }
-        let len = value.len().min(self.value.len());
-        value[..len].copy_from_slice(&self.value[..len]);
-        Ok(self.value.len())
-    }
-
-    fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
-        if object != BLOB {
-            return Err(AbortCode::NO_OBJECT);
-        }
-        self.value = value.to_vec();
-        self.writes += 1;
-        Ok(())
-    }
-
-    fn exchange(&mut self, _: Option<&[u8]>, _: &mut [u8]) {}
-
-    fn step(&mut self, _: Ns) {}
-}
-
 /// A blob in PreOP, with the EEPROM of a drive.
 fn blob(value: Vec<u8>) -> Rig {
-    let settings = EscSettings::default();
-    let eeprom = eeprom_of(&mut Drive::new(DriveConfig::default()), &settings).expect("it can be described");
-    let device = Blob { value, ..Blob::default() };
-    let mut rig = Rig::new([EscSlave::new(Box::new(device), settings, eeprom, 0)]);
+    let mut rig = Rig::new([Blob { value, ..Blob::default() }.slave()]);
     rig.give_stations();
     rig.bring_to_preop(FIRST);
     rig
-}
-
-fn bytes(len: usize) -> Vec<u8> {
-    (0..len).map(|n| (n * 7 + 3) as u8).collect()
 }
 
 /// Reads the blob as a master does, in segments if need be; the commands of the answers.

@@ -62,7 +62,7 @@ impl Rig {
             record: Some(recording.clone()),
             allow_default_route: false,
             // Masters wait some milliseconds for an answer, and the machine that runs tests may be busy with others.
-            real_time: RealTime { priority: Some(10), lock_memory: false },
+            real_time: RealTime { priority: Some(10), cpu: None, lock_memory: false },
             tell: Arc::new({
                 let said = Arc::clone(&said);
                 move |line| said.lock().push(line.to_owned())

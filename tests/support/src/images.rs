@@ -9,6 +9,9 @@ use ecmsk::sk::DriveSync;
 /// Objects by which process data are mapped.
 const MAPPING: std::ops::Range<u16> = 0x1600..0x1C14;
 
+/// The object that says who a slave is; all numbers in it are 0.
+const IDENTITY: u16 = 0x1018;
+
 /// Everything that the board maps.
 const ROLES: [Role; 6] = [
     Role::Drive(Mode::Csp),
@@ -49,9 +52,9 @@ impl Images {
         is_mapping || is_mode || matches!(object.index, 0x1C32 | 0x1C33)
     }
 
-    /// What a read of the mapping puts into `value`, and its length; `None`: the object is none of the mapping.
+    /// What a read of the mapping, or of who the slave is, puts into `value`, and its length; `None`: it is another object.
     pub fn read(&self, object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
-        if !MAPPING.contains(&object.index) {
+        if !MAPPING.contains(&object.index) && object.index != IDENTITY {
             return None;
         }
         let newest = self.written.iter().rev().find(|(written, _)| *written == object);
@@ -61,7 +64,7 @@ impl Images {
             _ => 4,
         };
         let number = newest.map_or(0, |(_, number)| *number);
-        value[..bytes].copy_from_slice(&number.to_le_bytes()[..bytes]);
+        value.iter_mut().zip(&number.to_le_bytes()[..bytes]).for_each(|(to, byte)| *to = *byte);
         Some(bytes)
     }
 

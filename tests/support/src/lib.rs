@@ -1,5 +1,6 @@
 //! What groups of tests share, here and in `tool/`: boards, programs on the library, recordings, servers.
 //!
+//! - a slave with an object of any length: `blob`
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `slave_wrapper`, `ahead_bus`, `swift`, `images`
 //! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stands still, `chip_axis` an
 //!   axis, `ears` drives that listen
@@ -11,6 +12,7 @@
 //! linked with the library and run with the link that the test names.
 
 pub mod ahead_bus;
+pub mod blob;
 pub mod bus_wrapper;
 pub mod captures;
 pub mod chip_axis;

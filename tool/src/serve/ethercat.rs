@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         script: args.script.clone(),
         record: args.record.clone(),
         allow_default_route: args.force,
-        real_time: RealTime { priority: args.priority, lock_memory: false },
+        real_time: RealTime { priority: args.priority, cpu: None, lock_memory: false },
         tell: Arc::new(|line| say("serve", &line)),
     };
     let server = Server::start(options)?;

@@ -170,6 +170,6 @@ mod tests {
             schemes.push(scheme);
         }
         schemes.dedup();
-        assert_eq!(schemes, ["sim", "usb", "spi", "tcp", "xf-sim", "xf-spi", "xf-usb"]);
+        assert_eq!(schemes, ["sim", "usb", "spi", "tcp", "xf-sim", "xf-spi", "xf-usb", "nic"]);
     }
 }

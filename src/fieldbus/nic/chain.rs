@@ -1,0 +1,96 @@
+//! Simulated slave controllers as the wire of a master, in virtual time: for programs and tests without a network.
+
+use std::collections::VecDeque;
+
+use super::NicWires;
+use crate::ethercat::Ns;
+use crate::master::{FrameBuffer, Wire, WireDown};
+use crate::slave::Slave;
+use crate::slave::esc::{CabledChain, FrameFate, UndescribedError};
+use crate::slave::handle::SimHandle;
+
+/// How long a card takes to send a frame and to hand over its answer, besides the way along the cable, ns. \[OURS]
+const CARD_NS: Ns = 20_000;
+/// Time passes for slaves that get no frame after so long, ns. \[OURS]
+const STEP_NS: Ns = 1_000_000;
+
+/// A frame on its way back.
+struct Returning {
+    at: Ns,
+    frame: Vec<u8>,
+}
+
+/// Slaves in a line on a wire whose clock advances by waits alone.
+pub struct ChainWires {
+    slaves: CabledChain,
+    handle: SimHandle,
+    now: Ns,
+    /// The frames on their way back, the first one in front.
+    returning: VecDeque<Returning>,
+    /// Buffers of frames that were received.
+    spare: Vec<Vec<u8>>,
+}
+
+impl ChainWires {
+    /// These slaves, switched on at time 0, which `handle` reaches.
+    ///
+    /// # Errors
+    /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
+    pub fn new(devices: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
+        let slaves = CabledChain::new(devices, handle.cable().clone())?;
+        let mut wires = Self { slaves, handle, now: 0, returning: VecDeque::new(), spare: Vec::new() };
+        wires.publish_shafts();
+        Ok(wires)
+    }
+
+    /// The slaves.
+    pub const fn slaves(&self) -> &CabledChain {
+        &self.slaves
+    }
+
+    fn publish_shafts(&mut self) {
+        let chain = self.slaves.chain();
+        let shafts = (0..chain.len()).map(|n| chain.slave(n).device().shafts());
+        self.handle.publish(self.now, shafts);
+    }
+}
+
+impl Wire for ChainWires {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        let mut buffer = self.spare.pop().unwrap_or_default();
+        buffer.clear();
+        buffer.extend_from_slice(frame);
+        match self.slaves.process(&mut buffer, self.now) {
+            FrameFate::Returned(at) => self.returning.push_back(Returning { at: at + CARD_NS, frame: buffer }),
+            FrameFate::Destroyed | FrameFate::Lost => self.spare.push(buffer),
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        let Returning { frame, .. } = self.returning.pop_front_if(|first| first.at <= self.now)?;
+        let len = frame.len();
+        buffer[..len].copy_from_slice(&frame);
+        self.spare.push(frame);
+        Some(len)
+    }
+}
+
+impl NicWires for ChainWires {
+    fn now(&self) -> Ns {
+        self.now
+    }
+
+    fn wait(&mut self, until: Ns) {
+        let next = self.returning.front().map_or(until, |first| first.at.min(until)).max(self.now);
+        while self.now < next {
+            self.now = next.min(self.now + STEP_NS);
+            self.slaves.advance(self.now);
+        }
+        self.publish_shafts();
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}

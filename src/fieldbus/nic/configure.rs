@@ -1,0 +1,198 @@
+//! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
+//! which the board does it.
+
+use crate::coe::{AbortCode, SdoScope};
+use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+use crate::fieldbus::pdo::{self, Download, ProcessData};
+use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
+use crate::master::{JobDone, JobId, Master, SdoError};
+
+/// How many slaves are configured at once. \[OURS]
+const AT_ONCE: usize = 8;
+/// How long a slave may take for one SDO of its configuration, ns. \[OURS]
+const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
+
+/// How far a slave has come.
+enum Stage {
+    /// Whether a pulse module has a second axis is read.
+    SecondAxis,
+    /// The downloads that are left, and the one under way.
+    Writing { data: ProcessData, left: Box<dyn Iterator<Item = Download> + Send>, current: Download },
+}
+
+/// A slave that is being configured.
+struct OneSlave {
+    slave: u8,
+    id: JobId,
+    stage: Stage,
+    /// How the transfer has ended that it waits for.
+    ended: Option<Result<(), AbortCode>>,
+    answers: bool,
+}
+
+/// The configuration of slaves under way.
+pub(super) struct Configuring {
+    config: BusConfig,
+    found: u8,
+    next: u8,
+    under_way: Vec<OneSlave>,
+    second_axes: SlaveSet,
+    refusal: Option<Refusal>,
+}
+
+impl Configuring {
+    pub(super) fn new(config: BusConfig, found: u8) -> Self {
+        let under_way = Vec::with_capacity(AT_ONCE);
+        Self { config, found, next: 1, under_way, second_axes: SlaveSet::EMPTY, refusal: None }
+    }
+
+    pub(super) fn cancel(self, master: &mut Master) {
+        self.under_way.iter().for_each(|one| master.cancel(one.id));
+    }
+
+    /// A transfer has ended.
+    pub(super) fn take(&mut self, id: JobId, done: &JobDone) {
+        let Some(one) = self.under_way.iter_mut().find(|one| one.id == id) else { return };
+        one.ended = Some(match done {
+            JobDone::Upload(Err(error)) | JobDone::Download(Err(error)) => {
+                one.answers = matches!(error, SdoError::Abort(_));
+                Err(error.abort_code())
+            }
+            _ => Ok(()),
+        });
+    }
+
+    /// Goes on with all slaves; how it has ended. `mapped` is told what is mapped in a slave.
+    pub(super) fn run(
+        &mut self,
+        master: &mut Master,
+        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
+    ) -> Option<Result<Configured, Refusal>> {
+        while self.refusal.is_none() && self.next <= self.found.min(MAX_SLAVES as u8) && self.under_way.len() < AT_ONCE
+        {
+            let slave = self.next;
+            self.next += 1;
+            if self.config.selected.contains(slave) {
+                self.begin(slave, master, mapped);
+            }
+        }
+        let mut n = 0;
+        while n < self.under_way.len() {
+            let one = &mut self.under_way[n];
+            match one.ended.take() {
+                None => n += 1,
+                Some(ended) => {
+                    let one = self.under_way.swap_remove(n);
+                    self.go_on(one, ended, master, mapped);
+                }
+            }
+        }
+        let all_begun = self.refusal.is_some() || self.next > self.found.min(MAX_SLAVES as u8);
+        if !self.under_way.is_empty() || !all_begun {
+            return None;
+        }
+        Some(match self.refusal {
+            Some(refusal) => Err(refusal),
+            None => Ok(Configured { second_axes: self.second_axes, ..Configured::default() }),
+        })
+    }
+
+    /// A slave has refused: of several the first one is told.
+    fn refuse(&mut self, refusal: Refusal) {
+        if self.refusal.is_none_or(|before| refusal.slave < before.slave) {
+            self.refusal = Some(refusal);
+        }
+    }
+
+    fn begin(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
+        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
+        let present = master.status(slave).filter(|status| status.is_present);
+        let Some(status) = present else {
+            // A slave that is not used does not have to answer (SK-4 [OURS]).
+            if role != Role::Unused {
+                self.refuse(Refusal { slave, al_status: 0, abort: None });
+            }
+            return;
+        };
+        if status.state() != Some(AlState::PreOp) {
+            let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
+            return self.refuse(Refusal { slave, al_status, abort: None });
+        }
+        if role == Role::Unused {
+            mapped(slave, None);
+            // Without process data none can be too long.
+            let _ = master.configure(slave, 0, 0);
+            return;
+        }
+        if matches!(role, Role::Hsp(_)) {
+            let id = master.upload(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS);
+            let stage = Stage::SecondAxis;
+            self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+        } else {
+            self.write_first(slave, false, master);
+        }
+    }
+
+    fn write_first(&mut self, slave: u8, has_second_axis: bool, master: &mut Master) {
+        let SlaveConfig { role, sync } = self.config.slaves[usize::from(slave) - 1];
+        let Some(data) = ProcessData::of(role, has_second_axis) else {
+            return self.refuse(Refusal { slave, ..pdo::NO_SUCH_MODE });
+        };
+        let mut left = data.downloads(sync).into_iter();
+        let Some(current) = left.next() else { return };
+        let id = download(slave, &current, master);
+        let stage = Stage::Writing { data, left: Box::new(left), current };
+        self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+    }
+
+    fn go_on(
+        &mut self,
+        one: OneSlave,
+        ended: Result<(), AbortCode>,
+        master: &mut Master,
+        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
+    ) {
+        let OneSlave { slave, answers, stage, .. } = one;
+        if !answers {
+            return self.refuse(Refusal { slave, al_status: 0, abort: None });
+        }
+        match stage {
+            Stage::SecondAxis => {
+                if ended.is_ok() {
+                    self.second_axes.insert(slave);
+                }
+                self.write_first(slave, ended.is_ok(), master);
+            }
+            Stage::Writing { data, mut left, current } => {
+                if let Err(code) = ended
+                    && !current.may_fail_with(code)
+                {
+                    return self.refuse(Refusal { slave, ..current.refused(code) });
+                }
+                if let Some(current) = left.next() {
+                    let id = download(slave, &current, master);
+                    let stage = Stage::Writing { data, left, current };
+                    return self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+                }
+                match master.configure(slave, data.output_bytes() as u16, data.input_bytes() as u16) {
+                    Ok(()) => mapped(slave, Some(data)),
+                    Err(_) => {
+                        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
+                        self.refuse(Refusal { slave, al_status, abort: None });
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
+    let bytes = download.value.to_le_bytes();
+    master.download(
+        slave,
+        download.object,
+        SdoScope::Entry,
+        &bytes[..usize::from(download.size.bytes())],
+        SDO_TIMEOUT_NS,
+    )
+}

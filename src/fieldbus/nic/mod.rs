@@ -1,0 +1,274 @@
+//! A network at the end of a network card: the board's jobs and process data over our own EtherCAT master.
+//!
+//! | file | what it answers |
+//! | --- | --- |
+//! | `mod.rs` | [`NicBus`], the bus as the engine sees it |
+//! | `wires.rs` | what it needs of the card: [`NicWires`] |
+//! | `jobs.rs` | scan, changes of state and SDOs |
+//! | `configure.rs` | the process data and the mode of each slave, in PreOP |
+//! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
+//! | `chain.rs` | simulated slave controllers as wires, in virtual time: [`ChainWires`] |
+//!
+//! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the frames go out, and the poll waits until they are
+//! back, at most for [`ANSWER_WAIT`] of a cycle. So an answer belongs to the outputs of the same cycle.
+//!
+//! **A cycle without its answer** \[OURS]: nobody knows how far the frame came. The same outputs go out again in the next cycle,
+//! and what the program sends waits for so long. A target is then late, or it is sent twice; none is left out. A poll
+//! gives no cycle then, as with a cable that is cut before the first slave.
+//!
+//! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
+//! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
+//! [`Job::State`] brings them back.
+
+#[cfg(feature = "sim")]
+mod chain;
+mod configure;
+mod cycle;
+mod jobs;
+mod wires;
+
+use std::collections::VecDeque;
+
+use super::pdo::ProcessData;
+use super::{
+    AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
+    SdoRequest, SlaveSet,
+};
+use crate::master::{self, Master, Settings};
+use crate::sk::CycleTime;
+#[cfg(feature = "sim")]
+pub use chain::ChainWires;
+use jobs::Running;
+pub use wires::NicWires;
+
+/// For which part of a cycle a poll waits for the frames of a cycle to come back. \[OURS]
+pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
+/// After so many cycles without an answer the bus is down. \[OURS]
+const DOWN_AFTER: u32 = 3;
+/// How long a wait for frames lasts at most while sequences of the master wait for a time, ns. \[OURS]
+const TURN_NS: Ns = 200_000;
+
+/// What is known of a slave.
+#[derive(Clone, Copy, Debug)]
+struct Station {
+    /// The AL state that the newest job brought it to. It may have left it by itself.
+    commanded: AlState,
+    /// The process data that are mapped; `None`: nothing is.
+    process_data: Option<ProcessData>,
+}
+
+/// An SDO under way.
+#[derive(Clone, Copy, Debug)]
+struct RunningSdo {
+    request: SdoRequest,
+    id: master::JobId,
+}
+
+/// A network at the end of a network card.
+pub struct NicBus<W> {
+    wires: W,
+    master: Master,
+    /// The engine's time less that of the wires; `None`: nobody has called yet.
+    skew: Option<Ns>,
+    /// A runner waits for the time of each cycle. Without one the bus does.
+    has_runner: bool,
+    stations: [Station; MAX_SLAVES],
+    found: u8,
+    cycle: CycleTime,
+    lost: SlaveSet,
+    lost_from: [Option<u64>; MAX_SLAVES],
+    /// The outputs that were pushed last.
+    outputs: Outputs,
+    /// No answer has come to a frame with them.
+    has_new_outputs: bool,
+    /// Slaves that get outputs with which nothing moves until others are pushed: they have entered OP since.
+    holding: SlaveSet,
+    /// The id of the newest outputs that a frame has carried whose answer came.
+    sent: Option<u64>,
+    /// The id of the first outputs that may not have reached all slaves, while not all of them answer.
+    short_from: Option<u64>,
+    /// The newest inputs of all slaves.
+    inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
+    /// Cycles in a row without an answer.
+    unanswered: u32,
+    job: Option<Running>,
+    sdo: Option<RunningSdo>,
+    ended: VecDeque<JobDone>,
+}
+
+impl<W: NicWires> NicBus<W> {
+    /// The network at the end of these wires.
+    pub fn new(wires: W, settings: Settings) -> Self {
+        Self {
+            wires,
+            master: Master::new(settings),
+            skew: None,
+            has_runner: false,
+            stations: [Station { commanded: AlState::Init, process_data: None }; MAX_SLAVES],
+            found: 0,
+            cycle: CycleTime::DEFAULT,
+            lost: SlaveSet::EMPTY,
+            lost_from: [None; MAX_SLAVES],
+            outputs: Outputs::default(),
+            has_new_outputs: false,
+            holding: SlaveSet::EMPTY,
+            sent: None,
+            short_from: None,
+            inputs: Box::new([Default::default(); MAX_SLAVES]),
+            unanswered: 0,
+            job: None,
+            sdo: None,
+            ended: VecDeque::with_capacity(4),
+        }
+    }
+
+    /// The wires, to look at.
+    pub const fn wires(&self) -> &W {
+        &self.wires
+    }
+
+    /// The master, to look at.
+    pub const fn master(&self) -> &Master {
+        &self.master
+    }
+
+    fn station(&self, slave: u8) -> &Station {
+        &self.stations[usize::from(slave) - 1]
+    }
+
+    fn station_mut(&mut self, slave: u8) -> &mut Station {
+        &mut self.stations[usize::from(slave) - 1]
+    }
+
+    /// The slaves that were found.
+    const fn all(&self) -> SlaveSet {
+        SlaveSet::first(self.found)
+    }
+
+    /// The AL state of a slave as the master knows it; `None`: it does not answer.
+    fn state(&self, slave: u8) -> Option<AlState> {
+        let status = self.master.status(slave).filter(|status| status.is_present)?;
+        status.state()
+    }
+
+    /// Whether a slave exchanges process data.
+    fn has_cycles(&self) -> bool {
+        self.all().iter().any(|slave| self.station(slave).commanded >= AlState::SafeOp)
+    }
+
+    /// Goes on with what is under way, without a wait.
+    fn turn(&mut self) {
+        self.master.poll(self.wires.now(), &mut self.wires);
+        self.take_ends();
+        self.run_job();
+    }
+
+    /// What is under way goes on, and without a runner, or where the wires' clock is virtual, time passes until that time of the
+    /// engine.
+    fn advance(&mut self, now: Ns) {
+        let wires = self.wires.now();
+        let until = now.wrapping_sub(*self.skew.get_or_insert(now.wrapping_sub(wires)));
+        self.turn();
+        if self.has_runner {
+            return;
+        }
+        while self.wires.now() < until {
+            let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
+            self.wires.wait(turn.min(until));
+            self.turn();
+        }
+    }
+
+    /// Whether something is under way that goes on between cycles.
+    const fn is_working(&self) -> bool {
+        self.job.is_some() || self.sdo.is_some()
+    }
+}
+
+impl<W: NicWires + Send> Fieldbus for NicBus<W> {
+    fn pacing(&self) -> Pacing {
+        Pacing::Runner
+    }
+
+    fn start(&mut self, job: Job, _now: Ns) -> Result<(), Busy> {
+        match job {
+            Job::Sdo(request) => {
+                if self.sdo.is_some() || self.job.as_ref().is_some_and(|job| !job.allows_sdo()) {
+                    return Err(Busy);
+                }
+                self.start_sdo(request);
+            }
+            Job::State { .. } if self.job.is_none() => self.begin(job),
+            Job::Scan | Job::Configure(_) if !self.is_working() => self.begin(job),
+            _ => return Err(Busy),
+        }
+        Ok(())
+    }
+
+    fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
+        self.advance(now);
+        self.ended.pop_front()
+    }
+
+    fn cancel_job(&mut self) {
+        if let Some(job) = self.job.take() {
+            job.cancel(&mut self.master);
+        }
+        self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
+    }
+
+    fn cancel_sdo(&mut self) {
+        if let Some(RunningSdo { id, .. }) = self.sdo.take() {
+            self.master.cancel(id);
+        }
+        self.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
+    }
+
+    fn room(&self) -> u16 {
+        u16::from(!self.has_new_outputs)
+    }
+
+    fn clear_ahead(&mut self, _now: Ns) {
+        self.has_new_outputs = false;
+    }
+
+    fn poll_clear(&mut self, _now: Ns) -> Option<Cleared> {
+        Some(Cleared { newest_sent: self.sent })
+    }
+
+    fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
+        if self.has_new_outputs {
+            return Err(BusError::Full);
+        }
+        self.outputs.clone_from(outputs);
+        self.has_new_outputs = true;
+        self.holding = SlaveSet::EMPTY;
+        Ok(())
+    }
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.exchange(now, inputs)
+    }
+
+    fn work_until(&mut self, now: Ns, until: Ns) {
+        if !self.wires.is_real_time() {
+            return;
+        }
+        self.has_runner = true;
+        let end = self.wires.now().saturating_add(until.saturating_sub(now));
+        self.turn();
+        while self.is_working() && self.wires.now() < end {
+            let turn = self.wires.now().saturating_add(TURN_NS);
+            self.wires.wait(turn.min(end));
+            self.turn();
+        }
+    }
+
+    fn catches_up(&self) -> bool {
+        !self.wires.is_real_time()
+    }
+
+    fn is_down(&self) -> bool {
+        self.unanswered >= DOWN_AFTER
+    }
+}

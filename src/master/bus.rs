@@ -1,0 +1,152 @@
+//! What sequences of datagrams are written with: send, wait, judge.
+//!
+//! What takes more than one datagram (a scan, a change of state, an SDO) is an `async fn` that reads as the sequence that it
+//! is. Nothing runs it but [`Master::poll`](super::Master::poll), which goes on with it as far as the answers that have come
+//! allow. No waker and no executor is needed, and the same answers at the same times always give the same steps.
+
+use std::future::{Future, poll_fn};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::Poll;
+
+use parking_lot::Mutex;
+
+use super::Shared;
+use super::exchange::Lost;
+use crate::ethercat::{Command, Ns};
+
+/// A sequence under way.
+pub(super) type Task<T> = Pin<Box<dyn Future<Output = T> + Send>>;
+
+/// Why a register was not read or written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unanswered {
+    /// No frame came back, however often it was sent.
+    Lost,
+    /// The frame came back with another working counter than 1: none or several slaves have done it.
+    Counter(u16),
+}
+
+impl From<Lost> for Unanswered {
+    fn from(_: Lost) -> Self {
+        Self::Lost
+    }
+}
+
+/// The way of a sequence to the frames.
+#[derive(Clone)]
+pub(super) struct Bus(pub(super) Arc<Mutex<Shared>>);
+
+/// A datagram that was queued. Dropped, it is given up.
+pub(super) struct Ticket {
+    shared: Arc<Mutex<Shared>>,
+    number: usize,
+}
+
+impl Ticket {
+    /// Waits for the answer, whose data are put into `data`; the working counter.
+    ///
+    /// # Errors
+    /// [`Lost`].
+    pub(super) async fn answer(self, data: &mut [u8]) -> Result<u16, Lost> {
+        poll_fn(|_| match self.shared.lock().exchange.answer(self.number, data) {
+            Some(answer) => Poll::Ready(answer),
+            None => Poll::Pending,
+        })
+        .await
+    }
+}
+
+impl Drop for Ticket {
+    fn drop(&mut self) {
+        self.shared.lock().exchange.release(self.number);
+    }
+}
+
+const fn register(adp: u16, ado: u16) -> u32 {
+    adp as u32 | (ado as u32) << 16
+}
+
+impl Bus {
+    /// What sequences and the cycle share.
+    pub(super) fn with<R>(&self, action: impl FnOnce(&mut Shared) -> R) -> R {
+        action(&mut self.0.lock())
+    }
+
+    pub(super) fn now(&self) -> Ns {
+        self.with(|shared| shared.now)
+    }
+
+    /// Waits until it is that time.
+    pub(super) async fn sleep_until(&self, time: Ns) {
+        poll_fn(|_| if self.now() >= time { Poll::Ready(()) } else { Poll::Pending }).await;
+    }
+
+    /// Waits until the watch has to look at the slaves again: it is time for it, or a cycle had too few answers.
+    pub(super) async fn wait_for_alarm(&self) {
+        let next = self.with(|shared| shared.now.saturating_add(shared.settings.watch_ns));
+        poll_fn(|_| {
+            let is_due = self.with(|shared| shared.now >= next || std::mem::take(&mut shared.is_alarmed));
+            if is_due { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
+    }
+
+    pub(super) async fn sleep(&self, ns: Ns) {
+        self.sleep_until(self.now().saturating_add(ns)).await;
+    }
+
+    /// Queues a datagram that is sent again if it is lost.
+    pub(super) fn queue(&self, command: Command, adp: u16, ado: u16, data: &[u8]) -> Ticket {
+        let tries = self.with(|shared| shared.settings.tries);
+        self.queue_with(command, adp, ado, data, tries)
+    }
+
+    /// Queues a datagram that is sent that often at most.
+    pub(super) fn queue_with(&self, command: Command, adp: u16, ado: u16, data: &[u8], tries: u8) -> Ticket {
+        let number = self.with(|shared| shared.exchange.request(command, register(adp, ado), data, tries));
+        Ticket { shared: Arc::clone(&self.0), number }
+    }
+
+    /// Sends a datagram whose data are replaced by the answer's; the working counter.
+    pub(super) async fn exchange(&self, command: Command, adp: u16, ado: u16, data: &mut [u8]) -> Result<u16, Lost> {
+        self.queue(command, adp, ado, data).answer(data).await
+    }
+
+    /// Reads a register of one station.
+    pub(super) async fn read<const N: usize>(&self, station: u16, ado: u16) -> Result<[u8; N], Unanswered> {
+        let mut data = [0; N];
+        match self.exchange(Command::Fprd, station, ado, &mut data).await? {
+            1 => Ok(data),
+            counter => Err(Unanswered::Counter(counter)),
+        }
+    }
+
+    /// Writes registers of one station.
+    pub(super) async fn write(&self, station: u16, ado: u16, data: &[u8]) -> Result<(), Unanswered> {
+        match self.queue(Command::Fpwr, station, ado, data).answer(&mut []).await? {
+            1 => Ok(()),
+            counter => Err(Unanswered::Counter(counter)),
+        }
+    }
+
+    /// Writes registers of all slaves; how many have taken it.
+    pub(super) async fn write_all(&self, ado: u16, data: &[u8]) -> Result<u16, Lost> {
+        self.queue(Command::Bwr, 0, ado, data).answer(&mut []).await
+    }
+}
+
+/// Runs sequences side by side; what each has given, in their order.
+pub(super) async fn join<F: Future>(sequences: impl IntoIterator<Item = F>) -> Vec<F::Output> {
+    let mut running: Vec<_> = sequences.into_iter().map(|sequence| (Box::pin(sequence), None)).collect();
+    poll_fn(|context| {
+        for (sequence, output) in running.iter_mut().filter(|(_, output)| output.is_none()) {
+            if let Poll::Ready(ready) = sequence.as_mut().poll(context) {
+                *output = Some(ready);
+            }
+        }
+        if running.iter().all(|(_, output)| output.is_some()) { Poll::Ready(()) } else { Poll::Pending }
+    })
+    .await;
+    running.into_iter().filter_map(|(_, output)| output).collect()
+}

@@ -1,0 +1,237 @@
+//! Distributed clocks: how long a frame takes to each slave, what time its clock shows, and its SYNC signals.
+//!
+//! A write to 0x0900 makes all slaves keep when this one frame has passed each of their ports. From that follow the delays
+//! along the tree, and what has to be added to each local time. From then on each cycle brings the time of the reference
+//! clock, which is the first slave with a clock, to all others.
+
+use super::bus::{Bus, Unanswered, join};
+use super::exchange::Lost;
+use super::topology::{PORT_ORDER, Upstream, is_open};
+use crate::ethercat::registers::{
+    CYCLIC_UNIT_CONTROL, DlStatus, PORTS, RECEIVE_TIME_UNIT, RECEIVE_TIMES, SPEED_COUNTER_START, SYNC_ACTIVATION,
+    SYNC0_CYCLE, SYNC0_START, SYSTEM_TIME, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference,
+};
+use crate::ethercat::{Command, Ns, SlaveSet};
+
+/// \[OURS] The first pulse of SYNC0 comes so much later than its slave is told, and 10 cycles later at least.
+const START_NS: u64 = 20_000_000;
+/// \[OURS] How near to the reference a clock has to be before its SYNC signals begin, ns, as other masters want it.
+const NEAR_NS: i64 = 10_000;
+/// \[OURS] How long the master waits for that; then the signals begin all the same.
+const NEAR_MAX_NS: Ns = 1_000_000_000;
+const NEAR_POLL_NS: Ns = 2_000_000;
+/// The value of the speed counter start that all known masters write; a write makes the filters begin anew.
+const SPEED_START: u16 = 0x1000;
+
+/// The SYNC signals of a slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sync {
+    /// What goes into registers 0x0980 (low byte) and 0x0981: which signals there are. ESI files and EEPROMs call it
+    /// AssignActivate.
+    pub assign_activate: u16,
+    /// The cycle of SYNC0, ns.
+    pub cycle_ns: u32,
+    /// How much later than at a multiple of the cycle SYNC0 comes, ns.
+    pub shift_ns: i32,
+    /// How much later than SYNC0 SYNC1 comes, ns.
+    pub sync1_ns: u32,
+}
+
+impl Sync {
+    /// SYNC0 alone.
+    pub const fn sync0(cycle_ns: u32, shift_ns: i32) -> Self {
+        Self { assign_activate: 0x0300, cycle_ns, shift_ns, sync1_ns: 0 }
+    }
+}
+
+/// A slave as the measurement of delays sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub(super) station: u16,
+    pub(super) ports: DlStatus,
+    pub(super) upstream: Option<Upstream>,
+}
+
+/// When a frame has passed a slave, in its local time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Passed {
+    /// Ports 0 to 3.
+    pub(super) ports: [u32; PORTS],
+    /// The processing unit.
+    pub(super) unit: u64,
+}
+
+/// The slaves whose clocks follow the reference, and how far they are away.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Clocks {
+    /// The slaves that have a clock.
+    pub(super) all: SlaveSet,
+    /// Those that have been set.
+    pub(super) set: SlaveSet,
+    /// The slaves whose clocks have 32 bits only.
+    pub(super) short: SlaveSet,
+    pub(super) places: Vec<Place>,
+    /// The time that the reference had last.
+    pub(super) time: u64,
+}
+
+impl Clocks {
+    /// The slave with the reference clock: the first one that answers and has been set.
+    pub(super) fn reference(&self, missing: SlaveSet) -> Option<u8> {
+        self.set.difference(missing).iter().next()
+    }
+
+    fn station(&self, slave: u8) -> Option<u16> {
+        self.places.get(usize::from(slave).checked_sub(1)?).map(|place| place.station)
+    }
+
+    /// The reference and its station.
+    pub(super) fn reference_station(&self, missing: SlaveSet) -> Option<u16> {
+        self.station(self.reference(missing)?)
+    }
+
+    /// Takes the time that the reference has sent.
+    pub(super) fn take_time(&mut self, sent: u64, missing: SlaveSet) {
+        self.time = match self.reference(missing) {
+            Some(slave) if self.short.contains(slave) => {
+                let passed = (sent as u32).wrapping_sub(self.time as u32);
+                self.time.wrapping_add_signed(passed.cast_signed().into())
+            }
+            _ => sent,
+        };
+    }
+}
+
+/// How long a frame takes from the first slave to each one, ns; 0 for slaves without times.
+pub(super) fn delays(places: &[Place], passed: &[Option<Passed>]) -> Vec<u32> {
+    let mut delays: Vec<u32> = Vec::with_capacity(places.len());
+    for (n, place) in places.iter().enumerate() {
+        delays.push(delay(places, passed, &delays, n, place).unwrap_or(0));
+    }
+    delays
+}
+
+/// The delay of a slave from those of the slaves before it.
+fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, place: &Place) -> Option<u32> {
+    let own = passed.get(n).copied()??;
+    // Through slaves without a clock.
+    let mut upstream = place.upstream?;
+    let (at, parent) = loop {
+        let at = usize::from(upstream.slave).checked_sub(1).filter(|at| *at < n)?;
+        if let Some(parent) = passed[at] {
+            break (at, parent);
+        }
+        upstream = places[at].upstream?;
+    };
+    let open = |ports| PORT_ORDER.into_iter().filter(move |port| is_open(ports, *port));
+    // When the frame left the parent for the branch with this slave: it was at port 0, or came back from the branch before.
+    let before = open(places[at].ports).take_while(|port| *port != usize::from(upstream.port)).last().unwrap_or(0);
+    let left = parent.ports[before];
+    let around = parent.ports[usize::from(upstream.port)].wrapping_sub(left);
+    let behind = open(place.ports).next_back().map_or(0, |last| own.ports[last].wrapping_sub(own.ports[0]));
+    let way = around.saturating_sub(behind) / 2;
+    Some(delays[at].wrapping_add(left.wrapping_sub(parent.ports[0])).wrapping_add(way))
+}
+
+async fn passed(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
+    let times: [u8; 4 * PORTS] = bus.read(station, RECEIVE_TIMES).await?;
+    let unit = u64::from_le_bytes(bus.read(station, RECEIVE_TIME_UNIT).await?);
+    let mut ports = [0; PORTS];
+    ports.iter_mut().zip(times.as_chunks().0).for_each(|(port, time)| *port = u32::from_le_bytes(*time));
+    Ok(Passed { ports, unit })
+}
+
+/// Sets the clocks of slaves to the time of those that have been set already; if there are none, to that of the master.
+pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<(), Lost> {
+    let (clocks, missing) = bus.with(|shared| (shared.clocks.clone(), shared.missing));
+    let latched_at = bus.now();
+    bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
+    let read = (1..).zip(&clocks.places).map(|(slave, place)| {
+        let has_clock = clocks.all.contains(slave);
+        async move { if has_clock { passed(bus, place.station).await.ok() } else { None } }
+    });
+    let passed = join(read).await;
+    let delays = delays(&clocks.places, &passed);
+    // What the time was when the frame was at the first slave, by a clock that runs.
+    let running = clocks.set.difference(missing).difference(slaves).iter().next();
+    let time = match running.and_then(|slave| Some((slave, clocks.station(slave)?, passed[usize::from(slave) - 1]?))) {
+        Some((slave, station, Passed { unit, .. })) => {
+            let Ok(offset) = bus.read(station, SYSTEM_TIME_OFFSET).await else { return Err(Lost) };
+            let delay = delays[usize::from(slave) - 1];
+            unit.wrapping_add(u64::from_le_bytes(offset)).wrapping_sub(delay.into())
+        }
+        None => {
+            bus.with(|shared| shared.clocks.time = latched_at);
+            latched_at
+        }
+    };
+    for slave in slaves.intersection(clocks.all).iter() {
+        let n = usize::from(slave) - 1;
+        let (Some(Passed { unit, .. }), delay) = (passed[n], delays[n]) else { continue };
+        let offset = time.wrapping_add(delay.into()).wrapping_sub(unit);
+        let mut registers = [0; 12];
+        registers[..8].copy_from_slice(&offset.to_le_bytes());
+        registers[8..].copy_from_slice(&delay.to_le_bytes());
+        let station = clocks.places[n].station;
+        let written = bus.write(station, SYSTEM_TIME_OFFSET, &registers).await;
+        let filters = bus.write(station, SPEED_COUNTER_START, &SPEED_START.to_le_bytes()).await;
+        if written.is_ok() && filters.is_ok() {
+            bus.with(|shared| shared.clocks.set.insert(slave));
+        }
+    }
+    Ok(())
+}
+
+/// Brings the time of the reference to all clocks, as each cycle does.
+pub(super) async fn distribute(bus: &Bus) {
+    let Some((station, time)) = bus.with(|shared| shared.reference()) else { return };
+    let mut data = time.to_le_bytes();
+    let answer = bus.queue_with(Command::Frmw, station, SYSTEM_TIME, &data, 1).answer(&mut data).await;
+    if answer.is_ok_and(|counter| counter > 0) {
+        bus.with(|shared| shared.clocks.take_time(u64::from_le_bytes(data), shared.missing));
+    }
+}
+
+/// Stops the SYNC signals of a slave.
+pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
+    if bus.with(|shared| shared.clocks.all.contains(slave)) {
+        bus.write(station, SYNC_ACTIVATION, &[0]).await?;
+    }
+    Ok(())
+}
+
+/// Sets the clock of a slave, if it is not, and starts its SYNC signals.
+pub(super) async fn start_sync(bus: &Bus, slave: u8, station: u16, sync: Option<Sync>) -> Result<(), Unanswered> {
+    if !bus.with(|shared| shared.clocks.all.contains(slave)) {
+        return Ok(());
+    }
+    stop_sync(bus, slave, station).await?;
+    if bus.with(|shared| !shared.clocks.set.contains(slave)) {
+        set(bus, [slave].into_iter().collect()).await?;
+    }
+    let Some(Sync { assign_activate, cycle_ns, shift_ns, sync1_ns }) = sync.filter(|sync| sync.cycle_ns > 0) else {
+        return Ok(());
+    };
+    wait_until_near(bus, station).await?;
+    let mut cycles = [0; 8];
+    cycles[..4].copy_from_slice(&cycle_ns.to_le_bytes());
+    cycles[4..].copy_from_slice(&sync1_ns.to_le_bytes());
+    bus.write(station, SYNC0_CYCLE, &cycles).await?;
+    let now = u64::from_le_bytes(bus.read(station, SYSTEM_TIME).await?);
+    let cycle = u64::from(cycle_ns);
+    let earliest = now.wrapping_add(START_NS.max(10 * cycle));
+    let start = (earliest / cycle).wrapping_add(1).wrapping_mul(cycle).wrapping_add_signed(shift_ns.into());
+    bus.write(station, SYNC0_START, &start.to_le_bytes()).await?;
+    bus.write(station, CYCLIC_UNIT_CONTROL, &assign_activate.to_le_bytes()).await
+}
+
+async fn wait_until_near(bus: &Bus, station: u16) -> Result<(), Unanswered> {
+    let until = bus.now().saturating_add(NEAR_MAX_NS);
+    loop {
+        let difference = SystemTimeDifference(u32::from_le_bytes(bus.read(station, SYSTEM_TIME_DIFFERENCE).await?));
+        if difference.ahead_ns().abs() < NEAR_NS || bus.now() >= until {
+            return Ok(());
+        }
+        bus.sleep(NEAR_POLL_NS).await;
+    }
+}

@@ -1,0 +1,83 @@
+//! Which process data each slave has, and their bytes.
+
+use super::{ConfigureError, Master, Pace, ProcessManager, Sync, process_data};
+use crate::ethercat::registers::SyncManager;
+
+impl Master {
+    /// Sets how long the process data of a slave are, bytes, as they were mapped: they lie in the first sync manager that the
+    /// slave describes for each direction. They take effect when the slave goes from PreOP to SafeOP. Outputs are 0 then,
+    /// unless nothing has changed.
+    ///
+    /// # Errors
+    /// [`ConfigureError`].
+    pub fn configure(&mut self, slave: u8, output_bytes: u16, input_bytes: u16) -> Result<(), ConfigureError> {
+        let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
+        let first_takes = |list: &[ProcessManager], bytes: u16| {
+            if list.is_empty() && bytes > 0 {
+                return Err(ConfigureError::NoManager(slave));
+            }
+            let lens = std::iter::once(bytes).chain(std::iter::repeat(0));
+            Ok(list.iter().zip(lens).map(|(manager, len)| with_len(manager, len)).collect())
+        };
+        let outputs = first_takes(&info.outputs, output_bytes)?;
+        let inputs = first_takes(&info.inputs, input_bytes)?;
+        self.configure_managers(slave, outputs, inputs)
+    }
+
+    /// Configures the process data of a slave as its EEPROM describes them.
+    ///
+    /// # Errors
+    /// [`ConfigureError`].
+    pub fn configure_as_described(&mut self, slave: u8) -> Result<(), ConfigureError> {
+        let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
+        let described = |list: &[ProcessManager]| list.iter().map(|one| with_len(one, one.registers.len)).collect();
+        let (outputs, inputs) = (described(&info.outputs), described(&info.inputs));
+        self.configure_managers(slave, outputs, inputs)
+    }
+
+    fn configure_managers(
+        &mut self,
+        slave: u8,
+        outputs: Vec<(u8, SyncManager)>,
+        inputs: Vec<(u8, SyncManager)>,
+    ) -> Result<(), ConfigureError> {
+        let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
+        let (has, lacks_lrw) = (info.fmmus, info.lacks_lrw);
+        let needs = outputs.iter().chain(&inputs).filter(|(_, manager)| manager.len > 0).count();
+        if needs > usize::from(has) {
+            return Err(ConfigureError::TooFewFmmus { slave, needs, has });
+        }
+        let active = self.bus.with(|shared| shared.active);
+        if active.contains(slave) {
+            return Err(ConfigureError::Active(slave));
+        }
+        self.process.configure(slave, outputs, inputs, lacks_lrw, active)
+    }
+
+    /// Sets which SYNC signals a slave with distributed clocks gets from its way to SafeOP on; `None`: none.
+    ///
+    /// # Errors
+    /// [`ConfigureError::NoSlave`].
+    pub fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> Result<(), ConfigureError> {
+        if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
+    }
+
+    /// Sets how cycles follow the reference clock, which [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then says; `None`: they do not.
+    pub fn set_pace(&mut self, pace: Option<Pace>) {
+        self.bus.with(|shared| (shared.pace, shared.pacer) = (pace, super::pace::Pacer::default()));
+    }
+
+    /// The outputs of a slave, which every cycle sends; `None`: there is no slave with that number.
+    pub fn outputs_mut(&mut self, slave: u8) -> Option<&mut [u8]> {
+        self.process.outputs_mut(slave)
+    }
+
+    /// The inputs of a slave as they came last; `None`: there is no slave with that number.
+    pub fn inputs(&self, slave: u8) -> Option<&[u8]> {
+        self.process.inputs(slave)
+    }
+}
+
+fn with_len(manager: &ProcessManager, len: u16) -> (u8, SyncManager) {
+    (manager.number, process_data::with_len(manager.registers, len))
+}

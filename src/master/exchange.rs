@@ -1,0 +1,424 @@
+//! The frame layer: who owns which index, which answer belongs to which frame, and what became of it.
+//!
+//! Every frame has one of 256 indices, which all its datagrams carry. An answer is taken if its frame is on the way and each
+//! datagram has the command, the address as far as slaves leave it, and the length that were sent. Everything else is counted
+//! and dropped. The index of a frame that was lost rests for a while, so that a late answer meets no new owner.
+
+use std::collections::VecDeque;
+
+use super::{Settings, Wire};
+use crate::ethercat::{
+    Addressing, Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX,
+    FRAME_LEN_MIN, Frame, FrameHeader, FrameWriter, Ns,
+};
+
+/// \[OURS] How many frames may be on the way.
+const FLIGHTS: usize = 32;
+/// \[OURS] How many datagrams a frame has at most.
+const DATAGRAMS_MAX: usize = 64;
+
+/// What became of frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameCounters {
+    /// Frames that were sent.
+    pub sent: u64,
+    /// Frames that the wire did not take.
+    pub unsent: u64,
+    /// Frames that came back.
+    pub answered: u64,
+    /// Frames that did not come back in time.
+    pub lost: u64,
+    /// Lost frames that came back after all.
+    pub late: u64,
+    /// Frames that came back once more.
+    pub doubled: u64,
+    /// Frames with an index of ours that are not what was sent with it.
+    pub mismatched: u64,
+    /// Frames with an index that is not in use.
+    pub unknown: u64,
+    /// Frames of another master: their source is neither ours nor ours as slaves change it.
+    pub foreign: u64,
+    /// Frames of ours that have passed no slave.
+    pub unpassed: u64,
+    /// What is no frame of EtherCAT with datagrams.
+    pub malformed: u64,
+}
+
+/// No frame came back, however often it was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Lost;
+
+/// What an index is in use for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum IndexUse {
+    Free,
+    /// Its frame has come back, and no other one has had the index since.
+    Answered,
+    /// The frame is on the way: which one it is.
+    Flying(usize),
+    /// The frame was lost.
+    Resting {
+        until: Ns,
+    },
+}
+
+/// Who a datagram is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Owner {
+    Request(usize),
+    /// A datagram of the cycle, by its number there.
+    Cycle(u8),
+}
+
+/// A datagram that was sent.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    command: Command,
+    address: u32,
+    len: u16,
+    owner: Owner,
+}
+
+impl Sent {
+    /// Whether a datagram is this one on its way back. Slaves change the position in the address of some commands.
+    fn is_answered_by(&self, header: &DatagramHeader) -> bool {
+        let kept = match self.command.addressing() {
+            Addressing::Position | Addressing::Broadcast => 0xFFFF_0000,
+            _ => u32::MAX,
+        };
+        header.command == self.command && header.len == self.len && (header.address ^ self.address) & kept == 0
+    }
+}
+
+/// A frame on the way.
+#[derive(Debug, Default)]
+struct Flight {
+    is_used: bool,
+    is_cyclic: bool,
+    index: u8,
+    expires: Ns,
+    datagrams: Vec<Sent>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum RequestState {
+    #[default]
+    Unused,
+    Queued,
+    Flying,
+    /// Its frame has come back, with that working counter.
+    Answered(u16),
+    Lost,
+}
+
+/// A datagram beside the cycle.
+#[derive(Debug)]
+struct Request {
+    state: RequestState,
+    command: Command,
+    address: u32,
+    data: Vec<u8>,
+    /// How often it may still be sent.
+    tries: u8,
+    /// Nobody waits for it any more.
+    is_abandoned: bool,
+}
+
+impl Default for Request {
+    fn default() -> Self {
+        let (state, command) = (RequestState::Unused, Command::Nop);
+        Self { state, command, address: 0, data: Vec::new(), tries: 0, is_abandoned: false }
+    }
+}
+
+/// The frame layer.
+#[derive(Debug)]
+pub(super) struct Exchange {
+    settings: Settings,
+    indices: [IndexUse; 256],
+    /// Where the search for a free index begins.
+    next_index: u8,
+    flights: Vec<Flight>,
+    requests: Vec<Request>,
+    /// The requests that are not in use.
+    unused: Vec<usize>,
+    queue: VecDeque<usize>,
+    buffer: [u8; FRAME_LEN_MAX],
+    pub(super) counters: FrameCounters,
+}
+
+/// A frame of the cycle that is being put together.
+pub(super) struct CyclicFrame<'a> {
+    writer: FrameWriter<'a>,
+    datagrams: &'a mut Vec<Sent>,
+    index: u8,
+    counters: &'a mut FrameCounters,
+}
+
+impl CyclicFrame<'_> {
+    /// Adds a datagram, if it fits.
+    pub(super) fn push(&mut self, command: Command, address: u32, data: &[u8], number: u8) -> bool {
+        let fits = self.writer.push(DatagramHeader::new(command, self.index, address), data).is_ok();
+        if fits {
+            self.datagrams.push(Sent { command, address, len: data.len() as u16, owner: Owner::Cycle(number) });
+        }
+        fits
+    }
+
+    /// Sends it.
+    pub(super) fn send(self, wire: &mut (impl Wire + ?Sized)) {
+        send(wire, self.writer, self.counters);
+    }
+}
+
+fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut FrameCounters) {
+    match wire.send(writer.finish()) {
+        Ok(()) => counters.sent += 1,
+        // It is lost as any other one that does not come back.
+        Err(_) => counters.unsent += 1,
+    }
+}
+
+impl Exchange {
+    pub(super) fn new(settings: Settings) -> Self {
+        let flight = || Flight { datagrams: Vec::with_capacity(DATAGRAMS_MAX), ..Flight::default() };
+        Self {
+            settings,
+            indices: [IndexUse::Free; 256],
+            next_index: 0,
+            flights: (0..FLIGHTS).map(|_| flight()).collect(),
+            requests: Vec::new(),
+            unused: Vec::new(),
+            queue: VecDeque::new(),
+            buffer: [0; FRAME_LEN_MAX],
+            counters: FrameCounters::default(),
+        }
+    }
+
+    /// Queues a datagram, which has at most [`DATA_LEN_MAX`] bytes; its number, by which the answer is taken.
+    pub(super) fn request(&mut self, command: Command, address: u32, data: &[u8], tries: u8) -> usize {
+        let number = self.unused.pop().unwrap_or_else(|| {
+            self.requests.push(Request::default());
+            self.unused.reserve(self.requests.len());
+            self.requests.len() - 1
+        });
+        let request = &mut self.requests[number];
+        (request.command, request.address) = (command, address);
+        request.data.clear();
+        request.data.extend_from_slice(&data[..data.len().min(DATA_LEN_MAX)]);
+        (request.tries, request.is_abandoned, request.state) = (tries.max(1), false, RequestState::Queued);
+        self.queue.push_back(number);
+        number
+    }
+
+    /// The working counter of an answer, whose data are put into `data`; `None`: it has not come yet.
+    pub(super) fn answer(&self, number: usize, data: &mut [u8]) -> Option<Result<u16, Lost>> {
+        let request = self.requests.get(number)?;
+        match request.state {
+            RequestState::Answered(counter) => {
+                data.iter_mut().zip(&request.data).for_each(|(byte, came)| *byte = *came);
+                Some(Ok(counter))
+            }
+            RequestState::Lost => Some(Err(Lost)),
+            _ => None,
+        }
+    }
+
+    /// Nobody waits for a datagram any more.
+    pub(super) fn release(&mut self, number: usize) {
+        let Some(request) = self.requests.get_mut(number) else { return };
+        request.is_abandoned = true;
+        if matches!(request.state, RequestState::Answered(_) | RequestState::Lost) {
+            request.state = RequestState::Unused;
+            self.unused.push(number);
+        }
+    }
+
+    /// A frame with datagrams beside the cycle is on the way, or some are queued.
+    pub(super) fn is_acyclic_flying(&self) -> bool {
+        self.flights.iter().any(|flight| flight.is_used && !flight.is_cyclic)
+    }
+
+    /// The first index that may be used, and a place for its frame.
+    fn claim(&mut self, now: Ns, is_cyclic: bool) -> Option<usize> {
+        let place = self.flights.iter().position(|flight| !flight.is_used)?;
+        let is_free = |index: &u8| match self.indices[usize::from(*index)] {
+            IndexUse::Free | IndexUse::Answered => true,
+            IndexUse::Flying(_) => false,
+            IndexUse::Resting { until } => now >= until,
+        };
+        let index = (0..=u8::MAX).map(|n| self.next_index.wrapping_add(n)).find(is_free)?;
+        self.next_index = index.wrapping_add(1);
+        self.indices[usize::from(index)] = IndexUse::Flying(place);
+        let flight = &mut self.flights[place];
+        flight.datagrams.clear();
+        (flight.is_used, flight.is_cyclic, flight.index) = (true, is_cyclic, index);
+        flight.expires = now.saturating_add(self.settings.frame_timeout_ns);
+        Some(place)
+    }
+
+    /// Begins a frame of the cycle; `None`: too many are on the way.
+    pub(super) fn begin_cyclic(&mut self, now: Ns) -> Option<CyclicFrame<'_>> {
+        let place = self.claim(now, true)?;
+        let Self { flights, buffer, counters, settings, .. } = self;
+        let flight = &mut flights[place];
+        let writer = FrameWriter::new(buffer, FrameHeader::datagrams(settings.source)).ok()?;
+        Some(CyclicFrame { writer, index: flight.index, datagrams: &mut flight.datagrams, counters })
+    }
+
+    /// Sends queued datagrams in one frame of at most `bytes_max` bytes, but one datagram at least. Whether there were some.
+    pub(super) fn send_queued(&mut self, now: Ns, bytes_max: usize, wire: &mut (impl Wire + ?Sized)) -> bool {
+        while let Some(number) = self.queue.front().copied()
+            && self.requests[number].is_abandoned
+        {
+            self.requests[number].state = RequestState::Unused;
+            self.unused.push(number);
+            self.queue.pop_front();
+        }
+        let Some(first) = self.queue.front() else { return false };
+        let needed = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + self.requests[*first].data.len();
+        let bytes_max = bytes_max.max(needed).clamp(FRAME_LEN_MIN, FRAME_LEN_MAX);
+        let Some(place) = self.claim(now, false) else { return false };
+        let Self { flights, buffer, counters, settings, queue, requests, unused, .. } = self;
+        let flight = &mut flights[place];
+        let header = FrameHeader::datagrams(settings.source);
+        let Ok(mut writer) = FrameWriter::new(&mut buffer[..bytes_max], header) else { return false };
+        while let Some(number) = queue.front().copied() {
+            let request = &mut requests[number];
+            if request.is_abandoned {
+                request.state = RequestState::Unused;
+                unused.push(number);
+            } else {
+                let header = DatagramHeader::new(request.command, flight.index, request.address);
+                if flight.datagrams.len() == DATAGRAMS_MAX || writer.push(header, &request.data).is_err() {
+                    break;
+                }
+                let (command, address, len) = (request.command, request.address, request.data.len() as u16);
+                flight.datagrams.push(Sent { command, address, len, owner: Owner::Request(number) });
+                request.state = RequestState::Flying;
+                request.tries -= 1;
+            }
+            queue.pop_front();
+        }
+        send(wire, writer, counters);
+        true
+    }
+
+    /// A frame has come. Calls `cycle` with the number of each datagram of the cycle in it.
+    pub(super) fn receive(&mut self, bytes: &[u8], mut cycle: impl FnMut(u8, &Datagram<'_>)) {
+        let Ok(frame) = Frame::decode(bytes) else {
+            self.counters.malformed += 1;
+            return;
+        };
+        let Some(datagrams) = frame.datagrams() else {
+            self.counters.malformed += 1;
+            return;
+        };
+        if !self.is_ours(frame.header.source) {
+            return;
+        }
+        let Some(Ok(first)) = datagrams.clone().next() else {
+            self.counters.malformed += 1;
+            return;
+        };
+        let index = first.header.index;
+        let place = match self.indices[usize::from(index)] {
+            IndexUse::Flying(place) => place,
+            IndexUse::Free => {
+                self.counters.unknown += 1;
+                return;
+            }
+            IndexUse::Answered => {
+                self.counters.doubled += 1;
+                return;
+            }
+            IndexUse::Resting { .. } => {
+                self.counters.late += 1;
+                self.indices[usize::from(index)] = IndexUse::Answered;
+                return;
+            }
+        };
+        let flight = &mut self.flights[place];
+        let mut sent = flight.datagrams.iter();
+        let is_match = datagrams.clone().all(|datagram| {
+            datagram.is_ok_and(|datagram| {
+                datagram.header.index == index && sent.next().is_some_and(|sent| sent.is_answered_by(&datagram.header))
+            })
+        });
+        if !is_match || sent.next().is_some() {
+            self.counters.mismatched += 1;
+            return;
+        }
+        flight.is_used = false;
+        self.indices[usize::from(index)] = IndexUse::Answered;
+        self.counters.answered += 1;
+        for (sent, datagram) in flight.datagrams.iter().zip(datagrams.flatten()) {
+            match sent.owner {
+                Owner::Cycle(number) => cycle(number, &datagram),
+                Owner::Request(number) => {
+                    let request = &mut self.requests[number];
+                    if request.is_abandoned {
+                        request.state = RequestState::Unused;
+                        self.unused.push(number);
+                        continue;
+                    }
+                    request.data.clear();
+                    request.data.extend_from_slice(datagram.data);
+                    request.state = RequestState::Answered(datagram.working_counter);
+                }
+            }
+        }
+    }
+
+    /// Whether a frame with that source is one of ours that has passed a slave; others are counted.
+    fn is_ours(&mut self, source: [u8; 6]) -> bool {
+        let ours = self.settings.source;
+        let passed = [ours[0] | FrameHeader::PASSED_A_SLAVE, ours[1], ours[2], ours[3], ours[4], ours[5]];
+        let is_ours = source == passed;
+        if source == ours && !is_ours {
+            self.counters.unpassed += 1;
+        } else if !is_ours {
+            self.counters.foreign += 1;
+        }
+        is_ours
+    }
+
+    /// Gives up frames that are on the way for too long.
+    pub(super) fn expire(&mut self, now: Ns) {
+        for place in 0..self.flights.len() {
+            if self.flights[place].is_used && now >= self.flights[place].expires {
+                self.give_up(place, now);
+            }
+        }
+    }
+
+    /// Gives up the frames of the cycle that are on the way.
+    pub(super) fn expire_cyclic(&mut self, now: Ns) {
+        for place in 0..self.flights.len() {
+            if self.flights[place].is_used && self.flights[place].is_cyclic {
+                self.give_up(place, now);
+            }
+        }
+    }
+
+    fn give_up(&mut self, place: usize, now: Ns) {
+        let flight = &mut self.flights[place];
+        flight.is_used = false;
+        self.counters.lost += 1;
+        let until = now.saturating_add(self.settings.index_rest_ns);
+        self.indices[usize::from(flight.index)] = IndexUse::Resting { until };
+        for sent in &flight.datagrams {
+            let Owner::Request(number) = sent.owner else { continue };
+            let request = &mut self.requests[number];
+            if request.is_abandoned {
+                request.state = RequestState::Unused;
+                self.unused.push(number);
+            } else if request.tries > 0 {
+                request.state = RequestState::Queued;
+                self.queue.push_back(number);
+            } else {
+                request.state = RequestState::Lost;
+            }
+        }
+    }
+}

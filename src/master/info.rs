@@ -1,0 +1,143 @@
+//! What a scan finds out about a slave.
+
+use super::{SiiError, Upstream};
+use crate::ethercat::registers::{DlStatus, Features, SmControl, SyncManager};
+use crate::ethercat::sii::{
+    CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmType,
+};
+use crate::ethercat::{DATA_LEN_MAX, WireError};
+
+/// \[OURS] The shortest mailbox that the master uses: an SDO with its headers has room in it.
+pub const MAILBOX_BYTES_MIN: u16 = 16;
+/// The longest mailbox, which is what one datagram carries.
+pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
+
+/// What is said about a slave's mailbox.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MailboxInfo {
+    /// Where both mailboxes lie.
+    pub areas: MailboxAreas,
+    /// Which protocols it speaks.
+    pub protocols: MailboxProtocols,
+    /// What its CANopen can do.
+    pub coe: CoeDetails,
+}
+
+/// A sync manager for process data as the slave describes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProcessManager {
+    /// Its number.
+    pub number: u8,
+    /// Its registers, with the length that the slave's own PDOs have.
+    pub registers: SyncManager,
+}
+
+/// A slave as a scan has found it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SlaveInfo {
+    /// The station address that the master has given it.
+    pub station: u16,
+    /// The station alias, 0: none.
+    pub alias: u16,
+    /// Who it is.
+    pub identity: SiiIdentity,
+    /// Its name; empty if it says none. Bytes that are no UTF-8 are replaced.
+    pub name: String,
+    /// What its controller can do.
+    pub features: Features,
+    /// How many FMMUs it has.
+    pub fmmus: u8,
+    /// How many sync managers it has.
+    pub sync_managers: u8,
+    /// Its ports.
+    pub ports: DlStatus,
+    /// Where it is connected; `None`: it is the first one.
+    pub upstream: Option<Upstream>,
+    /// Its mailbox; `None`: it has none, or none that can be used.
+    pub mailbox: Option<MailboxInfo>,
+    /// Its sync managers for outputs.
+    pub outputs: Vec<ProcessManager>,
+    /// Its sync managers for inputs.
+    pub inputs: Vec<ProcessManager>,
+    /// It takes no LRW, as its controller or its EEPROM says.
+    pub lacks_lrw: bool,
+    /// The content of its EEPROM, as far as it was read, or why it was not. Without it the slave stays in Init.
+    pub eeprom: Result<Vec<u8>, SiiError>,
+}
+
+impl SlaveInfo {
+    /// A slave of which only registers are known.
+    pub(super) fn new(station: u16, eeprom: Result<Vec<u8>, SiiError>) -> Self {
+        let mut info = Self {
+            station,
+            alias: 0,
+            identity: SiiIdentity::default(),
+            name: String::new(),
+            features: Features::NONE,
+            fmmus: 0,
+            sync_managers: 0,
+            ports: DlStatus::default(),
+            upstream: None,
+            mailbox: None,
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+            lacks_lrw: false,
+            eeprom,
+        };
+        let bytes = info.eeprom.clone();
+        if let Ok(sii) = bytes.as_deref().map_err(|_| ()).and_then(|bytes| Sii::new(bytes).map_err(|_| ())) {
+            info.take_sii(&sii);
+        }
+        info
+    }
+
+    fn take_sii(&mut self, sii: &Sii<'_>) {
+        let fixed = sii.info();
+        self.identity = fixed.identity;
+        let general = sii.category(CategoryKind::General).and_then(|category| category.general().ok());
+        let coe = general.map_or(CoeDetails::NONE, |general| general.coe);
+        if let (Some(general), Some(texts)) = (general, sii.category(CategoryKind::Strings)) {
+            let name = texts.strings().get(general.name).or_else(|| texts.strings().get(general.order));
+            self.name = String::from_utf8_lossy(name.unwrap_or_default()).into_owned();
+        }
+        self.lacks_lrw = general.is_some_and(|general| general.flags.contains(SiiGeneralFlags::NO_LRW));
+        let areas = fixed.mailbox;
+        let fits = |len: u16| (MAILBOX_BYTES_MIN..=MAILBOX_BYTES_MAX).contains(&len);
+        if fixed.protocols.0 != 0 && fits(areas.receive.len) && fits(areas.send.len) {
+            self.mailbox = Some(MailboxInfo { areas, protocols: fixed.protocols, coe });
+        }
+        let Some(managers) = sii.category(CategoryKind::SyncManagers) else { return };
+        for (number, described) in (0..16).zip(managers.sync_managers()) {
+            let (list, kind) = match described.kind {
+                SiiSmType::Outputs => (&mut self.outputs, CategoryKind::RxPdos),
+                SiiSmType::Inputs => (&mut self.inputs, CategoryKind::TxPdos),
+                _ => continue,
+            };
+            // What the PDOs say counts more than the default length, which some slaves leave at 0.
+            let len = pdo_bytes(sii, kind, number).unwrap_or(described.len);
+            let registers = SyncManager::enabled(described.start, len, described.control);
+            list.push(ProcessManager { number, registers });
+        }
+    }
+
+    /// The registers of the two sync managers of the mailbox; `None`: the slave has none.
+    pub(super) fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
+        let MailboxAreas { receive, send } = self.mailbox?.areas;
+        Some([
+            SyncManager::enabled(receive.start, receive.len, SmControl::MAILBOX_OUT),
+            SyncManager::enabled(send.start, send.len, SmControl::MAILBOX_IN),
+        ])
+    }
+}
+
+/// How many bytes the PDOs have together that an EEPROM assigns to a sync manager; `None`: it assigns none.
+fn pdo_bytes(sii: &Sii<'_>, kind: CategoryKind, manager: u8) -> Option<u16> {
+    let pdos = sii.category(kind)?.pdos();
+    let assigned = pdos.map_while(Result::<SiiPdo<'_>, WireError>::ok).filter(|pdo| pdo.sync_manager == manager);
+    let mut bits = None;
+    for pdo in assigned {
+        let more: u32 = pdo.entries.iter().map(|entry| u32::from(entry.bits)).sum();
+        bits = Some(bits.unwrap_or(0u32).saturating_add(more));
+    }
+    bits.map(|bits| u16::try_from(bits.div_ceil(8)).unwrap_or(u16::MAX))
+}

@@ -1,0 +1,256 @@
+//! The mailbox of a slave: one request and its answer, whatever else the slave sends in between, and whatever gets lost.
+//!
+//! No request is done twice: if a frame that writes one is lost, the same message is written again with the same counter, by
+//! which the slave knows it. No answer is lost: if a frame that reads one is lost, the slave is asked for a repeat.
+
+use super::bus::{Bus, Unanswered};
+use super::{Event, MailboxInfo};
+use crate::coe::CoeMessage;
+use crate::ethercat::mailbox::{MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol};
+use crate::ethercat::registers::{
+    SmActivate, SmPdiControl, SmStatus, sync_manager_activate, sync_manager_pdi_control, sync_manager_status,
+};
+use crate::ethercat::{Command, Ns};
+
+/// \[OURS] How long the master waits until it looks again whether there is an answer.
+const POLL_NS: Ns = 100_000;
+/// \[OURS] How long a slave may take to repeat its last message.
+const REPEAT_MAX_NS: Ns = 50_000_000;
+/// The sync managers of the mailbox.
+const REQUESTS: u8 = 0;
+const ANSWERS: u8 = 1;
+
+/// Why a request has no answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MailboxError {
+    /// The slave has no mailbox, or does not speak the protocol.
+    #[error("the slave has no mailbox for this protocol, as its EEPROM says")]
+    NoMailbox,
+    /// Another request is under way.
+    #[error("a request to this slave is under way; wait until it has ended")]
+    Busy,
+    /// The slave does not answer datagrams.
+    #[error("the slave does not answer; check its cable and its power")]
+    NoAnswer,
+    /// The time is up.
+    #[error("the slave has given no answer when the time was up")]
+    TimeUp,
+    /// The slave says what was wrong with the request.
+    #[error("the slave answers with {0}")]
+    Fault(MailboxFault),
+    /// The answer is none to the request, or longer than what was asked for.
+    #[error("the slave's answer is none to the request")]
+    WrongAnswer,
+}
+
+/// What the master knows of a mailbox.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct MailboxState {
+    /// The counter of the last request.
+    counter: MailboxCounter,
+    /// The counter of the last message of the slave.
+    received: MailboxCounter,
+    /// The bit by which repeats are asked for.
+    repeat: bool,
+    /// A request is under way.
+    is_open: bool,
+}
+
+impl MailboxState {
+    /// The slave enters PreOP: it has forgotten all messages.
+    pub(super) const fn begin(&mut self) {
+        (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
+    }
+
+    /// Whether a request is under way.
+    pub(super) const fn is_open(&self) -> bool {
+        self.is_open
+    }
+}
+
+/// The mailbox of one slave, for one user at a time.
+pub(super) struct Mailbox {
+    bus: Bus,
+    /// Its number, from 1.
+    slave: u8,
+    station: u16,
+    info: MailboxInfo,
+    /// A message as it lies in its box.
+    bytes: Vec<u8>,
+}
+
+impl Drop for Mailbox {
+    fn drop(&mut self) {
+        self.state(|state| state.is_open = false);
+    }
+}
+
+impl Mailbox {
+    /// Takes the mailbox of a slave; `None`: another one has it.
+    pub(super) fn open(bus: Bus, slave: u8, station: u16, info: MailboxInfo) -> Option<Self> {
+        let is_free = bus.with(|shared| {
+            let state = &mut shared.live_mut(slave)?.mailbox;
+            Some(!std::mem::replace(&mut state.is_open, true))
+        });
+        let len = info.areas.receive.len.max(info.areas.send.len);
+        is_free?.then(|| Self { bus, slave, station, info, bytes: Vec::with_capacity(len.into()) })
+    }
+
+    fn state<R: Default>(&self, change: impl FnOnce(&mut MailboxState) -> R) -> R {
+        self.bus.with(|shared| shared.live_mut(self.slave).map(|live| change(&mut live.mailbox)).unwrap_or_default())
+    }
+
+    pub(super) fn now(&self) -> Ns {
+        self.bus.now()
+    }
+
+    /// How many bytes of data a message to the slave can have.
+    pub(super) const fn room(&self) -> usize {
+        (self.info.areas.receive.len as usize).saturating_sub(crate::ethercat::mailbox::MAILBOX_HEADER_LEN)
+    }
+
+    /// Sends a message.
+    pub(super) async fn send(
+        &mut self,
+        protocol: MailboxProtocol,
+        until: Ns,
+        encode: impl FnOnce(&mut [u8]) -> Option<usize>,
+    ) -> Result<(), MailboxError> {
+        let counter = self.state(|state| {
+            state.counter = state.counter.next();
+            state.counter
+        });
+        let mut data = vec![0; self.room()];
+        let len = encode(&mut data).ok_or(MailboxError::NoMailbox)?;
+        let message = MailboxMessage { header: MailboxHeader::new(protocol, counter), data: &data[..len] };
+        self.bytes.clear();
+        self.bytes.resize(self.info.areas.receive.len.into(), 0);
+        message.encode(&mut self.bytes).map_err(|_| MailboxError::NoMailbox)?;
+        let mut was_lost = false;
+        loop {
+            let written = self
+                .bus
+                .queue_with(Command::Fpwr, self.station, self.info.areas.receive.start, &self.bytes, 1)
+                .answer(&mut [])
+                .await;
+            match written {
+                Ok(1) => return Ok(()),
+                // The first one has come, and fills the box until the slave takes it.
+                Ok(0) if was_lost => return Ok(()),
+                Ok(0) if !self.is_reached().await? => return Err(MailboxError::NoAnswer),
+                Ok(_) => {}
+                Err(_) => was_lost = true,
+            }
+            if self.bus.now() >= until {
+                return Err(MailboxError::TimeUp);
+            }
+            self.bus.sleep(POLL_NS).await;
+        }
+    }
+
+    /// Whether the slave answers at all.
+    async fn is_reached(&self) -> Result<bool, MailboxError> {
+        match self.bus.read::<1>(self.station, sync_manager_status(REQUESTS)).await {
+            Ok(_) => Ok(true),
+            Err(Unanswered::Counter(_)) => Ok(false),
+            Err(Unanswered::Lost) => Err(MailboxError::NoAnswer),
+        }
+    }
+
+    /// Waits for the next message of a protocol; its data. Emergencies become events, and other messages are left out.
+    pub(super) async fn receive(&mut self, protocol: MailboxProtocol, until: Ns) -> Result<&[u8], MailboxError> {
+        loop {
+            if self.collect().await? && self.is_answer(protocol)? {
+                break;
+            }
+            if self.bus.now() >= until {
+                return Err(MailboxError::TimeUp);
+            }
+            self.bus.sleep(POLL_NS).await;
+        }
+        Ok(MailboxMessage::decode(&self.bytes).map(|message| message.data).unwrap_or_default())
+    }
+
+    /// Takes away what the slave has sent without being asked, or as an answer to a request that was given up.
+    pub(super) async fn drain(&mut self) -> Result<(), MailboxError> {
+        // \[OURS] A slave that fills its box each time is not waited for.
+        for _ in 0..16 {
+            if !self.collect().await? {
+                break;
+            }
+            // An answer that nobody waits for has no meaning.
+            let _ = self.is_answer(MailboxProtocol::Coe);
+        }
+        Ok(())
+    }
+
+    /// Reads the message that the slave has sent, if there is one.
+    async fn collect(&mut self) -> Result<bool, MailboxError> {
+        let status = self.bus.read::<1>(self.station, sync_manager_status(ANSWERS)).await;
+        let [status] = status.map_err(|_| MailboxError::NoAnswer)?;
+        if !SmStatus(status).contains(SmStatus::FULL) {
+            return Ok(false);
+        }
+        self.bytes.clear();
+        self.bytes.resize(self.info.areas.send.len.into(), 0);
+        let start = self.info.areas.send.start;
+        let mut repeats = 0;
+        loop {
+            let ticket = self.bus.queue_with(Command::Fprd, self.station, start, &self.bytes, 1);
+            match ticket.answer(&mut self.bytes).await {
+                Ok(counter) => return Ok(counter == 1 && self.is_new()),
+                Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
+                // The slave may have taken it for read.
+                Err(_) => self.ask_for_repeat().await?,
+            }
+            repeats += 1;
+        }
+    }
+
+    /// Has the slave put its last message into the box once more.
+    async fn ask_for_repeat(&self) -> Result<(), MailboxError> {
+        let until = self.bus.now().saturating_add(REPEAT_MAX_NS);
+        let repeat = self.state(|state| {
+            state.repeat = !state.repeat;
+            state.repeat
+        });
+        let asked = if repeat { SmActivate::ENABLE | SmActivate::REPEAT } else { SmActivate::ENABLE };
+        let written = self.bus.write(self.station, sync_manager_activate(ANSWERS), &[asked.0]).await;
+        written.map_err(|_| MailboxError::NoAnswer)?;
+        loop {
+            let done = self.bus.read::<1>(self.station, sync_manager_pdi_control(ANSWERS)).await;
+            let [done] = done.map_err(|_| MailboxError::NoAnswer)?;
+            if SmPdiControl(done).contains(SmPdiControl::REPEAT_ACKNOWLEDGE) == repeat {
+                return Ok(());
+            }
+            if self.bus.now() >= until {
+                // Slaves without repeats are read as they are.
+                return Ok(());
+            }
+            self.bus.sleep(POLL_NS).await;
+        }
+    }
+
+    /// Whether the message is another one than the last, which came again by a repeat.
+    fn is_new(&self) -> bool {
+        let Ok(message) = MailboxMessage::decode(&self.bytes) else { return false };
+        let counter = message.header.counter;
+        self.state(|state| !counter.repeats(std::mem::replace(&mut state.received, counter)))
+    }
+
+    /// Whether the message is one of the protocol and no emergency.
+    fn is_answer(&self, protocol: MailboxProtocol) -> Result<bool, MailboxError> {
+        let Ok(message) = MailboxMessage::decode(&self.bytes) else { return Ok(false) };
+        if message.header.protocol == MailboxProtocol::Error {
+            return MailboxFault::decode(message.data).map_or(Ok(false), |fault| Err(MailboxError::Fault(fault)));
+        }
+        if message.header.protocol == MailboxProtocol::Coe
+            && let Ok(CoeMessage::Emergency(emergency)) = CoeMessage::decode(message.data)
+        {
+            let event = Event::Emergency { slave: self.slave, emergency };
+            self.bus.with(|shared| shared.tell(event));
+            return Ok(false);
+        }
+        Ok(message.header.protocol == protocol)
+    }
+}

@@ -1,0 +1,301 @@
+//! A small EtherCAT master in software, for networks of up to [`MAX_SLAVES`](crate::ethercat::MAX_SLAVES) slaves.
+//!
+//! It is pure and polled: it knows no clock, no thread and no network card. Time is an argument, in nanoseconds of one clock
+//! that never goes back; frames go out and come in by a [`Wire`]. The same frames at the same times always give the same
+//! steps. A cycle allocates nothing.
+//!
+//! # Who calls what when
+//!
+//! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
+//!   under way, and sends what that needs.
+//! - What takes more than a frame is started and gives a [`JobId`]: [`Master::scan`], [`Master::request_state`],
+//!   [`Master::upload`], [`Master::download`]. [`Master::take_done`] tells how it has ended; everything ends. Several may run
+//!   at once: SDOs to several slaves, changes of state of several sets of slaves, both beside cycles.
+//! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
+//! - [`Master::cycle`] once a cycle, from SafeOP on: it sends the process data. When its frames have come back,
+//!   [`Master::take_cycle`] says so, with the working counters. Outputs are set at any time before by
+//!   [`Master::outputs_mut`], inputs read behind by [`Master::inputs`]. On its way to OP a slave waits for outputs.
+//! - [`Master::take_event`] tells what happens unasked: emergencies, lost slaves and such that come back, states that were left.
+//!   [`Master::missing`] says who does not answer now.
+//!
+//! While there are cycles, what is under way shares one frame behind those of each cycle; otherwise it goes as fast as answers
+//! come back.
+//!
+//! ```
+//! # #[cfg(feature = "sim")] {
+//! use ecmsk::ethercat::{AlState, Ns, SlaveSet};
+//! use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Settings, Wire, WireDown};
+//! use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
+//! use ecmsk::slave::{Drive, DriveConfig};
+//!
+//! /// A wire to simulated slaves, from which every frame comes back at once.
+//! struct Slaves {
+//!     chain: Chain,
+//!     now: Ns,
+//!     back: Vec<Vec<u8>>,
+//! }
+//!
+//! impl Wire for Slaves {
+//!     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+//!         let mut frame = frame.to_vec();
+//!         if let FrameFate::Returned(_) = self.chain.process(&mut frame, self.now) {
+//!             self.back.insert(0, frame);
+//!         }
+//!         Ok(())
+//!     }
+//!
+//!     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+//!         let frame = self.back.pop()?;
+//!         buffer[..frame.len()].copy_from_slice(&frame);
+//!         Some(frame.len())
+//!     }
+//! }
+//!
+//! /// Polls each 50 us, with a cycle each millisecond if there are some, until something has ended.
+//! fn wait(master: &mut Master, wire: &mut Slaves, id: JobId, cyclic: bool) -> JobDone {
+//!     loop {
+//!         wire.now += 50_000;
+//!         if cyclic && wire.now % 1_000_000 == 0 {
+//!             master.cycle(wire.now, wire);
+//!         }
+//!         master.poll(wire.now, wire);
+//!         if let Some((ended, done)) = master.take_done() {
+//!             assert_eq!(ended, id);
+//!             return done;
+//!         }
+//!     }
+//! }
+//!
+//! let drive = Box::new(Drive::new(DriveConfig::default()));
+//! let slave = EscSlave::describe(drive, EscSettings::default(), 0).expect("a drive can be described");
+//! let mut wire = Slaves { chain: Chain::line([slave]), now: 0, back: Vec::new() };
+//! let mut master = Master::new(Settings::default());
+//!
+//! let id = master.scan();
+//! assert_eq!(wait(&mut master, &mut wire, id, false), JobDone::Scan(Ok(1)));
+//! let all = SlaveSet::first(1);
+//! master.configure_as_described(1).expect("the EEPROM says which process data there are");
+//! let id = master.request_state(all, AlState::SafeOp, 2_000_000_000);
+//! assert_eq!(wait(&mut master, &mut wire, id, false), JobDone::State(Ok(())));
+//! let id = master.request_state(all, AlState::Op, 2_000_000_000);
+//! assert_eq!(wait(&mut master, &mut wire, id, true), JobDone::State(Ok(())));
+//!
+//! // Controlword 0x0006, whatever the target: the drive is ready to switch on.
+//! master.outputs_mut(1).expect("a slave")[0] = 6;
+//! for _ in 0..100 {
+//!     wire.now += 1_000_000;
+//!     master.cycle(wire.now, &mut wire);
+//!     master.poll(wire.now, &mut wire);
+//!     let cycle = master.take_cycle().expect("its frames are back");
+//!     assert_eq!((cycle.working_counter, cycle.expected_working_counter), (3, 3));
+//! }
+//! assert_eq!(master.inputs(1).expect("a slave")[0] & 0x6F, 0x21);
+//! # }
+//! ```
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `mod.rs` | the [`Master`]: its turns |
+//! | `jobs.rs`, `configure.rs` | what a user starts; process data of slaves |
+//! | `settings.rs`, `wire.rs` | [`Settings`], [`Wire`] |
+//! | `exchange.rs` | the frame layer: indices, what belongs to which frame, lost and late frames |
+//! | `bus.rs` | what sequences of datagrams are written with |
+//! | `shared.rs` | what sequences, the cycle and the user share; events |
+//! | `scan.rs`, `info.rs`, `sii.rs` | finding slaves, what is known of them, their EEPROMs |
+//! | `states.rs` | changes of the AL state |
+//! | `mailbox.rs`, `sdo.rs` | messages without loss and without a second time; SDO transfers |
+//! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
+//! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
+//! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
+
+mod bus;
+mod clocks;
+mod configure;
+mod exchange;
+mod info;
+mod jobs;
+mod mailbox;
+mod pace;
+mod process_data;
+mod scan;
+mod sdo;
+mod settings;
+mod shared;
+mod sii;
+mod states;
+mod topology;
+mod watch;
+mod wire;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::task::{Context, Poll, Waker};
+
+use parking_lot::Mutex;
+
+pub use clocks::Sync;
+pub use exchange::FrameCounters;
+pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
+pub use jobs::{JobDone, JobId};
+pub use mailbox::MailboxError;
+pub use pace::Pace;
+pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
+pub use scan::ScanError;
+pub use sdo::{SdoError, VALUE_BYTES_MAX};
+pub use settings::Settings;
+pub use shared::{EVENTS_MAX, Event, SlaveStatus};
+pub use sii::SiiError;
+pub use states::{StateError, StateReason};
+pub use topology::Upstream;
+pub use wire::{FrameBuffer, Wire, WireDown};
+
+use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
+use bus::{Bus, Task};
+use jobs::Running;
+use process_data::ProcessData;
+use shared::{Shared, judge};
+
+/// \[OURS] How many frames are received in one poll at most, so that a flood of them ends.
+const RECEIVED_MAX: usize = 256;
+
+/// The master. The page of this module says who calls what when.
+pub struct Master {
+    bus: Bus,
+    jobs: Vec<Running>,
+    next_job: u64,
+    done: VecDeque<(JobId, JobDone)>,
+    slaves: Vec<SlaveInfo>,
+    process: ProcessData,
+    /// The watch over the slaves that were found.
+    watch: Option<Task<()>>,
+    buffer: Box<FrameBuffer>,
+}
+
+impl Master {
+    /// A master that knows of no slaves yet.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            bus: Bus(Arc::new(Mutex::new(Shared::new(settings)))),
+            jobs: Vec::new(),
+            next_job: 0,
+            done: VecDeque::new(),
+            slaves: Vec::new(),
+            process: ProcessData::default(),
+            watch: None,
+            buffer: Box::new([0; FRAME_LEN_MAX]),
+        }
+    }
+
+    /// Takes what has come, goes on with what is under way, and sends what that needs.
+    pub fn poll(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        self.receive(now, wire);
+        self.run();
+        self.send_acyclic(now, wire);
+    }
+
+    fn receive(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        let Self { bus, process, buffer, .. } = self;
+        bus.with(|shared| {
+            shared.now = shared.now.max(now);
+            for _ in 0..RECEIVED_MAX {
+                let Some(len) = wire.receive(buffer) else { break };
+                let bytes = &buffer[..len.min(buffer.len())];
+                shared.exchange.receive(bytes, |number, datagram| process.receive(number, datagram));
+            }
+            shared.exchange.expire(now);
+            let until = process.sent_at().saturating_add(shared.settings.frame_timeout_ns);
+            if process.is_whole() || now >= until {
+                judge(process, shared);
+            }
+        });
+    }
+
+    /// Goes on with all sequences.
+    fn run(&mut self) {
+        let mut context = Context::from_waker(Waker::noop());
+        if let Some(watch) = &mut self.watch {
+            // It never ends.
+            let _ = watch.as_mut().poll(&mut context);
+        }
+        let mut n = 0;
+        while let Some(Running { id, task }) = self.jobs.get_mut(n) {
+            let id = *id;
+            match task.as_mut().poll(&mut context) {
+                Poll::Pending => n += 1,
+                Poll::Ready(output) => {
+                    drop(self.jobs.remove(n));
+                    let done = self.end(output);
+                    self.done.push_back((id, done));
+                }
+            }
+        }
+    }
+
+    /// Sends datagrams beside the cycle: as fast as answers come, or behind the frames of a cycle while there are cycles.
+    fn send_acyclic(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        self.bus.with(|shared| while !shared.has_cycles() && shared.exchange.send_queued(now, FRAME_LEN_MAX, wire) {});
+    }
+
+    /// Sends the frames of a cycle, and one frame beside them. The cycle before has ended then, with those of its frames that have
+    /// come back.
+    pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
+        let Self { bus, process, .. } = self;
+        bus.with(|shared| {
+            shared.now = shared.now.max(now);
+            shared.last_cycle = Some(shared.now);
+            shared.exchange.expire_cyclic(now);
+            judge(process, shared);
+            let clock = shared.reference();
+            process.send(now, clock, &mut shared.exchange, wire);
+            if !shared.exchange.is_acyclic_flying() {
+                shared.exchange.send_queued(now, shared.settings.acyclic_bytes_max, wire);
+            }
+        });
+    }
+
+    /// The cycle that has ended last, once. A cycle ends when all its frames have come back, when they are given up, or with the
+    /// next one.
+    pub const fn take_cycle(&mut self) -> Option<CycleDone> {
+        self.process.take_done()
+    }
+
+    /// Whether frames of the cycle are still on the way.
+    pub const fn is_cycle_open(&self) -> bool {
+        self.process.is_open()
+    }
+
+    /// The next event.
+    pub fn take_event(&mut self) -> Option<Event> {
+        self.bus.with(|shared| shared.events.pop_front())
+    }
+
+    /// What became of its frames.
+    pub fn counters(&self) -> FrameCounters {
+        self.bus.with(|shared| shared.exchange.counters)
+    }
+
+    /// The slaves that the last scan has found.
+    pub fn slaves(&self) -> &[SlaveInfo] {
+        &self.slaves
+    }
+
+    /// A slave that the last scan has found, from 1; `None`: there is none with that number.
+    pub fn slave(&self, slave: u8) -> Option<&SlaveInfo> {
+        self.slaves.get(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// The present condition of a slave, from 1; `None`: there is none with that number.
+    pub fn status(&self, slave: u8) -> Option<SlaveStatus> {
+        self.bus.with(|shared| shared.live_mut(slave).map(|live| live.status))
+    }
+
+    /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is none.
+    pub fn reference_clock(&self) -> Option<u8> {
+        self.bus.with(|shared| shared.clocks.reference(shared.missing))
+    }
+
+    /// The slaves that do not answer, as far as it is known: a cycle after the one that was short.
+    pub fn missing(&self) -> SlaveSet {
+        self.bus.with(|shared| shared.missing)
+    }
+}

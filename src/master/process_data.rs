@@ -1,0 +1,387 @@
+//! Process data: where each slave's outputs and inputs lie, and the frames of a cycle.
+//!
+//! Outputs and inputs of a slave lie behind each other in one LRW with those of other slaves, as many as a datagram has room
+//! for. Slaves without LRW share an LWR and an LRD. A slave is never cut in two, so that its working counter is that of one
+//! datagram. Inputs travel in a frame as they came last: those of a slave that does not answer stay as they were.
+
+use std::ops::Range;
+
+use super::exchange::Exchange;
+use super::{Sync, Wire};
+use crate::ethercat::registers::{
+    AL_STATUS, Fmmu, FmmuDirections, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
+};
+use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
+
+/// The most process data of one datagram: beside them the first frame carries the clock and the states of all slaves.
+pub const SEGMENT_BYTES_MAX: usize = DATA_LEN_MAX - (DATAGRAM_OVERHEAD + CLOCK_LEN) - (DATAGRAM_OVERHEAD + STATE_LEN);
+const CLOCK_LEN: usize = 8;
+const STATE_LEN: usize = 2;
+/// How far the logical addresses of two datagrams are apart: more than one has bytes.
+const SEGMENT_STEP: u32 = 0x800;
+/// The numbers of the datagrams of a cycle; those of segments follow.
+const CLOCK: u8 = 0;
+const STATES: u8 = 1;
+const SEGMENTS: u8 = 2;
+/// \[OURS] The most datagrams with process data of one cycle.
+const SEGMENTS_MAX: usize = 64;
+
+/// Why process data cannot be configured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigureError {
+    /// There is no slave with that number.
+    #[error("there is no slave {0}; the scan found fewer")]
+    NoSlave(u8),
+    /// The slave describes no sync manager for a direction that has process data.
+    #[error("slave {0} describes no sync manager for its process data in this direction")]
+    NoManager(u8),
+    /// The slave is in SafeOP or OP.
+    #[error("slave {0} exchanges process data; bring it to PreOP first")]
+    Active(u8),
+    /// The process data fit into no datagram.
+    #[error("slave {slave} has {bytes} bytes of process data, and a datagram has room for {SEGMENT_BYTES_MAX}")]
+    TooLong {
+        /// Which slave.
+        slave: u8,
+        /// How many bytes its outputs and inputs have together.
+        bytes: usize,
+    },
+    /// The slave has fewer FMMUs than sync managers with process data.
+    #[error("slave {slave} has {has} FMMUs and needs {needs}")]
+    TooFewFmmus {
+        /// Which slave.
+        slave: u8,
+        /// How many it needs.
+        needs: usize,
+        /// How many it has.
+        has: u8,
+    },
+}
+
+/// A cycle whose frames have come back, or are given up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CycleDone {
+    /// Its number, from 1.
+    pub number: u64,
+    /// When its frames were sent.
+    pub sent_at: Ns,
+    /// The sum of the working counters of the process data.
+    pub working_counter: u16,
+    /// What that sum is if all slaves that are in SafeOP or OP take part.
+    pub expected_working_counter: u16,
+    /// Datagrams with process data that did not come back in time.
+    pub lost: u8,
+    /// The slaves that share a datagram which was lost, or which not all of them have answered. Which ones are gone is found out
+    /// by [`Master::missing`](super::Master::missing).
+    pub short: SlaveSet,
+    /// How many slaves the frame has passed; `None`: it did not come back.
+    pub present: Option<u16>,
+    /// All slaves are in OP, and none has an error.
+    pub all_in_op: bool,
+    /// The time of the reference clock when the frame passed it, ns.
+    pub reference_time: Option<u64>,
+    /// When the next cycle should be sent to keep the pace that was set, ns of the master's clock; `None`: no pace is set, or no
+    /// reference has answered.
+    pub next_deadline: Option<Ns>,
+}
+
+/// Where process data of one direction lie.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Place {
+    segment: usize,
+    range: Range<usize>,
+}
+
+/// The process data of one slave.
+#[derive(Clone, Debug, Default)]
+struct SlaveData {
+    outputs: Vec<(u8, SyncManager)>,
+    inputs: Vec<(u8, SyncManager)>,
+    lacks_lrw: bool,
+    sync: Option<Sync>,
+    output_place: Place,
+    input_place: Place,
+}
+
+/// A datagram with process data.
+#[derive(Debug)]
+struct Segment {
+    command: Command,
+    data: Vec<u8>,
+    slaves: SlaveSet,
+    /// The working counter that came back in this cycle.
+    answer: Option<u16>,
+}
+
+/// The process data of all slaves, and the cycle under way.
+#[derive(Debug, Default)]
+pub(super) struct ProcessData {
+    slaves: Vec<SlaveData>,
+    segments: Vec<Segment>,
+    /// The time that was sent to the reference clock.
+    sent_time: u64,
+    cycle: CycleDone,
+    /// Datagrams that have not come back yet.
+    pending: usize,
+    is_open: bool,
+    done: Option<CycleDone>,
+}
+
+fn bytes_of(managers: &[(u8, SyncManager)]) -> usize {
+    managers.iter().map(|(_, manager)| usize::from(manager.len)).sum()
+}
+
+/// The sync manager with a length; without one it is off.
+pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
+    let activate = if len > 0 { SmActivate::ENABLE } else { SmActivate::NONE };
+    SyncManager { len, activate, control: SmControl(manager.control.0), ..manager }
+}
+
+impl ProcessData {
+    /// Forgets everything: so many slaves were found.
+    pub(super) fn reset(&mut self, slaves: usize) {
+        *self = Self { slaves: vec![SlaveData::default(); slaves], ..Self::default() };
+        self.segments.reserve(4);
+    }
+
+    /// Sets the sync managers of a slave. `active`: the slaves whose places have to stay.
+    pub(super) fn configure(
+        &mut self,
+        slave: u8,
+        outputs: Vec<(u8, SyncManager)>,
+        inputs: Vec<(u8, SyncManager)>,
+        lacks_lrw: bool,
+        active: SlaveSet,
+    ) -> Result<(), ConfigureError> {
+        let bytes = bytes_of(&outputs) + bytes_of(&inputs);
+        if bytes > SEGMENT_BYTES_MAX {
+            return Err(ConfigureError::TooLong { slave, bytes });
+        }
+        let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
+        let data = place.ok_or(ConfigureError::NoSlave(slave))?;
+        let is_same = data.output_place.range.len() == bytes_of(&outputs)
+            && data.input_place.range.len() == bytes_of(&inputs)
+            && data.lacks_lrw == lacks_lrw;
+        (data.outputs, data.inputs, data.lacks_lrw) = (outputs, inputs, lacks_lrw);
+        if is_same {
+            return Ok(());
+        }
+        if active.is_empty() {
+            self.segments.clear();
+            (1..=self.slaves.len() as u8).for_each(|slave| self.place(slave));
+        } else {
+            self.segments.iter_mut().for_each(|segment| segment.slaves.remove(slave));
+            self.place(slave);
+        }
+        Ok(())
+    }
+
+    /// Gives a slave its places.
+    fn place(&mut self, slave: u8) {
+        let n = usize::from(slave) - 1;
+        let SlaveData { outputs, inputs, lacks_lrw, .. } = &self.slaves[n];
+        let (outputs, inputs, lacks_lrw) = (bytes_of(outputs), bytes_of(inputs), *lacks_lrw);
+        let (output_place, input_place) = if lacks_lrw {
+            (self.reserve(Command::Lwr, slave, outputs), self.reserve(Command::Lrd, slave, inputs))
+        } else {
+            let Place { segment, range: Range { start, .. } } = self.reserve(Command::Lrw, slave, outputs + inputs);
+            let middle = start + outputs;
+            (Place { segment, range: start..middle }, Place { segment, range: middle..middle + inputs })
+        };
+        let data = &mut self.slaves[n];
+        (data.output_place, data.input_place) = (output_place, input_place);
+    }
+
+    fn reserve(&mut self, command: Command, slave: u8, len: usize) -> Place {
+        if len == 0 {
+            return Place::default();
+        }
+        let fits = |segment: &Segment| segment.command == command && segment.data.len() + len <= SEGMENT_BYTES_MAX;
+        let segment = self.segments.iter().position(fits).unwrap_or_else(|| {
+            let data = Vec::with_capacity(SEGMENT_BYTES_MAX);
+            self.segments.push(Segment { command, data, slaves: SlaveSet::EMPTY, answer: None });
+            self.segments.len() - 1
+        });
+        let Segment { data, slaves, .. } = &mut self.segments[segment];
+        let start = data.len();
+        data.resize(start + len, 0);
+        slaves.insert(slave);
+        Place { segment, range: start..start + len }
+    }
+
+    fn slave(&self, slave: u8) -> Option<&SlaveData> {
+        self.slaves.get(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// The sync managers of a slave, and the FMMUs that map them.
+    pub(super) fn registers(&self, slave: u8) -> (Vec<(u8, SyncManager)>, Vec<Fmmu>) {
+        let Some(data) = self.slave(slave) else { return (Vec::new(), Vec::new()) };
+        let mut fmmus = Vec::new();
+        for (managers, place, directions) in [
+            (&data.outputs, &data.output_place, FmmuDirections::WRITE),
+            (&data.inputs, &data.input_place, FmmuDirections::READ),
+        ] {
+            let mut logical = place.segment as u32 * SEGMENT_STEP + place.range.start as u32;
+            for (_, manager) in managers.iter().filter(|(_, manager)| manager.len > 0) {
+                fmmus.push(Fmmu::bytes(logical, manager.len, manager.start, directions));
+                logical += u32::from(manager.len);
+            }
+        }
+        (data.outputs.iter().chain(&data.inputs).copied().collect(), fmmus)
+    }
+
+    /// The SYNC signals of a slave.
+    pub(super) fn sync(&self, slave: u8) -> Option<Sync> {
+        self.slave(slave)?.sync
+    }
+
+    /// Sets the SYNC signals of a slave. Whether there is one.
+    pub(super) fn set_sync(&mut self, slave: u8, sync: Option<Sync>) -> bool {
+        let data = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
+        data.map(|data| data.sync = sync).is_some()
+    }
+
+    /// The outputs of a slave, which every cycle sends.
+    pub(super) fn outputs_mut(&mut self, slave: u8) -> Option<&mut [u8]> {
+        let Place { segment, range } = self.slave(slave)?.output_place.clone();
+        if range.is_empty() {
+            return Some(&mut []);
+        }
+        self.segments.get_mut(segment)?.data.get_mut(range)
+    }
+
+    /// The inputs of a slave as they came last.
+    pub(super) fn inputs(&self, slave: u8) -> Option<&[u8]> {
+        let Place { segment, range } = &self.slave(slave)?.input_place;
+        if range.is_empty() {
+            return Some(&[]);
+        }
+        self.segments.get(*segment)?.data.get(range.clone())
+    }
+
+    /// What a slave adds to the working counter of a datagram.
+    fn counts(&self, slave: u8, segment: usize) -> u16 {
+        let Some(data) = self.slave(slave) else { return 0 };
+        let is_in = |place: &Place| u16::from(!place.range.is_empty() && place.segment == segment);
+        let (outputs, inputs) = (is_in(&data.output_place), is_in(&data.input_place));
+        if data.lacks_lrw { outputs + inputs } else { 2 * outputs + inputs }
+    }
+
+    /// Sends the frames of a cycle. The one before has ended. `clock`: the station with the reference clock, and the time that it
+    /// had last.
+    pub(super) fn send(
+        &mut self,
+        now: Ns,
+        clock: Option<(u16, u64)>,
+        exchange: &mut Exchange,
+        wire: &mut (impl Wire + ?Sized),
+    ) {
+        self.cycle = CycleDone { number: self.cycle.number + 1, sent_at: now, ..CycleDone::default() };
+        (self.pending, self.is_open) = (0, true);
+        self.segments.iter_mut().for_each(|segment| segment.answer = None);
+        let Some(mut frame) = exchange.begin_cyclic(now) else { return };
+        if let Some((station, time)) = clock {
+            self.sent_time = time;
+            let address = u32::from(station) | u32::from(SYSTEM_TIME) << 16;
+            self.pending += usize::from(frame.push(Command::Frmw, address, &time.to_le_bytes(), CLOCK));
+        }
+        self.pending += usize::from(frame.push(Command::Brd, u32::from(AL_STATUS) << 16, &[0; STATE_LEN], STATES));
+        for (n, segment) in self.segments.iter().enumerate().take(SEGMENTS_MAX) {
+            if segment.slaves.is_empty() {
+                continue;
+            }
+            let (address, number) = (n as u32 * SEGMENT_STEP, SEGMENTS + n as u8);
+            if !frame.push(segment.command, address, &segment.data, number) {
+                frame.send(wire);
+                let Some(next) = exchange.begin_cyclic(now) else { return };
+                frame = next;
+                frame.push(segment.command, address, &segment.data, number);
+            }
+            self.pending += 1;
+        }
+        frame.send(wire);
+    }
+
+    /// A datagram of the cycle has come back.
+    pub(super) fn receive(&mut self, number: u8, datagram: &Datagram<'_>) {
+        self.pending = self.pending.saturating_sub(1);
+        match number {
+            CLOCK => {
+                // What comes back as it was sent was read from no clock.
+                let time = datagram.data.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
+                self.cycle.reference_time = time.filter(|time| *time != self.sent_time);
+            }
+            STATES => {
+                let op = RequestedState::State(crate::ethercat::AlState::Op).code();
+                self.cycle.present = Some(datagram.working_counter);
+                self.cycle.all_in_op = datagram.data == [op, 0];
+            }
+            number => self.receive_segment(usize::from(number - SEGMENTS), datagram),
+        }
+    }
+
+    fn receive_segment(&mut self, n: usize, datagram: &Datagram<'_>) {
+        let Some(segment) = self.segments.get_mut(n) else { return };
+        segment.answer = Some(datagram.working_counter);
+        for slave in segment.slaves.iter() {
+            let Some(SlaveData { input_place: Place { segment: at, range }, .. }) =
+                self.slaves.get(usize::from(slave) - 1)
+            else {
+                continue;
+            };
+            if *at == n
+                && let Some(inputs) = segment.data.get_mut(range.clone())
+                && let Some(came) = datagram.data.get(range.clone())
+            {
+                inputs.copy_from_slice(came);
+            }
+        }
+    }
+
+    /// Whether the cycle under way has come back whole.
+    pub(super) const fn is_whole(&self) -> bool {
+        self.is_open && self.pending == 0
+    }
+
+    /// Ends the cycle under way; `None`: there is none.
+    pub(super) fn finish(&mut self, active: SlaveSet) -> Option<CycleDone> {
+        if !std::mem::take(&mut self.is_open) {
+            return None;
+        }
+        for (n, segment) in self.segments.iter().enumerate().filter(|(_, segment)| !segment.slaves.is_empty()) {
+            let taking_part = segment.slaves.intersection(active);
+            let expected: u16 = taking_part.iter().map(|slave| self.counts(slave, n)).sum();
+            let cycle = &mut self.cycle;
+            cycle.expected_working_counter += expected;
+            cycle.working_counter = cycle.working_counter.saturating_add(segment.answer.unwrap_or(0));
+            cycle.lost += u8::from(segment.answer.is_none());
+            if segment.answer.is_none_or(|answer| answer < expected) {
+                cycle.short = cycle.short.union(taking_part);
+            }
+        }
+        self.done = Some(self.cycle);
+        self.done
+    }
+
+    /// What the time of the reference clock means for the cycle that has ended.
+    pub(super) const fn note_time(&mut self, time: u64, next_deadline: Option<Ns>) {
+        if let Some(done) = &mut self.done {
+            (done.reference_time, done.next_deadline) = (Some(time), next_deadline);
+        }
+    }
+
+    /// When the last cycle was sent.
+    pub(super) const fn sent_at(&self) -> Ns {
+        self.cycle.sent_at
+    }
+
+    /// Whether frames of the cycle are on the way.
+    pub(super) const fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// The cycle that has ended last, once.
+    pub(super) const fn take_done(&mut self) -> Option<CycleDone> {
+        self.done.take()
+    }
+}

@@ -1,0 +1,120 @@
+//! The scan: which slaves there are, who they are, and their station addresses.
+
+use super::bus::{Bus, Unanswered, join};
+use super::exchange::Lost;
+use super::topology::upstreams;
+use super::{SlaveInfo, clocks, sii};
+use crate::ethercat::registers::{
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, DL_STATUS, DlStatus, FEATURES, FMMU, FMMU_LEN, FMMUS, Features,
+    RequestedState, SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS, STATION_ALIAS, SYNC_ACTIVATION,
+    SYNC_MANAGER, SYNC_MANAGER_LEN, SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE,
+};
+use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
+
+/// The station address of the first slave; those of others follow (most masters give these).
+pub(super) const FIRST_STATION: u16 = 0x1001;
+/// \[OURS] How long slaves may take to enter Init.
+const INIT_MAX_NS: Ns = 2_000_000_000;
+/// \[OURS] How long a slave that is asked for its state again and again has between two times.
+pub(super) const STATE_POLL_NS: Ns = 200_000;
+
+/// Why a scan has failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScanError {
+    /// A frame did not come back in the course of the scan.
+    #[error("frames get lost during the scan; check the cables")]
+    Lost,
+    /// There are more slaves than the master can have.
+    #[error("{found} slaves are connected, and the master has room for {MAX_SLAVES}; connect fewer")]
+    TooMany {
+        /// How many slaves were found.
+        found: u16,
+    },
+    /// The number of slaves has changed in the course of the scan.
+    #[error("{first} slaves were counted, then {then}; check the cables and the slaves' power, and scan again")]
+    Changed {
+        /// How many slaves were counted first.
+        first: u16,
+        /// How many were counted then.
+        then: u16,
+    },
+}
+
+impl From<Lost> for ScanError {
+    fn from(_: Lost) -> Self {
+        Self::Lost
+    }
+}
+
+/// How many slaves are connected; 0, too, if no frame comes back.
+async fn count(bus: &Bus) -> u16 {
+    bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await.unwrap_or(0)
+}
+
+/// Finds the slaves. All of them go to Init and lose what they were configured with.
+pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
+    let found = count(&bus).await;
+    if found == 0 {
+        return Ok(Vec::new());
+    }
+    if usize::from(found) > MAX_SLAVES {
+        return Err(ScanError::TooMany { found });
+    }
+    reset(&bus).await?;
+    for position in 0..found {
+        let station = (FIRST_STATION + position).to_le_bytes();
+        bus.exchange(Command::Apwr, position.wrapping_neg(), STATION_ADDRESS, &mut station.clone()).await?;
+    }
+    let slaves = join((0..found).map(|position| identify(&bus, FIRST_STATION + position))).await;
+    let slaves: Result<Vec<SlaveInfo>, _> = slaves.into_iter().collect();
+    let then = count(&bus).await;
+    if then != found {
+        return Err(ScanError::Changed { first: found, then });
+    }
+    let mut slaves = slaves.map_err(|_| ScanError::Lost)?;
+    let ports: Vec<DlStatus> = slaves.iter().map(|slave| slave.ports).collect();
+    slaves.iter_mut().zip(upstreams(&ports)).for_each(|(slave, upstream)| slave.upstream = upstream);
+    bus.with(|shared| shared.begin(&slaves));
+    let clocks = bus.with(|shared| shared.clocks.all);
+    if !clocks.is_empty() {
+        clocks::set(&bus, clocks).await?;
+    }
+    Ok(slaves)
+}
+
+/// Brings all slaves to Init, without addresses and without a configuration.
+async fn reset(bus: &Bus) -> Result<(), Lost> {
+    let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
+    bus.write_all(AL_CONTROL, &init.0.to_le_bytes()).await?;
+    bus.write_all(STATION_ADDRESS, &[0; 2]).await?;
+    bus.write_all(FMMU, &[0; 16 * FMMU_LEN]).await?;
+    bus.write_all(SYNC_MANAGER, &[0; 16 * SYNC_MANAGER_LEN]).await?;
+    bus.write_all(SYNC_ACTIVATION, &[0]).await?;
+    // As all known masters set the filters of the clocks.
+    bus.write_all(TIME_DIFFERENCE_FILTER, &0x0C00_u16.to_le_bytes()).await?;
+    bus.write_all(SPEED_COUNTER_START, &0x1000_u16.to_le_bytes()).await?;
+    bus.write_all(SII_CONFIGURATION, &[2]).await?;
+    bus.write_all(SII_CONFIGURATION, &[0]).await?;
+    Ok(())
+}
+
+/// What there is to know about a slave.
+async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
+    let until = bus.now() + INIT_MAX_NS;
+    loop {
+        let status = AlStatusWithCode::decode(&bus.read(station, AL_STATUS).await?).status;
+        // One that stays elsewhere says so when it is asked for a state.
+        if status.state() == RequestedState::State(AlState::Init) || bus.now() >= until {
+            break;
+        }
+        bus.sleep(STATE_POLL_NS).await;
+    }
+    let [fmmus] = bus.read(station, FMMUS).await?;
+    let [sync_managers] = bus.read(station, SYNC_MANAGERS).await?;
+    let features = Features(u16::from_le_bytes(bus.read(station, FEATURES).await?));
+    let alias = u16::from_le_bytes(bus.read(station, STATION_ALIAS).await?);
+    let ports = DlStatus(u16::from_le_bytes(bus.read(station, DL_STATUS).await?));
+    let info = SlaveInfo::new(station, sii::read(bus, station).await);
+    let lacks_lrw = info.lacks_lrw || features.contains(Features::NO_LRW);
+    Ok(SlaveInfo { alias, features, fmmus, sync_managers, ports, lacks_lrw, ..info })
+}

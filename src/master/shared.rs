@@ -1,0 +1,268 @@
+//! What sequences of datagrams, the cycle and the user share: the frames, the condition of each slave, the events.
+
+use std::collections::VecDeque;
+
+use super::clocks::{Clocks, Place};
+use super::exchange::Exchange;
+use super::mailbox::MailboxState;
+use super::pace::Pacer;
+use super::process_data::ProcessData;
+use super::{Pace, Settings, SlaveInfo};
+use crate::coe::Emergency;
+use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
+use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+
+/// \[OURS] How many events wait at most; the oldest are lost.
+pub const EVENTS_MAX: usize = 64;
+/// \[OURS] How long after the last cycle datagrams beside it wait for the next one.
+const CYCLIC_NS: Ns = 20_000_000;
+
+/// What happens without being asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A slave has sent an emergency.
+    Emergency {
+        /// Which slave, from 1.
+        slave: u8,
+        /// What it says.
+        emergency: Emergency,
+    },
+    /// A slave answers no more: its cable is cut, or it has no power.
+    Lost {
+        /// Which slave, from 1.
+        slave: u8,
+    },
+    /// A slave that was lost answers again.
+    Returned {
+        /// Which slave, from 1.
+        slave: u8,
+    },
+    /// A slave that was lost had no power. It is in Init and has to be configured again; [`Self::Returned`] comes first.
+    PowerCycled {
+        /// Which slave, from 1.
+        slave: u8,
+    },
+    /// A slave has left its state, or reports an error, without being asked for a state.
+    Status {
+        /// Which slave, from 1.
+        slave: u8,
+        /// Its state and its error.
+        status: AlStatusRegister,
+        /// Why.
+        code: AlStatus,
+    },
+}
+
+/// What the master knows of the present condition of a slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlaveStatus {
+    /// It answers.
+    pub is_present: bool,
+    /// Its AL status when it was read last.
+    pub status: AlStatusRegister,
+    /// Its AL status code then.
+    pub code: AlStatus,
+}
+
+impl SlaveStatus {
+    /// The AL state; `None`: Boot, or one that does not exist.
+    pub const fn state(&self) -> Option<AlState> {
+        match self.status.state() {
+            RequestedState::State(state) => Some(state),
+            _ => None,
+        }
+    }
+}
+
+/// What changes of a slave.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Live {
+    pub(super) status: SlaveStatus,
+    pub(super) mailbox: MailboxState,
+    /// A change of its state is under way.
+    is_changing: bool,
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        let status = AlStatusRegister::of(RequestedState::State(AlState::Init));
+        Self {
+            status: SlaveStatus { is_present: true, status, code: AlStatus::NONE },
+            mailbox: MailboxState::default(),
+            is_changing: false,
+        }
+    }
+}
+
+/// What sequences and the cycle share.
+pub(super) struct Shared {
+    pub(super) settings: Settings,
+    pub(super) now: Ns,
+    /// When the last cycle was sent.
+    pub(super) last_cycle: Option<Ns>,
+    pub(super) exchange: Exchange,
+    pub(super) live: Vec<Live>,
+    /// The slaves that exchange process data.
+    pub(super) active: SlaveSet,
+    /// The slaves that do not answer.
+    pub(super) missing: SlaveSet,
+    /// The last cycle has found all slaves in OP.
+    pub(super) is_all_in_op: bool,
+    /// A cycle was other than the one before, and other than expected.
+    pub(super) is_alarmed: bool,
+    /// The working counters of the last cycle: of process data, expected, of all slaves.
+    pub(super) last_counters: (u16, u16, Option<u16>),
+    pub(super) clocks: Clocks,
+    /// How cycles follow the reference clock.
+    pub(super) pace: Option<Pace>,
+    pub(super) pacer: Pacer,
+    pub(super) events: VecDeque<Event>,
+}
+
+impl Shared {
+    pub(super) fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            now: 0,
+            last_cycle: None,
+            exchange: Exchange::new(settings),
+            live: Vec::new(),
+            active: SlaveSet::EMPTY,
+            missing: SlaveSet::EMPTY,
+            is_all_in_op: false,
+            is_alarmed: false,
+            last_counters: (0, 0, None),
+            clocks: Clocks::default(),
+            pace: None,
+            pacer: Pacer::default(),
+            events: VecDeque::with_capacity(EVENTS_MAX),
+        }
+    }
+
+    /// Forgets all slaves.
+    pub(super) fn reset(&mut self) {
+        (self.last_cycle, self.last_counters) = (None, (0, 0, None));
+        self.live.clear();
+        (self.active, self.missing) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        (self.is_all_in_op, self.is_alarmed) = (false, false);
+        (self.clocks, self.pacer) = (Clocks::default(), Pacer::default());
+    }
+
+    /// These slaves were found.
+    pub(super) fn begin(&mut self, slaves: &[SlaveInfo]) {
+        self.live.resize(slaves.len(), Live::default());
+        for (slave, info) in (1..).zip(slaves) {
+            if info.features.contains(Features::CLOCK) {
+                self.clocks.all.insert(slave);
+            }
+            if !info.features.contains(Features::CLOCK_64_BITS) {
+                self.clocks.short.insert(slave);
+            }
+            self.clocks.places.push(Place { station: info.station, ports: info.ports, upstream: info.upstream });
+        }
+    }
+
+    /// The station with the reference clock, and the time that it had last; `None`: no clock has been set.
+    pub(super) fn reference(&self) -> Option<(u16, u64)> {
+        Some((self.clocks.reference_station(self.missing)?, self.clocks.time))
+    }
+
+    pub(super) fn live_mut(&mut self, slave: u8) -> Option<&mut Live> {
+        self.live.get_mut(usize::from(slave).checked_sub(1)?)
+    }
+
+    /// Whether there are cycles, behind whose frames others wait for their turn.
+    pub(super) fn has_cycles(&self) -> bool {
+        self.last_cycle.is_some_and(|last| self.now.saturating_sub(last) < CYCLIC_NS)
+    }
+
+    /// The AL status of a slave was read in the course of a change of its state.
+    pub(super) fn note_status(&mut self, slave: u8, status: AlStatusWithCode) {
+        let Some(live) = self.live_mut(slave) else { return };
+        let was_present = std::mem::replace(&mut live.status.is_present, true);
+        (live.status.status, live.status.code) = (status.status, status.code);
+        if matches!(live.status.state(), Some(AlState::SafeOp | AlState::Op)) {
+            self.active.insert(slave);
+        } else {
+            self.active.remove(slave);
+        }
+        self.missing.remove(slave);
+        if !was_present {
+            self.tell(Event::Returned { slave });
+        }
+    }
+
+    /// The AL status of a slave was read without a reason.
+    pub(super) fn see_status(&mut self, slave: u8, status: AlStatusWithCode) {
+        let Some(live) = self.live_mut(slave) else { return };
+        let before = live.status;
+        let is_told = !live.is_changing && (before.status, before.code) != (status.status, status.code);
+        self.note_status(slave, status);
+        if is_told {
+            self.tell(Event::Status { slave, status: status.status, code: status.code });
+        }
+    }
+
+    /// A slave does not answer.
+    pub(super) fn lose(&mut self, slave: u8) {
+        self.missing.insert(slave);
+        if let Some(live) = self.live_mut(slave)
+            && std::mem::take(&mut live.status.is_present)
+        {
+            self.tell(Event::Lost { slave });
+        }
+    }
+
+    /// A slave is asked for a state.
+    pub(super) fn expect_state(&mut self, slave: u8, target: AlState) {
+        if target < AlState::SafeOp {
+            self.active.remove(slave);
+        }
+    }
+
+    /// A change of a slave's state begins or ends. Whether none was under way.
+    pub(super) fn change(&mut self, slave: u8, is_changing: bool) -> bool {
+        self.live_mut(slave).is_some_and(|live| !std::mem::replace(&mut live.is_changing, is_changing))
+    }
+
+    /// Whether a slave has a mailbox that nobody uses now.
+    pub(super) fn has_idle_mailbox(&mut self, slave: u8) -> bool {
+        self.live_mut(slave).is_some_and(|live| {
+            live.status.is_present && live.status.state() > Some(AlState::Init) && !live.mailbox.is_open()
+        })
+    }
+
+    /// The mailbox of a slave begins anew.
+    pub(super) fn begin_mailbox(&mut self, slave: u8) {
+        if let Some(live) = self.live_mut(slave) {
+            live.mailbox.begin();
+        }
+    }
+
+    pub(super) fn tell(&mut self, event: Event) {
+        if self.events.len() == EVENTS_MAX {
+            self.events.pop_front();
+        }
+        self.events.push_back(event);
+    }
+}
+
+/// Ends a cycle, and sees whether slaves are missing or have left OP.
+pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
+    let Some(done) = process.finish(shared.active) else { return };
+    if let Some(time) = done.reference_time {
+        shared.clocks.take_time(time, shared.missing);
+        let Shared { clocks, pace, pacer, .. } = shared;
+        process.note_time(clocks.time, pace.and_then(|pace| pacer.next(pace, done.sent_at, clocks.time)));
+    }
+    let found = shared.live.len() as u16;
+    let is_short = done.working_counter < done.expected_working_counter;
+    shared.is_all_in_op = done.all_in_op && done.present == Some(found) && !is_short && shared.missing.is_empty();
+    if done.lost > 0 || done.present.is_none() {
+        // It tells nothing of slaves.
+        return;
+    }
+    let counters = (done.working_counter, done.expected_working_counter, done.present);
+    let is_new = std::mem::replace(&mut shared.last_counters, counters) != counters;
+    shared.is_alarmed |= is_new && (is_short || done.present != Some(found));
+}

@@ -1,0 +1,227 @@
+//! Changes of the AL state: step by step, with what each step needs, until the slave is there, refuses, or time is up.
+
+use super::bus::{Bus, Unanswered, join};
+use super::scan::STATE_POLL_NS;
+use super::{Sync, clocks, sii};
+use crate::ethercat::registers::{
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
+    sync_manager,
+};
+use crate::ethercat::{AlState, AlStatus, Ns};
+
+/// A slave that is not in the state that was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("slave {slave} does not reach {target:?}: {reason}")]
+pub struct StateError {
+    /// Which one, from 1.
+    pub slave: u8,
+    /// The state that was asked for.
+    pub target: AlState,
+    /// Why.
+    pub reason: StateReason,
+}
+
+/// Why a slave is not in a state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StateReason {
+    /// It refuses, or has left the state again.
+    #[error("it stays in state 0x{:X} with AL status code {code}", .state.code())]
+    Refused {
+        /// Where it is.
+        state: RequestedState,
+        /// Why.
+        code: AlStatus,
+    },
+    /// The time is up.
+    #[error("it is in state 0x{:X} when the time is up", .state.code())]
+    TimeUp {
+        /// Where it is.
+        state: RequestedState,
+    },
+    /// Another change of its state is under way.
+    #[error("another change of its state is under way; wait until that has ended, or cancel it")]
+    Busy,
+    /// It does not answer.
+    #[error("it does not answer; check its cable and its power")]
+    NoAnswer,
+}
+
+impl StateReason {
+    /// The AL status code; [`AlStatus::NONE`] if the slave has given none.
+    pub const fn code(self) -> AlStatus {
+        match self {
+            Self::Refused { code, .. } => code,
+            Self::TimeUp { .. } | Self::Busy | Self::NoAnswer => AlStatus::NONE,
+        }
+    }
+}
+
+impl From<Unanswered> for StateReason {
+    fn from(_: Unanswered) -> Self {
+        Self::NoAnswer
+    }
+}
+
+/// What the steps of one slave write.
+#[derive(Clone, Debug)]
+pub(super) struct Plan {
+    /// Its number, from 1.
+    pub(super) slave: u8,
+    pub(super) station: u16,
+    /// The sync managers of the mailbox.
+    pub(super) mailbox: Option<[SyncManager; 2]>,
+    /// The sync managers of process data.
+    pub(super) managers: Vec<(u8, SyncManager)>,
+    pub(super) fmmus: Vec<Fmmu>,
+    pub(super) sync: Option<Sync>,
+}
+
+/// Brings slaves to a state, each at its own pace; the error of the first one in the order of the cable that is not there.
+pub(super) async fn bring_all(bus: Bus, plans: Vec<Plan>, target: AlState, until: Ns) -> Result<(), StateError> {
+    let ended = join(plans.iter().map(|plan| bring(&bus, plan, target, until))).await;
+    let failed = plans.iter().zip(ended).find_map(|(plan, ended)| Some((plan.slave, ended.err()?)));
+    failed.map_or(Ok(()), |(slave, reason)| Err(StateError { slave, target, reason }))
+}
+
+/// A change of a slave's state under way. Dropped, it has ended.
+struct Change<'a> {
+    bus: &'a Bus,
+    slave: u8,
+}
+
+impl<'a> Change<'a> {
+    fn begin(bus: &'a Bus, slave: u8) -> Option<Self> {
+        bus.with(|shared| shared.change(slave, true)).then(|| Self { bus, slave })
+    }
+}
+
+impl Drop for Change<'_> {
+    fn drop(&mut self) {
+        self.bus.with(|shared| shared.change(self.slave, false));
+    }
+}
+
+/// Brings a slave to a state.
+async fn bring(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
+    let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
+    let mut current = acknowledge(bus, plan, until).await?;
+    while current != target {
+        let next = if target < current { target } else { current.above() };
+        step(bus, plan, current, next, until).await?;
+        current = next;
+    }
+    Ok(())
+}
+
+async fn status(bus: &Bus, plan: &Plan) -> Result<AlStatusWithCode, StateReason> {
+    let status = AlStatusWithCode::decode(&bus.read(plan.station, AL_STATUS).await?);
+    bus.with(|shared| shared.note_status(plan.slave, status));
+    Ok(status)
+}
+
+async fn request(bus: &Bus, plan: &Plan, control: AlControl) -> Result<(), StateReason> {
+    Ok(bus.write(plan.station, AL_CONTROL, &control.0.to_le_bytes()).await?)
+}
+
+/// Clears an error, and leaves states that are no steps; the state then.
+async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, StateReason> {
+    loop {
+        let AlStatusWithCode { status: now, code } = status(bus, plan).await?;
+        let state = now.state();
+        match state {
+            RequestedState::State(state) if !now.contains(AlStatusRegister::ERROR) => return Ok(state),
+            _ if bus.now() >= until && now.contains(AlStatusRegister::ERROR) => {
+                return Err(StateReason::Refused { state, code });
+            }
+            _ if bus.now() >= until => return Err(StateReason::TimeUp { state }),
+            RequestedState::State(_) => {}
+            // Boot and states that there are not are left for Init alone.
+            _ => {
+                let init = AlControl::request(RequestedState::State(AlState::Init));
+                request(bus, plan, init.with(AlControl::ACKNOWLEDGE)).await?;
+                bus.sleep(STATE_POLL_NS).await;
+                continue;
+            }
+        }
+        request(bus, plan, AlControl::request(state).with(AlControl::ACKNOWLEDGE)).await?;
+        bus.sleep(STATE_POLL_NS).await;
+    }
+}
+
+/// One step: prepares it, asks for it, waits for it.
+async fn step(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
+    match (from, to) {
+        (AlState::Init, AlState::PreOp) => prepare_mailbox(bus, plan).await?,
+        (AlState::PreOp, AlState::SafeOp) => prepare_process_data(bus, plan).await?,
+        _ => {}
+    }
+    bus.with(|shared| shared.expect_state(plan.slave, to));
+    request(bus, plan, AlControl::request(RequestedState::State(to))).await?;
+    wait_for(bus, plan, from, to, until).await?;
+    match (from, to) {
+        (AlState::Init, AlState::PreOp) => Ok(sii::offer(bus, plan.station, false).await?),
+        (AlState::SafeOp | AlState::Op, AlState::PreOp | AlState::Init) => Ok(end_process_data(bus, plan).await?),
+        _ => Ok(()),
+    }
+}
+
+async fn wait_for(bus: &Bus, plan: &Plan, from: AlState, to: AlState, until: Ns) -> Result<(), StateReason> {
+    loop {
+        let AlStatusWithCode { status: now, code } = status(bus, plan).await?;
+        let state = now.state();
+        if now.contains(AlStatusRegister::ERROR) {
+            return Err(StateReason::Refused { state, code });
+        }
+        if state == RequestedState::State(to) {
+            return Ok(());
+        }
+        if bus.now() >= until {
+            return Err(StateReason::TimeUp { state });
+        }
+        // A slave that is elsewhere without an error has lost its power on the way.
+        if state != RequestedState::State(from) {
+            return Err(StateReason::Refused { state, code });
+        }
+        bus.sleep(STATE_POLL_NS).await;
+    }
+}
+
+/// Init to PreOP: the mailbox, and the EEPROM for the slave's own controller.
+async fn prepare_mailbox(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+    if let Some(managers) = &plan.mailbox {
+        for (n, manager) in (0..).zip(managers) {
+            set_manager(bus, plan, n, manager).await?;
+        }
+    }
+    bus.with(|shared| shared.begin_mailbox(plan.slave));
+    sii::offer(bus, plan.station, true).await
+}
+
+/// A sync manager takes its start and its length while it is off.
+async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Result<(), Unanswered> {
+    bus.write(plan.station, sync_manager(n), &SyncManager::default().encode()).await?;
+    bus.write(plan.station, sync_manager(n), &manager.encode()).await
+}
+
+/// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
+async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+    for (n, manager) in &plan.managers {
+        set_manager(bus, plan, *n, manager).await?;
+    }
+    for (n, mapped) in (0..).zip(&plan.fmmus) {
+        bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
+    }
+    clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await
+}
+
+/// Below SafeOP nothing is exchanged any more.
+async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+    clocks::stop_sync(bus, plan.slave, plan.station).await?;
+    for n in 0..plan.fmmus.len() as u8 {
+        bus.write(plan.station, fmmu(n), &Fmmu::default().encode()).await?;
+    }
+    for (n, _) in &plan.managers {
+        bus.write(plan.station, sync_manager(*n), &SyncManager::default().encode()).await?;
+    }
+    Ok(())
+}

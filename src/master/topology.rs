@@ -1,0 +1,72 @@
+//! The tree of the cables: which slave is connected to which port of which other one.
+
+use crate::ethercat::registers::{DlStatus, PORTS};
+
+/// The ports by which a frame leaves a slave, in the order in which it does; it comes by port 0.
+pub(super) const PORT_ORDER: [usize; PORTS - 1] = [3, 1, 2];
+
+/// Where a slave is connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Upstream {
+    /// The slave towards the master, from 1.
+    pub slave: u8,
+    /// Its port, 1..=3.
+    pub port: u8,
+}
+
+/// Whether frames leave a slave by a port.
+pub(super) const fn is_open(ports: DlStatus, port: usize) -> bool {
+    ports.communicates(port) && !ports.is_closed(port)
+}
+
+/// Where each slave is connected, in the order in which a frame comes to them; `None`: at the master.
+///
+/// \[OURS] Slaves whose ports do not tell are taken for a line.
+pub(super) fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
+    // Ports by which a frame will leave slaves that it has come to, the next one last.
+    let mut ahead: Vec<Upstream> = Vec::new();
+    let mut upstreams = Vec::with_capacity(slaves.len());
+    for (before, ports) in (0u8..).zip(slaves) {
+        let upstream = match before {
+            0 => None,
+            slave => Some(ahead.pop().unwrap_or(Upstream { slave, port: 1 })),
+        };
+        upstreams.push(upstream);
+        let open = PORT_ORDER.iter().rev().filter(|port| is_open(*ports, **port));
+        ahead.extend(open.map(|port| Upstream { slave: before + 1, port: *port as u8 }));
+    }
+    upstreams
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ports(open: &[usize]) -> DlStatus {
+        (0..PORTS).fold(DlStatus::default(), |status, port| {
+            let is_open = port == 0 || open.contains(&port);
+            status.with_port(port, is_open, !is_open)
+        })
+    }
+
+    fn found(slaves: &[&[usize]]) -> Vec<Option<(u8, u8)>> {
+        let slaves: Vec<DlStatus> = slaves.iter().map(|open| ports(open)).collect();
+        upstreams(&slaves).into_iter().map(|upstream| upstream.map(|up| (up.slave, up.port))).collect()
+    }
+
+    /// MASTER-2.4 A line, and a tree whose branches leave by ports 3, 1 and 2.
+    #[test]
+    fn trees_are_found_from_open_ports() {
+        assert_eq!(found(&[]), []);
+        assert_eq!(found(&[&[1], &[1], &[]]), [None, Some((1, 1)), Some((2, 1))]);
+        // Slave 1 has slaves 2 at port 3, 3 and 4 behind each other at port 1, and 5 at port 2.
+        let tree: [&[usize]; 5] = [&[1, 2, 3], &[], &[1], &[], &[]];
+        assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
+    }
+
+    /// MASTER-2.4 Ports that contradict each other make a line.
+    #[test]
+    fn ports_that_make_no_tree_make_a_line() {
+        assert_eq!(found(&[&[], &[], &[]]), [None, Some((1, 1)), Some((2, 1))]);
+    }
+}

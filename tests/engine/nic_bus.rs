@@ -1,0 +1,106 @@
+//! The bus of a network card: slave controllers that our own master reaches, in virtual time, over a wire that loses frames.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ecmsk::engine::EngineConfig;
+use ecmsk::fieldbus::Ns;
+use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires};
+use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
+use ecmsk::slave::Slave;
+
+use crate::host::Host;
+use crate::puppet::Puppet;
+
+/// What a wire does to frames: bit n is about the frame n from now on.
+#[derive(Clone, Default)]
+struct Losses {
+    /// Frames that reach no slave.
+    outward: Arc<AtomicU64>,
+    /// Frames that have reached the slaves, and do not come back.
+    homeward: Arc<AtomicU64>,
+}
+
+/// Takes the next bit.
+fn next(bits: &AtomicU64) -> bool {
+    let before = bits.load(Ordering::Relaxed);
+    bits.store(before >> 1, Ordering::Relaxed);
+    before & 1 != 0
+}
+
+struct LossyWires {
+    wires: ChainWires,
+    losses: Losses,
+}
+
+impl Wire for LossyWires {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        if next(&self.losses.outward) { Ok(()) } else { self.wires.send(frame) }
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        loop {
+            let len = self.wires.receive(buffer)?;
+            if !next(&self.losses.homeward) {
+                return Some(len);
+            }
+        }
+    }
+}
+
+impl NicWires for LossyWires {
+    fn now(&self) -> Ns {
+        self.wires.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        self.wires.wait(until);
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}
+
+/// A board with these slaves at the end of a wire, in OP.
+fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Losses) {
+    let losses = Losses::default();
+    let count = slaves.len();
+    let wires = ChainWires::new(slaves, SimHandle::default()).expect("they have an EEPROM");
+    let wires = LossyWires { wires, losses: losses.clone() };
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    host.op(count);
+    (host, losses)
+}
+
+/// NIC-2.3 Whatever frames are lost on the way out or back, each target reaches the slave in order, and none is left out. The
+/// cycles are counted.
+#[test]
+fn no_target_is_left_out_when_frames_are_lost() {
+    for (outward, homeward) in
+        [(0b1, 0), (0, 0b1), (0b1010_0101, 0), (0, 0b0011_0110), (0b1001, 0b110_0000), (!0 >> 60, 0)]
+    {
+        let puppet = Puppet::obedient();
+        let (mut host, losses) = in_op(vec![puppet.boxed()]);
+        host.servo_on(1);
+        for n in 1..=60 {
+            host.csp(1, n * 10);
+            if n == 20 {
+                losses.outward.store(outward, Ordering::Relaxed);
+                losses.homeward.store(homeward, Ordering::Relaxed);
+            }
+            host.cycles(1);
+        }
+        host.cycles(20);
+        let expected: Vec<i32> = (1..=60).map(|n| n * 10).collect();
+        let targets = puppet.targets();
+        let first = targets.iter().position(|target| *target == 10).expect("the first one");
+        assert_eq!(targets[first..], expected, "{outward:b} {homeward:b}");
+        let counters = host.counters();
+        assert_eq!((counters.outputs_lost, counters.full, counters.for_lost), (0, 0, 0), "{counters:?}");
+        // Some of the frames that were lost were none of a cycle.
+        let lost = u64::from(outward.count_ones() + homeward.count_ones());
+        assert!((1..=lost).contains(&counters.answers_lost), "{outward:b} {homeward:b}: {counters:?}");
+    }
+}

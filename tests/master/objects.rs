@@ -1,0 +1,133 @@
+//! Objects by SDO.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use ecmsk::coe::{AbortCode, Emergency, ObjectAddress, SdoScope};
+use ecmsk::ethercat::AlState;
+use ecmsk::master::{Event, JobDone, MailboxError, SdoError};
+use ecmsk::slave::esc::Chain;
+use support::blob::{BLOB, Blob, bytes};
+
+use super::rig::{MS, Rig, SECOND};
+
+fn blob(len: usize) -> Rig {
+    let mut rig = Rig::of(Chain::line([Blob::of(len).slave()]));
+    rig.scan();
+    rig.reach(AlState::PreOp);
+    rig
+}
+
+/// MASTER-5.1 Values of every length are read and written: expedited up to 4 bytes, then normal, then in segments.
+#[test]
+fn values_of_any_length_are_read_and_written() {
+    for len in (1..=300).chain([1_000, 4_095, 65_535]) {
+        let mut rig = blob(len);
+        assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(bytes(len)), "{len}");
+        let mut other = bytes(len);
+        other.reverse();
+        assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &other), Ok(()), "{len}");
+        assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(other), "{len}");
+    }
+    let mut rig = blob(3);
+    assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &[]), Ok(()));
+    assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(Vec::new()));
+}
+
+/// MASTER-5.2 A transfer that the slave aborts ends with the slave's abort code.
+#[test]
+fn an_abort_has_its_code() {
+    let mut rig = Rig::scanned(&["drive"]);
+    rig.reach(AlState::PreOp);
+    let abort = |code| Err(SdoError::Abort(code));
+    assert_eq!(rig.upload(1, 0x2FFF, 0), abort(AbortCode::NO_OBJECT));
+    assert_eq!(rig.upload(1, 0x6040, 7).map(drop), abort(AbortCode::NO_SUB_INDEX).map(drop));
+    assert_eq!(rig.download(1, 0x6041, 0, &[0; 2]), abort(AbortCode::READ_ONLY).map(drop));
+    assert_eq!(rig.download(1, 0x6060, 0, &[0; 4]), abort(AbortCode::TOO_LONG).map(drop));
+    // In the middle of a value.
+    let mut rig = blob(0);
+    let far = vec![0; 0x1_0001];
+    assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &far), abort(AbortCode::OUT_OF_MEMORY).map(drop));
+    assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &far[1..]), Ok(()));
+}
+
+/// MASTER-5.3 A slave that gives no answer, has no mailbox or is not there is not waited for longer than was said.
+#[test]
+fn every_transfer_ends() {
+    let mut rig = Rig::scanned(&["drive"]);
+    // In Init there is no mailbox.
+    assert_eq!(rig.upload(1, 0x1000, 0).map_err(SdoError::abort_code), Err(AbortCode::TIMEOUT));
+    rig.reach(AlState::PreOp);
+    rig.net.chain.slave_mut(0).delay_sdo(2 * SECOND);
+    let begin = rig.net.now;
+    assert_eq!(rig.upload(1, 0x1000, 0), Err(MailboxError::TimeUp.into()));
+    assert!((SECOND..2 * SECOND + 100 * MS).contains(&(rig.net.now - begin)));
+    // The answer that comes after all is none to the next request.
+    rig.net.chain.slave_mut(0).delay_sdo(0);
+    rig.run_for(2 * SECOND);
+    assert_eq!(rig.upload(1, 0x1018, 0).map(|value| value.len()), Ok(1));
+    rig.net.chain.connect(0, false);
+    assert_eq!(rig.upload(1, 0x1000, 0), Err(MailboxError::NoAnswer.into()));
+    assert_eq!(rig.upload(9, 0x1000, 0), Err(MailboxError::NoMailbox.into()));
+}
+
+/// MASTER-5.4 Transfers of several slaves run side by side, beside changes of state; one slave has one at a time.
+#[test]
+fn transfers_run_side_by_side() {
+    let mut rig = Rig::of(Chain::line((0..3).map(|n| Blob::of(500 + n).slave())));
+    rig.scan();
+    rig.reach(AlState::PreOp);
+    let mut ids: Vec<_> = (1..=3).map(|slave| rig.master.upload(slave, BLOB, SdoScope::Entry, SECOND)).collect();
+    let again = rig.master.upload(2, BLOB, SdoScope::Entry, SECOND);
+    ids.push(rig.master.request_state([3].into_iter().collect(), AlState::SafeOp, SECOND));
+    assert_eq!(rig.wait(again), JobDone::Upload(Err(MailboxError::Busy.into())));
+    while !ids.is_empty() {
+        rig.step();
+        while let Some((id, done)) = rig.master.take_done() {
+            let at = ids.iter().position(|other| *other == id).expect("it was started");
+            ids.remove(at);
+            match done {
+                JobDone::Upload(value) => assert!(value.is_ok_and(|value| value.len() >= 500)),
+                done => assert_eq!(done, JobDone::State(Ok(()))),
+            }
+        }
+    }
+}
+
+/// MASTER-5.5 An emergency becomes an event, in front of an answer, behind it, and while nothing is asked.
+#[test]
+fn emergencies_are_events() {
+    let mut rig = Rig::scanned(&["drive"]);
+    rig.reach(AlState::PreOp);
+    let emergency = |code| Emergency { code, register: 1, data: [1, 2, 3, 4, 5] };
+    rig.net.chain.slave_mut(0).send_emergency(emergency(0x1000));
+    rig.run_for(20 * MS);
+    assert_eq!(rig.master.take_event(), Some(Event::Emergency { slave: 1, emergency: emergency(0x1000) }));
+    for n in 0..5 {
+        let id = rig.master.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry, SECOND);
+        (0..n).for_each(|_| rig.step());
+        rig.net.chain.slave_mut(0).send_emergency(emergency(n));
+        assert!(matches!(rig.wait(id), JobDone::Upload(Ok(_))), "{n}");
+        rig.run_for(20 * MS);
+        assert_eq!(rig.master.take_event(), Some(Event::Emergency { slave: 1, emergency: emergency(n) }));
+    }
+    assert_eq!(rig.master.take_event(), None);
+}
+
+/// MASTER-5.6 A transfer that was given up leaves the mailbox to the next one.
+#[test]
+fn a_transfer_can_be_given_up() {
+    let writes = Arc::default();
+    let blob = Blob { writes: Arc::clone(&writes), ..Blob::of(2000) };
+    let mut rig = Rig::of(Chain::line([blob.slave()]));
+    rig.scan();
+    rig.reach(AlState::PreOp);
+    for n in 0..40 {
+        let id = rig.master.upload(1, BLOB, SdoScope::Entry, SECOND);
+        (0..n).for_each(|_| rig.step());
+        rig.master.cancel(id);
+        assert_eq!(rig.upload(1, BLOB.index, 0), Ok(bytes(2000)), "{n}");
+    }
+    assert_eq!(rig.download(1, BLOB.index, 0, &[1]), Ok(()));
+    assert_eq!(writes.load(Ordering::Relaxed), 1);
+}

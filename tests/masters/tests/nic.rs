@@ -1,0 +1,114 @@
+//! Our own master, as the link `nic:` has it, on simulated slaves: the board's program drives them without a board.
+#![cfg(target_os = "linux")]
+
+mod needs_network_namespace {
+    use std::process::Command;
+    use std::time::Duration;
+
+    use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
+    use ecmsk::ethercat::{Command as Datagram, DatagramHeader, ETHERTYPE, FrameHeader, FrameWriter};
+    use ecmsk::io::ethernet::{DefaultRoute, Socket, check};
+    use ecmsk::link::{LinkError, Share, open};
+    use ecmsk::sk::MasterState;
+    use masters::{MASTER, Rig};
+
+    const LINK: &str = "nic:veth0?priority=20";
+
+    fn refused(uri: &str) -> LinkError {
+        open(uri, Share::ByUri).err().unwrap_or_else(|| panic!("{uri} is opened"))
+    }
+
+    /// NIC-1.1 A program finds its slaves, brings them to OP, moves two drives along a path and sets outputs.
+    /// NIC-1.5 When it closes the board the network goes to PreOP.
+    #[test]
+    fn a_program_drives_its_machine_from_a_network_card() {
+        let rig = Rig::new("drive*2,io", "nic");
+        let ecm = Ecm::open(LINK).expect("it opens");
+        ecm.set_state(MasterState::PreOp).expect("PreOP");
+        let slaves = vec![Slave::Drive(Axis::CSP), Slave::Drive(Axis::CSP), Slave::Io];
+        ecm.configure(&Config { slaves, ..Config::default() }).expect("it is configured");
+        ecm.set_state(MasterState::Op).expect("OP");
+        ecm.servo_on(&[1, 2]).expect("both are on");
+        let mut stream = ecm.stream(20).expect("a stream");
+        for n in 1..=400 {
+            stream.csp(1, 10 * n.min(380)).expect("a target");
+            stream.csp(2, -20 * n.min(380)).expect("a target");
+            stream.step().expect("a step");
+        }
+        let summary = stream.finish().expect("it ends");
+        let snapshot = ecm.snapshot().expect("a report");
+        let stands = |slave, at: i32| snapshot.position(slave).is_some_and(|position| (position - at).abs() <= 2);
+        assert!(stands(1, 3800) && stands(2, -7600), "{:?} {:?}", snapshot.position(1), snapshot.position(2));
+        assert_eq!(summary.frames, 400, "{summary:?}");
+        ecm.set_outputs(3, 0xA55A).expect("outputs");
+        let waited = (0..1000).find(|_| {
+            ecm.next_cycle(Duration::from_secs(1)).expect("a report");
+            ecm.inputs(3).expect("inputs") == 0xA55A
+        });
+        assert!(waited.is_some(), "the outputs are wired to the inputs");
+        ecm.close(Close::ServoOff).expect("it closes");
+        let said = rig.end();
+        assert!(said.iter().any(|line| line == "slaves 1 to 3 are in OP"), "{said:?}");
+        let last = said.iter().rfind(|line| line.starts_with("slaves")).expect("a line");
+        assert_eq!(last, "slaves 1 to 3 are in PreOP", "{said:?}");
+    }
+
+    /// NIC-1.2 What is no place for frames of EtherCAT is refused with the next step.
+    /// NIC-1.3 A card that another board has is in use.
+    #[test]
+    fn a_card_is_for_one_program_alone_and_for_nothing_else() {
+        let _rig = Rig::new("io", "nic_refused");
+        let said = refused("nic:veth7").to_string();
+        assert!(said.contains("no network interface veth7; there are") && said.contains("veth0"), "{said}");
+        let said = refused("nic:lo").to_string();
+        assert!(said.contains("lo is no Ethernet"), "{said}");
+        let said = refused("nic:").to_string();
+        assert!(said.contains("nic:INTERFACE, e.g. nic:eth1"), "{said}");
+        let first = open("nic:veth0", Share::ByUri).expect("it opens");
+        let error = refused("nic:veth0");
+        assert!(matches!(&error, LinkError::InUse { .. }), "{error}");
+        first.close();
+        open("nic:veth0", Share::ByUri).expect("it is free again").close();
+        support::succeed(Command::new("ip").args(["address", "add", "192.0.2.7/24", "dev", MASTER]));
+        let said = refused("nic:veth0").to_string();
+        assert!(said.contains("192.0.2.7") && said.contains("ip address flush dev veth0"), "{said}");
+    }
+
+    /// NIC-1.4 Frames of another master are seen before anything is sent.
+    #[test]
+    fn another_master_is_named_before_anything_is_sent() {
+        let rig = Rig::new("io", "nic_other");
+        // What another master sends on the same cable arrives at both ends.
+        let other =
+            Socket::open(&check("veth1", DefaultRoute::Allowed).expect("the other end"), ETHERTYPE).expect("root");
+        let mut frame = [0; 60];
+        let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10, 0, 0, 0, 0, 7])).expect("room");
+        writer.push(DatagramHeader::register(Datagram::Brd, 0, 0, 0x0130), &[0; 2]).expect("room");
+        writer.finish();
+        let said = std::thread::scope(|scope| {
+            let opened = scope.spawn(|| refused("nic:veth0").to_string());
+            while !opened.is_finished() {
+                other.send(&frame).expect("it is sent");
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            opened.join().expect("it ends")
+        });
+        assert!(
+            said.contains("another master sends frames there (from 10:00:00:00:00:07); nothing was sent"),
+            "{said}"
+        );
+        let said = rig.end();
+        assert!(!said.iter().any(|line| line.contains("a master is there")), "{said:?}");
+    }
+
+    /// NIC-1.6 Without slaves there is no board.
+    #[test]
+    fn without_a_slave_there_is_no_board() {
+        let rig = Rig::new("io", "nic_alone");
+        rig.happen("cut 1");
+        let error = refused("nic:veth0");
+        assert!(matches!(&error, LinkError::NoBoard { .. }), "{error}");
+        let said = error.to_string();
+        assert!(said.contains("no slave") && said.contains("look at the cable"), "{said}");
+    }
+}

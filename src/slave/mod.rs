@@ -233,8 +233,8 @@ pub trait Slave: Send {
         let _ = event;
     }
 
-    /// How long after SafeOP, ns, a slave that runs by SYNC0 waits for its first pulse before it says that it is not synchronized;
-    /// `None`: as long as on the way to OP.
+    /// How long after SafeOP, ns, a slave that runs by SYNC0 waits for its first pulse before it says that it is not synchronized; it
+    /// sends no inputs meanwhile. `None`: it sends them, and waits as long as on the way to OP.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }

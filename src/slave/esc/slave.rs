@@ -206,11 +206,19 @@ impl EscSlave {
         if state >= AlState::SafeOp {
             let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
-            let Controller { managers, memory, .. } = &mut self.controller;
-            managers.put(self.application.managers.inputs, &self.inputs, memory);
+            if !self.waits_for_lock() {
+                let Controller { managers, memory, .. } = &mut self.controller;
+                managers.put(self.application.managers.inputs, &self.inputs, memory);
+            }
         }
         self.application.follow(&mut self.controller, &*self.device);
         self.look_for_errors(now);
+    }
+
+    /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
+    fn waits_for_lock(&self) -> bool {
+        let Application { is_synchronized, sync_came, .. } = self.application;
+        is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()
     }
 
     fn look_for_errors(&mut self, now: Ns) {

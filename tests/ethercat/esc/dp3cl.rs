@@ -83,6 +83,40 @@ fn sync0_that_does_not_come() {
     assert_eq!(rig.al_status(FIRST), (0x04, AlStatus::NONE));
 }
 
+/// DP3CL-5.21 Inputs come once SYNC0 has come: until then they read 0.
+#[test]
+fn inputs_wait_for_sync0() {
+    let mut rig = with_sync0(100, 0x03);
+    rig.reach(FIRST, AlState::SafeOp);
+    let inputs = |rig: &mut Rig| rig.logical(Command::Lrd, 8, &[0xEE; 19]);
+    rig.now += 50 * MS;
+    let before = inputs(&mut rig);
+    assert_eq!((before.wkc, before.data), (1, vec![0; 19]));
+    rig.now += 100 * MS;
+    let after = inputs(&mut rig);
+    assert_eq!((after.wkc, after.data[2] & 0x4F), (1, 0x40), "the statusword of Switch on disabled");
+}
+
+/// DP3CL-5.6 E-804: outputs that stop lead to SafeOP with 0x001B, in SafeOP too, where the watchdog runs from the first outputs on.
+#[test]
+fn outputs_that_stop() {
+    for state in [AlState::SafeOp, AlState::Op] {
+        let mut rig = rig();
+        rig.bring_to_preop(FIRST);
+        rig.set_process_data(FIRST, 0);
+        rig.reach(FIRST, AlState::SafeOp);
+        rig.now += 5_000 * MS;
+        assert_eq!(rig.al_status(FIRST), (0x04, AlStatus::NONE), "none have come yet");
+        assert_eq!(rig.logical(Command::Lrw, 0, &[0; 27]).wkc, 3);
+        if state == AlState::Op {
+            rig.reach(FIRST, AlState::Op);
+        }
+        rig.now += 101 * MS;
+        assert_eq!(rig.al_status(FIRST), (0x14, AlStatus::WATCHDOG), "{state:?}");
+        assert_eq!(rig.request(FIRST, 0x14), (0x04, AlStatus::NONE));
+    }
+}
+
 /// DP3CL-5.7 E-806: SYNC0 that is switched off leads from SafeOP and from OP to SafeOP with 0x0032.
 #[test]
 fn sync0_that_is_switched_off() {

@@ -1,5 +1,5 @@
 //! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
-//! checklist that these tests show stand in their names, `s07` for number 7.
+//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is what `tests/masters` shows.
 //!
 //! - `rig.rs`: the master
 //! - `datagrams.rs`: the commands, and frames as a whole

@@ -44,7 +44,8 @@ pub type InOp<D = NoDc, const N: usize = SLAVES_MAX, const I: usize = IMAGE_MAX>
 pub fn master(interface: &str) -> Master {
     let (tx, rx, pdus) = PDUS.try_split().expect("once");
     // An answer behind the limit ends the task for good, and a busy machine answers late.
-    let timeouts = Timeouts { pdu: Duration::from_millis(1000), ..Timeouts::default() };
+    let long = Duration::from_millis(1000);
+    let timeouts = Timeouts { pdu: long, eeprom: long, mailbox_echo: long, ..Timeouts::default() };
     let config = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let task = tx_rx_task(interface, tx, rx).expect("the interface");
     spawn(move || block_on(task).map(drop));

@@ -357,13 +357,13 @@ impl fmt::Display for Event {
             ),
             Self::AnswersLost { at, cycles } => write!(
                 f,
-                "the answers of {cycles} cycles before {} us are lost: this machine did not look in time; outputs were sent \
-                 all the same",
+                "the answers of {cycles} cycles before {} us were not there in time: this machine was late, or frames are lost on \
+                 the cable; no outputs are lost with them",
                 at / 1000
             ),
             Self::BusDown { at } => write!(
                 f,
-                "the chip that runs the network does not answer at {} us: look at its wires and its power; when it answers \
+                "the network does not answer at {} us: look at its wires and its power; when it answers \
                  again, send SET_STATE to bring the slaves back",
                 at / 1000
             ),

@@ -110,7 +110,7 @@ impl Host {
     /// A board that has booted.
     pub fn new(config: EngineConfig, bus: impl Fieldbus + 'static) -> Self {
         let over = env::var(OVER).ok().filter(|_| bus.pacing() == Pacing::Runner);
-        let is_late = over.as_ref().is_some_and(|how| how == SETTLED || how == XF_SETTLED);
+        let is_late = over.as_ref().is_some_and(|how| [SETTLED, XF_SETTLED, NIC].contains(&how.as_str()));
         let bus: Box<dyn Fieldbus> = match over.as_deref() {
             None => Box::new(bus),
             Some(XF_SETTLED | XF_ONE_BY_ONE) => behind(bus, chip),

@@ -9,7 +9,7 @@ use std::env;
 use std::process::Command;
 use std::thread;
 
-use crate::host::{BEHIND_CHIP, ONE_BY_ONE, OVER, SETTLED, XF_ONE_BY_ONE, XF_SETTLED};
+use crate::host::{BEHIND_CHIP, NIC, ONE_BY_ONE, OVER, SETTLED, XF_ONE_BY_ONE, XF_SETTLED};
 
 /// Tests that count cycles, and so pass only when none passes besides theirs.
 const BY_CYCLES: [&str; 17] = [
@@ -150,6 +150,75 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 33] = [
     ("xf_state::", "it has such a bus"),
 ];
 
+const ALLOCATES: &str = "a change of state, a configuration and an SDO of our master allocate; a cycle does not";
+const WAY_DOWN: &str = "no slave controller refuses a way down, as the test wants it";
+const SILENT: &str =
+    "a slave that lets frames pass without power is as if it were not there, and equal ones behind it move up";
+const ITS_TIMES: &str =
+    "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
+const WATCHDOG_ON_WIRE: &str =
+    "its cycle is longer than 100 ms: the watchdogs of the controllers end OP between two cycles";
+const DESCRIBED: &str = "its slaves were read before, for their EEPROMs";
+
+/// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
+const CANNOT_ON_WIRE: [(&str, &str); 52] = [
+    ("allocation::streaming_allocates_nothing", ALLOCATES),
+    ("allocation::transfers_allocate_nothing", ALLOCATES),
+    ("allocation::what_goes_wrong_allocates_nothing", ALLOCATES),
+    ("answers::a_failed_change_goes_by_the_low_nibble", WAY_DOWN),
+    ("cable::losses_are_logged", "a working counter that is too low comes before the names of those that are lost"),
+    ("cable::lost_on_the_way_down", ITS_TIMES),
+    ("cable::lost_while_others_come_back", ITS_TIMES),
+    ("cable_below_op::a_change_that_fails_is_seen", ITS_TIMES),
+    ("failures::a_change_has_its_time", ITS_TIMES),
+    ("failures::a_change_may_take_for_ever", ITS_TIMES),
+    ("failures::a_slave_declared_none_stays_in_preop", SILENT),
+    ("fifo::set_state_does_not_wait_and_leaving_op_empties_the_fifo", ITS_TIMES),
+    ("homing_at_once::an_old_result_that_comes_up_late_is_none", CYCLE_BY_CYCLE),
+    (
+        "homing_ends::leaving_op_ends_homing",
+        "the drive is off before it has left OP, so that this is the end of its homing",
+    ),
+    ("homing_real::a_homing_that_fails", ITS_TIMES),
+    ("homing_restore::homing_allocates_nothing", ALLOCATES),
+    ("io_slaves::the_image_is_what_is_output", CYCLE_BY_CYCLE),
+    ("leaving::counters_survive_sw_reset", WATCHDOG_ON_WIRE),
+    ("leaving::frames_while_booting_are_counted", ITS_TIMES),
+    ("leaving::slave_slots_keep_their_values", CYCLE_BY_CYCLE),
+    ("leaving::sw_reset_resets_all_variables", ITS_TIMES),
+    ("left_behind::", WAY_DOWN),
+    ("local_io::local_io_needs_no_network", ITS_TIMES),
+    ("lost::a_slave_that_is_back_holds_its_place", CYCLE_BY_CYCLE),
+    ("lost::all_lost_with_outputs_ahead", WATCHDOG_ON_WIRE),
+    ("lost::another_target_on_the_way_back", ITS_TIMES),
+    ("lost::lost_slaves_allocate_nothing", ALLOCATES),
+    ("lost::no_motor_starts_when_a_slave_comes_back", ITS_TIMES),
+    ("lost::no_output_comes_on_when_a_slave_comes_back", WATCHDOG_ON_WIRE),
+    ("lost::sdo_transfers_with_a_lost_slave", DESCRIBED),
+    ("lost::the_command_of_the_cycle_of_the_loss", "who is lost is known some cycles later"),
+    ("lost_together::a_late_one_comes_back_too", SILENT),
+    ("lost_together::below_op", SILENT),
+    ("lost_together::dead_slaves_keep_nobody_back", SILENT),
+    ("partial_frames::bytes_allocate_nothing", ALLOCATES),
+    ("partial_frames::sw_reset_forgets_a_frame_under_way", ITS_TIMES),
+    ("rejections::counters", WATCHDOG_ON_WIRE),
+    ("replaced::a_refusal_after_another_target", ITS_TIMES),
+    ("replaced::another_target_has_its_own_time", ITS_TIMES),
+    ("replaced::one_new_setting_is_configured", ITS_TIMES),
+    ("sdo::a_request_during_the_boards_own_transfers_is_held", ITS_TIMES),
+    ("sdo_beside::", ITS_TIMES),
+    ("states::a_replaced_target_is_given_up_at_once", ITS_TIMES),
+    ("states::a_target_is_replaced_on_the_way_down", ITS_TIMES),
+    ("states::init_accepts_init_and_preop", ITS_TIMES),
+    ("full_table_run::", "it takes as long as all others"),
+    ("nic_bus::", "it has such a bus"),
+    ("xf_bus::", "it has another bus"),
+    ("xf_ahead::", "it has another bus"),
+    ("xf_faults::", "it has another bus"),
+    ("xf_packets::", "it has another bus"),
+    ("xf_state::", "it has another bus"),
+];
+
 /// Tests that have no board over a simulated network alone, so that nothing of theirs is behind the chip in such a run:
 /// buses of their own that take outputs ahead or fail, and boards that boot in the test's hands.
 const NOT_BEHIND_CHIP: [&str; 37] = [
@@ -247,6 +316,19 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {
     assert!(failed.is_empty() && passed.len() == by_cycles.len(), "{failed:?}\n{said}");
     let others: Vec<_> = passed.iter().filter(|test| !said.contains(&format!("{BEHIND_CHIP}{test}\n"))).collect();
     assert!(others.is_empty(), "{others:?}");
+}
+
+/// NIC-2.5 What a program sees of a board over a simulated network it sees with the slaves at the end of a wire, as slave
+/// controllers that our own master reaches.
+#[test]
+fn all_that_a_program_sees_is_the_same_on_a_network_card() {
+    let cannot: Vec<&str> = CANNOT.iter().chain(&CANNOT_ON_WIRE).map(|(name, _)| *name).collect();
+    let skipped = BY_CYCLES.iter().chain(&cannot).chain(&OWN_BUS);
+    let arguments: Vec<&str> = skipped.flat_map(|name| ["--skip", *name]).collect();
+    let ([passed, failed], said) = run(NIC, &arguments);
+    assert!(failed.is_empty() && passed.len() > 250, "{failed:?}\n{said}");
+    let behind = passed.iter().filter(|test| said.contains(&format!("{BEHIND_CHIP}{test}\n"))).count();
+    assert!(behind > 200, "{behind} of {}", passed.len());
 }
 
 /// No test is left out that could be there.

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::error::Error;
-use crate::needs::CXX;
+use crate::needs::{CXX, IP, NETWORK_NAMESPACE};
 use crate::project::Project;
 use crate::spend::Spend;
 use crate::{command, needs, stage};
@@ -18,6 +18,23 @@ const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm
 const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
 const SCRIPT_BEHIND_CHIP: &str = "script=examples/scripts/alarm_on_the_way_behind_chip.ecmscript";
 
+/// The link that stands for a network card of its own, with simulated slaves at the other end of its cable.
+const CARD: &str = "nic";
+/// Runs a program on slaves at the other end of a cable: $1 is the tool, $2 the recording, $3 the program, $4 the log of the
+/// slaves.
+const ON_A_CARD: &str = "
+ip link add veth0 type veth peer name veth1
+ip link set veth0 up
+ip link set veth1 up
+$1 serve ethercat --on veth1 --slaves 'drive*2' --priority 10 \
+    --script examples/scripts/alarm_on_the_way_on_a_wire.ecmscript > $4 2>&1 &
+slaves=$!
+trap 'kill $slaves' EXIT
+tries=0
+until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 1)); done
+$1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
+";
+
 /// The cost of building the optimised library and tool.
 const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
 
@@ -25,7 +42,8 @@ const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or tw
 pub struct Arguments {
     /// Run the same program on this board too, such as 'xf-sim:?slaves=drive*2', whose slaves are behind an ECM-XF, and draw
     /// both runs in one picture. It has the two drives and the alarm of the first run, if its slaves are simulated and the
-    /// link says nothing else
+    /// link says nothing else. `nic` stands for a pair of virtual network cards, with the program on our own master at one
+    /// end and simulated slaves at the other (needs root)
     #[arg(long)]
     link: Option<String>,
 }
@@ -33,7 +51,8 @@ pub struct Arguments {
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
     SPEND.announce(project);
-    needs::require(project, &[CXX])?;
+    let on_card = arguments.link.as_deref() == Some(CARD);
+    needs::require(project, if on_card { &[CXX, IP, NETWORK_NAMESPACE] } else { &[CXX] })?;
     // The commands are shown as one would type them at the root.
     env::set_current_dir(&project.root).map_err(Error::file("go to", &project.root))?;
     let target = project.relative(&project.target);
@@ -62,7 +81,19 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     exec(LINK, &recording)?;
     show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
     if let Some(link) = &arguments.link {
-        exec(&with_script(link), &other)?;
+        if on_card {
+            let _ = fs::remove_file(&other);
+            let mut run = Command::new("unshare");
+            run.args(["--net", "sh", "-euc", ON_A_CARD, "sh"]).args([
+                &ecmsk,
+                &other,
+                &program,
+                &folder.join("slaves.log"),
+            ]);
+            show_and_run(&mut run)?;
+        } else {
+            exec(&with_script(link), &other)?;
+        }
         let mut draw = Command::new(&ecmsk);
         draw.arg("plot").arg(&recording).arg("--beside").arg(&other).arg("-o").arg(&both);
         show_and_run(&mut draw)?;
@@ -93,7 +124,8 @@ fn end(folder: &Path, has_both: bool) -> String {
         ""
     } else {
         "
-  cargo xtask demo --link 'xf-sim:?slaves=drive*2'                          # the same program on an ECM-XF, both in a picture"
+  cargo xtask demo --link 'xf-sim:?slaves=drive*2'                          # the same program on an ECM-XF, both in a picture
+  cargo xtask demo --link nic                                               # the same on a network card, without a board (root)"
     };
     format!(
         "

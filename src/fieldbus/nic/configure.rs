@@ -1,16 +1,22 @@
 //! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
 //! which the board does it.
 
+use super::jobs::is_busy;
 use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, Master, SdoError};
+use crate::master::{JobDone, JobId, Master, SdoError, Sync};
+use crate::sk::DriveSync;
 
 /// How many slaves are configured at once. \[OURS]
 const AT_ONCE: usize = 8;
 /// How long a slave may take for one SDO of its configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
+
+/// By which part of a cycle SYNC0 is later than the frame passes the reference clock: outputs have arrived then, and inputs are
+/// measured long before the next frame. \[OURS]
+const SYNC0_SHIFT: u32 = 2;
 
 /// How far a slave has come.
 enum Stage {
@@ -26,9 +32,23 @@ struct OneSlave {
     id: JobId,
     stage: Stage,
     /// How the transfer has ended that it waits for.
-    ended: Option<Result<(), AbortCode>>,
-    answers: bool,
+    ended: Option<Ended>,
+    /// How often it was asked for.
+    tries: u32,
 }
+
+/// How a transfer has ended.
+#[derive(Clone, Copy)]
+enum Ended {
+    Done,
+    Aborted(AbortCode),
+    /// The mailbox was in use.
+    Busy,
+    NoAnswer,
+}
+
+/// How often a transfer is asked for whose mailbox is in use, as long as an answer is fetched that nobody waits for. \[OURS]
+const TRIES: u32 = 1000;
 
 /// The configuration of slaves under way.
 pub(super) struct Configuring {
@@ -54,11 +74,12 @@ impl Configuring {
     pub(super) fn take(&mut self, id: JobId, done: &JobDone) {
         let Some(one) = self.under_way.iter_mut().find(|one| one.id == id) else { return };
         one.ended = Some(match done {
-            JobDone::Upload(Err(error)) | JobDone::Download(Err(error)) => {
-                one.answers = matches!(error, SdoError::Abort(_));
-                Err(error.abort_code())
+            JobDone::Upload(Err(SdoError::Abort(code))) | JobDone::Download(Err(SdoError::Abort(code))) => {
+                Ended::Aborted(*code)
             }
-            _ => Ok(()),
+            done if is_busy(done) && one.tries < TRIES => Ended::Busy,
+            JobDone::Upload(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
+            _ => Ended::Done,
         });
     }
 
@@ -106,18 +127,13 @@ impl Configuring {
 
     fn begin(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
         let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
+        // A slave that did not answer when the master looked last may answer now: its first SDO shows it.
         let present = master.status(slave).filter(|status| status.is_present);
-        let Some(status) = present else {
-            // A slave that is not used does not have to answer (SK-4 [OURS]).
-            if role != Role::Unused {
-                self.refuse(Refusal { slave, al_status: 0, abort: None });
-            }
-            return;
-        };
-        if status.state() != Some(AlState::PreOp) {
+        if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
             let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
             return self.refuse(Refusal { slave, al_status, abort: None });
         }
+        // A slave that is not used does not have to answer (SK-4 [OURS]).
         if role == Role::Unused {
             mapped(slave, None);
             // Without process data none can be too long.
@@ -125,9 +141,9 @@ impl Configuring {
             return;
         }
         if matches!(role, Role::Hsp(_)) {
-            let id = master.upload(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS);
+            let id = ask_for_second_axis(slave, master);
             let stage = Stage::SecondAxis;
-            self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+            self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
         } else {
             self.write_first(slave, false, master);
         }
@@ -142,20 +158,29 @@ impl Configuring {
         let Some(current) = left.next() else { return };
         let id = download(slave, &current, master);
         let stage = Stage::Writing { data, left: Box::new(left), current };
-        self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
     }
 
     fn go_on(
         &mut self,
         one: OneSlave,
-        ended: Result<(), AbortCode>,
+        ended: Ended,
         master: &mut Master,
         mapped: &mut dyn FnMut(u8, Option<ProcessData>),
     ) {
-        let OneSlave { slave, answers, stage, .. } = one;
-        if !answers {
-            return self.refuse(Refusal { slave, al_status: 0, abort: None });
-        }
+        let OneSlave { slave, tries, stage, .. } = one;
+        let ended = match ended {
+            Ended::Done => Ok(()),
+            Ended::Aborted(code) => Err(code),
+            Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
+            Ended::Busy => {
+                let id = match &stage {
+                    Stage::SecondAxis => ask_for_second_axis(slave, master),
+                    Stage::Writing { current, .. } => download(slave, current, master),
+                };
+                return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: tries + 1 });
+            }
+        };
         match stage {
             Stage::SecondAxis => {
                 if ended.is_ok() {
@@ -172,9 +197,16 @@ impl Configuring {
                 if let Some(current) = left.next() {
                     let id = download(slave, &current, master);
                     let stage = Stage::Writing { data, left, current };
-                    return self.under_way.push(OneSlave { slave, id, stage, ended: None, answers: true });
+                    return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
                 }
-                match master.configure(slave, data.output_bytes() as u16, data.input_bytes() as u16) {
+                let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
+                let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
+                let sync =
+                    (sync == DriveSync::DcSync).then(|| Sync::sync0(cycle_ns, (cycle_ns / SYNC0_SHIFT).cast_signed()));
+                let configured = master
+                    .configure(slave, data.output_bytes() as u16, data.input_bytes() as u16)
+                    .and_then(|()| master.set_sync(slave, sync));
+                match configured {
                     Ok(()) => mapped(slave, Some(data)),
                     Err(_) => {
                         let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
@@ -184,6 +216,10 @@ impl Configuring {
             }
         }
     }
+}
+
+fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {
+    master.upload(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
 }
 
 fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {

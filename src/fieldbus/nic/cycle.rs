@@ -67,6 +67,7 @@ impl<W: NicWires> NicBus<W> {
     /// The frames have come back.
     fn answered(&mut self, now: Ns, done: &master::CycleDone, inputs: &mut Inputs) -> CycleDone {
         let answers_lost = std::mem::take(&mut self.unanswered);
+        let skew = self.skew.unwrap_or(0);
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
             let Some(data) = &self.stations[n].process_data else { continue };
@@ -96,15 +97,16 @@ impl<W: NicWires> NicBus<W> {
             answers_lost,
             working_counter: done.working_counter,
             expected_working_counter: done.expected_working_counter,
-            next_deadline: None,
+            next_deadline: done.next_deadline.map(|deadline| deadline.wrapping_add(skew)),
         }
     }
 
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
+        let missing = self.master.missing();
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
-            let state = self.state(slave);
+            let state = self.state(slave).filter(|_| !missing.contains(slave));
             let is_missing = state.is_none_or(|state| state < self.stations[n].commanded);
             if is_missing && !self.lost.contains(slave) {
                 self.lost.insert(slave);

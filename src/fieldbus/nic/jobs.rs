@@ -3,30 +3,57 @@
 use super::configure::Configuring;
 use super::{NicBus, NicWires, RunningSdo};
 use crate::coe::{AbortCode, SdoScope};
-use crate::ethercat::{AlState, AlStatus, SlaveSet};
+use crate::ethercat::registers::AlStatusRegister;
+use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest};
-use crate::master::{self, JobId, Master, StateError};
+use crate::master::{self, JobId, MailboxError, Master, Pace, SdoError, StateError, StateReason};
+use crate::sk::CycleTime;
 
 /// A job under way that is no SDO.
 pub(super) enum Running {
     Scan(JobId),
     Configure(Box<Configuring>),
-    State { id: JobId, target: AlState, slaves: SlaveSet },
+    State(Change),
 }
+
+/// A change of state under way.
+#[derive(Clone, Copy)]
+pub(super) struct Change {
+    /// What the master does for it; `None`: it is asked again when it is time.
+    id: Option<JobId>,
+    target: AlState,
+    slaves: SlaveSet,
+    /// When the master is asked again, and when time is up, on the wires' clock.
+    again_at: Ns,
+    until: Ns,
+}
+
+/// How long after a slave has not answered it is asked again, ns. \[OURS]
+const AGAIN_NS: Ns = 20_000_000;
 
 impl Running {
     /// Whether an SDO may run beside this job.
     pub(super) const fn allows_sdo(&self) -> bool {
-        matches!(self, Self::State { .. })
+        matches!(self, Self::State(_))
     }
 
     /// Gives up what the master does for it.
     pub(super) fn cancel(self, master: &mut Master) {
         match self {
-            Self::Scan(id) | Self::State { id, .. } => master.cancel(id),
+            Self::Scan(id) | Self::State(Change { id: Some(id), .. }) => master.cancel(id),
+            Self::State(_) => {}
             Self::Configure(configuring) => configuring.cancel(master),
         }
     }
+}
+
+/// Whether a transfer was refused because the mailbox is in use: an emergency or an answer that nobody waits for is fetched.
+pub(super) const fn is_busy(done: &master::JobDone) -> bool {
+    use master::JobDone::{Download, Upload};
+    matches!(
+        done,
+        Upload(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
+    )
 }
 
 /// The slave is not where it is wanted, and has given no reason.
@@ -42,16 +69,32 @@ impl<W: NicWires> NicBus<W> {
                 Some(Running::Scan(self.master.scan()))
             }
             Job::Configure(config) => {
-                self.cycle = config.cycle;
+                self.set_cycle(config.cycle);
                 Some(Running::Configure(Box::new(Configuring::new(config, self.found))))
             }
             Job::State { target, slaves, timeout_ns } => {
                 let slaves = slaves.intersection(self.all());
                 self.prepare_change(target, slaves);
-                Some(Running::State { id: self.master.request_state(slaves, target, timeout_ns), target, slaves })
+                let now = self.wires.now();
+                let id = Some(self.master.request_state(slaves, target, timeout_ns));
+                Some(Running::State(Change {
+                    id,
+                    target,
+                    slaves,
+                    again_at: now,
+                    until: now.saturating_add(timeout_ns),
+                }))
             }
             Job::Sdo(_) => None,
         };
+    }
+
+    /// Cycles of that length keep step with the reference clock: a frame passes it when a cycle of its time begins.
+    fn set_cycle(&mut self, cycle: CycleTime) {
+        if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
+            self.master.set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
+            self.is_paced = true;
+        }
     }
 
     fn forget_slaves(&mut self) {
@@ -83,14 +126,14 @@ impl<W: NicWires> NicBus<W> {
                 self.master.download(slave, object, SdoScope::Entry, &bytes[..usize::from(size.bytes())], timeout_ns)
             }
         };
-        self.sdo = Some(RunningSdo { request, id });
+        self.sdo = Some(RunningSdo { request, id, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
     /// Takes from the master what has ended.
     pub(super) fn take_ends(&mut self) {
         while let Some((id, done)) = self.master.take_done() {
-            if self.sdo.is_some_and(|sdo| sdo.id == id) {
-                self.end_sdo(&done);
+            if let Some(sdo) = self.sdo.take_if(|sdo| sdo.id == id) {
+                self.end_sdo(sdo, &done);
                 continue;
             }
             match self.job.take() {
@@ -99,17 +142,16 @@ impl<W: NicWires> NicBus<W> {
                     self.job = Some(Running::Configure(configuring));
                 }
                 Some(Running::Scan(running)) if running == id => self.end_scan(&done),
-                Some(Running::State { id: running, target, slaves }) if running == id => {
-                    self.end_change(target, slaves, &done);
-                }
+                Some(Running::State(change)) if change.id == Some(id) => self.end_part(change, &done),
                 other => self.job = other,
             }
         }
         while self.master.take_event().is_some() {}
     }
 
-    /// Goes on with the configuration, if one is under way.
+    /// Goes on with the job under way.
     pub(super) fn run_job(&mut self) {
+        self.ask_again();
         let Some(Running::Configure(mut configuring)) = self.job.take_if(|job| matches!(job, Running::Configure(_)))
         else {
             return;
@@ -125,8 +167,13 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    fn end_sdo(&mut self, done: &master::JobDone) {
-        let Some(RunningSdo { request, .. }) = self.sdo.take() else { return };
+    fn end_sdo(&mut self, sdo: RunningSdo, done: &master::JobDone) {
+        let RunningSdo { request, until, .. } = sdo;
+        if is_busy(done) && self.wires.now() < until {
+            self.start_sdo(request);
+            self.sdo.iter_mut().for_each(|again| again.until = until);
+            return;
+        }
         let written = request.write.map_or(0, |(_, value)| value);
         let result = match done {
             // Of a longer value the board shows the first 4 bytes (SK-6).
@@ -150,23 +197,53 @@ impl<W: NicWires> NicBus<W> {
         self.ended.push_back(JobDone::Scan { found: self.found });
     }
 
-    fn end_change(&mut self, target: AlState, slaves: SlaveSet, done: &master::JobDone) {
+    /// The master has done what it could for a change of state. A slave that refuses ends it; one that does not answer is asked
+    /// again until time is up, as it may be back.
+    fn end_part(&mut self, change: Change, done: &master::JobDone) {
+        let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {
-            if self.state(slave) != Some(target) {
-                continue;
+            if self.state(slave) == Some(target) {
+                self.station_mut(slave).commanded = target;
+                self.lost.remove(slave);
+                self.lost_from[usize::from(slave) - 1] = None;
             }
-            self.station_mut(slave).commanded = target;
-            self.lost.remove(slave);
-            self.lost_from[usize::from(slave) - 1] = None;
         }
+        let now = self.wires.now();
+        let refused = || {
+            slaves.iter().find_map(|slave| {
+                let status = self.master.status(slave).filter(|status| status.is_present)?;
+                let AlStatus(al_status) = status.code;
+                let is_refused = status.status.contains(AlStatusRegister::ERROR);
+                is_refused.then_some(Refusal { slave, al_status, abort: None })
+            })
+        };
         let result = match done {
             master::JobDone::State(Ok(())) => Ok(()),
-            master::JobDone::State(Err(StateError { slave, reason, .. })) => {
-                let AlStatus(al_status) = reason.code();
-                Err(Refusal { al_status, ..no_answer(*slave) })
-            }
+            master::JobDone::State(Err(StateError { slave, reason, .. })) => match (refused(), reason) {
+                (Some(refusal), _) => Err(refusal),
+                (None, StateReason::NoAnswer | StateReason::Busy) if now < until => {
+                    let again_at = now.saturating_add(AGAIN_NS).min(until);
+                    self.job = Some(Running::State(Change { id: None, again_at, ..change }));
+                    return;
+                }
+                (None, reason) => {
+                    let AlStatus(al_status) = reason.code();
+                    Err(Refusal { al_status, ..no_answer(*slave) })
+                }
+            },
             _ => Err(no_answer(slaves.iter().next().unwrap_or(1))),
         };
         self.ended.push_back(JobDone::State(result));
+    }
+
+    /// Asks again for a change of state, when it is time.
+    fn ask_again(&mut self) {
+        let now = self.wires.now();
+        if let Some(Running::State(change @ Change { id: None, .. })) = &mut self.job
+            && now >= change.again_at
+        {
+            let left = change.until.saturating_sub(now);
+            change.id = Some(self.master.request_state(change.slaves, change.target, left));
+        }
     }
 }

@@ -62,6 +62,8 @@ struct Station {
 struct RunningSdo {
     request: SdoRequest,
     id: master::JobId,
+    /// When the slave has not answered, on the wires' clock.
+    until: Ns,
 }
 
 /// A network at the end of a network card.
@@ -75,6 +77,8 @@ pub struct NicBus<W> {
     stations: [Station; MAX_SLAVES],
     found: u8,
     cycle: CycleTime,
+    /// The master was told how long a cycle is.
+    is_paced: bool,
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
     /// The outputs that were pushed last.
@@ -107,6 +111,7 @@ impl<W: NicWires> NicBus<W> {
             stations: [Station { commanded: AlState::Init, process_data: None }; MAX_SLAVES],
             found: 0,
             cycle: CycleTime::DEFAULT,
+            is_paced: false,
             lost: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
             outputs: Outputs::default(),
@@ -151,9 +156,10 @@ impl<W: NicWires> NicBus<W> {
         status.state()
     }
 
-    /// Whether a slave exchanges process data.
+    /// Whether a slave exchanges process data, or waits for outputs on its way to OP.
     fn has_cycles(&self) -> bool {
-        self.all().iter().any(|slave| self.station(slave).commanded >= AlState::SafeOp)
+        let is_up = |slave| self.state(slave).unwrap_or_default().max(self.station(slave).commanded) >= AlState::SafeOp;
+        self.all().iter().any(is_up)
     }
 
     /// Goes on with what is under way, without a wait.
@@ -166,8 +172,7 @@ impl<W: NicWires> NicBus<W> {
     /// What is under way goes on, and without a runner, or where the wires' clock is virtual, time passes until that time of the
     /// engine.
     fn advance(&mut self, now: Ns) {
-        let wires = self.wires.now();
-        let until = now.wrapping_sub(*self.skew.get_or_insert(now.wrapping_sub(wires)));
+        let until = now.wrapping_sub(self.skew_at(now));
         self.turn();
         if self.has_runner {
             return;
@@ -177,6 +182,18 @@ impl<W: NicWires> NicBus<W> {
             self.wires.wait(turn.min(until));
             self.turn();
         }
+    }
+
+    /// The engine's time less that of the wires, seen when it is `now` for the engine. A runner is late by some time that
+    /// changes, so that the greatest difference is the true one, unless the runner has left out cycles.
+    fn skew_at(&mut self, now: Ns) -> Ns {
+        let seen = now.wrapping_sub(self.wires.now());
+        let skew = self.skew.get_or_insert(seen);
+        let is_more = seen.wrapping_sub(*skew).cast_signed() > 0;
+        if self.has_runner && (is_more || skew.wrapping_sub(seen) > self.cycle.ns() / 2) {
+            *skew = seen;
+        }
+        *skew
     }
 
     /// Whether something is under way that goes on between cycles.
@@ -266,6 +283,10 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn catches_up(&self) -> bool {
         !self.wires.is_real_time()
+    }
+
+    fn reference_clock(&self) -> Option<u8> {
+        self.master.reference_clock()
     }
 
     fn is_down(&self) -> bool {

@@ -5,7 +5,7 @@
 #![no_main]
 
 use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections, RequestedState, SmControl, SyncManager};
-use ecmsk::ethercat::{Command, DatagramHeader, FRAME_LEN_MAX, Frame, FrameHeader, FrameWriter};
+use ecmsk::ethercat::{AlState, Command, DatagramHeader, FRAME_LEN_MAX, Frame, FrameHeader, FrameWriter};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use libfuzzer_sys::fuzz_target;
@@ -45,6 +45,25 @@ impl Rig {
             rig.bring(state);
         }
         rig
+    }
+
+    /// The drive to bootstrap, with an FoE message in its mailbox.
+    fn boot(&mut self, data: &[u8]) {
+        let boxes = [
+            SyncManager::enabled(0x1000, 256, SmControl::MAILBOX_OUT).encode(),
+            SyncManager::enabled(0x1100, 256, SmControl::MAILBOX_IN).encode(),
+        ];
+        self.one(Command::Apwr, 0, registers::AL_CONTROL, &[0x11, 0]);
+        self.one(Command::Apwr, 0, registers::SYNC_MANAGER, &[0; 16]);
+        self.one(Command::Apwr, 0, registers::SYNC_MANAGER, &boxes.concat());
+        self.one(Command::Apwr, 0, registers::AL_CONTROL, &[3, 0]);
+        let mut mailbox = [0; 256];
+        let len = data.len().min(250);
+        mailbox[0] = len as u8;
+        mailbox[5] = 4;
+        mailbox[6..][..len].copy_from_slice(&data[..len]);
+        self.one(Command::Apwr, 0, 0x1000, &mailbox);
+        self.one(Command::Aprd, 0, 0x1100, &[0; 256]);
     }
 
     fn bring(&mut self, state: u8) {
@@ -118,8 +137,11 @@ impl Rig {
         for n in 0..self.chain.len() {
             let slave = self.chain.slave(n);
             let shown = slave.controller().peek(registers::AL_STATUS, 2);
-            assert_eq!(RequestedState::from_code(shown[0]), RequestedState::State(slave.state()));
-            assert_eq!(slave.state(), slave.device().state());
+            let state = RequestedState::from_code(shown[0]);
+            assert_eq!(state, slave.shown_state());
+            // In bootstrap the device stands as in Init.
+            let of_device = if state == RequestedState::Boot { RequestedState::State(AlState::Init) } else { state };
+            assert_eq!((of_device, slave.state()), (RequestedState::State(slave.state()), slave.device().state()));
             assert!(shown[0] & 0xC0 == 0 && shown[1] == 0, "{shown:X?}");
         }
     }
@@ -141,6 +163,7 @@ impl Rig {
                 self.one(Command::Fpwr, 0x1001 + u16::from(adp % 3), 0x1000, &mailbox);
             }
             5 => self.one(Command::Fprd, 0x1001 + u16::from(adp % 3), 0x1080, &[0; 64]),
+            7 => self.boot(data),
             6 => self.send(DatagramHeader::new(Command::from_code(10 + command % 3), 0, low.into()), data),
             _ => {
                 let adp = [0, 0xFFFF, 0x1001, 0x1002, u16::from(adp)][usize::from(adp % 5)];

@@ -13,6 +13,8 @@ use super::al::ApplicationLayer;
 use super::axis::Axis;
 use super::communication::{Communication, SyncEvent};
 use super::dictionary::{Object, Values};
+use super::esc::EscSettings;
+use super::files::FileStore;
 use super::lines::Lines;
 use super::manufacturer::ManufacturerObjects;
 use super::plant::Following;
@@ -55,6 +57,8 @@ pub struct Base<M> {
     pub values: Values,
     /// Manufacturer-specific objects, which are not in the table of the kind. No cycle uses them.
     manufacturer: Option<Box<ManufacturerObjects>>,
+    /// The files of the device, if it has some. No cycle uses them.
+    files: Option<Box<FileStore>>,
     /// The octets that masters store to test long transfers.
     test_memory: Vec<u8>,
     mapping: Mapping,
@@ -72,16 +76,18 @@ impl<M: Model> Base<M> {
         // A transfer does not allocate.
         let test_memory = Vec::with_capacity(if M::TEST_MEMORY { TEST_MEMORY_BYTES_MAX } else { 0 });
         let (manufacturer, sync_managers) = (None, (0, 0));
-        Self { name, serial, identity, al, values, manufacturer, test_memory, mapping, sync_managers, plan }
+        let files = M::FIRMWARE.map(|firmware| Box::new(FileStore::new(firmware)));
+        Self { name, serial, identity, al, values, manufacturer, files, test_memory, mapping, sync_managers, plan }
     }
 
     /// The device loses its power and gets it back: its AL state, its mapping and its stored values are those of power-on.
-    /// Manufacturer-specific objects keep their values.
+    /// Manufacturer-specific objects keep their values, and files stay.
     pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
+        let files = self.files.take();
         let limits = *self.mapping.limits();
         let new = Self::new(name, self.serial, self.identity, values, pdos).with_limits(limits, pdos);
-        *self = Self { manufacturer, ..new };
+        *self = Self { manufacturer, files, ..new };
     }
 
     /// The same device with other limits of its mapping.
@@ -132,6 +138,9 @@ pub trait Model: Send + Sized + 'static {
     /// Whether devices of this kind have [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
+    /// The firmware with which devices of this kind come from the factory; `None`: they have no files and no bootstrap.
+    const FIRMWARE: Option<&'static str> = None;
+
     /// The object dictionary, ascending by address, [`identity`] first. [`check`](super::dictionary::check) it in a constant.
     fn objects() -> &'static [Object<Self>];
 
@@ -173,6 +182,11 @@ pub trait Model: Send + Sized + 'static {
     /// The station alias at power-on; 0: none.
     fn station_alias(&self) -> u16 {
         0
+    }
+
+    /// What kind of controller is in front of the device.
+    fn controller_settings(&self) -> EscSettings {
+        EscSettings::default()
     }
 
     /// `dt_ns` pass in all of the device but its axes.
@@ -226,6 +240,11 @@ pub trait Model: Send + Sized + 'static {
     /// The controller tells the device how it is synchronized.
     fn report_sync(&mut self, event: SyncEvent) {
         let _ = event;
+    }
+
+    /// As [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        None
     }
 
     /// Process data pass.

@@ -118,6 +118,8 @@ impl AxisModel for Drive {
 }
 
 impl Model for Drive {
+    const FIRMWARE: Option<&'static str> = Some("firmware of a simulated drive\n");
+
     fn objects() -> &'static [Object<Self>] {
         objects::OBJECTS
     }

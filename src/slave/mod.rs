@@ -17,6 +17,7 @@
 //! | `switches.rs` | limit switches, home switch, index pulse and end stops along the travel of an axis |
 //! | `plant/`, `plant.rs` | the physics: a motor with its load and control loops, or a train of pulses |
 //! | `lines.rs` | digital inputs and outputs |
+//! | `files.rs` | the files of a device: firmware and others |
 //! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
 //! | `handle.rs` | the handle by which scripts and tests reach a network while it runs |
 //! | `esc/` | the slave controllers around the slaves, as the network sees them |
@@ -38,6 +39,7 @@ pub mod dp3cl;
 pub mod drive;
 pub mod esc;
 mod fault;
+pub mod files;
 pub mod handle;
 pub mod homing;
 pub mod hsp;
@@ -53,6 +55,7 @@ pub use communication::{Communication, SyncEvent, SyncManagerSettings};
 pub use dp3cl::{Dp3cl, Dp3clConfig};
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use fault::Fault;
+pub use files::FileStore;
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use lines::InputPattern;
@@ -67,6 +70,7 @@ pub use crate::ethercat::AlStatus;
 use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
 use device::Identity;
 use dictionary::{EntryDescription, ObjectDescription};
+use esc::EscSettings;
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
 use crate::ethercat::registers::RequestedState;
@@ -120,7 +124,8 @@ pub trait Slave: Send {
     /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// Requests what the AL control register asks for; no slave here has Bootstrap.
+    /// Requests what the AL control register asks for. Bootstrap is a matter of the controller in front of a slave with
+    /// [files](Self::files); the slave itself stands in Init then, and refuses it here.
     ///
     /// # Errors
     /// The AL status code with which the slave refuses. It may have fallen back to a lower state.
@@ -228,6 +233,12 @@ pub trait Slave: Send {
         let _ = event;
     }
 
+    /// How long after SafeOP, ns, a slave that runs by SYNC0 waits for its first pulse before it says that it is not synchronized; it
+    /// sends no inputs meanwhile. `None`: it sends them, and waits as long as on the way to OP.
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        None
+    }
+
     /// The watchdog of outputs in the controller in front of the slave has expired, which runs from the first outputs on: the
     /// slave leaves OP.
     fn expire_watchdog(&mut self) {
@@ -271,6 +282,16 @@ pub trait Slave: Send {
     /// effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         let _ = objects;
+    }
+
+    /// The files of the slave; `None`: it has none, and no bootstrap.
+    fn files(&mut self) -> Option<&mut FileStore> {
+        None
+    }
+
+    /// What kind of controller is in front of the slave.
+    fn controller_settings(&self) -> EscSettings {
+        EscSettings::default()
     }
 
     /// Whether the slave has distributed clocks.

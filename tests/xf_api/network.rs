@@ -151,3 +151,22 @@ fn a_cycle_that_cannot_be_held_is_refused() {
     let error = xf.process_data().unwrap_err().to_string();
     assert!(error.contains("a cycle of 250 us cannot be held: 2 exchange(s) of"), "{error}");
 }
+
+/// DP3CL-10.2 A DP3CL behind a chip is told the cycle of SYNC0: one that it does not have is refused with 0x0035, without the
+/// clocks any is good.
+#[test]
+fn a_dp3cl_knows_the_cycle_of_sync0() {
+    for (assign_activate, sync0_ns, is_good) in
+        [(0x0300, 1_000_000, true), (0x0300, 4_000_000, true), (0x0300, 3_000_000, false), (0, 3_000_000, true)]
+    {
+        let (mut xf, _) = started("dp3cl");
+        let dc = DcTiming { sync0_ns, assign_activate, ..DcTiming::default() };
+        xf.start_network(&NetworkConfig { dc, ..NetworkConfig::default() }).unwrap();
+        xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
+        let reached = xf.set_state(Slaves::All, EtherCatState::SafeOp).map_err(|error| error.to_string());
+        match reached {
+            Ok(_) => assert!(is_good, "{sync0_ns}"),
+            Err(error) => assert!(!is_good && error.contains("0x0035"), "{sync0_ns}: {error}"),
+        }
+    }
+}

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Subcommand, ValueHint};
 use ecmsk::link::simulated_slaves::{self, SimulatedSlavesError};
 use ecmsk::link::slaves::{self, SlaveSpec};
-use ecmsk::slave::esc::{DescriptionError, EscSettings, eeprom_of, esi_of};
+use ecmsk::slave::esc::{DescriptionError, eeprom_of, esi_of};
 
 use super::CliError;
 
@@ -78,14 +78,13 @@ fn kind(text: &str) -> Result<SlaveSpec, String> {
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
-    let settings = EscSettings::default();
     let (of, bytes) = match &args.file {
-        File::Esi(of) => (of, esi(of, &settings)?),
+        File::Esi(of) => (of, esi(of)?),
         File::Sii(of) => {
             if of.output.is_none() && io::stdout().is_terminal() {
                 return Err(SlaveError::Terminal.into());
             }
-            (of, sii(of, &settings)?)
+            (of, sii(of)?)
         }
     };
     match &of.output {
@@ -99,12 +98,14 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn esi(of: &Of, settings: &EscSettings) -> Result<Vec<u8>, SlaveError> {
+fn esi(of: &Of) -> Result<Vec<u8>, SlaveError> {
     let mut devices = simulated_slaves::build(std::slice::from_ref(&of.kind))?;
-    Ok(esi_of(&mut *devices[0], settings)?.into_bytes())
+    let settings = devices[0].controller_settings();
+    Ok(esi_of(&mut *devices[0], &settings)?.into_bytes())
 }
 
-fn sii(of: &Of, settings: &EscSettings) -> Result<Vec<u8>, SlaveError> {
+fn sii(of: &Of) -> Result<Vec<u8>, SlaveError> {
     let mut devices = simulated_slaves::build(std::slice::from_ref(&of.kind))?;
-    Ok(eeprom_of(&mut *devices[0], settings)?)
+    let settings = devices[0].controller_settings();
+    Ok(eeprom_of(&mut *devices[0], &settings)?)
 }

@@ -1,7 +1,8 @@
 //! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
 //! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
-//! network of tests/engine, all of tests/engine over a bus that takes outputs ahead, the schedules of faults between the
-//! ECM-XF's driver and its model in tests/xf, and programs on a board and behind a chip in tests/migration.
+//! network of tests/engine and against slaves in every state in tests/ethercat, all of tests/engine over a bus that takes
+//! outputs ahead, the schedules of faults between the ECM-XF's driver and its model in tests/xf, and programs on a board and
+//! behind a chip in tests/migration.
 
 use std::process::Command;
 
@@ -23,16 +24,18 @@ pub struct Arguments {
     /// Virtual hours of the long day
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     hours: u64,
-    /// Random frames in a row against each network
+    /// Random frames in a row against each network, and against slaves in each state
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     frames: u64,
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
-    let mut frames = test(project, "engine", &["random_networks::", "over::"]);
-    frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
-    frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
-    command::run(&mut frames)?;
+    for (group, filter) in [("engine", &["random_networks::", "over::"][..]), ("ethercat", &["random_frames"])] {
+        let mut frames = test(project, group, filter);
+        frames.env("ECMSK_SOAK_FRAMES", arguments.frames.to_string());
+        frames.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
+        command::run(&mut frames)?;
+    }
     let few = arguments.schedules.div_ceil(PER_MIGRATION);
     let groups = [
         ("invariants", &[][..], arguments.schedules),

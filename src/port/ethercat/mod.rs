@@ -37,6 +37,9 @@ pub struct Options {
     pub interface: String,
     /// The slaves in the order of the cable.
     pub slaves: Vec<SlaveSpec>,
+    /// By how much the crystals of the slaves are too fast or too slow at most, parts per million: the first one is too fast by that
+    /// much, the last one too slow, and the others lie evenly between them.
+    pub drift_ppm: u16,
     /// A file of events that happen to the slaves.
     pub script: Option<PathBuf>,
     /// The file to which every frame and its answer are recorded.
@@ -92,7 +95,7 @@ impl Server {
         }
         let script = options.script.as_deref();
         let script = script.map(|path| simulated_slaves::script(path, &options.slaves)).transpose()?;
-        let network = Network::new(simulated_slaves::build(&options.slaves)?, script)?;
+        let network = Network::new(simulated_slaves::build(&options.slaves)?, script, options.drift_ppm)?;
         let cable = network.cable().clone();
         let default_route = match options.allow_default_route {
             true => DefaultRoute::Allowed,

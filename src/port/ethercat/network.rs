@@ -2,7 +2,7 @@
 
 use super::ServeError;
 use crate::engine::Script as _;
-use crate::ethercat::registers::AL_STATUS_CODE;
+use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
 use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns};
 use crate::link::script::{RunningScript, Script};
 use crate::link::simulated_slaves;
@@ -15,19 +15,20 @@ pub struct Network {
     slaves: CabledChain,
     script: Option<RunningScript>,
     /// The states that were told of the slaves.
-    told: Vec<(AlState, AlStatus)>,
+    told: Vec<(RequestedState, AlStatus)>,
     /// What has happened that nobody has taken yet.
     lines: Vec<String>,
 }
 
 impl Network {
-    /// Slaves in a line that are switched on at time 0, when the script begins.
+    /// Slaves in a line that are switched on at time 0, when the script begins. Their crystals are up to `drift_ppm` parts per
+    /// million too fast or too slow, each by another amount.
     ///
     /// # Errors
     /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
-    pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>) -> Result<Self, ServeError> {
-        let slaves = CabledChain::new(devices, Cable::default())?;
-        let told = vec![(AlState::Init, AlStatus::NONE); slaves.chain().len()];
+    pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
+        let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
+        let told = vec![(RequestedState::State(AlState::Init), AlStatus::NONE); slaves.chain().len()];
         let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
         Ok(Self { slaves, script, told, lines: Vec::new() })
     }
@@ -84,7 +85,7 @@ impl Network {
     }
 
     /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
-    fn tell_states(&mut self, which: impl Fn((AlState, AlStatus)) -> bool) {
+    fn tell_states(&mut self, which: impl Fn((RequestedState, AlStatus)) -> bool) {
         let mut n = 0;
         while n < self.told.len() {
             let state = state_of(self.slaves.chain().slave(n));
@@ -101,23 +102,24 @@ impl Network {
 }
 
 /// The AL state of a slave and why it is there; 0: as the master wanted.
-fn state_of(slave: &EscSlave) -> (AlState, AlStatus) {
+fn state_of(slave: &EscSlave) -> (RequestedState, AlStatus) {
     let code = slave.controller().peek(AL_STATUS_CODE, 2);
     let code = code.try_into().map_or(0, u16::from_le_bytes);
-    (slave.state(), AlStatus(code))
+    (slave.shown_state(), AlStatus(code))
 }
 
 /// The line on the slaves from the place `first` to the one before `end`.
-fn line_of(first: usize, end: usize, (state, code): (AlState, AlStatus)) -> String {
+fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) -> String {
     let who = match end - first {
         1 => format!("slave {} is", first + 1),
         _ => format!("slaves {} to {end} are", first + 1),
     };
     let state = match state {
-        AlState::Init => "Init",
-        AlState::PreOp => "PreOP",
-        AlState::SafeOp => "SafeOP",
-        AlState::Op => "OP",
+        RequestedState::Boot => "BOOT",
+        RequestedState::State(AlState::PreOp) => "PreOP",
+        RequestedState::State(AlState::SafeOp) => "SafeOP",
+        RequestedState::State(AlState::Op) => "OP",
+        _ => "Init",
     };
     match code {
         AlStatus::NONE => format!("{who} in {state}"),
@@ -147,10 +149,14 @@ mod tests {
 
     impl Wire {
         fn new(list: &str, script: &str) -> Self {
+            Self::with_drift(list, script, 0)
+        }
+
+        fn with_drift(list: &str, script: &str, drift_ppm: u16) -> Self {
             let specs = slaves::parse(list).expect("a list");
             let devices = simulated_slaves::build(&specs).expect("slaves");
             let script = Script::parse("the test", script, &specs).expect("a script");
-            let network = Network::new(devices, Some(script)).expect("a network");
+            let network = Network::new(devices, Some(script), drift_ppm).expect("a network");
             Self { network, now: 0, lines: Vec::new() }
         }
 
@@ -209,6 +215,23 @@ mod tests {
         assert!(Network::is_masters(&frame), "datagrams");
     }
 
+    /// ECAT-15.18 Crystals drift as was asked for: the first one is too fast by that much, the last one too slow.
+    #[test]
+    fn crystals_drift() {
+        let mut wire = Wire::with_drift("drive*3", "", 100);
+        let times = |wire: &mut Wire| {
+            [0_u32, 0xFFFF, 0xFFFE].map(|adp| {
+                let (data, _) = wire.send(Command::Aprd, adp | 0x0910 << 16, &[0; 8]).expect("it answers");
+                u64::from_le_bytes(data.try_into().expect("8 bytes"))
+            })
+        };
+        let before = times(&mut wire);
+        wire.wait(1000);
+        let after = times(&mut wire);
+        let passed = [0, 1, 2].map(|n| (after[n] - before[n]) as i64 - (after[1] - before[1]) as i64);
+        assert_eq!(passed.map(|ns| ns / 1000), [100, 0, -100]);
+    }
+
     /// ECAT-15.2 A cut takes the slaves behind it; one that is lost or mute lets frames pass to those behind; a cut before the
     /// first one loses frames.
     #[test]
@@ -235,9 +258,10 @@ mod tests {
             assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
         }
         let states = |wire: &Wire| [0, 1].map(|n| state_of(wire.network.chain().slave(n)));
+        let [init, preop] = [AlState::Init, AlState::PreOp].map(RequestedState::State);
         wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[2, 0]);
         wire.wait(2);
-        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE), (AlState::Init, AlStatus(0x8001))]);
+        assert_eq!(states(&wire), [(preop, AlStatus::NONE), (init, AlStatus(0x8001))]);
         assert!(
             wire.lines.iter().any(|line| line.starts_with("slave 2 is in Init with AL status 0x8001")),
             "{:?}",
@@ -246,9 +270,9 @@ mod tests {
         wire.wait(20);
         wire.send(Command::Bwr, u32::from(AL_CONTROL) << 16, &[0x12, 0]);
         wire.wait(2);
-        assert_eq!(states(&wire), [(AlState::PreOp, AlStatus::NONE); 2]);
+        assert_eq!(states(&wire), [(preop, AlStatus::NONE); 2]);
         wire.wait(30);
-        assert_eq!(states(&wire), [(AlState::Init, AlStatus::NONE), (AlState::PreOp, AlStatus::NONE)]);
+        assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
     }
 
     /// ECAT-15.2 SDOs take as much longer as a script wants.

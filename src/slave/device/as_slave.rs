@@ -6,6 +6,8 @@ use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::communication::{Communication, SyncEvent};
 use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription, Values};
+use crate::slave::esc::EscSettings;
+use crate::slave::files::FileStore;
 use crate::slave::manufacturer::ManufacturerObjects;
 use crate::slave::plant::Following;
 use crate::slave::process_data::{self, Pdo, Plan};
@@ -211,6 +213,10 @@ impl<M: Model> Slave for M {
         Model::report_sync(self, event);
     }
 
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        Model::sync_lock_limit_ns(self)
+    }
+
     fn expire_watchdog(&mut self) {
         let state = self.base().al_state();
         if state == AlState::Op || M::WATCHDOG_IN_SAFEOP && state == AlState::SafeOp {
@@ -255,6 +261,14 @@ impl<M: Model> Slave for M {
 
     fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
         self.base_mut().manufacturer = Some(Box::new(manufacturer));
+    }
+
+    fn files(&mut self) -> Option<&mut FileStore> {
+        self.base_mut().files.as_deref_mut()
+    }
+
+    fn controller_settings(&self) -> EscSettings {
+        Model::controller_settings(self)
     }
 
     fn has_dc(&self) -> bool {

@@ -9,16 +9,20 @@ use super::startup::{self, SafeOpSettings};
 use super::touch_probe::TouchProbes;
 use super::{Dp3cl, objects, parameters};
 use crate::cia402::DriveState;
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{Features, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
 use crate::slave::communication::{Communication, SyncEvent};
 use crate::slave::device::{self, Base, Model};
 use crate::slave::dictionary::Object;
+use crate::slave::esc::EscSettings;
 use crate::slave::plant::Following;
 use crate::slave::process_data::{MappingLimits, Pdo};
 use crate::slave::switches::Input;
 use crate::slave::{AlStatus, Fault};
+
+/// How long after the synchronization has begun the PLL has time to lock.
+const SYNC_LOCK_LIMIT_NS: Ns = 1_000_000_000;
 
 impl Model for Dp3cl {
     const LIMITS: MappingLimits = objects::LIMITS;
@@ -57,6 +61,25 @@ impl Model for Dp3cl {
     /// P7-00.
     fn station_alias(&self) -> u16 {
         self.base.values.get(parameters::SET_ADDRESS)
+    }
+
+    /// The registers of its controller as the manual has them, and no emergencies, of which it says nothing \[OURS]. Its clock has
+    /// 64 bits, although its register of features says that it has 32 \[OURS].
+    fn controller_settings(&self) -> EscSettings {
+        EscSettings {
+            controller_type: 0x04,
+            revision: 0x02,
+            build: 0x0040,
+            fmmus: 3,
+            sync_managers: 4,
+            ram_kib: 8,
+            features: Features::CLOCK | Features::SEPARATE_CHECK_ERRORS | Features::ENHANCED_SYNC,
+            pdi_control: 0x0C08,
+            pdi_configuration: 0x6600,
+            mailbox_bytes_min: 32,
+            emergencies: false,
+            ..EscSettings::default()
+        }
     }
 
     fn step_axes(&mut self, dt_ns: Ns) {
@@ -171,6 +194,10 @@ impl Model for Dp3cl {
 
     fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
         self.dc = Some(startup::activation_of(cycle_ns));
+    }
+
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        Some(SYNC_LOCK_LIMIT_NS)
     }
 
     fn report_sync(&mut self, event: SyncEvent) {

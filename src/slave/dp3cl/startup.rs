@@ -92,9 +92,9 @@ pub(super) struct SafeOpSettings {
 pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     let SafeOpSettings { communication, dc, sync_types } = settings;
     if let Some(communication) = communication {
-        let [_, _, outputs, inputs] = &communication.sync_managers;
-        check_process_data(outputs, inputs, CONTROLS[2], Dp3clAlarm::OutputSyncManager)?;
-        check_process_data(inputs, outputs, CONTROLS[3], Dp3clAlarm::InputSyncManager)?;
+        let [mail_out, mail_in, outputs, inputs] = &communication.sync_managers;
+        check_process_data(outputs, [inputs, mail_out, mail_in], CONTROLS[2], Dp3clAlarm::OutputSyncManager)?;
+        check_process_data(inputs, [outputs, mail_out, mail_in], CONTROLS[3], Dp3clAlarm::InputSyncManager)?;
         let period_ns = dc.map_or(0, |(activation, cycle_ns)| if activation == SYNC0_ON { cycle_ns } else { 0 });
         let triggers = outputs.enabled && outputs.control & WATCHDOG_BIT != 0;
         if triggers && communication.watchdog_ns.is_some_and(|ns| ns < 2 * period_ns) {
@@ -115,10 +115,10 @@ pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     }
 }
 
-/// Checks sync manager 2 or 3. One without process data is off.
+/// Checks sync manager 2 or 3. One without process data is off. \[OURS] It lies over none of the others, those of the mailbox too.
 fn check_process_data(
     sm: &SyncManagerSettings,
-    other: &SyncManagerSettings,
+    others: [&SyncManagerSettings; 3],
     control: u8,
     alarm: Dp3clAlarm,
 ) -> Result<(), Dp3clAlarm> {
@@ -127,7 +127,8 @@ fn check_process_data(
     }
     let last = sm.start.checked_add(sm.length - 1);
     let inside = PROCESS_DATA_AREA.contains(&sm.start) && last.is_some_and(|last| PROCESS_DATA_AREA.contains(&last));
-    let good = inside && sm.start.is_multiple_of(2) && !sm.overlaps(other) && has_control(sm, control);
+    let is_alone = !others.iter().any(|other| sm.overlaps(other));
+    let good = inside && sm.start.is_multiple_of(2) && is_alone && has_control(sm, control);
     if good { Ok(()) } else { Err(alarm) }
 }
 

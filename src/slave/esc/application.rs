@@ -1,22 +1,13 @@
-//! The AL state machine behind a controller: which changes of state it makes, what it checks, and what it answers.
+//! The AL state machine behind a controller: which changes of state it makes, and what it answers; `checks.rs` has what it checks.
 //!
 //! Source: ETG.1000.6 6.4, ETG.1020, as public stacks of slaves show them; rules ECAT-11.
 
 use super::Controller;
 use super::mailbox::{ANSWERS, REQUESTS};
-use crate::ethercat::registers::{
-    AlControl, AlStatusRegister, BufferMode, DL_STATUS, DlStatus, RAM, RequestedState, SmDirection, SyncActivation,
-    SyncManager,
-};
+use crate::ethercat::registers::{AlControl, AlStatusRegister, RequestedState, SyncManager};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Slave, SyncEvent};
 
-/// The shortest mailbox (public stacks of slaves).
-pub const MAILBOX_BYTES_MIN: u16 = 34;
-/// \[OURS] The longest mailbox, which is what one datagram can write.
-pub const MAILBOX_BYTES_MAX: u16 = 1486;
-/// \[OURS] The shortest cycle of SYNC0 with which a slave goes to SafeOP, ns.
-pub const SYNC0_CYCLE_MIN_NS: u32 = 100_000;
 /// How long a slave waits for outputs, or for SYNC0, on its way to OP: 9 s less 50 ms (public stacks of slaves).
 pub const OP_WAIT_NS: Ns = 8_950_000_000;
 
@@ -45,6 +36,8 @@ pub(super) struct Application {
     requested: Option<(AlControl, Ns)>,
     /// On the way to OP: until when the slave waits.
     waiting: Option<Ns>,
+    /// In SafeOP and OP: when SYNC0 has to have come.
+    lock_due: Option<Ns>,
     /// SafeOP was entered with distributed clocks.
     pub(super) is_synchronized: bool,
     /// SYNC0 has come since SafeOP was entered.
@@ -57,7 +50,7 @@ pub(super) struct Application {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     None,
-    /// The mailbox begins.
+    /// The mailbox begins, in PreOP or in bootstrap.
     MailboxOn,
     /// Process data begin.
     ProcessDataOn,
@@ -72,12 +65,23 @@ impl Application {
             managers: ProcessManagers::new(has_mailbox),
             requested: None,
             waiting: None,
+            lock_due: None,
             is_synchronized: false,
             sync_came: false,
             outputs_came: false,
         }
     }
 
+    /// The state that the network reads.
+    pub(super) const fn shown_state(&self) -> RequestedState {
+        self.status.state()
+    }
+
+    pub(super) fn is_in_bootstrap(&self) -> bool {
+        self.shown_state() == RequestedState::Boot
+    }
+
+    /// The state of the device; in bootstrap it stands in Init.
     pub(super) fn state(&self) -> AlState {
         match self.status.state() {
             RequestedState::State(state) => state,
@@ -104,8 +108,12 @@ impl Application {
 
     /// The slave is, or stays, in a state for a reason.
     fn fail(&mut self, state: AlState, code: AlStatus, controller: &mut Controller) {
+        self.fail_in(RequestedState::State(state), code, controller);
+    }
+
+    fn fail_in(&mut self, state: RequestedState, code: AlStatus, controller: &mut Controller) {
         self.waiting = None;
-        let status = AlStatusRegister::of(RequestedState::State(state)).with(AlStatusRegister::ERROR);
+        let status = AlStatusRegister::of(state).with(AlStatusRegister::ERROR);
         self.show(status, code, controller);
     }
 
@@ -129,9 +137,15 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// SYNC0 was switched off in OP: the slave leaves OP.
+    /// SYNC0 was switched off: the slave leaves OP. In SafeOP the device may take it for a mistake.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
+        if self.state() < AlState::Op {
+            if device.al_status() != AlStatus::NONE {
+                self.fail(device.state(), device.al_status(), controller);
+            }
+            return;
+        }
         let code = if device.state() < AlState::Op { device.al_status() } else { AlStatus::FATAL_SYNC };
         self.fall(device.state().min(AlState::SafeOp), code, controller, device);
     }
@@ -150,12 +164,12 @@ impl Application {
 
     /// When something has to be done next.
     pub(super) fn due(&self) -> Option<Ns> {
-        [self.requested.map(|(_, due)| due), self.waiting].into_iter().flatten().min()
+        [self.requested.map(|(_, due)| due), self.waiting, self.lock_due].into_iter().flatten().min()
     }
 
     /// Whether [`Self::advance`] has something to do, now or later.
     pub(super) const fn is_busy(&self) -> bool {
-        self.requested.is_some() || self.waiting.is_some()
+        self.requested.is_some() || self.waiting.is_some() || self.lock_due.is_some()
     }
 
     /// Time has passed, or a frame: works on a request that is due, and on the way to OP.
@@ -166,10 +180,26 @@ impl Application {
                 return change;
             }
         }
+        if self.lock_due.take_if(|due| *due <= now).is_some() {
+            self.check_lock(now, controller, device);
+        }
         if let Some(until) = self.waiting {
             self.try_op(until, now, controller, device);
         }
         Change::None
+    }
+
+    /// The time is over in which SYNC0 has to come. \[OURS] A first pulse that is still to come begins it anew.
+    fn check_lock(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
+        if self.state() < AlState::SafeOp || !self.is_synchronized || self.sync_came {
+            return;
+        }
+        if let Some(pulse) = controller.next_pulse(now) {
+            self.lock_due = device.sync_lock_limit_ns().map(|limit| pulse + limit);
+            return;
+        }
+        device.report_sync(SyncEvent::NotLocked);
+        self.fail(device.state(), device.al_status(), controller);
     }
 
     fn handle(&mut self, control: AlControl, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
@@ -184,7 +214,7 @@ impl Application {
             if !control.contains(AlControl::ACKNOWLEDGE) && !to_init {
                 return Change::None;
             }
-            self.succeed(self.state(), controller);
+            self.show(AlStatusRegister::of(self.shown_state()), AlStatus::NONE, controller);
         }
         if control.contains(AlControl::REQUEST_ID) {
             let id = AlStatus(controller.settings().device_id);
@@ -195,6 +225,13 @@ impl Application {
         let from = self.state();
         self.waiting = None;
         device.set_communication(&controller.communication());
+        if self.is_in_bootstrap() {
+            self.leave_bootstrap(control.state(), controller);
+            return Change::None;
+        }
+        if control.state() == RequestedState::Boot && from == AlState::Init && device.files().is_some() {
+            return self.enter_bootstrap(controller);
+        }
         let RequestedState::State(to) = control.state() else {
             let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
@@ -213,6 +250,30 @@ impl Application {
                 self.fail(device.state(), code, controller);
                 Change::None
             }
+        }
+    }
+
+    /// From Init to bootstrap, with the mailboxes that the EEPROM has for it.
+    fn enter_bootstrap(&mut self, controller: &mut Controller) -> Change {
+        match Self::check_boot_mailbox(controller) {
+            Ok(()) => {
+                self.show(AlStatusRegister::of(RequestedState::Boot), AlStatus::NONE, controller);
+                Change::MailboxOn
+            }
+            Err(code) => {
+                self.fail(AlState::Init, code, controller);
+                Change::None
+            }
+        }
+    }
+
+    /// From bootstrap to Init; other states are not reached.
+    fn leave_bootstrap(&mut self, to: RequestedState, controller: &mut Controller) {
+        match to {
+            RequestedState::State(AlState::Init) => self.succeed(AlState::Init, controller),
+            RequestedState::Boot => {}
+            RequestedState::State(_) => self.fail_in(RequestedState::Boot, AlStatus::INVALID_CHANGE, controller),
+            RequestedState::Unknown(_) => self.fail_in(RequestedState::Boot, AlStatus::UNKNOWN_STATE, controller),
         }
     }
 
@@ -247,6 +308,8 @@ impl Application {
             (AlState::PreOp, AlState::SafeOp) => {
                 self.is_synchronized = controller.sync.is_running();
                 (self.outputs_came, self.sync_came) = (false, false);
+                let limit = if self.is_synchronized { device.sync_lock_limit_ns() } else { None };
+                self.lock_due = limit.map(|limit| now + limit);
                 Ok(Change::ProcessDataOn)
             }
             _ => Ok(Change::None),
@@ -279,72 +342,6 @@ impl Application {
         }
     }
 
-    /// Whether the EEPROM is loaded, and the sync managers of the mailbox are as they have to be.
-    fn check_mailbox(&self, controller: &Controller) -> Result<(), AlStatus> {
-        if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
-            return Err(AlStatus::EEPROM_ERROR);
-        }
-        if !self.has_mailbox {
-            return Ok(());
-        }
-        let [requests, answers] = [REQUESTS, ANSWERS].map(|n| controller.managers.registers(n));
-        let is_right = |manager: &SyncManager, direction| {
-            let end = u32::from(manager.start) + u32::from(manager.len);
-            manager.is_enabled()
-                && manager.control.mode() == BufferMode::Mailbox
-                && manager.control.direction() == direction
-                && (MAILBOX_BYTES_MIN..=MAILBOX_BYTES_MAX).contains(&manager.len)
-                && manager.start >= RAM
-                && end as usize <= controller.memory.end()
-        };
-        let overlap = u32::from(requests.start) < u32::from(answers.start) + u32::from(answers.len)
-            && u32::from(answers.start) < u32::from(requests.start) + u32::from(requests.len);
-        let all_right = is_right(&requests, SmDirection::Write) && is_right(&answers, SmDirection::Read) && !overlap;
-        if all_right { Ok(()) } else { Err(AlStatus::INVALID_MAILBOX) }
-    }
-
-    /// Whether the sync managers of process data are as they have to be, whatever their length; those of inputs first.
-    fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
-        let outputs = controller.managers.registers(self.managers.outputs);
-        let inputs = controller.managers.registers(self.managers.inputs);
-        for (manager, direction, code) in [
-            (&inputs, SmDirection::Read, AlStatus::INVALID_INPUTS),
-            (&outputs, SmDirection::Write, AlStatus::INVALID_OUTPUTS),
-        ] {
-            if active_len(manager) == 0 {
-                continue;
-            }
-            let buffers = if manager.control.mode() == BufferMode::Mailbox { 1 } else { 3 };
-            let end = u32::from(manager.start) + buffers * u32::from(manager.len);
-            let is_in_ram = manager.start >= RAM && end as usize <= controller.memory.end();
-            if manager.control.direction() != direction || manager.control.mode() == BufferMode::Unknown || !is_in_ram {
-                return Err(code);
-            }
-        }
-        Ok([outputs, inputs])
-    }
-
-    /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
-    fn check_process_data(&self, controller: &Controller) -> Result<(), AlStatus> {
-        let [outputs, inputs] = self.check_areas(controller)?;
-        let activation = controller.sync_activation();
-        if activation.contains(SyncActivation::ACTIVATE) {
-            let [sync0, sync1] = [SyncActivation::SYNC0, SyncActivation::SYNC1].map(|bit| activation.contains(bit));
-            if sync1 && !sync0 {
-                return Err(AlStatus::INVALID_DC_SYNC);
-            }
-            if sync0 && controller.sync0_cycle_ns() < SYNC0_CYCLE_MIN_NS {
-                return Err(AlStatus::INVALID_SYNC0_CYCLE);
-            }
-        } else if [&outputs, &inputs]
-            .into_iter()
-            .any(|manager| active_len(manager) > 0 && manager.control.mode() == BufferMode::Mailbox)
-        {
-            return Err(AlStatus::NEEDS_THREE_BUFFERS);
-        }
-        Ok(())
-    }
-
     /// A sync manager was enabled, disabled or changed: the state may be lost.
     pub(super) fn check_again(
         &mut self,
@@ -355,6 +352,14 @@ impl Application {
     ) {
         let state = self.state();
         let touched = |n: u8| activated & 1 << n != 0;
+        if self.is_in_bootstrap() {
+            if (touched(REQUESTS) || touched(ANSWERS))
+                && let Err(code) = Self::check_boot_mailbox(controller)
+            {
+                self.fail(AlState::Init, code, controller);
+            }
+            return;
+        }
         if state == AlState::Init {
             return;
         }

@@ -18,6 +18,13 @@ pub struct UndescribedError {
     pub source: DescriptionError,
 }
 
+/// The drift of the crystal of a slave (from 0), parts per billion.
+fn drift_of(n: usize, count: usize, most: u32) -> i32 {
+    let (steps, most) = (count.saturating_sub(1).max(1) as i64, i64::from(most));
+    let drift = most - 2 * most * n as i64 / steps;
+    drift.clamp(i32::MIN.into(), i32::MAX.into()) as i32
+}
+
 /// Slaves in a line, to which happens what its [`Cable`] is told.
 pub struct CabledChain {
     chain: Chain,
@@ -34,11 +41,21 @@ impl CabledChain {
     /// # Errors
     /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, cable: Cable) -> Result<Self, UndescribedError> {
-        let settings = EscSettings::default();
+        Self::with_drift(devices, cable, 0)
+    }
+
+    /// The same slaves with crystals that are up to `drift_ppb` parts per billion too fast or too slow: the first one is too fast
+    /// by that much, the last one too slow, and the others lie evenly between them.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_drift(devices: Vec<Box<dyn Slave>>, cable: Cable, drift_ppb: u32) -> Result<Self, UndescribedError> {
+        let count = devices.len();
         let on_cable = |(n, device): (usize, Box<dyn Slave>)| {
             let kind = device.name().to_owned();
             let device = Box::new(Scripted::new(device, cable.clone(), n as u8 + 1));
-            let slave = EscSlave::describe(device, settings.clone(), 0);
+            let settings = EscSettings { drift_ppb: drift_of(n, count, drift_ppb), ..device.controller_settings() };
+            let slave = EscSlave::describe(device, settings, 0);
             slave.map_err(|source| UndescribedError { slave: n + 1, kind, source })
         };
         let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, _>>()?;

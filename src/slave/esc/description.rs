@@ -1,4 +1,7 @@
 //! The EEPROM of a device, written from what the device says about itself.
+//!
+//! \[OURS] Categories 20 (data types), 42 and 43 (FMMUs and sync units in full) are left out: every master skips them by their length
+//! if it does not know them, and none that is known needs one.
 
 use super::EscSettings;
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -12,16 +15,17 @@ use crate::slave::Slave;
 
 /// \[OURS] The size of the EEPROM of a device, bytes.
 const EEPROM_BYTES: usize = 2048;
-/// \[OURS] Word 0: an on-chip controller behind SPI with SYNC and latch units.
-const PDI_CONTROL: u16 = 0x0C05;
 /// \[OURS] Word 2: SYNC pulses of 10 us.
 const SYNC_PULSE_LENGTH: u16 = 1000;
 /// \[OURS] The mailboxes of a device.
 const MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
+/// \[OURS] The mailboxes in bootstrap of a device that has files: longer ones, since files are.
+const BOOT_MAILBOX: MailboxAreas =
+    MailboxAreas { receive: MailboxArea { start: 0x1000, len: 256 }, send: MailboxArea { start: 0x1100, len: 256 } };
 /// \[OURS] Where its outputs and its inputs lie: three buffers of the longest image have room at each.
 const OUTPUTS_START: u16 = 0x1100;
-const INPUTS_START: u16 = 0x1200;
+const INPUTS_START: u16 = 0x1400;
 /// The index of an object's address in a mapping entry, and padding.
 const PADDING: u16 = 0;
 
@@ -116,13 +120,16 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
         revision: number(device, 0x1018, 3)?,
         serial: number(device, 0x1018, 4)?,
     };
+    let has_files = device.files().is_some();
     let info = SiiInfo {
-        pdi_control: PDI_CONTROL,
+        pdi_control: settings.pdi_control,
+        pdi_configuration: settings.pdi_configuration,
         sync_pulse_length: SYNC_PULSE_LENGTH,
         alias: device.station_alias(),
         identity,
         mailbox: MAILBOX,
-        protocols: MailboxProtocols::COE,
+        boot_mailbox: if has_files { BOOT_MAILBOX } else { MailboxAreas::default() },
+        protocols: if has_files { MailboxProtocols::COE | MailboxProtocols::FOE } else { MailboxProtocols::COE },
         ..SiiInfo::default()
     };
     let mut eeprom = vec![0; EEPROM_BYTES];
@@ -136,7 +143,8 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
         3 => 1,
         _ => 0,
     });
-    sii.general(&SiiGeneral { group: 2, order: 1, name: 3, coe, ports, ..SiiGeneral::default() })?;
+    let foe = u8::from(has_files);
+    sii.general(&SiiGeneral { group: 2, order: 1, name: 3, coe, foe, ports, ..SiiGeneral::default() })?;
     sii.fmmus(&[FmmuUsage::Outputs, FmmuUsage::Inputs, FmmuUsage::MailboxState])?;
     sii.sync_managers(&sync_managers(bytes_of(&outputs), bytes_of(&inputs)))?;
     for (kind, pdos, manager) in [(CategoryKind::TxPdos, &inputs, 3), (CategoryKind::RxPdos, &outputs, 2)] {

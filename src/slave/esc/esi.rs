@@ -1,12 +1,13 @@
 //! The ESI file of a device (ETG.2000), from the same description as its EEPROM: what TwinCAT and other tools want to have of a
 //! slave.
 
-use std::fmt::Write as _;
+use std::ops::Range;
 
 use super::{DescriptionError, EscSettings, eeprom_of};
 use crate::coe::ObjectAddress;
 use crate::ethercat::sii::{
-    CategoryKind, CoeDetails, FmmuUsage, Sii, SiiGeneral, SiiInfo, SiiPdoEntry, SiiSmEnable, SiiSmType,
+    CategoryKind, CoeDetails, FmmuUsage, MailboxProtocols, Sii, SiiGeneral, SiiInfo, SiiPdoEntry, SiiSmEnable,
+    SiiSmType,
 };
 use crate::ethercat::{AlState, WireError};
 use crate::slave::Slave;
@@ -84,7 +85,7 @@ fn write(device: &dyn Slave, settings: &EscSettings, eeprom: &[u8]) -> Result<St
             lines(format!("    </{tag}>"));
         }
     }
-    lines(mailbox(&general));
+    lines(mailbox(&general, info.protocols));
     if sii.category(CategoryKind::DcModes).is_some() {
         for mode in sii.category(CategoryKind::DcModes).iter().flat_map(|category| category.dc_modes()) {
             lines(format!(
@@ -135,10 +136,11 @@ fn type_name(code: u8, bits: u8) -> String {
     }
 }
 
-fn mailbox(general: &SiiGeneral) -> String {
+fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols) -> String {
     let flag = |bit| u8::from(general.coe.contains(bit));
+    let files = if protocols.contains(MailboxProtocols::FOE) { "<FoE/>" } else { "" };
     format!(
-        "    <Mailbox><CoE SdoInfo=\"{}\" PdoAssign=\"{}\" PdoConfig=\"{}\" CompleteAccess=\"{}\" SegmentedSdo=\"1\"/></Mailbox>",
+        "    <Mailbox><CoE SdoInfo=\"{}\" PdoAssign=\"{}\" PdoConfig=\"{}\" CompleteAccess=\"{}\" SegmentedSdo=\"1\"/>{files}</Mailbox>",
         flag(CoeDetails::SDO_INFO),
         flag(CoeDetails::PDO_ASSIGN),
         flag(CoeDetails::PDO_CONFIG),
@@ -146,15 +148,19 @@ fn mailbox(general: &SiiGeneral) -> String {
     )
 }
 
-/// The first words of the EEPROM, as hexadecimal bytes in their order there.
+/// The first words of the EEPROM, and the mailboxes in bootstrap if there is one, as hexadecimal bytes in their order there.
 fn memory(info: &SiiInfo, eeprom: &[u8]) -> String {
-    const CONFIGURED: usize = 14;
-    let mut config = String::new();
-    for byte in info.encode().iter().take(CONFIGURED) {
-        // Writing to a text never fails.
-        let _ = write!(config, "{byte:02X}");
-    }
-    format!("    <Eeprom><ByteSize>{}</ByteSize><ConfigData>{config}</ConfigData></Eeprom>", eeprom.len())
+    const CONFIGURED: Range<usize> = 0..14;
+    const BOOT_MAILBOX: Range<usize> = 0x28..0x30;
+    let words = info.encode();
+    let hex = |bytes: Range<usize>| words[bytes].iter().map(|byte| format!("{byte:02X}")).collect::<String>();
+    let config = hex(CONFIGURED);
+    let boot = if info.protocols.contains(MailboxProtocols::FOE) {
+        format!("<BootStrap>{}</BootStrap>", hex(BOOT_MAILBOX))
+    } else {
+        String::new()
+    };
+    format!("    <Eeprom><ByteSize>{}</ByteSize><ConfigData>{config}</ConfigData>{boot}</Eeprom>", eeprom.len())
 }
 
 fn escaped(text: &str) -> String {

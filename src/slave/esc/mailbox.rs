@@ -1,11 +1,13 @@
 //! The mailbox of a slave: requests out of sync manager 0, answers into sync manager 1, the last one once more if the master
 //! asks for it.
 
+use super::file_server::FileServer;
 use super::information::Information;
 use super::managers::{ManagerEvents, Managers};
 use super::memory::Memory;
 use super::sdo_server::{SdoAnswer, SdoServer};
 use crate::coe::{CoeMessage, Emergency, SdoRequest};
+use crate::ethercat::foe::FoeMessage;
 use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
 };
@@ -62,11 +64,14 @@ pub(super) struct Mailbox {
     emergencies_waiting: usize,
     sdo: SdoServer,
     information: Information,
+    files: FileServer,
+    /// In bootstrap nothing but files is served.
+    is_in_bootstrap: bool,
 }
 
 impl Mailbox {
-    /// The mailbox begins anew, with sync managers of these lengths.
-    pub(super) fn reset(&mut self, requests: usize, answers: usize) {
+    /// The mailbox begins anew, with sync managers of these lengths, in bootstrap or not.
+    pub(super) fn reset(&mut self, requests: usize, answers: usize, is_in_bootstrap: bool) {
         for (bytes, len) in [
             (&mut self.request, requests),
             (&mut self.answer.bytes, answers),
@@ -82,6 +87,8 @@ impl Mailbox {
         (self.is_repeat, self.emergencies_waiting, self.answer_due) = (false, 0, 0);
         self.sdo.reset();
         self.information.reset();
+        self.files.reset(is_in_bootstrap);
+        self.is_in_bootstrap = is_in_bootstrap;
     }
 
     /// Makes SDOs take that much longer from the next one on.
@@ -176,7 +183,8 @@ impl Mailbox {
         }
         self.last_request = message.header.counter;
         match message.header.protocol {
-            MailboxProtocol::Coe => self.handle_coe(message.data, room, device),
+            MailboxProtocol::Coe if !self.is_in_bootstrap => self.handle_coe(message.data, room, device),
+            MailboxProtocol::Foe => self.handle_foe(message.data, (request.len(), room), device),
             MailboxProtocol::Error => {}
             _ => self.answer_fault(MailboxFault::UNSUPPORTED_PROTOCOL, room),
         }
@@ -208,6 +216,20 @@ impl Mailbox {
             // What only slaves send, and services that no slave here has.
             _ => self.answer_fault(MailboxFault::SERVICE_UNSUPPORTED, room),
         }
+    }
+
+    fn handle_foe(&mut self, data: &[u8], mailboxes: (usize, usize), device: &mut dyn Slave) {
+        let Some(store) = device.files() else {
+            return self.answer_fault(MailboxFault::UNSUPPORTED_PROTOCOL, mailboxes.1);
+        };
+        let Ok(message) = FoeMessage::decode(data) else {
+            return self.answer_fault(MailboxFault::TOO_SHORT, mailboxes.1);
+        };
+        let mut files = std::mem::take(&mut self.files);
+        if let Some(answer) = files.answer(&message, mailboxes, store) {
+            self.write_answer(MailboxProtocol::Foe, mailboxes.1, |place| answer.encode(place));
+        }
+        self.files = files;
     }
 
     fn next_header(&mut self, protocol: MailboxProtocol) -> MailboxHeader {

@@ -15,8 +15,8 @@
 //! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
 //! | `watchdog.rs` | the watchdog of process data |
 //! | `slave.rs`, `slave/frames.rs` | a controller with its device: [`EscSlave`], and what it does with a frame |
-//! | `application.rs` | the AL state machine with its checks |
-//! | `mailbox.rs`, `sdo_server.rs`, `information.rs` | the mailbox with its repeat, SDO, SDO information, emergencies |
+//! | `application.rs`, `checks.rs` | the AL state machine, and what it checks |
+//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox with its repeat, SDO, SDO information, emergencies, files |
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
@@ -28,12 +28,14 @@
 mod application;
 mod cabled;
 mod chain;
+mod checks;
 mod clock;
 mod controller;
 mod datagrams;
 mod description;
 mod eeprom;
 mod esi;
+mod file_server;
 mod fmmus;
 mod information;
 mod mailbox;
@@ -48,9 +50,10 @@ mod slave;
 mod sync_unit;
 mod watchdog;
 
-pub use application::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, OP_WAIT_NS, SYNC0_CYCLE_MIN_NS};
+pub use application::OP_WAIT_NS;
 pub use cabled::{CabledChain, UndescribedError};
 pub use chain::{Chain, FrameFate, HOP_NS};
+pub use checks::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, SYNC0_CYCLE_MIN_NS};
 pub use clock::SLEW_MAX_NS;
 pub use controller::Controller;
 pub use description::{DescriptionError, eeprom_of};

@@ -6,8 +6,9 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
+use crate::slave::esc::EscSettings;
 use crate::slave::plant::Following;
-use crate::slave::{Communication, Fault, ManufacturerObjects, Slave, SyncEvent};
+use crate::slave::{Communication, Fault, FileStore, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -107,6 +108,10 @@ impl Slave for Scripted {
         self.device.report_sync(event);
     }
 
+    fn sync_lock_limit_ns(&self) -> Option<Ns> {
+        self.device.sync_lock_limit_ns()
+    }
+
     fn expire_watchdog(&mut self) {
         self.device.expire_watchdog();
     }
@@ -137,6 +142,14 @@ impl Slave for Scripted {
 
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         self.device.add_manufacturer_objects(objects);
+    }
+
+    fn files(&mut self) -> Option<&mut FileStore> {
+        self.device.files()
+    }
+
+    fn controller_settings(&self) -> EscSettings {
+        self.device.controller_settings()
     }
 
     fn has_dc(&self) -> bool {

@@ -20,6 +20,12 @@ pub struct EscSettings {
     pub ram_kib: u8,
     /// What the controller can do, register 0x0008. Without [`Features::CLOCK`] it has no registers of distributed clocks.
     pub features: Features,
+    /// Word 0 of the EEPROM of a device, loaded into registers 0x0140 and 0x0141.
+    pub pdi_control: u16,
+    /// Word 1 of the EEPROM of a device, loaded into registers 0x0150 and 0x0151.
+    pub pdi_configuration: u16,
+    /// The shortest mailbox with which a device goes to PreOP, bytes.
+    pub mailbox_bytes_min: u16,
     /// What each port is, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
     pub ports: [u8; 4],
     /// A read of the EEPROM gives 8 bytes, not 4.
@@ -53,6 +59,10 @@ impl Default for EscSettings {
                 | Features::ENHANCED_LINK_MII
                 | Features::SEPARATE_CHECK_ERRORS
                 | Features::ENHANCED_SYNC,
+            // Behind SPI, with SYNC and latch units.
+            pdi_control: 0x0C05,
+            pdi_configuration: 0,
+            mailbox_bytes_min: super::MAILBOX_BYTES_MIN,
             ports: [3, 3, 0, 0],
             reads_8_bytes: true,
             eeprom_ns: 0,

@@ -8,7 +8,7 @@ use super::managers::ManagerEvents;
 use super::memory::copy;
 use super::{Controller, DescriptionError, EscSettings, SyncPulse, eeprom_of};
 use crate::coe::{Emergency, ObjectAddress};
-use crate::ethercat::registers::{Features, PORTS, SyncActivation};
+use crate::ethercat::registers::{Features, PORTS, RequestedState, SyncActivation};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::{Slave, SyncEvent};
@@ -127,7 +127,12 @@ impl EscSlave {
         &mut *self.device
     }
 
-    /// The AL state.
+    /// The AL state that the network reads, bootstrap too.
+    pub const fn shown_state(&self) -> RequestedState {
+        self.application.shown_state()
+    }
+
+    /// The AL state of the device. In bootstrap it stands in Init.
     pub fn state(&self) -> AlState {
         self.application.state()
     }
@@ -247,8 +252,10 @@ impl EscSlave {
         if state >= AlState::SafeOp {
             let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
-            let Controller { managers, memory, .. } = &mut self.controller;
-            managers.put(self.application.managers.inputs, &self.inputs, memory);
+            if !self.waits_for_lock() {
+                let Controller { managers, memory, .. } = &mut self.controller;
+                managers.put(self.application.managers.inputs, &self.inputs, memory);
+            }
         }
         if self.device.state() != state {
             self.application.follow(&mut self.controller, &*self.device);
@@ -257,6 +264,12 @@ impl EscSlave {
         if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
             self.look_for_errors(now);
         }
+    }
+
+    /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
+    fn waits_for_lock(&self) -> bool {
+        let Application { is_synchronized, sync_came, .. } = self.application;
+        is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()
     }
 
     #[inline(never)]
@@ -304,7 +317,8 @@ impl EscSlave {
             change = self.application.advance(now, &mut self.controller, &mut *self.device);
             self.begin(change, now);
         }
-        let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
+        let is_on = self.state() > AlState::Init || self.application.is_in_bootstrap();
+        let has_mailbox = self.application.has_mailbox && is_on;
         if has_mailbox && (self.mailbox.is_touched(done) || change == Change::MailboxOn) {
             let Controller { managers, memory, .. } = &mut self.controller;
             self.mailbox.serve(now, done, managers, memory, &mut *self.device);
@@ -320,7 +334,8 @@ impl EscSlave {
         match change {
             Change::None => {}
             Change::MailboxOn => {
-                self.mailbox.reset(len(super::mailbox::REQUESTS), len(super::mailbox::ANSWERS));
+                let (requests, answers) = (len(super::mailbox::REQUESTS), len(super::mailbox::ANSWERS));
+                self.mailbox.reset(requests, answers, self.application.is_in_bootstrap());
                 self.error_code = 0;
             }
             Change::ProcessDataOn => {
@@ -358,7 +373,7 @@ impl EscSlave {
     /// The unit for SYNC was switched on or off.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
-        if self.state() == AlState::Op && self.application.is_synchronized && !is_running {
+        if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {
             self.application.lose_sync(&mut self.controller, &mut *self.device);
         }
     }

@@ -97,6 +97,9 @@ pub trait Network: Send {
     /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes.
     fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16);
 
+    /// Sets the cycle of SYNC0; `None`: the slave runs without distributed clocks.
+    fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>);
+
     /// SDO upload of as much of the value as `value` has room for. The length of the whole value.
     ///
     /// # Errors

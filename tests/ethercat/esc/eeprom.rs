@@ -171,3 +171,38 @@ fn devices_describe_themselves() {
     let slave = EscSlave::new(Box::new(device), EscSettings::default(), Vec::new(), 0);
     assert_eq!(slave.controller().peek(registers::SII_CONTROL, 2), [0x40, 0x18], "without an EEPROM nothing is loaded");
 }
+
+/// The objects of a cell of the page on slaves, each with its bytes: `controlword 0x6040 (2), ..`.
+fn objects(cell: &str) -> Vec<(u16, u8)> {
+    let words = cell.split("0x").skip(1);
+    let number = |word: &str| {
+        let (index, bytes) = word.split_once(" (")?;
+        Some((u16::from_str_radix(index, 16).ok()?, bytes.split(')').next()?.parse().ok()?))
+    };
+    words.map(|word| number(word).expect(cell)).collect()
+}
+
+/// ECAT-9.11 The page on slaves says which process data each kind has at power-on.
+#[test]
+fn the_page_has_the_process_data_of_each_kind() {
+    let page = include_str!("../../../docs/SLAVES.md");
+    let kinds: [(&str, Box<dyn Slave>); 5] = [
+        ("`drive`", Box::new(Drive::new(DriveConfig::default()))),
+        ("`step`", Box::new(Drive::new(DriveConfig::stepper()))),
+        ("`dp3cl`", Box::new(Dp3cl::new(Dp3clConfig::default()))),
+        ("`io`", Box::new(Io::default())),
+        ("`hsp`", Box::new(Hsp::new(HspConfig::default()))),
+    ];
+    for (kind, mut device) in kinds {
+        let rows = page.lines().filter_map(|line| line.strip_prefix("| ")?.split_once(" | "));
+        let (_, row) = rows.into_iter().find(|(cell, row)| cell.contains(kind) && row.contains("(2)")).expect(kind);
+        let eeprom = eeprom_of(&mut *device, &EscSettings::default()).expect("it can be described");
+        let sii = Sii::new(&eeprom).expect("an EEPROM");
+        for (cell, category) in row.split(" | ").zip([CategoryKind::RxPdos, CategoryKind::TxPdos]) {
+            let pdos = sii.category(category).expect("PDOs").pdos().map(|pdo| pdo.expect("a PDO"));
+            let mapped: Vec<(u16, u8)> =
+                pdos.flat_map(|pdo| pdo.entries.iter().map(|entry| (entry.index, entry.bits / 8))).collect();
+            assert_eq!(objects(cell), mapped, "{kind}");
+        }
+    }
+}

@@ -230,7 +230,7 @@ fn fault(answer: Option<Vec<u8>>) -> MailboxFault {
 fn s34_wrong_messages_are_answered() {
     let mut rig = Rig::drives(1);
     rig.bring_to_preop(FIRST);
-    for protocol in [MailboxProtocol::Eoe, MailboxProtocol::Foe, MailboxProtocol::Unknown(9)] {
+    for protocol in [MailboxProtocol::Eoe, MailboxProtocol::Soe, MailboxProtocol::Unknown(9)] {
         let message = rig.message(protocol, &[1, 2, 3]);
         rig.post(FIRST, &message);
         assert_eq!(fault(rig.collect(FIRST)), MailboxFault::UNSUPPORTED_PROTOCOL);

@@ -1,5 +1,5 @@
 //! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
-//! checklist that these tests show stand in their names, `s07` for number 7.
+//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is what `tests/masters` shows.
 //!
 //! - `rig.rs`: the master
 //! - `datagrams.rs`: the commands, and frames as a whole
@@ -7,14 +7,20 @@
 //! - `logical.rs`, `managers.rs`: FMMUs; sync managers
 //! - `states.rs`: the AL state machine, the watchdog
 //! - `mailbox.rs`: SDO, SDO information, emergencies
+//! - `files.rs`: bootstrap, and files by FoE
+//! - `dp3cl.rs`: a DP3CL as the network sees it
 //! - `clocks.rs`: distributed clocks
 //! - `masters.rs`: what known masters send at their start
 //! - `bad_input.rs`: frames that nobody should send
+//! - `disturbed.rs`: two masters, masters that stop, EEPROMs written in part, FMMUs and sync managers that nobody would set
 
 mod bad_input;
 mod clocks;
 mod datagrams;
+mod disturbed;
+mod dp3cl;
 mod eeprom;
+mod files;
 mod logical;
 mod mailbox;
 mod managers;

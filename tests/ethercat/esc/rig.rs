@@ -32,6 +32,8 @@ pub struct Rig {
     pub now: Ns,
     /// How long the master waits between frames.
     pub pause: Ns,
+    /// The frames that were sent, if they are to be kept.
+    pub sent: Option<Vec<Vec<u8>>>,
     index: u8,
     counter: MailboxCounter,
 }
@@ -49,13 +51,32 @@ pub fn slave(device: Box<dyn Slave>, settings: EscSettings) -> EscSlave {
 impl Rig {
     pub fn new(slaves: impl IntoIterator<Item = EscSlave>) -> Self {
         let chain = Chain::line(slaves);
-        Self { chain, now: MS, pause: 100 * US, index: 0, counter: MailboxCounter::NONE }
+        Self { chain, now: MS, pause: 100 * US, sent: None, index: 0, counter: MailboxCounter::NONE }
     }
 
     /// Drives in Init, which have their station addresses.
     pub fn drives(n: usize) -> Self {
         let mut rig = Self::new((0..n).map(|_| drive(EscSettings::default())));
         rig.give_stations();
+        rig
+    }
+
+    /// Two drives in that state, with their process data at 0 and 100.
+    pub fn in_state(state: AlState) -> Self {
+        let mut rig = Self::drives(2);
+        for (station, logical) in [(FIRST, 0), (FIRST + 1, 100)] {
+            if state >= AlState::PreOp {
+                rig.bring_to_preop(station);
+            }
+            if state >= AlState::SafeOp {
+                rig.set_process_data(station, logical);
+                rig.reach(station, AlState::SafeOp);
+            }
+            if state == AlState::Op {
+                rig.logical(Command::Lrw, 0, &[0; 200]);
+                rig.reach(station, AlState::Op);
+            }
+        }
         rig
     }
 
@@ -69,6 +90,7 @@ impl Rig {
     /// Sends the bytes of a frame and waits for the pause.
     pub fn raw(&mut self, bytes: &mut [u8]) -> FrameFate {
         self.now += self.pause;
+        self.sent.iter_mut().for_each(|sent| sent.push(bytes.to_vec()));
         self.chain.process(bytes, self.now)
     }
 

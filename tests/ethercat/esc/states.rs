@@ -52,8 +52,8 @@ fn s26_a_mailbox_has_to_be_right() {
     }
 }
 
-/// ECAT-11.2 Steps that leave out a state are refused with 0x11, states that are not known with 0x12, bootstrap with 0x13;
-/// Init is reached from any error.
+/// ECAT-11.2 Steps that leave out a state are refused with 0x11, states that are not known with 0x12; Init is reached from any
+/// error.
 #[test]
 fn s27_wrong_requests_have_their_codes() {
     let mut rig = Rig::drives(1);
@@ -62,7 +62,7 @@ fn s27_wrong_requests_have_their_codes() {
         (0x08, AlStatus::INVALID_CHANGE),
         (0x07, AlStatus::UNKNOWN_STATE),
         (0x00, AlStatus::UNKNOWN_STATE),
-        (0x03, AlStatus::BOOT_UNSUPPORTED),
+        (0x03, AlStatus::INVALID_BOOT_MAILBOX),
     ] {
         assert_eq!(rig.request(FIRST, control), (0x11, code), "0x{control:02X}");
         assert_eq!(rig.request(FIRST, 0x01), (0x01, AlStatus::NONE), "Init without the bit that acknowledges");

@@ -38,6 +38,14 @@ impl Rig {
     /// # Panics
     /// The system or the server refuses something.
     pub fn new(list: &str, name: &str) -> Self {
+        Self::with_drift(list, name, 0)
+    }
+
+    /// The same with crystals that are up to that many parts per million too fast or too slow.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn with_drift(list: &str, name: &str, drift_ppm: u16) -> Self {
         unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
         make_interfaces();
         let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
@@ -49,6 +57,7 @@ impl Rig {
         let options = Options {
             interface: SLAVES.to_owned(),
             slaves: slaves.clone(),
+            drift_ppm,
             script: None,
             record: Some(recording.clone()),
             allow_default_route: false,
@@ -74,8 +83,7 @@ impl Rig {
         assert!(script.is_over(), "`{lines}` has a time");
     }
 
-    /// Runs a program in Python with pysoem in the namespace. A line `fault: LINE` of it makes the line of a script happen, and
-    /// is answered by an empty line. What it printed otherwise.
+    /// Runs a program in Python with pysoem in the namespace, as [`Self::run`] does.
     ///
     /// # Panics
     /// The program fails.
@@ -83,9 +91,17 @@ impl Rig {
         let mut command = Command::new("python3");
         command.arg(program).env("PYTHONPATH", support::target_dir().join("xtask").join(PYSOEM));
         // Nothing is written beside the programs.
-        command.env("PYTHONDONTWRITEBYTECODE", "1");
+        self.run(command.env("PYTHONDONTWRITEBYTECODE", "1"))
+    }
+
+    /// Runs a master in the namespace. A line `fault: LINE` of it makes the line of a script happen, and is answered by an empty
+    /// line. What it printed otherwise.
+    ///
+    /// # Panics
+    /// The master fails.
+    pub fn run(&self, command: &mut Command) -> String {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().expect("python3 starts");
+        let mut child = command.spawn().expect("the master starts");
         let (mut answers, lines) = (child.stdin.take().expect("a pipe"), child.stdout.take().expect("a pipe"));
         let mut printed = String::new();
         for line in BufReader::new(lines).lines() {
@@ -100,7 +116,7 @@ impl Rig {
         }
         let ended = child.wait_with_output().expect("it ends");
         let errors = String::from_utf8_lossy(&ended.stderr);
-        assert!(ended.status.success(), "{}\n{printed}{errors}\n{}", program.display(), self.said().join("\n"));
+        assert!(ended.status.success(), "{command:?}\n{printed}{errors}\n{}", self.said().join("\n"));
         printed
     }
 
@@ -115,6 +131,22 @@ impl Rig {
         self.server.stop();
         Arc::try_unwrap(self.said).map_or_else(|said| said.lock().clone(), Mutex::into_inner)
     }
+}
+
+/// Has a recording dissected by `tshark`, which finds two packets for each frame that the server has answered, as it has said at
+/// its end, and none that is malformed.
+///
+/// # Panics
+/// It finds others.
+pub fn dissect(recording: &Path, said: &[String]) {
+    let packets = |filter: &str| {
+        let mut tshark = Command::new("tshark");
+        support::succeed(tshark.arg("-r").arg(recording).args(["-Y", filter])).lines().count()
+    };
+    let answered = said.last().and_then(|line| line.split(' ').next()).expect("a number");
+    let answered: usize = answered.parse().expect("a number");
+    assert_eq!(packets("ecat"), 2 * answered, "{}", recording.display());
+    assert_eq!(packets("_ws.malformed"), 0, "{}", recording.display());
 }
 
 fn make_interfaces() {

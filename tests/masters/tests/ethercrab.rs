@@ -1,30 +1,119 @@
-//! ethercrab, a master as a crate, on simulated slaves. Its program is `tests/masters/ethercrab`, outside the workspace.
+//! ethercrab, a master as a crate, on simulated slaves. Its programs are `tests/masters/ethercrab`, outside the workspace; what one
+//! checks is in it, and each begins with a network of its own.
 #![cfg(target_os = "linux")]
 
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use masters::{MASTER, Rig};
+
+/// Builds the programs; their file.
+fn programs() -> PathBuf {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("ethercrab/Cargo.toml");
+    let target = support::target_dir().join("masters/ethercrab");
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.args(["build", "--locked", "--manifest-path"]).arg(manifest).arg("--target-dir").arg(&target);
+    // Flags for this test's own build (coverage, a linker) are none of the program's.
+    support::succeed(cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"));
+    target.join("debug/ethercrab_master")
+}
+
+/// Runs a program on the slaves of the list and records it by that name: what it printed before it was done, what the server has
+/// said, and the recording.
+fn run_as(name: &str, list: &str, program: &str) -> (String, Vec<String>, PathBuf) {
+    let programs = programs();
+    let rig = Rig::new(list, name);
+    let printed = rig.run(Command::new(programs).args([MASTER, program]));
+    let Some(printed) = printed.strip_suffix("all as it has to be\n") else { panic!("{printed}") };
+    let recording = rig.recording.clone();
+    (printed.to_owned(), rig.end(), recording)
+}
+
+mod needs_tshark {
+    use super::run_as;
+
+    /// ECAT-15.13 Wireshark finds no packet that is malformed in what ethercrab and its slaves exchange.
+    #[test]
+    fn recordings_of_ethercrab_have_no_malformed_packet() {
+        for (list, program) in [
+            ("drive*2", "start"),
+            ("dp3cl*2", "dp3cl"),
+            ("drive*2", "watchdog"),
+            ("drive*2", "refused"),
+            ("drive*3", "vanish"),
+            ("drive*40", "many"),
+            ("drive*2", "emergency"),
+        ] {
+            let (_, said, recording) = run_as(&format!("dissected_ethercrab_{program}"), list, program);
+            masters::dissect(&recording, &said);
+        }
+    }
+}
+
 mod needs_network_namespace {
-    use std::path::{Path, PathBuf};
-    use std::process::Command;
+    use super::run_as;
 
-    use masters::{MASTER, Rig};
-
-    /// Builds the program; its file.
-    fn program() -> PathBuf {
-        let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("ethercrab/Cargo.toml");
-        let target = support::target_dir().join("masters/ethercrab");
-        let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        cargo.args(["build", "--locked", "--manifest-path"]).arg(manifest).arg("--target-dir").arg(&target);
-        // Flags for this test's own build (coverage, a linker) are none of the program's.
-        support::succeed(cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"));
-        target.join("debug/ethercrab_master")
+    /// Runs a program on the slaves of the list; what it printed before it was done, and what the server has said.
+    fn run(list: &str, program: &str) -> (String, Vec<String>) {
+        let (printed, said, _) = run_as(&format!("ethercrab_{program}"), list, program);
+        (printed, said)
     }
 
     /// ECAT-15.14 Two drives with ethercrab: scan, EEPROM, SDOs, aborts, OP with distributed clocks, and a path in CSP.
     #[test]
     fn ethercrab_moves_two_drives_with_distributed_clocks() {
-        let program = program();
-        let rig = Rig::new("drive*2", "ethercrab");
-        assert_eq!(support::succeed(Command::new(program).arg(MASTER)), "all as it has to be\n", "{:?}", rig.said());
-        let said = rig.end();
+        let (_, said) = run("drive*2", "start");
         assert!(said.iter().any(|line| line.starts_with("slave") && line.ends_with("in OP")), "{said:?}");
+    }
+
+    /// ECAT-15.16 A DP3CL with ethercrab and distributed clocks: homing, profiles, and a path in CSP.
+    #[test]
+    fn ethercrab_homes_a_dp3cl_and_moves_it_by_profiles() {
+        run("dp3cl*2", "dp3cl");
+    }
+
+    /// ECAT-15.16 Slaves that ethercrab has left without process data are in SafeOP with code 0x001B, and come back.
+    #[test]
+    fn ethercrab_comes_back_from_the_watchdog() {
+        let (printed, said) = run("drive*2", "watchdog");
+        assert_eq!(printed, "subdevice error: 0x001b: Sync manager watchdog\n".repeat(2));
+        assert!(said.iter().any(|line| line.contains("in SafeOP with AL status 0x001B")), "{said:?}");
+    }
+
+    /// ECAT-15.16 ethercrab shows why a state was refused.
+    #[test]
+    fn ethercrab_shows_why_a_state_was_refused() {
+        let (printed, _) = run("drive*2", "refused");
+        let lines = [
+            "AL control 0x08: subdevice error: 0x0011: Invalid requested state change",
+            "AL control 0x17: subdevice error: 0x0012: Unknown requested state",
+            "AL control 0x14: subdevice error: 0x001d: Invalid Output Configuration",
+            "AL control 0x14: subdevice error: 0x8001: (unknown)",
+        ];
+        assert_eq!(printed.lines().collect::<Vec<_>>(), lines);
+    }
+
+    /// ECAT-15.16 Slaves behind a cut are there again as they were; one that has lost its power is found by a new scan.
+    #[test]
+    fn ethercrab_finds_slaves_again() {
+        run("drive*3", "vanish");
+    }
+
+    /// ECAT-15.16 40 drives with process data in several frames.
+    #[test]
+    fn ethercrab_runs_forty_drives_in_several_frames() {
+        run("drive*40", "many");
+    }
+
+    /// ECAT-15.16 An emergency lies in the mailbox when ethercrab asks for something, and is dropped by it.
+    #[test]
+    fn ethercrab_goes_on_behind_an_emergency() {
+        run("drive*2", "emergency");
+    }
+
+    /// ECAT-15.16 What version 0.7.1 cannot do is as the page on slaves says.
+    #[test]
+    fn ethercrab_has_defects_of_its_own() {
+        run("drive", "defects");
     }
 }

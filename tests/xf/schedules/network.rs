@@ -95,6 +95,10 @@ impl Network for Logged {
         self.models.set_sync_managers(slave, outputs, inputs);
     }
 
+    fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>) {
+        self.models.set_sync_cycle(slave, cycle_ns);
+    }
+
     fn read(
         &mut self,
         slave: u8,

@@ -32,6 +32,10 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_parser = slave_list)]
     slaves: SlaveList,
 
+    /// Let the crystals of the slaves be up to PPM parts per million too fast (the first one) or too slow (the last one)
+    #[arg(long, value_name = "PPM", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
+    drift: u16,
+
     /// Events that happen to the slaves at their times, one a line, see `ecmsk link help`; those of a board are refused
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     script: Option<PathBuf>,
@@ -69,6 +73,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let options = Options {
         interface: args.on.clone(),
         slaves,
+        drift_ppm: args.drift,
         script: args.script.clone(),
         record: args.record.clone(),
         allow_default_route: args.force,

@@ -166,7 +166,10 @@ impl Controller {
             self.memory.set_u8(registers::SII_PDI_ACCESS, 0);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
-            let written = SiiControl(self.memory.u16(registers::SII_CONTROL));
+            // The bit that allows a write counts in the datagram of its command alone.
+            let kept =
+                if address > usize::from(registers::SII_CONTROL) { SiiControl::WRITE_ENABLE } else { SiiControl::NONE };
+            let written = SiiControl(self.memory.u16(registers::SII_CONTROL)).without(kept);
             self.eeprom.command(written, self.arrival, &mut self.memory);
             if self.eeprom.advance(self.arrival, &mut self.memory) {
                 self.load_words(false);

@@ -161,6 +161,8 @@ impl<N: Network> Chip<N> {
         let place = &self.bus.places[usize::from(slave)];
         if to == AlState::SafeOp && self.network.state(slave) == Some(AlState::PreOp) {
             self.network.set_sync_managers(slave, place.output_bytes, place.input_bytes);
+            let known = &self.bus.known[usize::from(slave)];
+            self.network.set_sync_cycle(slave, known.dc_active.then_some(known.dc.sync0_ns.into()));
         }
         let entered = self.network.enter(slave, to);
         match entered {

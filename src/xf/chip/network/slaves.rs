@@ -156,6 +156,12 @@ impl Network for SlaveModels {
         }
     }
 
+    fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>) {
+        if let Some(station) = self.answering_mut(slave) {
+            station.slave.set_sync_cycle(cycle_ns);
+        }
+    }
+
     fn read(
         &mut self,
         slave: u8,

@@ -8,7 +8,8 @@ network = Network()
 network.scan(2)
 drive, stepper = network.slaves
 
-for length in list(range(1, 20)) + [107, 108, 109, 110, 111, 112, 113, 114, 115, 116, 117, 118, 119, 120, 200, 255, 256, 299, 300]:
+# Expedited up to 4 bytes, normal up to 112, segments beyond, for which 119 bytes have room.
+for length in range(1, 301):
     data = bytes((length + 7 * n) & 0xFF for n in range(length))
     drive.sdo_write(TEST_MEMORY, 0, data)
     expect(drive.sdo_read(TEST_MEMORY, 0, 512), data, f"{length} bytes")
@@ -22,6 +23,20 @@ drive.sdo_write(0x1600, 0, mapping, True)
 expect(drive.sdo_read(0x1600, 0, 64, True), mapping, "0x1600 by complete access")
 
 
+# Another object both ways, and from sub-index 1 on, without the padded sub-index 0.
+limits = struct.pack("<HII", 2, 0xFFFFFF00, 0x00000100)
+drive.sdo_write(0x607D, 0, limits, True)
+expect(drive.sdo_read(0x607D, 0, 64, True), limits, "0x607D by complete access")
+expect(drive.sdo_read(0x607D, 1, 64, True), limits[2:], "0x607D from sub-index 1 on")
+expect([drive.sdo_read(0x607D, sub) for sub in (1, 2)], [limits[2:6], limits[6:]], "0x607D entry by entry")
+assignment = drive.sdo_read(0x1C13, 0, 64, True)
+expect(assignment, b"\x01\x00\x00\x1A", "0x1C13 by complete access")
+drive.sdo_write(0x1C13, 0, b"\x00\x00", True)
+expect(drive.sdo_read(0x1C13, 0), b"\x00", "0x1C13:0")
+drive.sdo_write(0x1C13, 0, assignment, True)
+expect(drive.sdo_read(0x1C13, 0, 64, True), assignment, "0x1C13 by complete access")
+
+
 def refused(slave, code, call, *arguments):
     try:
         getattr(slave, call)(*arguments)
@@ -30,14 +45,6 @@ def refused(slave, code, call, *arguments):
         return
     raise AssertionError(f"{call} {arguments} was not refused")
 
-
-refused(drive, 0x06020000, "sdo_read", 0x5123, 0)
-refused(drive, 0x06020000, "sdo_write", 0x5123, 0, b"\x01")
-refused(drive, 0x06090011, "sdo_read", 0x1018, 9)
-refused(drive, 0x06010002, "sdo_write", 0x1018, 1, bytes(4))
-refused(drive, 0x06070012, "sdo_write", MODE, 0, bytes(4))
-refused(drive, 0x06070013, "sdo_write", 0x607A, 0, bytes(2))
-refused(stepper, 0x06010000, "sdo_read", 0x1018, 0, 64, True)
 
 # A script's own code, for one object and for all.
 fault("sdo-abort 1 0x1018:1 0x08000022")

@@ -334,6 +334,16 @@ mod tests {
 
     const SIZE: SlotSize = SlotSize::Bytes12;
 
+    /// NIC-2.4 A cycle that is half a cycle late at most runs; of a later one as many whole cycles are left out as it takes for
+    /// the next one to be in time.
+    #[test]
+    fn late_cycles_are_left_out_whole() {
+        const MS: Ns = 1_000_000;
+        for (late, cycles) in [(0, 0), (MS / 2, 0), (MS / 2 + 1, 1), (MS, 1), (MS + 1, 2), (17 * MS + 1, 18)] {
+            assert_eq!(cycles_to_leave_out(late, MS), cycles, "{late}");
+        }
+    }
+
     /// SK-9.8 The runner's thread allocates nothing, from its first cycle to its last: the way to OP, entries, nonsense,
     /// reports that are read and reports that nobody reads.
     #[test]

@@ -3,11 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use ecmsk::cia402::Mode;
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::EngineConfig;
-use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires};
-use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
+use ecmsk::fieldbus::{Ns, Role};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
+use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;
@@ -102,5 +105,49 @@ fn no_target_is_left_out_when_frames_are_lost() {
         // Some of the frames that were lost were none of a cycle.
         let lost = u64::from(outward.count_ones() + homeward.count_ones());
         assert!((1..=lost).contains(&counters.answers_lost), "{outward:b} {homeward:b}: {counters:?}");
+    }
+}
+
+/// NIC-2.2 The report of a cycle shows what the command of that cycle was, as on a simulated network.
+#[test]
+fn an_answer_belongs_to_the_outputs_of_its_own_cycle() {
+    let indices = |host: &mut Host| {
+        host.servo_on(1);
+        let mut shown = Vec::new();
+        for n in 1..=40u8 {
+            let command = SlaveCommand::Csp(Motion::to(n.into())).with_index(n);
+            host.build(|frame, size| frame.put_slave(size, 1, &command)).cycles(1);
+            shown.push(host.slot(1).index);
+        }
+        shown
+    };
+    let (mut on_wire, _) = in_op(vec![Puppet::obedient().boxed()]);
+    let mut on_sim = Host::new(EngineConfig::default(), SimBus::new(vec![Puppet::obedient().boxed()]));
+    on_sim.op(1);
+    assert_eq!(indices(&mut on_wire), indices(&mut on_sim));
+}
+
+/// NIC-2.1 Slaves are configured several at once: each gets what the board writes, and of those that refuse the first is named.
+#[test]
+fn of_several_slaves_that_refuse_the_first_is_named() {
+    let puppets: Vec<Puppet> = (0..20).map(|_| Puppet::obedient()).collect();
+    let (host, _) = in_op(puppets.iter().map(Puppet::boxed).collect());
+    assert_eq!(host.state().0, 8);
+    assert!(puppets.iter().all(|puppet| puppet.strings().roles == [Role::Drive(Mode::Csp)]));
+
+    for refusing in [&[3, 4][..], &[20, 7, 12], &[1]] {
+        let handle = SimHandle::default();
+        let slaves = (0..20).map(|_| Puppet::obedient().boxed()).collect();
+        let wires = ChainWires::new(slaves, handle.clone()).expect("they have an EEPROM");
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+        let mode = ObjectAddress::new(0x6060, 0);
+        for slave in refusing {
+            handle.abort_object(*slave, Some((mode, AbortCode::VALUE_RANGE)));
+        }
+        host.declare_drives(20).master(MasterCommand::SetState(MasterState::Op));
+        host.until("the failure", |host| host.board.engine().state_failure().is_some());
+        let failure = host.board.engine().state_failure().expect("there is one").to_string();
+        let first = refusing.iter().min().expect("one");
+        assert!(failure.contains(&format!("slave {first} ")), "{refusing:?}: {failure}");
     }
 }

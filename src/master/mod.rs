@@ -9,14 +9,18 @@
 //! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
 //!   under way, and sends what that needs.
 //! - What takes more than a frame is started and gives a [`JobId`]: [`Master::scan`], [`Master::request_state`],
-//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`] and others. [`Master::take_done`] tells how it has ended; everything ends. Several may run
-//!   at once: SDOs to several slaves, changes of state of several sets of slaves, both beside cycles.
+//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`] and others.
+//!   [`Master::take_done`] tells how it has ended; everything ends. Several may run at once: SDOs to several slaves, changes
+//!   of state of several sets of slaves, both beside cycles.
 //! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
 //! - [`Master::cycle`] once a cycle, from SafeOP on: it sends the process data. When its frames have come back,
 //!   [`Master::take_cycle`] says so, with the working counters. Outputs are set at any time before by
 //!   [`Master::outputs_mut`], inputs read behind by [`Master::inputs`]. On its way to OP a slave waits for outputs.
+//! - With distributed clocks: [`Master::set_sync`] before a slave's way to SafeOP, [`Master::set_pace`] once;
+//!   [`CycleDone::next_deadline`] then says when the next cycle should be.
 //! - [`Master::take_event`] tells what happens unasked: emergencies, lost slaves and such that come back, states that were left.
-//!   [`Master::missing`] says who does not answer now.
+//!   [`Master::missing`] says who does not answer now. A slave that was cut off is brought back by [`Master::request_state`];
+//!   one that was without power ([`Event::PowerCycled`]) has to be mapped by SDO before that, as at the start.
 //!
 //! While there are cycles, what is under way shares one frame behind those of each cycle; otherwise it goes as fast as answers
 //! come back.

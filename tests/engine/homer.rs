@@ -244,7 +244,9 @@ impl Slave for Homer {
         if let Some(len) = state.images.read(object, value) {
             return Ok(len);
         }
-        let bits = state.objects.get(&object.index).ok_or(AbortCode::NO_OBJECT)?;
+        let Some(bits) = state.objects.get(&object.index) else {
+            return Images::read_identity(object, value).ok_or(AbortCode::NO_OBJECT);
+        };
         value[..4].copy_from_slice(&bits.to_le_bytes());
         Ok(4)
     }

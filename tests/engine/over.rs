@@ -158,10 +158,9 @@ const ITS_TIMES: &str =
     "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
 const WATCHDOG_ON_WIRE: &str =
     "its cycle is longer than 100 ms: the watchdogs of the controllers end OP between two cycles";
-const DESCRIBED: &str = "its slaves were read before, for their EEPROMs";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 52] = [
+const CANNOT_ON_WIRE: [(&str, &str); 50] = [
     ("allocation::streaming_allocates_nothing", ALLOCATES),
     ("allocation::transfers_allocate_nothing", ALLOCATES),
     ("allocation::what_goes_wrong_allocates_nothing", ALLOCATES),
@@ -172,7 +171,6 @@ const CANNOT_ON_WIRE: [(&str, &str); 52] = [
     ("cable_below_op::a_change_that_fails_is_seen", ITS_TIMES),
     ("failures::a_change_has_its_time", ITS_TIMES),
     ("failures::a_change_may_take_for_ever", ITS_TIMES),
-    ("failures::a_slave_declared_none_stays_in_preop", SILENT),
     ("fifo::set_state_does_not_wait_and_leaving_op_empties_the_fifo", ITS_TIMES),
     ("homing_at_once::an_old_result_that_comes_up_late_is_none", CYCLE_BY_CYCLE),
     (
@@ -194,7 +192,6 @@ const CANNOT_ON_WIRE: [(&str, &str); 52] = [
     ("lost::lost_slaves_allocate_nothing", ALLOCATES),
     ("lost::no_motor_starts_when_a_slave_comes_back", ITS_TIMES),
     ("lost::no_output_comes_on_when_a_slave_comes_back", WATCHDOG_ON_WIRE),
-    ("lost::sdo_transfers_with_a_lost_slave", DESCRIBED),
     ("lost::the_command_of_the_cycle_of_the_loss", "who is lost is known some cycles later"),
     ("lost_together::a_late_one_comes_back_too", SILENT),
     ("lost_together::below_op", SILENT),

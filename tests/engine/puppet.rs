@@ -186,7 +186,9 @@ impl Slave for Puppet {
             return Ok(len);
         }
         strings.uploads.push(object);
-        let (size, bits) = strings.objects.get(&(object.index, object.sub)).ok_or(AbortCode::NO_OBJECT)?;
+        let Some((size, bits)) = strings.objects.get(&(object.index, object.sub)) else {
+            return Images::read_identity(object, value).ok_or(AbortCode::NO_OBJECT);
+        };
         let size = usize::from(*size);
         value[..size].copy_from_slice(&bits.to_le_bytes()[..size]);
         Ok(size)

@@ -52,9 +52,17 @@ impl Images {
         is_mapping || is_mode || matches!(object.index, 0x1C32 | 0x1C33)
     }
 
-    /// What a read of the mapping, or of who the slave is, puts into `value`, and its length; `None`: it is another object.
+    /// What a read of who the slave is puts into `value`, and its length; `None`: it is another object.
+    pub fn read_identity(object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
+        (object.index == IDENTITY).then(|| {
+            value.fill(0);
+            size_of::<u32>()
+        })
+    }
+
+    /// What a read of the mapping puts into `value`, and its length; `None`: the object is none of the mapping.
     pub fn read(&self, object: ObjectAddress, value: &mut [u8]) -> Option<usize> {
-        if !MAPPING.contains(&object.index) && object.index != IDENTITY {
+        if !MAPPING.contains(&object.index) {
             return None;
         }
         let newest = self.written.iter().rev().find(|(written, _)| *written == object);

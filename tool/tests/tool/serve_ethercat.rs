@@ -24,7 +24,7 @@ fn what_serve_ethercat_refuses() {
             &["--on", "lo", "--slaves", "drive*2", "--script", script],
             &["line 2: `silent` happens to a board", "take the line out"],
         ),
-        (&["--on", "lo", "--slaves", "drive"], &["lo is no Ethernet", "--on"]),
+        (&["--on", "lo", "--slaves", "drive"], &["lo is no Ethernet", "name another one"]),
         (
             &["--on", "veth-none", "--slaves", "drive"],
             &["no network interface veth-none; there are", "lo", "docs/SLAVES.md"],

@@ -96,7 +96,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 33] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 34] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -143,6 +143,7 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 33] = [
     ("sdo_beside::not_beside_the_mapping", SDO_WAITS),
     ("states::axes_are_declared_by_nibbles", SLOWER),
     ("full_table_run::", "it takes as long as all others"),
+    ("nic_bus::", "it has another bus"),
     ("xf_bus::", "it has such a bus"),
     ("xf_ahead::", "it has such a bus"),
     ("xf_faults::", "it has such a bus"),

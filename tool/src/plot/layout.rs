@@ -45,10 +45,10 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         if !axis.target.is_empty() {
             legend.insert(0, (pale, "target, when executed".to_owned()));
         }
-        let of_other = beside.faults.iter().filter(|(slave, _)| *slave == axis.axis).flat_map(|(_, faults)| faults);
-        let states: Vec<State> = axis.states.iter().chain(of_other).map(|span| span.state).collect();
+        let faults = beside.faults.extract_if(.., |(slave, _)| *slave == axis.axis).next();
+        let other_spans = faults.map(|(_, spans)| spans).unwrap_or_default();
         for state in [State::NotEnabled, State::Homing, State::Fault, State::Gap] {
-            if states.contains(&state) {
+            if axis.states.iter().chain(&other_spans).any(|span| span.state == state) {
                 legend.push((state.look(), state.name().to_owned()));
             }
         }
@@ -59,15 +59,9 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
             legend.push((look, format!("actual, {}", beside.name)));
             strokes.push(Stroke { pieces, look });
         }
-        let mut spans = axis.states;
-        if let Some((_, faults)) = beside.faults.extract_if(.., |(slave, _)| *slave == axis.axis).next() {
-            spans.extend(faults);
-            // Notes are written from left to right.
-            spans.sort_by(|a, b| a.from.total_cmp(&b.from));
-        }
         let name = format!("Axis {}: position ({unit})", axis.axis);
         let panel = Panel::of(name, height, least, strokes, legend);
-        all.extend(panel.map(|panel| Panel { spans, ..panel }));
+        all.extend(panel.map(|panel| Panel { spans: axis.states, other_spans, ..panel }));
     }
     let least = shared.least;
     all.extend(shared.panels(asked, unit, by_velocity));

@@ -124,8 +124,7 @@ pub struct Counters {
     /// Commands that did not reach their slave: it was lost before or after they were executed, or it had left OP before
     /// the others.
     pub for_lost: u64,
-    /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP; with them those that a bus has sent when the slaves they
-    /// are for had left OP.
+    /// FIFO entries that were dropped by SET_FIFO 1 or by leaving OP.
     pub cleared: u64,
     /// Frames that were lost because the FIFO was full.
     pub full: u64,

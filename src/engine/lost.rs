@@ -46,25 +46,10 @@ impl Engine {
             };
             let missed = self.commanded_by.of(id).intersection(unreached);
             // Where answers were lost in between, whoever is not in OP now may have missed all since the one before.
-            let missed = || {
-                missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave))
-            };
-            let of_lost = missed().filter(|slave| lost.contains(*slave)).count();
-            let count = missed().count();
-            // SK-12.2 [OURS]: outputs that a bus sends when OP was left before are as good as cleared.
-            if of_lost == 0 && count > 0 && count == self.commanded_by.of(id).iter().count() && self.is_leaving_op() {
-                self.counters.executed = self.counters.executed.saturating_sub(1);
-                self.counters.cleared += 1;
-            } else {
-                self.counters.for_lost += count as u64;
-            }
+            let missed =
+                missed.iter().filter(|slave| was_lost(*slave) || id >= unanswered && without_outputs.contains(*slave));
+            self.counters.for_lost += missed.count() as u64;
         }
-    }
-
-    /// Whether SET_STATE or SW_RESET has slaves leave OP, or has done so, on a bus that holds outputs from before that.
-    fn is_leaving_op(&self) -> bool {
-        let leaves = |work: super::jobs::NetworkJob| matches!(work.step, Step::Move(to) if to < MasterState::Op);
-        self.pacing != Pacing::Runner && (!self.network().in_op() || self.job.is_some_and(leaves))
     }
 
     /// Logs once that the working counter is too low, while the bus names no lost slave.

@@ -87,6 +87,27 @@ fn a_state_that_failed_is_explained() {
     assert_eq!(StateFailure::explain(client.answer().state, None), None);
 }
 
+/// TOOL-153 A program that gives up on OP while the change is under way is told so when it closes the board; one that goes down
+/// before it ends, or that is in OP, is not.
+#[test]
+fn a_change_under_way_at_the_end_is_told() {
+    let _turn = listen();
+    const WORDS: &str = "was still under way when the program closed the board";
+    let mut client = Client::stepped("log_gives_up", "");
+    client.declare();
+    client.request(MasterState::Op);
+    client.read();
+    client.link.close();
+    let told = lines_with(&[WORDS]);
+    assert!(told.len() == 1 && told[0].contains("SET_STATE OP") && told[0].contains(" ms)"), "{told:?}");
+
+    let mut client = Client::stepped("log_ends", "");
+    client.op();
+    client.request(MasterState::Init);
+    client.link.close();
+    assert_eq!(lines_with(&[WORDS]).len(), 1, "only the first one");
+}
+
 /// SK-4.80 A mode that a kind does not have, a slave that refuses a state and one that says nothing are told apart.
 #[test]
 fn each_kind_of_failed_state_change_has_its_own_explanation() {

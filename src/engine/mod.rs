@@ -252,6 +252,14 @@ impl Engine {
         self.job.is_some() || self.sdo_owner.is_some() || self.network().next_step().is_some()
     }
 
+    /// The state up to which a SET_STATE is under way, and for how long it has been by `now`, in nanoseconds; `None`: there is
+    /// none, or it leads down.
+    pub fn going_up(&self, now: Ns) -> Option<(crate::sk::MasterState, Ns)> {
+        let (state, target, deadline) = (self.network().state()?, self.network().target()?, self.network().deadline()?);
+        let since = deadline.saturating_sub(self.config.state_timeout_ns);
+        (target > state).then(|| (target, now.saturating_sub(since)))
+    }
+
     /// Why a change of state has failed; `None`: none has.
     pub fn state_failure(&self) -> Option<StateFailure> {
         self.volatile.failure.filter(|_| self.state().is_failed())

@@ -304,6 +304,11 @@ impl Network {
         }
     }
 
+    /// The state to which the change under way leads; `None`: there is none.
+    pub(super) fn target(&self) -> Option<MasterState> {
+        self.change.map(|change| change.target)
+    }
+
     /// When the change under way has failed; `None`: there is none.
     pub(super) fn deadline(&self) -> Option<Ns> {
         self.change.map(|change| change.deadline)

@@ -18,7 +18,7 @@ pub enum Unexecuted {
     IgnoredHoming,
     /// [`Counters::discarded_before_enabled`]: a target came before Operation enabled.
     BeforeEnabled,
-    /// [`Counters::for_lost`]: the slave was lost.
+    /// [`Counters::for_lost`]: the slave was lost, or had left OP.
     ForLost,
     /// [`Counters::cleared`]: the entry was in the FIFO when it was cleared, or when OP was left.
     Cleared,
@@ -92,7 +92,7 @@ impl Unexecuted {
             Self::WhileBooting => "command frame(s) came while the board was booting and were lost",
             Self::IgnoredHoming => "command(s) for a slave that was homing were ignored",
             Self::BeforeEnabled => "target(s) for a drive that was not on were discarded",
-            Self::ForLost => "command(s) for a lost slave did not reach it",
+            Self::ForLost => "command(s) did not reach their slave, which was lost or had left OP",
             Self::Cleared => "queued command frame(s) were cleared unexecuted",
             Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
             Self::OutputsLost => "set(s) of outputs may not have reached the slaves",
@@ -113,7 +113,10 @@ impl Unexecuted {
                 "wait for statusword bits 10 and 12, and until the drive's mode is back, before the next command"
             }
             Self::BeforeEnabled => "send SV_ON and wait until the statusword shows Operation enabled (...37h)",
-            Self::ForLost => "look at the slave's power and its cable, then send SET_STATE to bring it back",
+            Self::ForLost => {
+                "before leaving OP wait until the FIFO is empty (160 free); if a slave was lost, look at its power and its cable, \
+                 then send SET_STATE to bring it back"
+            }
             Self::Cleared => "wait until the FIFO is empty (160 free) before SET_FIFO 1 and before leaving OP",
             Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
             Self::OutputsLost => {
@@ -128,5 +131,19 @@ impl Unexecuted {
     /// Whether the program itself has caused the loss on purpose: by SET_FIFO 1, or by leaving OP.
     pub const fn is_asked_for(self) -> bool {
         matches!(self, Self::Cleared)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SK-4.78 A command that has missed its slave since that had left OP is not said to be one for a lost slave alone, and what to
+    /// do about it comes first.
+    #[test]
+    fn leaving_op_is_no_loss_of_a_slave() {
+        let (meaning, advice) = (Unexecuted::ForLost.meaning(), Unexecuted::ForLost.advice());
+        assert!(meaning.contains("lost or had left OP"), "{meaning}");
+        assert!(advice.starts_with("before leaving OP wait") && advice.contains("if a slave was lost"), "{advice}");
     }
 }

@@ -257,6 +257,14 @@ impl Link for EngineLink {
                 let mut lines = Vec::new();
                 let (counters, now) = (board.engine().counters(), board.now());
                 self.logged().rejections.end(counters, now, &mut |level, line| lines.push((level, line)));
+                if let Some((target, since_ns)) = board.engine().going_up(now) {
+                    let since_ms = since_ns / 1_000_000;
+                    let line = format!(
+                        "SET_STATE {target} was still under way when the program closed the board ({since_ms} ms): wait for the \
+                         state in byte 2 of slot 0"
+                    );
+                    lines.push((log::Level::Warn, line));
+                }
                 write_log(lines);
             }
             // Closing happens once, so the cell is empty.

@@ -5,7 +5,7 @@
 use log::Level;
 
 use super::episodes::Episodes;
-use crate::engine::{Counters, Event, Reason, Unexecuted};
+use crate::engine::{Counters, Event, HomingEnd, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 
 /// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
@@ -79,7 +79,7 @@ impl RejectionLog {
                 _ => true,
             };
             if is_told {
-                say(Level::Warn, event.to_string());
+                say(level_of(&event), event.to_string());
             }
         }
         self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
@@ -112,6 +112,11 @@ impl RejectionLog {
             }
         }
     }
+}
+
+/// A homing that has attained its home is no reason to warn: `ecmsk exec` sums up warnings as what went wrong.
+const fn level_of(event: &Event) -> Level {
+    if matches!(event, Event::HomingEnded { end: HomingEnd::Attained, .. }) { Level::Info } else { Level::Warn }
 }
 
 #[cfg(test)]
@@ -199,6 +204,24 @@ mod tests {
         assert_eq!(said.len(), 8, "{said:?}");
         assert!(said[6].contains("50 command frame(s) did not arrive completely"), "{said:?}");
         assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
+    }
+
+    /// TOOL-153 A homing that has attained its home is told as information, and every other end of one as a warning.
+    #[test]
+    fn only_a_homing_that_failed_is_a_warning() {
+        let mut log = RejectionLog::new(&Counters::default());
+        for (end, level) in [
+            (HomingEnd::Attained, Level::Info),
+            (HomingEnd::Error, Level::Warn),
+            (HomingEnd::Aborted, Level::Warn),
+            (HomingEnd::Lost, Level::Warn),
+        ] {
+            let mut said = Vec::new();
+            let event = Event::HomingEnded { at: MS, slave: 1, axis: 0, end };
+            log.log([event], &Counters::default(), MS, &mut |level, line| said.push((level, line)));
+            let [(told, text)] = &said[..] else { panic!("{said:?}") };
+            assert_eq!((*told, text.starts_with("homing of slave 1, axis 1")), (level, true), "{text}");
+        }
     }
 
     /// SK-4.78 Sets of outputs that a bus loses one after the other are told by the first one and by their number.

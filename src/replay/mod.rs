@@ -86,6 +86,17 @@ pub enum ReplayError {
         /// The URI of the link.
         link: String,
     },
+    /// The link asks for a recording, and a replay makes none.
+    #[error(
+        "`{link}` asks for a recording (record={file}), and a replay makes none: what the model answers is compared at once. Leave \
+         record= out; `ecmsk exec --record FILE` records a program that runs on the model"
+    )]
+    Records {
+        /// The URI of the link.
+        link: String,
+        /// The file that it names.
+        file: String,
+    },
     /// The recording holds no report of the board.
     #[error(
         "{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)"
@@ -164,7 +175,12 @@ impl Replay {
         let mut source = RecordedRun::open(path, options.slot, device)?;
         let recorded = source.meta().and_then(|meta| LinkUri::parse(&meta.link).ok());
         let link = match (link, source.meta().and_then(recorded_link)) {
-            (Some(link), _) => link.clone(),
+            (Some(link), _) => {
+                if let Some(file) = link.value("record") {
+                    return Err(ReplayError::Records { link: link.to_string(), file: file.to_owned() });
+                }
+                link.clone()
+            }
             (None, Some(recorded)) => {
                 if let (FilesInLink::Refused, Some((key, file))) = (files, named_file(&recorded)) {
                     return Err(ReplayError::NamesFile { name, key, file });

@@ -200,6 +200,8 @@ fn what_cannot_be_replayed() {
         let error = open(&capture.file, Some(link)).expect_err("no model");
         assert!(matches!(error, ReplayError::NotAModel { .. }), "{error}");
     }
+    let error = open(&capture.file, Some("sim:?slaves=drive*2&record=model.pcapng")).expect_err("no recording is made");
+    assert!(matches!(&error, ReplayError::Records { file, .. } if file == "model.pcapng"), "{error}");
     let error = open(&capture.file, Some("sim:?slaves=drive*2&slot=16")).expect_err("other slots");
     let expected = (SIZE, SlotSize::Bytes16);
     assert!(

@@ -8,12 +8,14 @@
 //!   slave, velocities, the plane of two axes
 //! - `decimate.rs`: thins a line to the pixels of the picture
 //! - `chosen.rs`: which slaves and diagrams are shown
+//! - `beside.rs`: another recording that is drawn beside it
 //! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, which ones there are, how they look, and how they
 //!   are drawn
 //! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
 //! - `error.rs`: why there is no plot
 
 pub mod axis;
+mod beside;
 pub mod chart;
 mod chosen;
 pub mod decimate;
@@ -46,12 +48,12 @@ use super::error::{CliError, say};
 use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
 use super::recording::{self, Framed, Frames, InTime};
 use super::{output, slot_size};
+use beside::Other;
 pub use chart::Sheet;
 use chosen::{Asked, Chosen, Diagram};
 pub use error::PlotError;
 use file::Format;
 pub use file::{check, save};
-use layout::Beside;
 use series::{Series, Subject};
 use survey::Survey;
 
@@ -142,9 +144,6 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Pixels for the name of another recording in a legend.
-const BESIDE_WIDTH: u32 = 330;
-
 /// Makes the plot.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let output = args.output();
@@ -198,14 +197,18 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     };
     let chosen = asked.choose(&survey)?;
     let times = Times { from: args.from, to: args.to };
+    let other = args.beside.as_deref().map(|file| Other::read(file, args.slot_size, op)).transpose()?;
+    let other = other.and_then(|other| other.cut(times));
     let window =
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
-    let panels = args.panels(&asked, &chosen, &survey, window)?;
+    let panels = args.panels(&asked, &chosen, &survey, window, other.as_ref())?;
+    // The longer of both runs is seen to its end.
+    let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
     let about = format!("{stretch} s of {file}, {} frames", style::number(frames as f64, 0));
     let title = args.title.clone().or_else(|| survey.link()).unwrap_or_else(|| file.to_string());
-    let caption = chart::Caption { title, about, range: window.range(), axis: "time (s)" };
+    let caption = chart::Caption { title, about, range: shown.range(), axis: "time (s)" };
     Ok((Sheet { panels, caption }, damage))
 }
 
@@ -253,37 +256,6 @@ impl Args {
         Asked { slaves, diagrams: self.panels.clone(), difference: self.difference, plane: self.xy }
     }
 
-    /// The positions of these axes in another recording, with its times moved so that its OP begins with that of the first.
-    fn beside(&self, file: &Path, axes: &[(u8, Scale)], first: &Survey, window: Window) -> Result<Beside, CliError> {
-        let mut survey = Survey::default();
-        let device = recording::board(file, None)?;
-        let open = || Frames::open(file, self.slot_size, device);
-        let Walked { frames, damage, .. } = walk(&mut open()?.quiet(), |framed| survey.frame(framed))?;
-        let (Some(here), Some(there)) = (first.op(), survey.op()) else {
-            let no_op = PlotError::NoOp { file: file.to_owned(), frames };
-            return Err(damage.map_or(no_op.into(), CliError::from));
-        };
-        let later_ns = here.from_ns - there.from_ns;
-        let mut series = Series::new(&Subject {
-            window: Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns),
-            axes,
-            ios: &[],
-            plane: None,
-            board: survey.board(),
-            cycle_ns: survey.cycle_ns(),
-            commands: Vec::new(),
-        });
-        walk(&mut open()?.quiet(), |framed| series.frame(framed))?;
-        let moved = |(at, position)| (at + seconds(later_ns), position);
-        let positions = series.finish().axes.into_iter().map(|axis| {
-            let pieces = axis.position.into_iter().map(|piece| piece.into_iter().map(moved).collect()).collect();
-            (axis.axis, pieces)
-        });
-        let link = survey.link().and_then(|link| link.split('?').next().map(str::to_owned));
-        let name = link.unwrap_or_else(|| file.display().to_string());
-        Ok(Beside { name: style::fitting(&name, style::TEXT, BESIDE_WIDTH), positions: positions.collect() })
-    }
-
     /// Makes the panels, for which the recording is read a second time.
     fn panels(
         &self,
@@ -291,6 +263,7 @@ impl Args {
         chosen: &Chosen,
         survey: &Survey,
         window: Window,
+        other: Option<&Other>,
     ) -> Result<Vec<panel::Panel>, CliError> {
         let scale = |axis: u8| self.counts_per_unit.as_ref().map_or(Scale::COUNTS, |scales| scales.of(axis));
         let axes: Vec<(u8, Scale)> = chosen.axes.iter().map(|axis| (*axis, scale(*axis))).collect();
@@ -317,7 +290,7 @@ impl Args {
             (Some(_), None) => "units",
             (Some(_), Some(unit)) => unit,
         };
-        let beside = self.beside.as_deref().map(|file| self.beside(file, &axes, survey, window)).transpose()?;
+        let beside = other.map(|other| other.lines(&axes)).transpose()?;
         let unit = style::fitting(unit, style::TEXT, 100);
         let panels = layout::panels(lines, asked, chosen.plane, &unit, beside.unwrap_or_default());
         if panels.is_empty() {
@@ -355,6 +328,11 @@ impl Window {
 
     const fn contains(self, at_ns: i64) -> bool {
         self.from_ns <= at_ns && at_ns <= self.to_ns
+    }
+
+    /// From the earlier beginning of both to the later end.
+    fn with(self, other: Self) -> Self {
+        Self { from_ns: self.from_ns.min(other.from_ns), to_ns: self.to_ns.max(other.to_ns) }
     }
 
     /// The part between two times; `None` if nothing is left.

@@ -18,6 +18,9 @@ const LINK: &str = "sim:?slaves=drive*2&clock=real&script=examples/scripts/alarm
 const SCRIPT: &str = "script=examples/scripts/alarm_on_the_way.ecmscript";
 const SCRIPT_BEHIND_CHIP: &str = "script=examples/scripts/alarm_on_the_way_behind_chip.ecmscript";
 
+/// The schemes of links whose slaves are simulated, with what happens to those.
+const SIMULATED: [(&str, &str); 2] = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIND_CHIP)];
+
 /// The link that stands for a network card of its own, with simulated slaves at the other end of its cable.
 const CARD: &str = "nic";
 /// Runs a program on slaves at the other end of a cable: $1 is the tool, $2 the recording, $3 the program, $4 the log of the
@@ -35,20 +38,25 @@ until grep -q answering $4 || [ $tries = 100 ]; do sleep 0.05; tries=$((tries + 
 $1 exec --link 'nic:veth0?priority=20' --record $2 -- $3
 ";
 
-/// The cost of building the optimised library and tool.
-const SPEND: Spend = Spend { disk_mb: 1_500, time: "on two free cores, one or two minutes" };
+/// The cost of building the optimised library and tool. The chores themselves were built before this is said.
+const SPEND: Spend =
+    Spend { disk_mb: 1_700, time: "on two free cores, two minutes beside the build of `cargo xtask` itself, now done" };
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Run the same program on this board too, such as 'xf-sim:?slaves=drive*2', whose slaves are behind an ECM-XF, and draw
-    /// both runs in one picture. It has the two drives and the alarm of the first run, if its slaves are simulated and the
-    /// link says nothing else. `nic` stands for a pair of virtual network cards, with the program on our own master at one
-    /// end and simulated slaves at the other (needs root)
+    /// Run the same program on this simulated board too, such as 'xf-sim:?slaves=drive*2', whose slaves are behind an ECM-XF,
+    /// and draw both runs in one picture. It has the two drives and the alarm of the first run, if the link says nothing
+    /// else. `nic` stands for a pair of virtual network cards, with the program on our own master at one end and simulated
+    /// slaves at the other (needs root). Links that may reach a real machine are refused: the program moves its axes by
+    /// 1,000,000 counts
     #[arg(long)]
     link: Option<String>,
 }
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
+    if let Some(link) = &arguments.link {
+        refuse_real(link, project.relative(&project.target))?;
+    }
     println!("builds the library and the tool, compiles {SOURCE}, runs it on a simulated board and draws what it did");
     SPEND.announce(project);
     let on_card = arguments.link.as_deref() == Some(CARD);
@@ -64,6 +72,11 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
 
     stage::build_into(project, &staged, "release")?;
+    let other_link = arguments.link.as_deref().filter(|_| !on_card).map(with_script);
+    if let Some(link) = &other_link {
+        // The tool reads the link, and opens nothing: a wrong key is found before the first run and not behind it.
+        show_and_run(Command::new(&ecmsk).args(["exec", "--link", link, "--", "true"]))?;
+    }
 
     let mut compile = Command::new(CXX.program);
     compile.args(["-std=c++17", "-O2", "-Wall", "-Wextra", "-pthread", SOURCE]);
@@ -80,8 +93,10 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     };
     exec(LINK, &recording)?;
     show_and_run(Command::new(&ecmsk).arg("plot").arg(&recording).arg("-o").arg(&plot))?;
-    if let Some(link) = &arguments.link {
-        if on_card {
+    if arguments.link.is_some() {
+        if let Some(link) = &other_link {
+            exec(link, &other)?;
+        } else {
             let _ = fs::remove_file(&other);
             let mut run = Command::new("unshare");
             run.args(["--net", "sh", "-euc", ON_A_CARD, "sh"]).args([
@@ -91,8 +106,6 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
                 &folder.join("slaves.log"),
             ]);
             show_and_run(&mut run)?;
-        } else {
-            exec(&with_script(link), &other)?;
         }
         let mut draw = Command::new(&ecmsk);
         draw.arg("plot").arg(&recording).arg("--beside").arg(&other).arg("-o").arg(&both);
@@ -103,10 +116,19 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     Ok(())
 }
 
-/// The link, with the alarm of the first run if its slaves are simulated and it has no script.
+/// Refuses a link whose slaves may be real: nobody has asked whether that machine may move.
+fn refuse_real(link: &str, target: &Path) -> Result<(), Error> {
+    if link == CARD || SIMULATED.iter().any(|(scheme, _)| link.starts_with(scheme)) {
+        return Ok(());
+    }
+    let mut instead = Command::new(target.join("release/ecmsk"));
+    instead.args(["exec", "--link", link, "--"]).arg(target.join("demo/alarm_recovery"));
+    Err(Error::NotSimulated { link: link.to_owned(), instead: command::shown(&instead) })
+}
+
+/// The link, with the alarm of the first run if it has no script.
 fn with_script(link: &str) -> String {
-    let scripts = [("sim:", SCRIPT), ("xf-sim:", SCRIPT_BEHIND_CHIP)];
-    match scripts.into_iter().find(|(scheme, _)| link.starts_with(scheme)) {
+    match SIMULATED.into_iter().find(|(scheme, _)| link.starts_with(scheme)) {
         Some((_, script)) if !link.contains("script=") => {
             let between = if link.contains('?') { '&' } else { '?' };
             format!("{link}{between}{script}")
@@ -167,14 +189,28 @@ mod tests {
         assert!(!of_one.contains("both.svg") && of_one.contains("demo --link 'xf-sim:?slaves=drive*2'"), "{of_one}");
     }
 
-    /// The other board has the alarm too, unless its link says otherwise or its slaves are real.
+    /// A link that may reach a real machine, or that is none, is refused with the reason and what one can run oneself.
+    #[test]
+    fn no_real_machine_is_moved() {
+        for link in
+            ["usb:", "spi:", "tcp:host:5000", "nic:eth1", "xf-spi:", "xf-usb:", "xfsim:", "", "simulated", "nic:"]
+        {
+            let refusal = refuse_real(link, Path::new("target")).expect_err(link).to_string();
+            assert!(refusal.contains("1,000,000 counts") && refusal.contains("exec --link"), "{refusal}");
+            assert!(refusal.contains(&format!("`{link}`")), "{refusal}");
+        }
+        for link in ["sim:", "sim:?slaves=drive*2", "xf-sim:?ahead=4", "nic"] {
+            assert!(refuse_real(link, Path::new("target")).is_ok(), "{link}");
+        }
+    }
+
+    /// The other board has the alarm too, unless its link says otherwise.
     #[test]
     fn the_alarm_of_the_other_board() {
         for (link, expected) in [
             ("xf-sim:", format!("xf-sim:?{SCRIPT_BEHIND_CHIP}")),
             ("xf-sim:?ahead=4", format!("xf-sim:?ahead=4&{SCRIPT_BEHIND_CHIP}")),
             ("sim:?script=a", "sim:?script=a".to_owned()),
-            ("usb:", "usb:".to_owned()),
         ] {
             assert_eq!(with_script(link), expected);
         }

@@ -22,6 +22,12 @@ pub enum Error {
     Rust { path: PathBuf, problem: String },
     #[error("{0}")]
     Features(String),
+    #[error(
+        "`{link}` is none of sim:, xf-sim: and nic, whose slaves are simulated. The program homes two axes and moves them by \
+         1,000,000 counts, so the demo runs it on no real machine. If yours has room for that, run it yourself after \
+         `cargo xtask demo`:\n    {instead}"
+    )]
+    NotSimulated { link: String, instead: String },
     #[error("there is no fuzz target {name}; there are: {known}")]
     NoFuzzTarget { name: String, known: String },
     #[error("fuzz target {target} found a failure; its last words are above. Look at it again with:\n    {again}")]

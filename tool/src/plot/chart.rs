@@ -9,7 +9,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::PlotError;
 use super::panel::{Look, Panel};
-use super::states::State;
+use super::states::{Span, State};
 use super::style::{self, at, px};
 
 /// The text above the panels, and the common horizontal axis.
@@ -118,7 +118,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
     let (bottom, top) = (panel.range.start, panel.range.end);
     // Shaded areas are behind the grid and at least one pixel wide.
     let pixel = (times.end - times.start) / f64::from(width);
-    let areas = panel.spans.iter().map(|span| {
+    let areas = panel.spans.iter().chain(&panel.other_spans).map(|span| {
         let least = pixel * if span.state == State::Gap { 2.0 } else { 1.0 };
         let corners = [(span.from, bottom), (span.to.max(span.from + least).min(times.end), top)];
         Rectangle::new(corners, stroke(span.state.look()))
@@ -165,22 +165,27 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
         let y = i * style::LANE + style::LANE / 2;
         write(area, lane, (style::LEFT - 8, y), style::SMALL, style::SOFT_INK, HPos::Right)?;
     }
-    draw_notes(area, panel, &times)
+    draw_notes(area, &panel.spans, NOTES, &times)?;
+    draw_notes(area, &panel.other_spans, OTHER_NOTES, &times)
 }
 
-/// Draws the notes on states at the top of the panel, where the states begin. A note that would overlap another one
+/// How far below the top of a panel the notes on its states stand, and those on states of another recording.
+const NOTES: u32 = 10;
+const OTHER_NOTES: u32 = 26;
+
+/// Draws the notes on states that far below the top of the panel, where the states begin. A note that would overlap another one
 /// is left out.
-fn draw_notes<B: DrawingBackend>(area: &Area<B>, panel: &Panel, times: &Range<f64>) -> Result<(), PlotError> {
+fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);
     let mut free_from = style::LEFT;
-    for span in &panel.spans {
+    for span in spans {
         let Some(note) = &span.note else { continue };
         let width = style::text_width(note, style::TEXT) + GAP;
         let begin = style::LEFT + ((span.from - times.start) * pixels) as u32 + GAP / 2;
         let x = begin.min(right - width);
         if x >= free_from {
-            write(area, note, (x, 10), style::TEXT, style::ALARM, HPos::Left)?;
+            write(area, note, (x, y), style::TEXT, style::ALARM, HPos::Left)?;
             free_from = x + width;
         }
     }

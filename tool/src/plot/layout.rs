@@ -2,6 +2,7 @@
 
 use ecmsk::sk::FIFO_ENTRIES;
 
+use super::beside::Beside;
 use super::chosen::{Asked, Diagram};
 use super::lanes::{Lane, Way};
 use super::panel::{self, Across, Look, Panel, Stroke};
@@ -11,15 +12,6 @@ use super::style;
 
 /// The height of a diagram of all axes together.
 const SHARED: u32 = 130;
-
-/// What is drawn of another recording.
-#[derive(Default)]
-pub struct Beside {
-    /// Its name in legends.
-    pub name: String,
-    /// Positions of axes, in units.
-    pub positions: Vec<(u8, Pieces)>,
-}
 
 /// Makes the panels; there is none for lines without data. `plane` are the axes of the plane, `unit` is that of
 /// positions.
@@ -53,8 +45,10 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         if !axis.target.is_empty() {
             legend.insert(0, (pale, "target, when executed".to_owned()));
         }
+        let faults = beside.faults.extract_if(.., |(slave, _)| *slave == axis.axis).next();
+        let other_spans = faults.map(|(_, spans)| spans).unwrap_or_default();
         for state in [State::NotEnabled, State::Homing, State::Fault, State::Gap] {
-            if axis.states.iter().any(|span| span.state == state) {
+            if axis.states.iter().chain(&other_spans).any(|span| span.state == state) {
                 legend.push((state.look(), state.name().to_owned()));
             }
         }
@@ -67,7 +61,7 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         }
         let name = format!("Axis {}: position ({unit})", axis.axis);
         let panel = Panel::of(name, height, least, strokes, legend);
-        all.extend(panel.map(|panel| Panel { spans: axis.states, ..panel }));
+        all.extend(panel.map(|panel| Panel { spans: axis.states, other_spans, ..panel }));
     }
     let least = shared.least;
     all.extend(shared.panels(asked, unit, by_velocity));

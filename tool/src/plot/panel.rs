@@ -21,6 +21,8 @@ pub struct Panel {
     pub strokes: Vec<Stroke>,
     /// States, drawn as shaded areas behind everything else.
     pub spans: Vec<Span>,
+    /// States of another recording, drawn in the same way with their notes below those of `spans`.
+    pub other_spans: Vec<Span>,
     /// Times in seconds that are marked by vertical lines.
     pub marks: Vec<f64>,
     /// The legend, from left to right.

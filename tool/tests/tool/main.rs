@@ -45,6 +45,7 @@ mod monitor_terminal;
 mod objects;
 mod page;
 mod plot;
+mod plot_beside;
 mod plot_difference;
 mod plot_gaps;
 mod plot_panels;

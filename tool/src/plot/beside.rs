@@ -1,0 +1,102 @@
+//! Another recording of the same program, which is drawn beside the first one.
+
+use std::path::{Path, PathBuf};
+
+use ecmsk::ecm::Scale;
+use ecmsk::recording::Address;
+use ecmsk::sk::SlotSize;
+
+use super::series::{Pieces, Series, Subject};
+use super::states::{Span, State};
+use super::survey::Survey;
+use super::{PlotError, Walked, Window, seconds, style, walk};
+use crate::error::CliError;
+use crate::filter::Times;
+use crate::recording::{self, Frames};
+
+/// Pixels for the name of another recording in a legend.
+const NAME_WIDTH: u32 = 330;
+
+/// What is drawn of another recording, at times of the first one.
+#[derive(Default)]
+pub struct Beside {
+    /// Its name in legends.
+    pub name: String,
+    /// Positions of axes, in units.
+    pub positions: Vec<(u8, Pieces)>,
+    /// When axes had a fault.
+    pub faults: Vec<(u8, Vec<Span>)>,
+}
+
+/// Another recording, which was read once.
+pub struct Other {
+    file: PathBuf,
+    size: Option<SlotSize>,
+    device: Option<Address>,
+    survey: Survey,
+    /// By how much its times are moved, so that its OP begins with that of the first recording.
+    later_ns: i64,
+    /// What is shown of its OP, at times of the first recording.
+    window: Window,
+}
+
+impl Other {
+    /// Reads a recording whose OP is to begin where `first` does, the OP of the first one.
+    pub fn read(file: &Path, size: Option<SlotSize>, first: Window) -> Result<Self, CliError> {
+        let mut survey = Survey::default();
+        let device = recording::board(file, None)?;
+        let Walked { frames, damage, .. } =
+            walk(&mut Frames::open(file, size, device)?.quiet(), |framed| survey.frame(framed))?;
+        let Some(op) = survey.op() else {
+            let no_op = PlotError::NoOp { file: file.to_owned(), frames };
+            return Err(damage.map_or(no_op.into(), CliError::from));
+        };
+        let later_ns = first.from_ns - op.from_ns;
+        let window = Window::of_times(op.from_ns + later_ns, op.to_ns + later_ns);
+        Ok(Self { file: file.to_owned(), size, device, survey, later_ns, window })
+    }
+
+    /// The part of it between two times of the first recording; `None` if nothing is left.
+    pub fn cut(self, times: Times) -> Option<Self> {
+        let window = self.window.cut(times)?;
+        Some(Self { window, ..self })
+    }
+
+    /// What is shown of its OP, at times of the first recording.
+    pub const fn window(&self) -> Window {
+        self.window
+    }
+
+    /// The positions and faults of these axes, for which it is read a second time.
+    pub fn lines(&self, axes: &[(u8, Scale)]) -> Result<Beside, CliError> {
+        let Self { file, size, device, survey, later_ns, window } = self;
+        let mut series = Series::new(&Subject {
+            window: Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns),
+            axes,
+            ios: &[],
+            plane: None,
+            board: survey.board(),
+            cycle_ns: survey.cycle_ns(),
+            commands: Vec::new(),
+        });
+        walk(&mut Frames::open(file, *size, *device)?.quiet(), |framed| series.frame(framed))?;
+        let link = survey.link().and_then(|link| link.split('?').next().map(str::to_owned));
+        let name = link.unwrap_or_else(|| file.display().to_string());
+        let mut beside = Beside { name: style::fitting(&name, style::TEXT, NAME_WIDTH), ..Beside::default() };
+        let later = seconds(*later_ns);
+        for axis in series.finish().axes {
+            let moved =
+                |piece: Vec<(f64, f64)>| piece.into_iter().map(|(at, position)| (at + later, position)).collect();
+            beside.positions.push((axis.axis, axis.position.into_iter().map(moved).collect()));
+            let faults = axis.states.into_iter().filter(|span| span.state == State::Fault);
+            let named = |Span { state, from, to, note }: Span| Span {
+                state,
+                from: from + later,
+                to: to + later,
+                note: note.map(|note| format!("{note}, {}", beside.name)),
+            };
+            beside.faults.push((axis.axis, faults.map(named).collect()));
+        }
+        Ok(beside)
+    }
+}

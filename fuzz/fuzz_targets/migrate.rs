@@ -16,7 +16,8 @@ fuzz_target!(|bytes: &[u8]| {
     let Some((&[choice, speed], rest)) = bytes.split_first_chunk() else { return };
     let size = if choice & 1 == 0 { SlotSize::Bytes12 } else { SlotSize::Bytes16 };
     let clock = if choice & 2 == 0 { Clock::Real } else { Clock::Virtual };
-    let setting = Setting { clock_hz: 100_000 + u32::from(speed) * 376_000, clock, slot: size };
+    let (clock_hz, is_behind_chip) = (100_000 + u32::from(speed) * 376_000, choice & 128 != 0);
+    let setting = Setting { clock_hz, clock, slot: size, is_behind_chip };
     let run = frames::run(rest, size);
     let mut survey = Survey::new(size);
     for observed in &run {

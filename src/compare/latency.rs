@@ -48,6 +48,8 @@ pub(super) struct LatencyFinder {
     /// Commands in a row with another latency than that of the stretch.
     others: Vec<LatencyStretch>,
     stretches: Vec<LatencyStretch>,
+    /// What the newest command has told, until it is asked for.
+    newest: Option<LatencyStretch>,
 }
 
 impl LatencyFinder {
@@ -59,11 +61,13 @@ impl LatencyFinder {
         }
         let cycles = i64::try_from(after_b).unwrap_or(i64::MAX).saturating_sub_unsigned(after_a);
         *self.shown.entry(cycles).or_default() += 1;
+        self.newest = Some(LatencyStretch { from_command: a.number, cycles });
         let Some(usual) = usual(&self.in_stretch) else {
             self.begin(&[LatencyStretch { from_command: a.number, cycles }]);
             return;
         };
         if cycles.abs_diff(usual) <= STEADY_CYCLES {
+            self.newest = self.stretches.last().map(|last| LatencyStretch { cycles, ..*last });
             for other in std::mem::take(&mut self.others) {
                 *self.in_stretch.entry(other.cycles).or_default() += 1;
             }
@@ -94,11 +98,21 @@ impl LatencyFinder {
         }
     }
 
-    /// The latency of the stretch that goes on, once it is sure, with its first command.
-    pub(super) fn now(&self) -> Option<LatencyStretch> {
+    /// The latency that the newest pair has shown to be of more cycles than these: that of the stretch that goes on, once it is sure,
+    /// or of one command alone, if it is more by so much that no report can be taken for another one.
+    pub(super) fn late(&mut self, allowed: u64) -> Option<LatencyStretch> {
         let sure = self.in_stretch.values().sum::<u64>() >= SURE_COMMANDS as u64;
-        let cycles = usual(&self.in_stretch).filter(|_| sure)?;
-        self.stretches.last().map(|last| LatencyStretch { cycles, ..*last })
+        let cycles = usual(&self.in_stretch).filter(|_| sure);
+        let stretch = cycles.and_then(|cycles| self.stretches.last().map(|last| LatencyStretch { cycles, ..*last }));
+        let is_late = |told: &LatencyStretch, allowed: u64| told.cycles.unsigned_abs() > allowed;
+        let alone = self.newest.take().filter(|newest| is_late(newest, allowed.saturating_add(STEADY_CYCLES)));
+        stretch.filter(|stretch| is_late(stretch, allowed)).or(alone)
+    }
+
+    /// The first stretch of more cycles than these, when both runs have ended: one of a few commands, which are all that tell.
+    pub(super) fn late_at_end(&mut self, allowed: u64) -> Option<LatencyStretch> {
+        self.close();
+        self.stretches.iter().find(|stretch| stretch.cycles.unsigned_abs() > allowed).copied()
     }
 
     pub(super) fn end(mut self) -> Latency {

@@ -164,11 +164,15 @@ impl Found {
 
     /// A latency that is longer than allowed, where it begins.
     fn late(&mut self) -> Option<Deviation> {
-        let allowed = self.options.latency_cycles?;
-        let now = self.latency.now().filter(|now| now.cycles.unsigned_abs() > u64::from(allowed))?;
+        let now = self.latency.late(self.options.latency_cycles?.into())?;
         let is_new = self.late_from.replace(now.from_command) != Some(now.from_command);
-        let side = if now.cycles > 0 { Side::B } else { Side::A };
-        is_new.then_some(Deviation::Late { side, cycles: now.cycles.unsigned_abs(), from_command: now.from_command })
+        is_new.then_some(late(now))
+    }
+
+    /// One of so few commands that it was not sure before the end.
+    fn late_at_end(&mut self) -> Option<Deviation> {
+        let allowed = self.options.latency_cycles.filter(|_| self.late_from.is_none())?;
+        self.latency.late_at_end(allowed.into()).map(late)
     }
 
     /// Judges the pairs of which it is known what follows them, up to the first command that differs.
@@ -217,13 +221,14 @@ impl Found {
 
     fn finish(mut self, counts: [Counts; 2]) -> Comparison {
         self.judge(Follows::Nothing);
-        if !self.apart
-            && let Some(what) = self.transfer.end()
-        {
+        let late = self.late_at_end();
+        let at_end = if self.apart { None } else { self.transfer.end() };
+        let what: Vec<_> = at_end.into_iter().chain(late).collect();
+        if !what.is_empty() {
             let last = self.recent.back().cloned();
             let (a, b) = last.unzip();
             self.result.differing_answers += 1;
-            self.set_first(a.as_ref(), b.as_ref(), vec![what]);
+            self.set_first(a.as_ref(), b.as_ref(), what);
         }
         let (latency, gaps, shifted) = (self.latency.end(), self.gaps.end(), self.timing.shifted);
         Comparison { counts, latency, gaps, shifted_answers: shifted, ..self.result }
@@ -260,6 +265,12 @@ impl Comparison {
         }
         Ok(())
     }
+}
+
+fn late(now: LatencyStretch) -> Deviation {
+    let LatencyStretch { from_command, cycles } = now;
+    let side = if cycles > 0 { Side::B } else { Side::A };
+    Deviation::Late { side, cycles: cycles.unsigned_abs(), from_command }
 }
 
 /// How many changes of the latency are written. \[OURS]

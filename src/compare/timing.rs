@@ -7,6 +7,8 @@
 //! - What one run has answered and the other one shows in at most so many cycles ([`super::Options::latency_cycles`]) before or
 //!   behind its own answer is no difference, if it is so in both directions: then both show both, and nothing is hidden that
 //!   never comes.
+//! - Whether an axis that moves has reached the target of a cycle (bit 10), and where it is, go together otherwise in a run that has a
+//!   cycle more or less. Each is held against that of the other run by itself.
 //! - Where one run has cycles that the other has not, since its program waited or the board had nothing to send, an axis that
 //!   moves is elsewhere for a while. Until it stands in both runs, or both have shown the same place for a while, each run has to
 //!   show where it is in the other within so many cycles, or next to it. An axis that stands is where it is.
@@ -246,8 +248,10 @@ impl Timing {
                 if !self.is_last(at, ended, true) || self.moves_at_end(at, slave, what) =>
             {
                 self.both_show(at, |one, other| self.shows_same(slave, one, other))
+                    || self.is_of_the_moment(at, slave, what)
                     || self.is_on_its_way(at, slave, what)
             }
+            Deviation::Statusword { slave, .. } => self.is_of_the_moment(at, slave, what),
             _ => false,
         }
     }
@@ -282,13 +286,35 @@ impl Timing {
             };
             return is_near(Side::A) == Some(true) && is_near(Side::B) == Some(true);
         }
+        let same = self.same_in(slave, what);
+        self.shows(at, Side::A, &same) || self.shows(at, Side::B, &same)
+    }
+
+    /// Whether two reports of OP show the same of a slave in that which differs elsewhere.
+    fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&Answer, &Answer) -> bool {
         let is_about_it = |found: &Deviation| std::mem::discriminant(found) == std::mem::discriminant(what);
-        let same = |one: &Answer, other: &Answer| {
+        move |one, other| {
             let mut found = Vec::new();
             answers::slave_differences(slave, one, other, &self.options, &mut found);
             one.is_op() && other.is_op() && !found.iter().any(is_about_it)
+        }
+    }
+
+    /// Whether a difference depends on nothing but the moment in which an axis was seen that moves in both runs: whether it has
+    /// reached the target of that cycle (bit 10), and which of the places on its way it was at. In a cycle more or less these two go
+    /// together otherwise, so that each run has to show near its own answer the one of the other by itself, and not both at once.
+    fn is_of_the_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
+        let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
+        let is_one = match what {
+            Deviation::Statusword { words: [a, b], .. } => {
+                (a.0 ^ b.0) & self.options.statusword_mask == Statusword::TARGET_REACHED
+            }
+            Deviation::Position { .. } => true,
+            _ => false,
         };
-        self.shows(at, Side::A, &same) || self.shows(at, Side::B, &same)
+        is_one
+            && answers.iter().all(|answer| answer.still(slave) < STANDS_REPORTS)
+            && self.both_show(at, self.same_in(slave, what))
     }
 
     /// Whether a run shows that fault of a slave near a pair.

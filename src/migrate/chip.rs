@@ -45,6 +45,23 @@ pub struct Refused {
     pub limit: HardwareLimit,
     /// The shortest cycle that holds instead, with one exchange under way; `None`: none does.
     pub next_cycle: Option<CycleTime>,
+    /// Whether INT0 is wired, so that wiring it is no advice.
+    pub has_int0: bool,
+}
+
+impl Refused {
+    /// Why, and what to do about it in general.
+    pub fn reason(&self) -> String {
+        match self.limit {
+            HardwareLimit::Cycle { cycle_ns, needed_ns } if self.has_int0 => format!(
+                "a cycle of {} us cannot be held: the exchanges with the chip take {} us for each; take a longer cycle (SET_DC), a \
+                 faster clock (speed=) or fewer slaves",
+                cycle_ns / 1000,
+                needed_ns.div_ceil(1000)
+            ),
+            limit => limit.to_string(),
+        }
+    }
 }
 
 /// What the process data of a network need.
@@ -116,7 +133,8 @@ impl Needs {
 /// The packets with which a cycle holds: those of 112 bytes, in which commands are comfortable, or as much larger ones as it
 /// takes.
 fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
-    let refused = |limit| Refused { limit, next_cycle: next_cycle(demand) };
+    let has_int0 = demand.idle_ns == INT0_IDLE_NS;
+    let refused = |limit| Refused { limit, next_cycle: next_cycle(demand), has_int0 };
     let plan = demand.plan().map_err(refused)?;
     Ok(Packets {
         size: plan.size,

@@ -3,15 +3,15 @@
 use super::chip::Refused;
 use super::row::{Row, Verdict};
 use super::usage::{Count, Subject};
-use super::{Needs, Network};
-use crate::sk::CommandId;
+use super::{Needs, Network, Setting};
+use crate::sk::{CommandId, MasterState};
 
 /// A command differs as a whole if more than one in so many of its uses does: a program that writes ahead begins with an
 /// empty FIFO, too. \[OURS]
 const EXPOSED_FRACTION: u64 = 2;
 
-/// What is said of one thing that a program uses. `network` is the one that needs the most; `clock_hz` the clock of SPI.
-pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -> Verdict {
+/// What is said of one thing that a program uses. `network` is the one that needs the most; `reaches_op`: the program was seen there.
+pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool, setting: &Setting) -> Verdict {
     let often = count.exposed.saturating_mul(EXPOSED_FRACTION) > count.times;
     let ever = count.exposed > 0;
     let differs = |row: Row, so: bool| if so { Verdict::Differs(row) } else { Verdict::Yes };
@@ -25,13 +25,17 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, clock_hz: u32) -
         Subject::Command(CommandId::SdoRead | CommandId::SdoWrite) | Subject::Read(_) | Subject::Write(_) => {
             differs(Row::Sdo, ever)
         }
-        Subject::Cycle(cycle) => match network.map(|network| Needs::of(&Network { cycle, ..*network }, clock_hz)) {
-            Some(Needs { with_int0: Err(refused), .. }) => no_cycle(&refused),
-            Some(Needs { with_int0: Ok(packets), without_int0, .. }) => {
-                differs(Row::Cycle, packets.in_flight > 1 || without_int0.is_err())
+        Subject::Cycle(cycle) => {
+            match network.map(|network| Needs::of(&Network { cycle, ..*network }, setting.clock_hz)) {
+                Some(Needs { with_int0: Err(refused), .. }) => no_cycle(&refused),
+                Some(Needs { with_int0: Ok(packets), without_int0, .. }) => {
+                    differs(Row::Cycle, packets.in_flight > 1 || without_int0.is_err())
+                }
+                None => Verdict::Yes,
             }
-            None => Verdict::Yes,
-        },
+        }
+        // A program does not show for how long it would have waited. Behind a chip it has waited long enough.
+        Subject::State(MasterState::Op) => differs(Row::Start, ever || reaches_op && !setting.is_behind_chip),
         Subject::State(_) => differs(Row::Start, ever),
         Subject::Lost => Verdict::Differs(Row::Loss),
         Subject::Return => Verdict::Differs(Row::Remap),
@@ -44,5 +48,5 @@ fn no_cycle(refused: &Refused) -> Verdict {
         Some(cycle) => format!("a cycle of {} us holds (SET_DC); or use fewer slaves", cycle.us()),
         None => "no cycle holds with this clock; use a faster one".to_owned(),
     };
-    Verdict::No { row: Row::Cycle, reason: refused.limit.to_string(), next }
+    Verdict::No { row: Row::Cycle, reason: refused.reason(), next }
 }

@@ -13,6 +13,7 @@
 //! | `network.rs` | [`Network`]: the slaves and their process data |
 //! | `chip.rs` | [`Needs`]: packets, clock and entries that these need |
 //! | `row.rs`, `judge.rs` | [`Row`], [`Verdict`]: in what a chip differs, and what that means for each thing used |
+//! | `start.rs` | [`Start`]: how long the way to OP was, and how long it is behind a chip |
 //! | `plan.rs` | [`Plan`]: `ahead=`, and the links that result |
 //!
 //! ```
@@ -36,6 +37,7 @@ mod network;
 mod plan;
 mod row;
 mod spread;
+mod start;
 mod survey;
 #[cfg(test)]
 mod tests;
@@ -47,6 +49,7 @@ pub use network::Network;
 pub use plan::{Ahead, Links, Plan};
 pub use row::{Row, Verdict};
 pub use spread::Spread;
+pub use start::{Start, time_to_op_ns};
 pub use survey::{Seen, Survey};
 pub use timing::{HostTiming, Levels, SeenBy, Stall};
 pub use usage::{Count, Subject};
@@ -81,11 +84,13 @@ pub struct Setting {
     pub clock: Clock,
     /// The slot size of the program, for the links.
     pub slot: SlotSize,
+    /// Whether the program was recorded with its slaves behind a chip: it has waited for the way to OP there.
+    pub is_behind_chip: bool,
 }
 
 impl Default for Setting {
     fn default() -> Self {
-        Self { clock_hz: 24_000_000, clock: Clock::Real, slot: SlotSize::default() }
+        Self { clock_hz: 24_000_000, clock: Clock::Real, slot: SlotSize::default(), is_behind_chip: false }
     }
 }
 
@@ -101,8 +106,10 @@ pub struct Item {
 /// What is said about a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Migration {
-    /// Command frames of the run.
+    /// Command frames of the run that ask for something.
     pub commands: u64,
+    /// Command frames of nothing but GET_STATUS.
+    pub polls: u64,
     /// Reports of the run.
     pub reports: u64,
     /// When the last frame passed, in nanoseconds since the first one.
@@ -127,16 +134,17 @@ impl Migration {
         let items = survey
             .usage
             .counts()
-            .map(|count| Item { count: *count, verdict: judge::verdict(count, network, setting.clock_hz) });
+            .map(|count| Item { count: *count, verdict: judge::verdict(count, network, survey.op.is_some(), setting) });
         let timing = survey.timing().clone();
         Self {
             commands: survey.commands,
+            polls: survey.polls,
             reports: survey.reports,
             last_ns: survey.last_ns,
             op: survey.op,
             items: items.collect(),
             cycle: survey.cycle(),
-            plan: network.map(|network| Plan::of(network, &timing, &survey.usage, setting)),
+            plan: network.map(|network| Plan::of(network, survey, setting)),
             timing,
         }
     }

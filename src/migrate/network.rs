@@ -16,6 +16,9 @@ pub struct Network {
     pub cycle: CycleTime,
     /// Whether the second channel of a pulse module was seen.
     pub second_channels: [bool; MAX_SLAVES],
+    /// The slaves that the board has found, as its answers to SET_AXIS tell (SK-4.10): those that are declared none count, too. 0 if
+    /// none has told.
+    pub found: usize,
 }
 
 impl Default for Network {
@@ -25,6 +28,7 @@ impl Default for Network {
             modes: [Mode::Csp; MAX_SLAVES],
             cycle: CycleTime::DEFAULT,
             second_channels: [false; MAX_SLAVES],
+            found: 0,
         }
     }
 }
@@ -57,6 +61,11 @@ impl Network {
         self.kinds.iter().filter(|known| **known == Some(kind)).count()
     }
 
+    /// The slaves on the cable, as far as it is known: those that were found, and those that are used at least.
+    pub fn length(&self) -> usize {
+        self.slaves().last().unwrap_or(0).max(self.found.min(MAX_SLAVES))
+    }
+
     /// Bytes of the outputs of all slaves. \[OURS] A pulse module counts with two channels, as many as it may have.
     pub fn output_bytes(&self) -> usize {
         self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.output_bytes()).sum()
@@ -67,10 +76,9 @@ impl Network {
         self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.input_bytes()).sum()
     }
 
-    /// Such slaves as the key `slaves=` of a modelled chip names them, as `drive*2,io`; empty without any. A slave between
-    /// others that is not used stands there as an IO slave, which needs no declaration.
+    /// Such slaves as the key `slaves=` of a modelled chip names them, as `drive*2,io`; empty without any. A slave that was found and
+    /// is not used stands there as an IO slave, which needs no declaration.
     pub fn models(&self) -> String {
-        let last = self.slaves().last().unwrap_or(0);
         let name = |slave: usize| match self.role(slave) {
             Role::Drive(_) => "drive",
             Role::Step(_) => "step",
@@ -79,7 +87,7 @@ impl Network {
             Role::Io | Role::Unused => "io",
         };
         let mut runs: Vec<(&str, usize)> = Vec::new();
-        for name in (1..=last).map(name) {
+        for name in (1..=self.length()).map(name) {
             match runs.last_mut() {
                 Some((same, count)) if *same == name => *count += 1,
                 _ => runs.push((name, 1)),
@@ -109,6 +117,10 @@ mod tests {
         assert_eq!(network.models(), "drive*2,io*2,hsp");
         // 6 and 4 of the drives, 2 of the IO slave, 20 of a module of two channels.
         assert_eq!((network.output_bytes(), network.input_bytes(), network.count()), (32, 42, 4));
+        // Two that the board has found behind them are there, too, whatever they are.
+        network.found = 7;
+        assert_eq!((network.models().as_str(), network.length(), network.count()), ("drive*2,io*2,hsp,io*2", 7, 4));
+        network.found = 5;
         network.second_channels[4] = true;
         assert_eq!((network.models().as_str(), network.output_bytes()), ("drive*2,io*2,hsp2", 32));
     }

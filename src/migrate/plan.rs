@@ -4,6 +4,8 @@ use super::Setting;
 use super::chip::Needs;
 use super::network::Network;
 use super::row::{Row, Verdict};
+use super::start::Start;
+use super::survey::Survey;
 use super::timing::{HostTiming, Stall};
 use super::usage::{Subject, Usage};
 use crate::fieldbus::xf::XfBusOptions;
@@ -52,16 +54,19 @@ pub struct Plan {
     pub needs: Needs,
     /// What has to lie in the chip.
     pub ahead: Ahead,
+    /// How long the way to OP was, and how long it is there.
+    pub start: Start,
     /// The links that result.
     pub links: Links,
 }
 
 impl Plan {
-    pub(super) fn of(network: &Network, timing: &HostTiming, usage: &Usage, setting: &Setting) -> Self {
+    pub(super) fn of(network: &Network, survey: &Survey, setting: &Setting) -> Self {
         let needs = Needs::of(network, setting.clock_hz);
-        let ahead = Ahead::of(&needs, timing, setting);
-        let links = links(network, &needs, &ahead, usage, setting);
-        Self { network: *network, needs, ahead, links }
+        let ahead = Ahead::of(&needs, survey.timing(), setting);
+        let start = Start::of(network, survey.way.longest());
+        let links = Links::of(network, &needs, &ahead, &start, &survey.usage, setting);
+        Self { network: *network, needs, ahead, start, links }
     }
 }
 
@@ -96,16 +101,20 @@ impl Ahead {
     }
 }
 
-fn links(network: &Network, needs: &Needs, ahead: &Ahead, usage: &Usage, setting: &Setting) -> Links {
-    let use_n = needs.with_int0.map_or_else(|_| String::new(), |packets| format!("&use_n={}", packets.size.bytes()));
-    let pins = [(CommandId::LocalRead, LOCAL_IN), (CommandId::LocalWrite, LOCAL_OUT)];
-    let pins: String =
-        pins.into_iter().filter(|(id, _)| usage.has(Subject::Command(*id))).map(|(_, key)| key).collect();
-    let slot = if setting.slot == SlotSize::Bytes16 { "&slot=16" } else { "" };
-    let keys = format!("ahead={}{use_n}&speed={}{pins}{slot}", ahead.value, hertz(needs.clock_hz));
-    Links {
-        machine: format!("xf-spi:/dev/spidev0.0?int0=gpiochip0/24&{keys}"),
-        model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),
+impl Links {
+    fn of(network: &Network, needs: &Needs, ahead: &Ahead, start: &Start, usage: &Usage, setting: &Setting) -> Self {
+        let use_n =
+            needs.with_int0.map_or_else(|_| String::new(), |packets| format!("&use_n={}", packets.size.bytes()));
+        let pins = [(CommandId::LocalRead, LOCAL_IN), (CommandId::LocalWrite, LOCAL_OUT)];
+        let pins: String =
+            pins.into_iter().filter(|(id, _)| usage.has(Subject::Command(*id))).map(|(_, key)| key).collect();
+        let slot = if setting.slot == SlotSize::Bytes16 { "&slot=16" } else { "" };
+        let timeout = start.timeout_ms.map_or_else(String::new, |ms| format!("&state_timeout_ms={ms}"));
+        let keys = format!("ahead={}{use_n}&speed={}{timeout}{pins}{slot}", ahead.value, hertz(needs.clock_hz));
+        Self {
+            machine: format!("xf-spi:/dev/spidev0.0?int0=gpiochip0/24&{keys}"),
+            model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),
+        }
     }
 }
 

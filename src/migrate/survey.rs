@@ -1,7 +1,8 @@
 //! Follows a run frame by frame: what the program uses, in which circumstances, and when the host was late.
 
 use super::network::Network;
-use super::timing::Clockwork;
+use super::start::WayToOp;
+use super::timing::{Clockwork, Write};
 use super::usage::{Subject, Usage};
 use super::{HostTiming, Place, Stretch};
 use crate::cia402::Mode;
@@ -49,6 +50,7 @@ pub struct Survey {
     state: StateByte,
     /// SET_STATE that has not been answered by that state yet.
     changing_to: Option<MasterState>,
+    pub(super) way: WayToOp,
     full_count: Option<u16>,
     /// The sets that waited at the newest report, and the frames written since then.
     waiting: u16,
@@ -63,6 +65,7 @@ pub struct Survey {
     idle_reports: u32,
     sent_ns: i64,
     pub(super) commands: u64,
+    pub(super) polls: u64,
     pub(super) reports: u64,
     pub(super) last_ns: i64,
 }
@@ -80,6 +83,7 @@ impl Survey {
             op: None,
             state: StateByte::default(),
             changing_to: None,
+            way: WayToOp::default(),
             full_count: None,
             waiting: 0,
             sent_since: 0,
@@ -89,6 +93,7 @@ impl Survey {
             idle_reports: 0,
             sent_ns: i64::MIN,
             commands: 0,
+            polls: 0,
             reports: 0,
             last_ns: 0,
         }
@@ -123,7 +128,7 @@ impl Survey {
     }
 
     fn command(&mut self, place: Place, frame: &Frame) -> Seen {
-        self.commands += 1;
+        let moved = self.any_moves(self.sent_ns);
         self.kinds.command(frame, self.size);
         let waiting = self.waiting.saturating_add(self.sent_since).min(FIFO_ENTRIES);
         let mut asks = self.board(place, frame);
@@ -147,6 +152,7 @@ impl Survey {
             }
         }
         asks |= self.sdo(place, frame);
+        *(if asks { &mut self.commands } else { &mut self.polls }) += 1;
         if !asks {
             self.usage.add(Subject::Command(CommandId::GetStatus), 1, place, false);
         }
@@ -155,7 +161,8 @@ impl Survey {
             self.is_in_op_at(place);
             let cycle_ns = self.cycle_ns();
             let sets = waiting.saturating_add(1).min(FIFO_ENTRIES);
-            seen.pause = self.clockwork.command(place, self.waiting, sets, gap_since_ns, cycle_ns);
+            seen.pause =
+                self.clockwork.command(place, Write { waiting: self.waiting, sets, moved, gap_since_ns }, cycle_ns);
             seen.gap = gap_since_ns.map(|from_ns| Stretch { from_ns, to_ns: place.at_ns });
             self.sent_since = self.sent_since.saturating_add(1);
         }
@@ -173,8 +180,10 @@ impl Survey {
         let below_safe_op = !matches!(self.state.state(), Some(MasterState::SafeOp | MasterState::Op));
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
-                self.usage.add(Subject::State(state), 1, place, false);
+                // A SafeOP that is reached from below has the whole way of a configuration in it, as OP has.
+                self.usage.add(Subject::State(state), 1, place, state == MasterState::SafeOp && below_safe_op);
                 self.gives_up(state, place);
+                self.way.asks(self.state.state(), state, place);
                 if state == MasterState::Op && self.is_op() && self.state.is_failed() {
                     self.usage.add(Subject::Return, 1, place, true);
                 }
@@ -190,7 +199,10 @@ impl Survey {
                     self.network.cycle = cycle;
                 }
             }
-            Ok(MasterCommand::SoftReset) => self.network = Network::default(),
+            Ok(MasterCommand::SoftReset) => {
+                self.network = Network::default();
+                self.way.ends();
+            }
             _ => {}
         }
         let is_clear = id == CommandId::SetFifo && slot.parm & 0xFF == 1;
@@ -243,9 +255,11 @@ impl Survey {
                 self.note_target(place, slave, motion.first.target, matches!(command, Ok(SlaveCommand::Csv(_))));
                 self.is_closed_loop(place, id, waiting)
             }
-            Ok(SlaveCommand::Cst(_) | SlaveCommand::IoRead | SlaveCommand::IoWrite(_)) => {
+            Ok(SlaveCommand::Cst(torque)) => {
+                self.note_target(place, slave, torque.into(), true);
                 self.is_closed_loop(place, id, waiting)
             }
+            Ok(SlaveCommand::IoRead | SlaveCommand::IoWrite(_)) => self.is_closed_loop(place, id, waiting),
             Ok(SlaveCommand::ServoOn) => {
                 let rises = self.network.modes[slave - 1] == Mode::Csp;
                 rises && (1..=SLAVES).any(|other| other != slave && self.moves(other, place.at_ns))
@@ -266,9 +280,10 @@ impl Survey {
         newest.1
     }
 
-    fn note_target(&mut self, place: Place, slave: usize, target: i32, is_velocity: bool) {
+    /// `goes_by_itself`: a target that is not 0 moves the axis, as a velocity or a torque does.
+    fn note_target(&mut self, place: Place, slave: usize, target: i32, goes_by_itself: bool) {
         let known = &mut self.targets[slave - 1];
-        let goes_on = if is_velocity { target != 0 } else { known.is_some_and(|(before, _)| before != target) };
+        let goes_on = if goes_by_itself { target != 0 } else { known.is_some_and(|(before, _)| before != target) };
         let changed_ns = if goes_on { place.at_ns } else { known.map_or(i64::MIN, |(_, changed_ns)| changed_ns) };
         *known = Some((target, changed_ns));
     }
@@ -276,6 +291,10 @@ impl Survey {
     fn moves(&self, slave: usize, at_ns: i64) -> bool {
         let recent_ns = MOVING_CYCLES * self.cycle_ns();
         self.targets[slave - 1].is_some_and(|(_, changed_ns)| at_ns.saturating_sub(changed_ns) <= recent_ns)
+    }
+
+    fn any_moves(&self, at_ns: i64) -> bool {
+        (1..=SLAVES).any(|slave| self.moves(slave, at_ns))
     }
 
     /// The SDO slot. Gives whether it asks for something.
@@ -302,6 +321,10 @@ impl Survey {
         let before = std::mem::replace(&mut self.state, board.state);
         let has_failed = board.state.is_failed() && before != board.state;
         let is_reached = !board.state.is_failed() && board.state.state() == self.changing_to;
+        if CommandId::from_code(board.id) == CommandId::SetAxis {
+            self.network.found = self.network.found.max(board.result.min(SLAVES as u32) as usize);
+        }
+        self.way.shows(before, board.state, place);
         if has_failed || is_reached {
             self.changing_to = None;
         }

@@ -5,8 +5,9 @@
 //!
 //! - **Silence**: nothing passed in either direction, although the board makes a report every cycle. Then nobody took
 //!   frames, neither the thread that reads nor the one that writes.
-//! - **Late writes**: a pause between two bursts of writes that was longer than the program's usual one (the median), at the
-//!   end of which targets still waited or an axis stood on its way: the motion was not over.
+//! - **Late writes**: a pause between two bursts of writes that was longer than the program's usual one (the median), before
+//!   which an axis had got targets that move it, and at the end of which targets still waited or an axis stood on its way: the
+//!   motion was not over. Where all axes stand, or are off, a pause is the program's own.
 //!
 //! Of either no more counts than the sets that waited in the FIFO when it began: where none are, none can lie in a chip, and
 //! the axes stop there as they do on the board.
@@ -61,11 +62,24 @@ pub enum SeenBy {
     LateWrite,
 }
 
+impl Stall {
+    /// Whether it lasted for longer than counts: as many cycles as sets waited have passed, and the axes stop then on a board, too.
+    pub const fn is_limited(&self) -> bool {
+        self.ns < self.whole_ns - self.usual_ns
+    }
+}
+
 /// The longest time for which the host stood still in OP while sets waited, as far as its frames show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall {
-    /// How long, in nanoseconds.
+    /// How long, in nanoseconds: of the whole time what counts.
     pub ns: i64,
+    /// The whole pause or silence, in nanoseconds.
+    pub whole_ns: i64,
+    /// What of it is usual, in nanoseconds: the pause between two bursts of this program, or the cycle of a report.
+    pub usual_ns: i64,
+    /// The sets that waited in the board's FIFO when it began. Of the time beyond the usual no more cycles count.
+    pub sets: u16,
     /// By what it was seen.
     pub seen_by: SeenBy,
     /// The frame that ended it.
@@ -92,10 +106,11 @@ impl Longest {
 
     /// The longest stall, where `usual_ns` of each time are none. Half a cycle is none either.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
-        let stalls = (0..).zip(&self.0).filter_map(|(sets, longest)| {
+        let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
-            let ns = (ns - usual_ns).min(cycle_ns.saturating_mul(sets));
-            (ns > cycle_ns / 2).then_some(Stall { ns, seen_by, ended })
+            let whole_ns = ns;
+            let ns = (whole_ns - usual_ns).min(cycle_ns.saturating_mul(sets.into()));
+            (ns > cycle_ns / 2).then_some(Stall { ns, whole_ns, usual_ns, sets, seen_by, ended })
         });
         stalls.max_by_key(|stall| stall.ns)
     }
@@ -140,6 +155,19 @@ impl HostTiming {
     }
 }
 
+/// A command frame of OP, and how it was with the axes when it was written.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Write {
+    /// The sets in the FIFO, as the newest report tells.
+    pub(super) waiting: u16,
+    /// The same with what was written since, this frame included.
+    pub(super) sets: u16,
+    /// Whether an axis moved when the frame before was written.
+    pub(super) moved: bool,
+    /// Since when an axis stands on its way, because the FIFO was empty.
+    pub(super) gap_since_ns: Option<i64>,
+}
+
 /// Follows the host's time through the frames of a run.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clockwork {
@@ -177,22 +205,14 @@ impl Clockwork {
         self.timing.levels.add(waiting);
     }
 
-    /// A command frame of OP. `waiting`: the sets in the FIFO, as the newest report tells, and `sets` with what was written
-    /// since, this frame included; `gap_ns`: since when an axis stands on its way, because the FIFO was empty. Gives the
-    /// pause before it, if the program had more to say.
-    pub(super) fn command(
-        &mut self,
-        place: Place,
-        waiting: u16,
-        sets: u16,
-        gap_ns: Option<i64>,
-        cycle_ns: i64,
-    ) -> Option<Stretch> {
+    /// A command frame of OP. Gives the pause before it, if the program had more to say.
+    pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
+        let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);
         let had_sets = std::mem::replace(&mut self.sets_written, sets);
         let since_ns = self.newest_write_ns.replace(place.at_ns)?;
         let timing = &mut self.timing;
-        if let Some(since) = gap_ns {
+        if let Some(since) = gap_since_ns {
             let ns = place.at_ns.saturating_sub(since).max(0);
             timing.gaps += 1;
             timing.repeated_cycles += 1 + (ns / cycle_ns.max(1)).unsigned_abs();
@@ -205,7 +225,7 @@ impl Clockwork {
             return None;
         }
         timing.pauses.add(ns, place);
-        if waiting == 0 && gap_ns.is_none() {
+        if gap_since_ns.is_none() && (waiting == 0 || !moved) {
             return None;
         }
         timing.late_writes.add(had_sets, ns, place);

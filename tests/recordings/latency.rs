@@ -200,6 +200,42 @@ fn an_alarm_of_one_run() {
     }
 }
 
+/// TOOL-58 TOOL-189 Whether an axis that moves has reached the target of a cycle (bit 10) depends on the moment: it may be so at other
+/// places of the way, and is a difference where one run never shows it.
+#[test]
+fn a_bit_of_the_moment() {
+    let moves = |frame: &Frame| (100..5900).contains(&drive(frame, 2).position);
+    let flicker = |frames: &Frames, odd: i32| {
+        let mut frames = frames.clone();
+        for at in reports(&frames) {
+            let place = drive(&frames[at].frame, 2).position / 20;
+            if moves(&frames[at].frame) && place % 2 == odd {
+                shows(&mut frames[at].frame, 2, |drive| drive.statusword.0 ^= Statusword::TARGET_REACHED);
+            }
+        }
+        frames
+    };
+    for other in [&BOARD, &CHIP] {
+        let found = with(&Options::default(), &flicker(&BOARD, 0), &flicker(other, 1));
+        assert!(found.is_equal() && found.shifted_answers > 200, "{found}");
+        let found = with(&Options::default(), &flicker(&BOARD, 0), other);
+        let is_it = |what: &Deviation| matches!(what, Deviation::Statusword { slave: 2, .. });
+        assert!(what(&found).iter().any(is_it), "{found}");
+    }
+}
+
+/// TOOL-188 A command that is answered much later than others is one that is too late, be it one alone.
+#[test]
+fn one_late_command() {
+    let allowed = |cycles| with(&Options { latency_cycles: Some(cycles), ..Options::default() }, &BOARD, &CHIP);
+    let latency = allowed(20).latency;
+    assert!(allowed(latency.most.unsigned_abs() as u32).is_equal());
+    // Of one that is more by three cycles no report can have been taken for another one.
+    let found = allowed((latency.most - 3) as u32);
+    let is_it = |what: &Deviation| matches!(what, Deviation::Late { side: Side::B, .. });
+    assert!(what(&found).iter().any(is_it), "{found}");
+}
+
 /// TOOL-189 A state that never comes is a difference: of the network, of a drive, and of inputs.
 #[test]
 fn a_state_that_never_comes() {

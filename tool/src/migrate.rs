@@ -12,6 +12,7 @@ use std::process::ExitCode;
 
 use clap::ValueHint;
 use ecmsk::compare::{CompareError, RecordedRun};
+use ecmsk::link::uri::LinkUri;
 use ecmsk::migrate::{Migration, Setting, Survey, Verdict};
 use ecmsk::recording::{Address, Clock};
 use ecmsk::sk::SlotSize;
@@ -101,6 +102,8 @@ struct Report<'a> {
     found: &'a Migration,
     /// The recorded link, as text for users; `None` for a capture.
     link: Option<String>,
+    /// Whether the program was recorded with its slaves behind a chip.
+    is_behind_chip: bool,
     clock: Clock,
     /// Why the recording is not the whole run.
     lacks: Option<String>,
@@ -123,7 +126,10 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
     let name = args.file.display().to_string();
     let lacks = tell(&name, &source)?;
     let clock = source.meta().map_or(Clock::Real, |meta| meta.clock);
-    let found = Migration::of(&survey, &Setting { clock_hz: args.speed, clock, slot: source.size() });
+    let link = source.meta().and_then(|meta| LinkUri::parse(&meta.link).ok());
+    let is_behind_chip = link.is_some_and(|link| link.scheme().has_chip());
+    let setting = Setting { clock_hz: args.speed, clock, slot: source.size(), is_behind_chip };
+    let found = Migration::of(&survey, &setting);
     if found.op.is_none() {
         let what = "it never reaches OP: of its motion and its host nothing is known; record it while it moves";
         say("note", &format_args!("{name}: {what}"));
@@ -132,6 +138,7 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
         file: &args.file,
         found: &found,
         link: source.meta().map(recording::link_name),
+        is_behind_chip,
         clock,
         lacks,
         plot: args.plot.as_deref(),

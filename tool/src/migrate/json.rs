@@ -1,6 +1,6 @@
 //! The result as one JSON object. The names of its fields stay; docs/TOOL.md lists them.
 
-use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Refused, SeenBy, Spread, Verdict};
+use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Plan, Refused, SeenBy, Spread, Start, Verdict};
 use serde_json::{Value, json};
 
 use super::Report;
@@ -13,7 +13,9 @@ pub fn object(report: &Report) -> Value {
     let mut object = json!({
         "file": report.file.display().to_string(),
         "link": report.link,
+        "behind_chip": report.is_behind_chip,
         "commands": found.commands,
+        "polls": found.polls,
         "reports": found.reports,
         "last_ns": found.last_ns,
         "in_op": found.op.is_some(),
@@ -24,6 +26,7 @@ pub fn object(report: &Report) -> Value {
         "rows": rows.iter().map(|row| json!({ "id": row.id(), "meaning": row.meaning() })).collect::<Vec<_>>(),
         "cycle_us": found.cycle.us(),
         "host": found.op.map(|_| host(&found.timing)),
+        "start": plan.map(start),
         "ahead": plan.map(|plan| ahead(&plan.ahead)),
         "chip": plan.map(|plan| chip(&plan.needs)),
         "links": plan.map(|plan| json!({ "machine": plan.links.machine, "model": plan.links.model })),
@@ -83,13 +86,32 @@ fn spread(spread: &Spread) -> Value {
     })
 }
 
+fn start(plan: &Plan) -> Value {
+    let Start { recorded, chip_ns, timeout_ms } = plan.start;
+    json!({
+        "slaves": plan.network.length(),
+        "recorded_ns": recorded.map(|(ns, _)| ns),
+        "ended": recorded.map(|(_, ended)| place(ended)),
+        "chip_ns": chip_ns,
+        "state_timeout_ms": timeout_ms,
+    })
+}
+
 fn ahead(ahead: &Ahead) -> Value {
     let stall = ahead.stall.map(|stall| {
         let seen_by = match stall.seen_by {
             SeenBy::Silence => "silence",
             SeenBy::LateWrite => "late write",
         };
-        json!({ "ns": stall.ns, "cycles": ahead.stall_cycles, "seen_by": seen_by, "ended": place(stall.ended) })
+        json!({
+            "ns": stall.ns,
+            "cycles": ahead.stall_cycles,
+            "whole_ns": stall.whole_ns,
+            "usual_ns": stall.usual_ns,
+            "sets": stall.sets,
+            "seen_by": seen_by,
+            "ended": place(stall.ended),
+        })
     });
     json!({
         "value": ahead.value,
@@ -124,7 +146,7 @@ fn packets(packets: &Result<Packets, Refused>) -> Value {
         }),
         Err(refused) => json!({
             "holds": false,
-            "reason": refused.limit.to_string(),
+            "reason": refused.reason(),
             "next_cycle_us": refused.next_cycle.map(|cycle| cycle.us()),
         }),
     }

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use ecmsk::fieldbus::xf::XfBusOptions;
 use ecmsk::migrate::{
-    Ahead, HostTiming, IDLE_NS, INT0_IDLE_NS, Item, Needs, Packets, Place, Plan, Refused, Row, SeenBy, Verdict,
+    Ahead, HostTiming, IDLE_NS, INT0_IDLE_NS, Item, Migration, Needs, Packets, Place, Plan, Refused, Row, SeenBy,
+    Start, Verdict,
 };
 use ecmsk::recording::Clock;
 use ecmsk::xf::DataSize;
@@ -22,6 +23,7 @@ pub fn of(report: &Report) -> String {
     items(&mut text, report);
     rows(&mut text, report);
     if let Some(plan) = &report.found.plan {
+        start(&mut text, report, plan);
         host(&mut text, report, &plan.ahead);
         chip(&mut text, &plan.needs);
         links(&mut text, report, plan);
@@ -39,8 +41,13 @@ pub fn of(report: &Report) -> String {
 fn head(text: &mut String, report: &Report) {
     let found = report.found;
     let link = report.link.as_ref().map_or_else(|| "a capture".to_owned(), |link| format!("recorded on {link}"));
-    let (commands, reports, at) = (found.commands, found.reports, seconds(found.last_ns));
-    let _ = writeln!(text, "{}: {link}, {commands} commands, {reports} reports, {at}", report.file.display());
+    let Migration { commands, polls, reports, .. } = *found;
+    let (file, at) = (report.file.display(), seconds(found.last_ns));
+    let _ = writeln!(text, "{file}: {link}, {commands} commands, {polls} polls, {reports} reports, {at}");
+    if report.is_behind_chip {
+        let _ =
+            writeln!(text, "recorded with the slaves behind a chip already: what differs is told as against a board");
+    }
     let whole = if report.lacks.is_some() || found.op.is_none() { ", as far as the recording goes" } else { "" };
     let _ = writeln!(
         text,
@@ -88,6 +95,22 @@ fn rows(text: &mut String, report: &Report) {
             let _ = writeln!(text, "no: {reason}\n    do: {next}");
             said.push((row, reason));
         }
+    }
+}
+
+fn start(text: &mut String, report: &Report, plan: &Plan) {
+    let Start { recorded, chip_ns, timeout_ms } = plan.start;
+    let _ = writeln!(text, "\nthe way to OP");
+    let recorded = recorded.map_or_else(
+        || "no SET_STATE that led there".to_owned(),
+        |(ns, ended)| format!("{} until {}", seconds(ns), place(ended)),
+    );
+    line(text, if report.is_behind_chip { "recorded" } else { "board" }, &recorded);
+    let (slaves, took) = (plural(plan.network.length() as u64, "slave"), seconds(chip_ns));
+    let fails = "a program that gives up after less than that fails";
+    line(text, "chip", &format!("about {took} for {slaves}: {fails} ({})", Row::Start));
+    if let Some(ms) = timeout_ms {
+        line(text, "", &format!("SET_STATE itself gives up after 10 s, unless state_timeout_ms={ms} is in the link"));
     }
 }
 
@@ -152,12 +175,18 @@ fn stalls(text: &mut String, report: &Report, timing: &HostTiming, ahead: &Ahead
     match ahead.stall {
         None => line(text, "stalls", "none seen"),
         Some(stall) => {
+            let (whole, usual) = (ms(stall.whole_ns), ms(stall.usual_ns));
             let by = match stall.seen_by {
-                SeenBy::Silence => "no frame passed either way, less the cycle of a report",
-                SeenBy::LateWrite => "a pause of writes in a motion, less the usual one",
+                SeenBy::Silence => format!("no frame passed either way for {whole}, less the cycle of a report"),
+                SeenBy::LateWrite => format!("a pause of writes of {whole} in a motion, less the usual one of {usual}"),
             };
             let cycles = plural(ahead.stall_cycles.into(), "cycle");
             line(text, "stall", &format!("{} = {cycles} until {}: {by}", ms(stall.ns), place(stall.ended)));
+            if stall.is_limited() {
+                let sets = plural(stall.sets.into(), "set");
+                let stop = "for longer than these last the axes stop on a board, too";
+                line(text, "", &format!("{sets} waited when it began, and no more cycles of it count: {stop}"));
+            }
         }
     }
     let limits = match report.link {
@@ -209,14 +238,16 @@ fn held(packets: &Packets, cycle_us: u32) -> String {
 fn not_held(refused: &Refused) -> String {
     let next =
         refused.next_cycle.map_or_else(|| "no cycle holds".to_owned(), |cycle| format!("{} us hold", cycle.us()));
-    format!("{}; {next}", refused.limit)
+    format!("{}; {next}", refused.reason())
 }
 
 fn links(text: &mut String, report: &Report, plan: &Plan) {
     let (machine, model, file) = (&plan.links.machine, &plan.links.model, report.file.display());
     let _ = writeln!(text, "\necmsk.toml, with INT0 at the line that it is wired to");
     let _ = writeln!(text, "  link = \"{machine}\"");
-    let _ = writeln!(text, "the same on the model, and held against this recording");
+    let _ = writeln!(text, "this recording played to the model of a chip");
+    let _ = writeln!(text, "  ecmsk replay {file} --link '{model}'");
+    let _ = writeln!(text, "the program itself on that model, and held against this recording");
     let _ = writeln!(text, "  ecmsk exec --link '{model}' --record model.pcapng -- PROGRAM");
     let _ = writeln!(text, "  ecmsk compare {file} model.pcapng --ignore-repeats");
     if plan.needs.with_int0.is_err() {

@@ -122,6 +122,21 @@ fn the_latency_of_a_chip_is_told() {
     compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
 }
 
+/// TOOL-188 Where one command alone tells the latency it counts as well: one more than allowed is a difference, whose message says
+/// where.
+#[test]
+fn one_command_tells_a_latency_that_is_too_long() {
+    let run = |scheme| Program { scheme, short: true, ..Program::default() }.record();
+    let (a, b) = (run("sim"), run("xf-sim"));
+    let found = compare(&a, &b, &["--json"]).json();
+    let usual = found["latency"]["usual_cycles"].as_i64().expect("a number");
+    assert!(usual > 0 && found["latency"]["commands"].as_u64().is_some_and(|commands| commands < 5), "{found}");
+    let late = compare(&a, &b, &["--latency", &(usual - 1).to_string()]);
+    assert_eq!(late.code, Some(1), "{}", late.out);
+    assert!(late.out.contains(&format!("B answers {usual} cycles later from command ")), "{}", late.out);
+    compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
+}
+
 /// TOOL-187 Gaps are told with their cycles.
 #[test]
 fn gaps_are_told() {

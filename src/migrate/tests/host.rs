@@ -1,0 +1,121 @@
+//! Runs whose host was late, and what `ahead=` results.
+
+use super::*;
+
+/// TOOL-179 A pause of writes that is longer than the usual one is a stall if the program had more to say.
+#[test]
+fn late_writes() {
+    let stall = |run: &Run| run.found().timing.stall(MS);
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 20, MS);
+    assert_eq!(stall(&run), None);
+    // Reports go on for 12 ms more than usual, and targets still wait.
+    for waiting in (8..20).rev() {
+        run.pass(MS).op(waiting);
+    }
+    run.moves(100..200, 20, MS);
+    assert!(run.found().timing.longest_pause.is_some_and(|(ns, _)| ns == 13 * MS));
+    let found = stall(&run).expect("a stall");
+    assert_eq!((found.ns, found.seen_by), (12 * MS, SeenBy::LateWrite));
+    assert_eq!(run.found().plan.expect("a plan").ahead.stall_cycles, 12);
+    assert!(!found.is_limited());
+    // 20 waited, and one was written behind that report.
+    assert_eq!((found.whole_ns, found.usual_ns, found.sets), (13 * MS, MS, 21));
+    // Where no axis moves a pause is the program's own: drives that are off while it asks for their state, targets that stay.
+    let mut run = Run::in_op(1, 1000);
+    for n in 0..50 {
+        run.take(Dir::Write, Frame::new()).pass(if n == 30 { 20 * MS } else { MS }).op(8);
+    }
+    assert_eq!(
+        (stall(&run).map(|stall| stall.seen_by), run.found().timing.longest_pause),
+        (Some(SeenBy::Silence), None)
+    );
+    let mut run = Run::in_op(1, 1000);
+    for n in 0..50 {
+        run.csp(100).pass(MS / 2);
+        for _ in 0..if n == 30 { 20 } else { 1 } {
+            run.op(8).pass(MS / 2);
+        }
+    }
+    assert_eq!((stall(&run), run.found().timing.longest_pause), (None, None));
+    // The end of a motion is none: the FIFO has run empty, and the next target is another motion's.
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 20, MS);
+    for waiting in (0..20).rev() {
+        run.pass(MS).op(waiting);
+    }
+    for _ in 0..30 {
+        run.pass(MS).op(0);
+    }
+    run.csp(5000).moves(500..600, 20, MS);
+    assert_eq!(stall(&run), None);
+    assert_eq!(run.found().timing.gaps, 0);
+}
+
+/// TOOL-179 Cycles in which the FIFO was empty while an axis was on its way are counted; where no sets wait none would lie in a
+/// chip, so that the pause is no stall of more cycles than there were sets.
+#[test]
+fn repeated_outputs() {
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 0, MS);
+    for _ in 0..7 {
+        run.pass(MS).op(0);
+    }
+    run.moves(100..200, 0, MS);
+    let timing = run.found().timing;
+    let (longest_ns, _) = timing.longest_gap.expect("a gap");
+    assert_eq!((timing.gaps, timing.repeated_cycles, longest_ns), (1, 7, 6 * MS));
+    // One set was in the FIFO: a chip could have bridged one cycle of the pause.
+    let stall = timing.stall(MS).expect("a stall");
+    assert_eq!((timing.longest_pause.expect("a pause").0, stall.ns), (8 * MS, MS));
+    assert!(stall.is_limited());
+    assert_eq!((stall.whole_ns, stall.sets), (8 * MS, 1));
+}
+
+/// TOOL-179 Silence in both directions is a stall while sets wait, as far as it is longer than a cycle.
+#[test]
+fn silence() {
+    let mut run = Run::in_op(1, 1000);
+    run.moves(0..100, 40, MS).pass(15 * MS).moves(100..200, 40, MS);
+    let timing = run.found().timing;
+    let stall = timing.stall(MS).expect("a stall");
+    // 15 ms and the half before the next report; the write is as late, by 15 ms.
+    assert_eq!((stall.ns, stall.seen_by), (15 * MS, SeenBy::LateWrite));
+    assert_eq!(timing.silences.longest_ns(), Some(15 * MS + MS / 2));
+    let mut run = Run::in_op(1, 1000);
+    for _ in 0..100 {
+        run.pass(MS).op(50);
+    }
+    run.pass(15 * MS).op(0).pass(500 * MS).op(0);
+    let stall = run.found().timing.stall(MS).expect("a stall");
+    assert_eq!((stall.ns, stall.seen_by), (14 * MS, SeenBy::Silence));
+}
+
+/// TOOL-180 `ahead=` is the stall, from the default on up to what the chip holds.
+#[test]
+fn sets_ahead() {
+    let stalled = |drives, ms: i64| {
+        let mut run = Run::in_op(drives, 1000);
+        run.moves(0..100, 100, MS);
+        for _ in 0..ms {
+            run.pass(MS).op(50);
+        }
+        run.moves(100..200, 100, MS).found().plan.expect("a plan").ahead
+    };
+    let ahead = stalled(2, 0);
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value, &ahead.verdict), (None, true, 4, &Verdict::Yes));
+    let ahead = stalled(2, 20);
+    assert_eq!((ahead.stall_cycles, ahead.value), (20, 20));
+    assert_eq!(ahead.verdict, Verdict::Differs(Row::Stall));
+    let ahead = stalled(2, 90);
+    assert_eq!((ahead.stall_cycles, ahead.value), (90, 60));
+    assert!(matches!(ahead.verdict, Verdict::No { row: Row::Stall, .. }), "{ahead:?}");
+    let ahead = stalled(40, 30);
+    assert_eq!((ahead.value, ahead.verdict.word()), (21, "no"));
+    // On a virtual clock, and below OP, nothing is known.
+    let mut run = Run::in_op(2, 1000);
+    run.moves(0..100, 100, MS).pass(50 * MS).moves(100..200, 100, MS);
+    let setting = Setting { clock: Clock::Virtual, ..Setting::default() };
+    let ahead = Migration::of(&run.survey, &setting).plan.expect("a plan").ahead;
+    assert_eq!((ahead.stall, ahead.is_known, ahead.value), (None, false, 4));
+}

@@ -148,8 +148,10 @@ impl Rig {
                 return;
             }
             13 => {
-                let sync =
-                    SyncSignals { assign_activate: u16::from_le_bytes([b, c]), ..SyncSignals::sync0(u32::from(d) * 10_000, 7) };
+                let sync = SyncSignals {
+                    assign_activate: u16::from_le_bytes([b, c]),
+                    ..SyncSignals::sync0(u32::from(d) * 10_000, 7)
+                };
                 let _ = self.master.set_sync(slave, Some(sync));
                 return;
             }

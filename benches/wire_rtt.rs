@@ -114,6 +114,7 @@ mod bench {
             script: None,
             record: None,
             allow_default_route: false,
+            drift_ppm: 0,
             real_time: RealTime::default(),
             tell: Arc::new(|_| {}),
         })

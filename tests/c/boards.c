@@ -203,7 +203,7 @@ int main(void)
     CHECK(ecmsk_open("", &board) == ECMSK_ERROR_ARGUMENT);
     CHECK(ecmsk_open("\xFF\xFE", &board) == ECMSK_ERROR_ARGUMENT);
     CHECK(last_error_has("UTF-8"));
-    CHECK(ecmsk_open("nic:eth1", &board) == ECMSK_ERROR_ARGUMENT);
+    CHECK(ecmsk_open("can:eth1", &board) == ECMSK_ERROR_ARGUMENT);
     CHECK(last_error_has("`nic`"));
     CHECK(board == NULL);
 

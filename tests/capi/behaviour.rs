@@ -61,7 +61,7 @@ mod needs_cxx {
     #[test]
     fn an_open_that_fails_says_why() {
         passes("open_fails", "sim:?slaves=none&clock=virtual", &["no slave"]);
-        passes("open_fails", "nic:eth1", &["from ECMSK_LINK", "unknown scheme `nic`", "sim:?slaves=drive*2"]);
+        passes("open_fails", "can:eth1", &["from ECMSK_LINK", "unknown scheme `can`", "sim:?slaves=drive*2"]);
         passes("open_fails", "sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]);
         passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);
     }

@@ -102,7 +102,7 @@ crate::for_each_width! {
         folder.build(Toolchain::MinGw, &source("which_link.c"), "which_link.exe");
         for (link, parts) in [
             ("sim:?slaves=none&clock=virtual", &["no slave"][..]),
-            ("nic:eth1", &["from ECMSK_LINK", "unknown scheme `nic`", "sim:?slaves=drive*2"]),
+            ("can:eth1", &["from ECMSK_LINK", "unknown scheme `can`", "sim:?slaves=drive*2"]),
             ("sim:?slaves=drive&colour=red", &["from ECMSK_LINK", "colour"]),
             ("nonsense", &["from ECMSK_LINK", "nonsense"]),
             ("tcp://127.0.0.1:1", &["from ECMSK_LINK", "127.0.0.1:1"]),

@@ -111,7 +111,7 @@ fn a_wrong_link_does_not_start_the_program() {
         ("sim:?slavs=drive", ["slavs", "slaves"]),
         ("sim:?slaves=drive*41", ["drive*41", "40"]),
         ("bus:", ["unknown scheme `bus`", "sim:"]),
-        ("nic:eth1", ["unknown scheme `nic`", "sim:?slaves=drive*2"]),
+        ("can:eth1", ["unknown scheme `can`", "sim:?slaves=drive*2"]),
     ] {
         let ran = place.run(&["--link", link], "echo started");
         ran.expect_misuse(&words);

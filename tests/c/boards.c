@@ -204,7 +204,7 @@ int main(void)
     CHECK(ecmsk_open("\xFF\xFE", &board) == ECMSK_ERROR_ARGUMENT);
     CHECK(last_error_has("UTF-8"));
     CHECK(ecmsk_open("can:eth1", &board) == ECMSK_ERROR_ARGUMENT);
-    CHECK(last_error_has("`nic`"));
+    CHECK(last_error_has("`can`"));
     CHECK(board == NULL);
 
     boards_of_their_own();

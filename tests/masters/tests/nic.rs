@@ -48,7 +48,7 @@ mod needs_network_namespace {
         assert!(waited.is_some(), "the outputs are wired to the inputs");
         ecm.close(Close::ServoOff).expect("it closes");
         let said = rig.end();
-        assert!(said.iter().any(|line| line == "slaves 1 to 3 are in OP"), "{said:?}");
+        assert!(said.iter().any(|line| line.ends_with("in OP")), "{said:?}");
         let last = said.iter().rfind(|line| line.starts_with("slaves")).expect("a line");
         assert_eq!(last, "slaves 1 to 3 are in PreOP", "{said:?}");
     }

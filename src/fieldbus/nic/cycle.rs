@@ -8,7 +8,7 @@ use crate::master;
 impl<W: NicWires> NicBus<W> {
     /// Sends the frames of a cycle and waits for them, as the page of this module says.
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
-        if !self.has_cycles() && self.is_working() {
+        if self.is_working() && !self.has_cycles() {
             // A scan or a mapping has the wire for itself.
             return self.heard(now, inputs);
         }
@@ -103,11 +103,9 @@ impl<W: NicWires> NicBus<W> {
 
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
-        let missing = self.master.missing();
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
-            let state = self.state(slave).filter(|_| !missing.contains(slave));
-            let is_missing = state.is_none_or(|state| state < self.stations[n].commanded);
+            let is_missing = self.state(slave).is_none_or(|state| state < self.stations[n].commanded);
             if is_missing && !self.lost.contains(slave) {
                 self.lost.insert(slave);
                 self.lost_from[n] = self.short_from;

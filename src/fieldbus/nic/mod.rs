@@ -178,10 +178,15 @@ impl<W: NicWires> NicBus<W> {
             return;
         }
         while self.wires.now() < until {
-            let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
-            self.wires.wait(turn.min(until));
-            self.turn();
+            self.wait_a_turn(until);
         }
+    }
+
+    /// Waits until a frame comes, or it is time to go on with what is under way, at most until that time of the wires.
+    fn wait_a_turn(&mut self, until: Ns) {
+        let turn = if self.is_working() { self.wires.now().saturating_add(TURN_NS) } else { until };
+        self.wires.wait(turn.min(until));
+        self.turn();
     }
 
     /// The engine's time less that of the wires, seen when it is `now` for the engine. A runner is late by some time that
@@ -275,9 +280,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
         let end = self.wires.now().saturating_add(until.saturating_sub(now));
         self.turn();
         while self.is_working() && self.wires.now() < end {
-            let turn = self.wires.now().saturating_add(TURN_NS);
-            self.wires.wait(turn.min(end));
-            self.turn();
+            self.wait_a_turn(end);
         }
     }
 

@@ -56,8 +56,9 @@ pub const XF_SETTLED: &str = "xf_settled";
 pub const XF_ONE_BY_ONE: &str = "xf_one_by_one";
 /// The simulated network is at the end of a wire, as slave controllers that our own master reaches.
 pub const NIC: &str = "nic";
-/// What such a run says on standard error before the name of each test that has a board whose slaves are behind the chip.
-pub const BEHIND_CHIP: &str = "behind the chip: ";
+/// What such a run says on standard error before the name of each test that has a board whose slaves are behind the chip, or at
+/// the end of the wire.
+pub const SLAVES_MOVED: &str = "slaves moved: ";
 
 /// Whether this is such a run.
 pub fn is_over() -> bool {
@@ -91,7 +92,7 @@ fn behind<B: Fieldbus + 'static, F: Fieldbus + 'static>(
     let put_behind = |sim: SimBus| {
         // Past what is kept of a test's output: tests/engine/over.rs reads it.
         let test = thread::current();
-        let _ = writeln!(io::stderr(), "{BEHIND_CHIP}{}", test.name().unwrap_or_default());
+        let _ = writeln!(io::stderr(), "{SLAVES_MOVED}{}", test.name().unwrap_or_default());
         let (slaves, handle) = sim.into_parts();
         put(slaves, handle)
     };

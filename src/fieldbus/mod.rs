@@ -37,6 +37,19 @@ pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 /// The most axes that a slave has: a two-channel HSP has two.
 pub const MAX_AXES: usize = 2;
 
+/// How long a network takes at least from SET_STATE until its slaves leave OP, beside [`CHANGE_SLAVE_NS`] for each, ns.
+///
+/// \[OURS] A change "takes several cycles" (SK-3.1), in which the FIFO goes on: commands that wait there when SET_STATE comes,
+/// such as SV_OFF behind the end of a motion, are still executed in this time, on every bus.
+pub const LEAVING_OP_NS: Ns = 20_000_000;
+/// What each slave that takes part adds to a change of state, ns. \[OURS]
+pub const CHANGE_SLAVE_NS: Ns = 2_000_000;
+
+/// How long the commands that wait in the FIFO are still executed before that many slaves leave OP, ns.
+pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
+    LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
+}
+
 /// Who owns the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pacing {

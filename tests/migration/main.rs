@@ -6,7 +6,7 @@
 //! - `plan.rs`, `play.rs`, `play/`, `random.rs`: generated programs
 //! - `recordings.rs`: recordings, played to both
 //! - `vendor.rs`: programs with the vendor's own habits
-//! - `rows.rs`: the table is that of the document. `latency.rs`, `stall.rs`, `hold.rs`, `clear.rs`, `loss.rs`, `remap.rs`,
+//! - `rows.rs`: the table is that of the document. `latency.rs`, `stall.rs`, `hold.rs`, `clear.rs`, `leaving.rs`, `loss.rs`, `remap.rs`,
 //!   `sdo.rs`, `lio.rs`, `start.rs`: each measures the row that it is named after; `drives.rs` is what they share
 
 mod clear;
@@ -14,6 +14,7 @@ mod drives;
 mod hold;
 mod judge;
 mod latency;
+mod leaving;
 mod lio;
 mod loss;
 mod machine;

@@ -82,6 +82,9 @@ impl<W: NicWires> NicBus<W> {
         let is_new = std::mem::take(&mut self.has_new_outputs);
         let outputs = is_new.then_some(self.outputs.id);
         self.sent = outputs.or(self.sent);
+        if !is_new {
+            self.all_is_sent();
+        }
         if done.short.is_empty() {
             self.short_from = None;
         } else if self.short_from.is_none() {

@@ -5,7 +5,7 @@ use super::{NicBus, NicWires, RunningSdo};
 use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
-use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest};
+use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
 use crate::master::{self, JobId, MailboxError, Master, Pace, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
@@ -26,6 +26,10 @@ pub(super) struct Change {
     /// When the master is asked again, and when time is up, on the wires' clock.
     again_at: Ns,
     until: Ns,
+    /// What waits in the board's FIFO is sent before slaves leave OP: the master was not asked yet.
+    sends_first: bool,
+    /// All slaves leave OP: outputs that are taken now could reach none.
+    takes_no_more: bool,
 }
 
 /// How long after a slave has not answered it is asked again, ns. \[OURS]
@@ -74,16 +78,18 @@ impl<W: NicWires> NicBus<W> {
             }
             Job::State { target, slaves, timeout_ns } => {
                 let slaves = slaves.intersection(self.all());
-                self.prepare_change(target, slaves);
                 let now = self.wires.now();
-                let id = Some(self.master.request_state(slaves, target, timeout_ns));
-                Some(Running::State(Change {
-                    id,
-                    target,
-                    slaves,
-                    again_at: now,
-                    until: now.saturating_add(timeout_ns),
-                }))
+                let until = now.saturating_add(timeout_ns);
+                let mut change =
+                    Change { id: None, target, slaves, again_at: now, until, sends_first: false, takes_no_more: false };
+                let in_op = self.in_op();
+                if target < AlState::Op && !in_op.is_empty() && in_op.difference(slaves).is_empty() {
+                    change.again_at = now.saturating_add(leaving_op_ns(in_op.len()));
+                    change.sends_first = true;
+                } else {
+                    self.ask(&mut change);
+                }
+                Some(Running::State(change))
             }
             Job::Sdo(_) => None,
         };
@@ -95,6 +101,16 @@ impl<W: NicWires> NicBus<W> {
             self.master.set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
             self.is_paced = true;
         }
+    }
+
+    /// The slaves that get outputs.
+    fn in_op(&self) -> SlaveSet {
+        self.all().iter().filter(|slave| self.state(*slave) == Some(AlState::Op)).collect()
+    }
+
+    /// Whether outputs that are taken now could reach no slave, as all leave OP.
+    pub(super) const fn leaves_op(&self) -> bool {
+        matches!(self.job, Some(Running::State(Change { takes_no_more: true, .. })))
     }
 
     fn forget_slaves(&mut self) {
@@ -236,14 +252,31 @@ impl<W: NicWires> NicBus<W> {
         self.ended.push_back(JobDone::State(result));
     }
 
-    /// Asks again for a change of state, when it is time.
+    /// Asks the master for a change of state.
+    fn ask(&mut self, change: &mut Change) {
+        self.prepare_change(change.target, change.slaves);
+        let left = change.until.saturating_sub(self.wires.now());
+        change.id = Some(self.master.request_state(change.slaves, change.target, left));
+        change.takes_no_more |= std::mem::take(&mut change.sends_first);
+    }
+
+    /// Asks for a change of state, again or for the first time, when it is time.
     fn ask_again(&mut self) {
-        let now = self.wires.now();
-        if let Some(Running::State(change @ Change { id: None, .. })) = &mut self.job
-            && now >= change.again_at
+        if let Some(Running::State(mut change @ Change { id: None, again_at, .. })) = self.job
+            && self.wires.now() >= again_at
         {
-            let left = change.until.saturating_sub(now);
-            change.id = Some(self.master.request_state(change.slaves, change.target, left));
+            self.ask(&mut change);
+            self.job = Some(Running::State(change));
+        }
+    }
+
+    /// A cycle has carried nothing new: what had waited in the board's FIFO is sent, and slaves may leave OP.
+    pub(super) fn all_is_sent(&mut self) {
+        let now = self.wires.now();
+        if let Some(Running::State(change)) = &mut self.job
+            && change.sends_first
+        {
+            change.again_at = now;
         }
     }
 }

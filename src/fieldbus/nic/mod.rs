@@ -247,7 +247,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn room(&self) -> u16 {
-        u16::from(!self.has_new_outputs)
+        u16::from(!self.has_new_outputs && !self.leaves_op())
     }
 
     fn clear_ahead(&mut self, _now: Ns) {

@@ -1,6 +1,6 @@
 //! How long the jobs of the simulated bus take.
 
-use crate::fieldbus::{AlState, Ns};
+use crate::fieldbus::{AlState, CHANGE_SLAVE_NS, LEAVING_OP_NS, Ns};
 
 /// Durations in board time.
 ///
@@ -40,8 +40,8 @@ impl Default for Timing {
             to_preop_ns: 50 * MS,
             to_safeop_ns: 300 * MS,
             to_op_ns: 50 * MS,
-            down_ns: 20 * MS,
-            change_slave_ns: 2 * MS,
+            down_ns: LEAVING_OP_NS,
+            change_slave_ns: CHANGE_SLAVE_NS,
             retry_ns: 10 * MS,
             sdo_ns: 3 * MS,
         }

@@ -38,8 +38,10 @@ pub(super) struct Running {
     keeps_layout: bool,
     /// All were asked together to enter this state.
     all_tried: Option<AlState>,
-    /// The id of the newest outputs that are to be sent before slaves leave OP, and how long that may take.
-    sent_first: Option<(u64, Ns)>,
+    /// What is to be sent before slaves leave OP.
+    sent_first: Option<SentFirst>,
+    /// All slaves leave OP: from when on no outputs are taken, since they could reach none. What the board has then it clears.
+    takes_until: Ns,
     /// All slaves have left OP, and its last cycles were told.
     has_told_op: bool,
     /// How long the job waits at most until a loss is told; `None`: it has seen none.
@@ -49,6 +51,15 @@ pub(super) struct Running {
     mapping: Option<ProcessData>,
     /// The lengths of a slave's outputs as the chip has them.
     output_bytes: usize,
+}
+
+/// Outputs that are to be sent before slaves leave OP.
+#[derive(Clone, Copy, Debug)]
+struct SentFirst {
+    /// The id of the newest ones.
+    newest: u64,
+    /// How long they are waited for.
+    until: Ns,
 }
 
 #[derive(Clone, Debug)]
@@ -136,6 +147,7 @@ impl Running {
             keeps_layout: false,
             all_tried: None,
             sent_first: None,
+            takes_until: Ns::MAX,
             has_told_op: false,
             tells_until: None,
             second_axes: SlaveSet::EMPTY,
@@ -147,6 +159,11 @@ impl Running {
     fn ask(&mut self, stage: Stage, ask: Ask) -> Todo {
         self.stage = stage;
         Todo::Ask(ask)
+    }
+
+    /// Whether outputs that are taken now could reach no slave, as all leave OP.
+    pub(super) const fn takes_no_more(&self, now: Ns) -> bool {
+        now >= self.takes_until
     }
 
     fn failed(&self, refusal: Refusal) -> Todo {

@@ -1,10 +1,10 @@
 //! A change of state: slaves that are behind move by one state, until all are there.
 
-use super::{Kind, Running, Stage, Todo, no_answer};
+use super::{Kind, Running, SentFirst, Stage, Todo, no_answer};
 use crate::ethercat::{AlState, Ns, SlaveSet};
-use crate::fieldbus::JobDone;
 use crate::fieldbus::xf::XfBus;
 use crate::fieldbus::xf::ask::{Ask, Reply};
+use crate::fieldbus::{JobDone, leaving_op_ns};
 use crate::xf::host::{HostError, Wires};
 use crate::xf::request::{Fifos, SlaveInfoItem};
 
@@ -13,20 +13,27 @@ use crate::xf::request::{Fifos, SlaveInfoItem};
 pub(super) const TOLD_LATE: Ns = 6;
 
 impl<W: Wires> XfBus<W> {
-    /// Waits until the outputs that were taken when the change began are known to be sent: a frame that asks for a lower
-    /// state may switch outputs off too, and the board executes it first. What is taken later is not waited for.
+    /// Waits until the outputs that were taken are known to be sent: a frame that asks for a lower state may switch outputs off
+    /// too, and the board executes it first. If all leave OP, so it does with those that wait before it, as far as the time
+    /// of [`leaving_op_ns`] goes; what answers to them leads to, such as the second step of SV_OFF, has the time that they
+    /// take.
     pub(super) fn send_first(&mut self, job: &mut Running, now: Ns) -> Todo {
         let cycle_ns = self.network.cycle.ns();
-        let newest = self.newest_taken();
-        let most = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
-        let Some((id, until)) = job.sent_first.or(newest.map(|id| (id, most))) else {
+        let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
+        let in_op = self.network.in_op();
+        let all_leave = matches!(job.kind, Kind::State { slaves, .. } if in_op.difference(slaves).is_empty());
+        if job.sent_first.is_none() && all_leave && !in_op.is_empty() {
+            job.takes_until = now.saturating_add(leaving_op_ns(in_op.len()) + 2 * TOLD_LATE * cycle_ns);
+        }
+        let more = |first: &SentFirst| all_leave && now < job.takes_until && self.newest_taken() > Some(first.newest);
+        let newest = self.newest_taken().map(|newest| SentFirst { newest, until });
+        let Some(first) = job.sent_first.take().filter(|first| !more(first)).or(newest) else {
             return self.read_states(job);
         };
-        if now >= until || self.ledger.newest_sent() >= Some(id) || self.is_clearing() {
-            job.sent_first = None;
+        if now >= first.until || self.ledger.newest_sent() >= Some(first.newest) || self.is_clearing() {
             return self.read_states(job);
         }
-        job.sent_first = Some((id, until));
+        job.sent_first = Some(first);
         job.stage = Stage::SendFirst;
         Todo::Wait(now.saturating_add(cycle_ns))
     }

@@ -147,6 +147,9 @@ pub struct Counters {
     /// Cycles that were left out because the machine was too late for them, on a bus whose cycles are not caught up on: what moves
     /// has stood still for so long.
     pub cycles_left_out: u64,
+    /// Cycles in OP in which the ring of cables was broken, on a bus with a card at each end. Nothing is lost by that; another cut
+    /// would cost slaves.
+    pub ring_broken: u64,
     /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are

@@ -72,7 +72,7 @@ pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
 pub use unexecuted::Unexecuted;
 
-use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, Role, SlaveSet};
+use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use axis::Axis;
 use counters::EventLog;
@@ -393,6 +393,7 @@ impl Engine {
             self.run_test(now);
         }
         if self.network().in_op() {
+            self.counters.ring_broken += u64::from(bus.ring().is_some_and(RingState::is_broken));
             self.clear_what_nobody_gets();
             self.push_outputs(now, bus);
         }

@@ -1,7 +1,7 @@
 //! What can be seen of a board beside the wire: its LEDs, its BUSY pin, and what it knows of its network.
 
 use super::{Board, StateFailure};
-use crate::fieldbus::{Ns, SlaveSet};
+use crate::fieldbus::{Ns, RingState, SlaveSet};
 use crate::sk::{MasterState, StateByte};
 
 /// The two LEDs that show the state (UG17 1.3.2, SK-11).
@@ -54,6 +54,8 @@ pub struct Snapshot {
     /// The slave with the reference clock: the first one with distributed clocks; `None`: no slave has, or the bus does not
     /// know.
     pub reference_clock: Option<u8>,
+    /// How the ring of cables is; `None`: there is no second card.
+    pub ring: Option<RingState>,
     /// The six outputs of the chip, bit k is output k.
     pub local_outputs: u8,
 }
@@ -75,6 +77,7 @@ impl Board {
             slaves_found: engine.slaves_found(),
             lost: engine.lost(),
             reference_clock: self.bus().reference_clock(),
+            ring: self.bus().ring(),
             local_outputs: engine.local_outputs(),
         }
     }

@@ -28,11 +28,13 @@ pub enum Unexecuted {
     OutputsLost,
     /// [`Counters::cycles_left_out`]: the machine was late, and so is all that was to be executed.
     LeftOut,
+    /// [`Counters::ring_broken`]: nothing was left unexecuted, but the next cut of a cable would cost slaves.
+    RingBroken,
 }
 
 impl Unexecuted {
     /// How many kinds there are.
-    pub const KINDS: usize = 11;
+    pub const KINDS: usize = 12;
 
     /// All kinds.
     pub const ALL: [Self; Self::KINDS] = [
@@ -47,6 +49,7 @@ impl Unexecuted {
         Self::SdoAborted,
         Self::OutputsLost,
         Self::LeftOut,
+        Self::RingBroken,
     ];
 
     /// The count of this kind.
@@ -63,6 +66,7 @@ impl Unexecuted {
             Self::SdoAborted => counters.sdo_aborted,
             Self::OutputsLost => counters.outputs_lost,
             Self::LeftOut => counters.cycles_left_out,
+            Self::RingBroken => counters.ring_broken,
         }
     }
 
@@ -80,6 +84,7 @@ impl Unexecuted {
             Self::SdoAborted => "sdo_aborted",
             Self::OutputsLost => "outputs_lost",
             Self::LeftOut => "cycles_left_out",
+            Self::RingBroken => "ring_broken",
         }
     }
 
@@ -97,6 +102,9 @@ impl Unexecuted {
             Self::SdoAborted => "SDO transfer(s) were aborted by the slave",
             Self::OutputsLost => "set(s) of outputs may not have reached the slaves",
             Self::LeftOut => "cycle(s) were left out because this machine was late: what was moving has paused",
+            Self::RingBroken => {
+                "cycle(s) ran with a broken ring of cables: nothing is lost, but another cut would cost slaves"
+            }
         }
     }
 
@@ -125,6 +133,7 @@ impl Unexecuted {
             Self::LeftOut => {
                 "give the cycle a priority and a processor of its own (priority=, cpu=), and see `ecmsk doctor`"
             }
+            Self::RingBroken => "look at the cables between the slaves, and at those to both network cards",
         }
     }
 

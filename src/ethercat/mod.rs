@@ -45,6 +45,20 @@ pub use wire_error::WireError;
 /// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.
 pub type Ns = u64;
 
+/// An end of a line of slaves, at which a network card can be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CableEnd {
+    /// Before the first slave, where frames begin to be worked on.
+    First,
+    /// Behind the last slave: a second card there closes the ring.
+    Last,
+}
+
+impl CableEnd {
+    /// Both ends.
+    pub const BOTH: [Self; 2] = [Self::First, Self::Last];
+}
+
 /// The EtherCAT state of a slave: its AL state (ETG.1000.6 6.4.1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]

@@ -341,6 +341,29 @@ pub enum BusError {
     Down,
 }
 
+/// How a ring of cables is, with a network card at each end of the line of slaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RingState {
+    /// Nothing has come back yet.
+    #[default]
+    Unknown,
+    /// All cables are whole.
+    Whole,
+    /// A cable between two slaves is cut.
+    Open,
+    /// No frame comes from the first card to a slave.
+    FirstDead,
+    /// No frame comes from the second card to a slave.
+    SecondDead,
+}
+
+impl RingState {
+    /// Whether the next cut would cost slaves.
+    pub const fn is_broken(self) -> bool {
+        matches!(self, Self::Open | Self::FirstDead | Self::SecondDead)
+    }
+}
+
 /// A way to run an EtherCAT network. The page of this module says who calls what when.
 pub trait Fieldbus: Send {
     /// Who owns the cycle. The answer never changes.
@@ -408,6 +431,11 @@ pub trait Fieldbus: Send {
     /// The slave with the reference clock: the first one found that has distributed clocks (SK-11, UG15). `None`: no slave
     /// has, or the bus does not know.
     fn reference_clock(&self) -> Option<u8> {
+        None
+    }
+
+    /// How the ring of cables is; `None`: the bus has no second card.
+    fn ring(&self) -> Option<RingState> {
         None
     }
 

@@ -167,6 +167,7 @@ mod tests {
             sdo_aborted: 9,
             outputs_lost: 10,
             cycles_left_out: 11,
+            ring_broken: 12,
             ..Counters::default()
         };
         let mut log = Log::of(&Counters::default());

@@ -72,6 +72,8 @@ pub(super) struct Clocks {
     /// The slaves whose clocks have 32 bits only.
     pub(super) short: SlaveSet,
     pub(super) places: Vec<Place>,
+    /// The cables make a ring: how long the way to each slave is was measured when it was opened for that, ns.
+    pub(super) ring_delays: Option<Vec<u32>>,
     /// The time that the reference had last.
     pub(super) time: u64,
 }
@@ -80,6 +82,13 @@ impl Clocks {
     /// The slave with the reference clock: the first one that answers and has been set.
     pub(super) fn reference(&self, missing: SlaveSet) -> Option<u8> {
         self.set.difference(missing).iter().next()
+    }
+
+    /// No frame leaves a slave by that port while delays are measured.
+    pub(super) fn close(&mut self, Upstream { slave, port }: Upstream) {
+        if let Some(place) = self.places.get_mut(usize::from(slave) - 1) {
+            place.ports = place.ports.with_port(port.into(), true, true);
+        }
     }
 
     fn station(&self, slave: u8) -> Option<u16> {
@@ -115,6 +124,10 @@ pub(super) fn delays(places: &[Place], passed: &[Option<Passed>]) -> Vec<u32> {
 /// The delay of a slave from those of the slaves before it.
 fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, place: &Place) -> Option<u32> {
     let own = passed.get(n).copied()??;
+    if !is_open(place.ports, 0) {
+        // It is behind the gap of a ring, and the frame has come to it from the other end.
+        return None;
+    }
     // Through slaves without a clock.
     let mut upstream = place.upstream?;
     let (at, parent) = loop {
@@ -142,8 +155,9 @@ async fn passed(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     Ok(Passed { ports, unit })
 }
 
-/// Sets the clocks of slaves to the time of those that have been set already; if there are none, to that of the master.
-pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<(), Lost> {
+/// Sets the clocks of slaves to the time of those that have been set already; if there are none, to that of the master. How
+/// long the way to each slave is, ns.
+pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Vec<u32>, Lost> {
     let (clocks, missing) = bus.with(|shared| (shared.clocks.clone(), shared.missing));
     let latched_at = bus.now();
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
@@ -152,7 +166,7 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<(), Lost> {
         async move { if has_clock { passed(bus, place.station).await.ok() } else { None } }
     });
     let passed = join(read).await;
-    let delays = delays(&clocks.places, &passed);
+    let delays = clocks.ring_delays.clone().unwrap_or_else(|| delays(&clocks.places, &passed));
     // What the time was when the frame was at the first slave, by a clock that runs.
     let running = clocks.set.difference(missing).difference(slaves).iter().next();
     let time = match running.and_then(|slave| Some((slave, clocks.station(slave)?, passed[usize::from(slave) - 1]?))) {
@@ -180,7 +194,7 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<(), Lost> {
             bus.with(|shared| shared.clocks.set.insert(slave));
         }
     }
-    Ok(())
+    Ok(delays)
 }
 
 /// Brings the time of the reference to all clocks, as each cycle does.

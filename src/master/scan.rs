@@ -2,12 +2,12 @@
 
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
-use super::topology::upstreams;
+use super::topology::{Upstream, is_open, loose_ends, upstreams};
 use super::{SlaveInfo, clocks, sii};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, DL_STATUS, DlStatus, FEATURES, FMMU, FMMU_LEN, FMMUS, Features,
-    RequestedState, SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS, STATION_ALIAS, SYNC_ACTIVATION,
-    SYNC_MANAGER, SYNC_MANAGER_LEN, SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, DL_CONTROL, DL_STATUS, DlControl, DlStatus, FEATURES, FMMU,
+    FMMU_LEN, FMMUS, Features, LoopControl, RequestedState, SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS,
+    STATION_ALIAS, SYNC_ACTIVATION, SYNC_MANAGER, SYNC_MANAGER_LEN, SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE,
 };
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 
@@ -77,9 +77,30 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
     bus.with(|shared| shared.begin(&slaves));
     let clocks = bus.with(|shared| shared.clocks.all);
     if !clocks.is_empty() {
-        clocks::set(&bus, clocks).await?;
+        // In a ring a frame does not come back the way that it went, and only a way back tells how long it is. If the ring is
+        // broken already, slaves behind the gap are reached by that end alone.
+        let ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
+        close(&bus, &slaves, &ends, true).await?;
+        bus.with(|shared| ends.iter().for_each(|end| shared.clocks.close(*end)));
+        let set = clocks::set(&bus, clocks).await;
+        close(&bus, &slaves, &ends, false).await?;
+        let delays = set?;
+        bus.with(|shared| shared.clocks.ring_delays = Some(delays).filter(|_| !ends.is_empty()));
     }
     Ok(slaves)
+}
+
+/// Closes ports of slaves, or lets them be open again by themselves.
+async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bool) -> Result<(), Lost> {
+    for Upstream { slave, port } in ends {
+        let Some(SlaveInfo { station, .. }) = slaves.get(usize::from(*slave) - 1) else { continue };
+        let Ok(control) = bus.read(*station, DL_CONTROL).await else { return Err(Lost) };
+        let loops = if is_closed { LoopControl::Closed } else { LoopControl::Auto };
+        let control = DlControl(u32::from_le_bytes(control)).with_loop(usize::from(*port), loops);
+        // The answer to a write that closes a port may be lost with the frame that was there.
+        let _ = bus.queue(Command::Fpwr, *station, DL_CONTROL, &control.0.to_le_bytes()).answer(&mut []).await?;
+    }
+    Ok(())
 }
 
 /// Brings all slaves to Init, without addresses and without a configuration.

@@ -23,6 +23,16 @@ pub(super) const fn is_open(ports: DlStatus, port: usize) -> bool {
 ///
 /// \[OURS] Slaves whose ports do not tell are taken for a line.
 pub(super) fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
+    walk(slaves).0
+}
+
+/// The open ports with a link behind which no slave was found: a second card of the master closes a ring there.
+pub(super) fn loose_ends(slaves: &[DlStatus]) -> Vec<Upstream> {
+    walk(slaves).1
+}
+
+/// Where each slave is connected, and the ports to which none is.
+fn walk(slaves: &[DlStatus]) -> (Vec<Option<Upstream>>, Vec<Upstream>) {
     // Ports by which a frame will leave slaves that it has come to, the next one last.
     let mut ahead: Vec<Upstream> = Vec::new();
     let mut upstreams = Vec::with_capacity(slaves.len());
@@ -35,7 +45,7 @@ pub(super) fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
         let open = PORT_ORDER.iter().rev().filter(|port| is_open(*ports, **port));
         ahead.extend(open.map(|port| Upstream { slave: before + 1, port: *port as u8 }));
     }
-    upstreams
+    (upstreams, ahead)
 }
 
 #[cfg(test)]
@@ -62,6 +72,13 @@ mod tests {
         // Slave 1 has slaves 2 at port 3, 3 and 4 behind each other at port 1, and 5 at port 2.
         let tree: [&[usize]; 5] = [&[1, 2, 3], &[], &[1], &[], &[]];
         assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
+    }
+
+    /// MASTER-2.7 An open port of the last slave is where a second card closes the ring.
+    #[test]
+    fn a_ring_ends_at_a_loose_end() {
+        assert_eq!(loose_ends(&[ports(&[1]), ports(&[])]), []);
+        assert_eq!(loose_ends(&[ports(&[1]), ports(&[1])]), [Upstream { slave: 2, port: 1 }]);
     }
 
     /// MASTER-2.4 Ports that contradict each other make a line.

@@ -56,6 +56,7 @@ mod models;
 mod modes;
 mod network_rig;
 mod nic_bus;
+mod nic_ring;
 mod over;
 mod partial_frames;
 mod probe;

@@ -97,7 +97,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 34] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 35] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -145,6 +145,7 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 34] = [
     ("states::axes_are_declared_by_nibbles", SLOWER),
     ("full_table_run::", "it takes as long as all others"),
     ("nic_bus::", "it has another bus"),
+    ("nic_ring::", "it has another bus"),
     ("xf_bus::", "it has such a bus"),
     ("xf_ahead::", "it has such a bus"),
     ("xf_faults::", "it has such a bus"),
@@ -162,7 +163,7 @@ const WATCHDOG_ON_WIRE: &str =
     "its cycle is longer than 100 ms: the watchdogs of the controllers end OP between two cycles";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 51] = [
+const CANNOT_ON_WIRE: [(&str, &str); 52] = [
     ("allocation::streaming_allocates_nothing", ALLOCATES),
     ("allocation::transfers_allocate_nothing", ALLOCATES),
     ("allocation::what_goes_wrong_allocates_nothing", ALLOCATES),
@@ -215,6 +216,7 @@ const CANNOT_ON_WIRE: [(&str, &str); 51] = [
     ("states::init_accepts_init_and_preop", ITS_TIMES),
     ("full_table_run::", "it takes as long as all others"),
     ("nic_bus::", "it has such a bus"),
+    ("nic_ring::", "it has such a bus"),
     ("xf_bus::", "it has another bus"),
     ("xf_ahead::", "it has another bus"),
     ("xf_faults::", "it has another bus"),

@@ -8,6 +8,7 @@
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
 //! - `lost.rs`: slaves that go and come back
+//! - `ring.rs`: two cards at the ends of the cable
 
 mod clocks;
 mod faults;
@@ -16,4 +17,5 @@ mod hostile;
 mod lost;
 mod objects;
 mod rig;
+mod ring;
 mod start;

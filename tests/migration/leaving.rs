@@ -49,18 +49,21 @@ fn what_waits_is_sent_before_op_is_left() {
     }
 }
 
-/// XF-20.16 NIC-2.6 What waits longer than that is cleared, and counted: a FIFO that is full does not keep the network in OP.
+/// XF-20.16 NIC-2.6 What waits longer than that is cleared, and counted: a FIFO that is full does not keep the network in OP. Behind a
+/// chip it is not known what still reaches slaves on their way out of OP: that is executed, and counts as lost for them.
 #[test]
 fn what_waits_for_too_long_is_counted() {
-    for (mut machine, most) in [(on(Behind::Board, 2), 25), (on(Behind::CHIP, 2), 46), (on_wire(2), 25)] {
+    for (mut machine, most, may_reach) in
+        [(on(Behind::Board, 2), 25, 0), (on(Behind::CHIP, 2), 80, 40), (on_wire(2), 25, 0)]
+    {
         let before = machine.counters();
         let (last, _, left_out) = leave(&mut machine, 150);
         assert!((20..=most).contains(&last), "{last}");
         assert_eq!(left_out, 0);
         let counters = machine.counters();
         // The targets, and the frames of SET_FIFO, SV_OFF and SET_STATE.
-        let counted = [counters.executed - before.executed, counters.cleared, counters.for_lost];
-        assert_eq!(counted.iter().sum::<u64>(), 153, "{last}: {counters:?}");
-        assert_eq!(counters.for_lost, 0, "nothing was sent in vain");
+        assert_eq!(counters.executed - before.executed + counters.cleared, 153, "{last}: {counters:?}");
+        assert!(counters.for_lost <= may_reach, "{last}: {counters:?}");
+        assert!(counters.executed - before.executed <= last as u64 + 1 + counters.for_lost, "{last}: {counters:?}");
     }
 }

@@ -48,10 +48,11 @@ impl DlControl {
         LoopControl::from_bits((self.0 >> (8 + 2 * (port as u32 & 3))) as u8)
     }
 
-    /// The same with the loop of a port, 0..=3, automatic.
+    /// The same with another loop control of a port, 0..=3.
     #[must_use]
-    pub const fn with_auto_loop(self, port: usize) -> Self {
-        Self(self.0 & !(0b11 << (8 + 2 * (port as u32 & 3))))
+    pub const fn with_loop(self, port: usize, control: LoopControl) -> Self {
+        let shift = 8 + 2 * (port as u32 & 3);
+        Self(self.0 & !(0b11 << shift) | (control as u32) << shift)
     }
 
     /// Whether the station alias addresses the slave.

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::NicWires;
-use crate::ethercat::Ns;
+use super::{CardPair, NicWires};
+use crate::ethercat::{CableEnd, Ns};
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, FrameFate, UndescribedError};
@@ -25,8 +25,8 @@ pub struct ChainWires {
     slaves: CabledChain,
     handle: SimHandle,
     now: Ns,
-    /// The frames on their way back, the first one in front.
-    returning: VecDeque<Returning>,
+    /// The frames on their way back to the first end and to the last one, the first one in front.
+    returning: [VecDeque<Returning>; 2],
     /// Buffers of frames that were received.
     spare: Vec<Vec<u8>>,
 }
@@ -38,7 +38,7 @@ impl ChainWires {
     /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
         let slaves = CabledChain::new(devices, handle.cable().clone())?;
-        let mut wires = Self { slaves, handle, now: 0, returning: VecDeque::new(), spare: Vec::new() };
+        let mut wires = Self { slaves, handle, now: 0, returning: Default::default(), spare: Vec::new() };
         wires.publish_shafts();
         Ok(wires)
     }
@@ -48,6 +48,11 @@ impl ChainWires {
         &self.slaves
     }
 
+    /// Connects a second card to the last slave, or takes it away.
+    pub fn connect_second(&mut self, is_connected: bool) {
+        self.slaves.connect_second(is_connected);
+    }
+
     fn publish_shafts(&mut self) {
         let chain = self.slaves.chain();
         let shafts = (0..chain.len()).map(|n| chain.slave(n).device().shafts());
@@ -55,34 +60,53 @@ impl ChainWires {
     }
 }
 
+/// The place of an end in a table of both.
+const fn place(end: CableEnd) -> usize {
+    match end {
+        CableEnd::First => 0,
+        CableEnd::Last => 1,
+    }
+}
+
 impl Wire for ChainWires {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        CardPair::send(self, CableEnd::First, frame)
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        CardPair::receive(self, CableEnd::First, buffer)
+    }
+}
+
+impl CardPair for ChainWires {
+    fn send(&mut self, end: CableEnd, frame: &[u8]) -> Result<(), WireDown> {
         let mut buffer = self.spare.pop().unwrap_or_default();
         buffer.clear();
         buffer.extend_from_slice(frame);
-        match self.slaves.process(&mut buffer, self.now) {
-            FrameFate::Returned(at) => self.returning.push_back(Returning { at: at + CARD_NS, frame: buffer }),
-            FrameFate::Destroyed | FrameFate::Lost => self.spare.push(buffer),
+        match self.slaves.process_from(end, &mut buffer, self.now) {
+            (FrameFate::Returned(at), end) => {
+                self.returning[place(end)].push_back(Returning { at: at + CARD_NS, frame: buffer });
+            }
+            (FrameFate::Destroyed | FrameFate::Lost, _) => self.spare.push(buffer),
         }
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        let Returning { frame, .. } = self.returning.pop_front_if(|first| first.at <= self.now)?;
+    fn receive(&mut self, end: CableEnd, buffer: &mut FrameBuffer) -> Option<usize> {
+        let Returning { frame, .. } = self.returning[place(end)].pop_front_if(|first| first.at <= self.now)?;
         let len = frame.len();
         buffer[..len].copy_from_slice(&frame);
         self.spare.push(frame);
         Some(len)
     }
-}
 
-impl NicWires for ChainWires {
     fn now(&self) -> Ns {
         self.now
     }
 
     fn wait(&mut self, until: Ns) {
-        let next = self.returning.front().map_or(until, |first| first.at.min(until)).max(self.now);
+        let firsts = self.returning.iter().filter_map(VecDeque::front).map(|first| first.at);
+        let next = firsts.min().map_or(until, |first| first.min(until)).max(self.now);
         while self.now < next {
             self.now = next.min(self.now + STEP_NS);
             self.slaves.advance(self.now);
@@ -92,5 +116,19 @@ impl NicWires for ChainWires {
 
     fn is_real_time(&self) -> bool {
         false
+    }
+}
+
+impl NicWires for ChainWires {
+    fn now(&self) -> Ns {
+        CardPair::now(self)
+    }
+
+    fn wait(&mut self, until: Ns) {
+        CardPair::wait(self, until);
+    }
+
+    fn is_real_time(&self) -> bool {
+        CardPair::is_real_time(self)
     }
 }

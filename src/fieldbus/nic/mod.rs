@@ -3,7 +3,8 @@
 //! | file | what it answers |
 //! | --- | --- |
 //! | `mod.rs` | [`NicBus`], the bus as the engine sees it |
-//! | `wires.rs` | what it needs of the card: [`NicWires`] |
+//! | `wires.rs` | what it needs of the card, or of two: [`NicWires`], [`CardPair`] |
+//! | `ring.rs` | two cards that make a ring: [`Ring`] |
 //! | `jobs.rs` | scan, changes of state and SDOs |
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
@@ -25,6 +26,7 @@ mod chain;
 mod configure;
 mod cycle;
 mod jobs;
+mod ring;
 mod wires;
 
 use std::collections::VecDeque;
@@ -32,14 +34,15 @@ use std::collections::VecDeque;
 use super::pdo::ProcessData;
 use super::{
     AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
-    SdoRequest, SlaveSet,
+    RingState, SdoRequest, SlaveSet,
 };
 use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
 use jobs::Running;
-pub use wires::NicWires;
+pub use ring::{GRACE_NS, Ring};
+pub use wires::{CardPair, NicWires};
 
 /// For which part of a cycle a poll waits for the frames of a cycle to come back. \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
@@ -290,6 +293,10 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn reference_clock(&self) -> Option<u8> {
         self.master.reference_clock()
+    }
+
+    fn ring(&self) -> Option<RingState> {
+        self.wires.ring()
     }
 
     fn is_down(&self) -> bool {

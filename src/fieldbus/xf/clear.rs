@@ -70,7 +70,10 @@ impl<W: Wires> XfBus<W> {
                 None => Clearing::Emptying(Some(asked), level),
                 Some(Ok(_)) => {
                     self.level.clear();
-                    Clearing::SwitchingOn(None, self.ledger.cleared(level))
+                    let newest_sent = self.ledger.cleared(level);
+                    // What was cleared must not come again where the newest set is repeated.
+                    self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
+                    Clearing::SwitchingOn(None, newest_sent)
                 }
                 Some(Err(_)) => Clearing::Emptying(None, level),
             },

@@ -40,8 +40,8 @@ pub(super) struct Running {
     all_tried: Option<AlState>,
     /// What is to be sent before slaves leave OP.
     sent_first: Option<SentFirst>,
-    /// All slaves leave OP: from when on no outputs are taken, since they could reach none. What the board has then it clears.
-    takes_until: Ns,
+    /// All slaves leave OP: until when outputs that are taken are sent before.
+    sends_until: Ns,
     /// All slaves have left OP, and its last cycles were told.
     has_told_op: bool,
     /// How long the job waits at most until a loss is told; `None`: it has seen none.
@@ -147,7 +147,7 @@ impl Running {
             keeps_layout: false,
             all_tried: None,
             sent_first: None,
-            takes_until: Ns::MAX,
+            sends_until: 0,
             has_told_op: false,
             tells_until: None,
             second_axes: SlaveSet::EMPTY,
@@ -159,11 +159,6 @@ impl Running {
     fn ask(&mut self, stage: Stage, ask: Ask) -> Todo {
         self.stage = stage;
         Todo::Ask(ask)
-    }
-
-    /// Whether outputs that are taken now could reach no slave, as all leave OP.
-    pub(super) const fn takes_no_more(&self, now: Ns) -> bool {
-        now >= self.takes_until
     }
 
     fn failed(&self, refusal: Refusal) -> Todo {

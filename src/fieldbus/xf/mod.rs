@@ -401,8 +401,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn room(&self) -> u16 {
-        let leaves_op = self.job.as_ref().is_some_and(|job| job.takes_no_more(self.wires.now()));
-        if self.has_stopped() || self.is_clearing() || leaves_op {
+        if self.has_stopped() || self.is_clearing() {
             return 0;
         }
         let held = self.queue.len() as u64 + self.level.sets(self.wires.now(), self.network.cycle.ns());

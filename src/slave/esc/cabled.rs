@@ -2,7 +2,7 @@
 
 use super::scripted::Scripted;
 use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate};
-use crate::ethercat::{Ns, SlaveSet};
+use crate::ethercat::{CableEnd, Ns, SlaveSet};
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
 
@@ -33,6 +33,8 @@ pub struct CabledChain {
     reach: u8,
     /// The slaves that answer.
     answering: SlaveSet,
+    /// The cable from the last slave to a second card is whole.
+    is_ring: bool,
 }
 
 impl CabledChain {
@@ -63,6 +65,7 @@ impl CabledChain {
             answering: SlaveSet::first(slaves.len() as u8),
             chain: Chain::line(slaves),
             reach: cable.reach(),
+            is_ring: false,
             cable,
         })
     }
@@ -81,6 +84,20 @@ impl CabledChain {
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.follow_cable(now);
         self.chain.process(frame, now)
+    }
+
+    /// A frame goes out at that end, as [`Chain::process_from`] says.
+    pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
+        self.follow_cable(now);
+        self.chain.process_from(end, frame, now)
+    }
+
+    /// Connects a second card to port 1 of the last slave, or takes it away.
+    pub fn connect_second(&mut self, is_connected: bool) {
+        let is_connected = is_connected && !self.chain.is_empty();
+        if is_connected != std::mem::replace(&mut self.is_ring, is_connected) {
+            self.chain.connect_second(is_connected.then(|| (self.chain.len() - 1, 1)));
+        }
     }
 
     /// Time passes up to `now`.

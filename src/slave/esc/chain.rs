@@ -1,13 +1,13 @@
 //! Slaves on a cable: a frame goes through all of them and comes back.
 //!
 //! The cable is a tree. A frame leaves a slave by port 3, then 1, then 2, and comes back by port 0; a port that is closed
-//! is passed by. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
+//! is passed by. A second card at the last slave makes it a ring. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
 
 use super::EscSlave;
 use super::passing::Passing;
-use super::route::{Route, Visit};
+use super::route::{Exit, Route, Slaves, Visit};
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
-use crate::ethercat::{Frame, Ns, mark_as_passed};
+use crate::ethercat::{CableEnd, Frame, Ns, mark_as_passed};
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
 
 /// \[OURS] How long a frame takes from one slave to the next one unless it is set, ns: a cable of some metres and two ports.
@@ -16,7 +16,7 @@ pub const HOP_NS: Ns = 310;
 /// What has become of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameFate {
-    /// It comes back at that time.
+    /// It comes back at that time, where it has gone out or at the other end of a ring.
     Returned(Ns),
     /// A slave has destroyed it, because it is not of EtherCAT.
     Destroyed,
@@ -30,7 +30,7 @@ pub(super) struct Place {
     /// The slave at each port but 0, by its place.
     pub(super) children: [Option<usize>; PORTS],
     /// Where the slave is connected: the place and the port.
-    parent: Option<(usize, usize)>,
+    pub(super) parent: Option<(usize, usize)>,
     /// How long a frame takes from the parent, ns.
     pub(super) hop_ns: Ns,
     /// The cable to the parent is whole.
@@ -44,7 +44,10 @@ pub(super) struct Place {
 #[derive(Default)]
 pub struct Chain {
     places: Vec<Place>,
-    route: Route,
+    /// The place and the port to which a second card is connected.
+    ring: Option<(usize, usize)>,
+    /// The ways of frames from the first end and from the last one.
+    routes: [Route; 2],
     /// The datagrams of the frame that passes. Kept for its room.
     passing: Passing,
 }
@@ -112,7 +115,7 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn slave_mut(&mut self, n: usize) -> &mut EscSlave {
-        self.route.is_current = false;
+        self.forget_routes();
         &mut self.places[n].slave
     }
 
@@ -121,7 +124,7 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn set_hop(&mut self, n: usize, hop_ns: Ns) {
-        self.route.is_current = false;
+        self.forget_routes();
         self.places[n].hop_ns = hop_ns;
     }
 
@@ -152,44 +155,80 @@ impl Chain {
     /// # Panics
     /// If there is none with that number.
     pub fn silence(&mut self, n: usize, is_silent: bool) {
-        self.route.is_current = false;
+        self.forget_routes();
         self.places[n].is_silent = is_silent;
     }
 
+    /// Connects a second card to a port, 1 to 3, of a slave, so that the cables make a ring, or takes it away.
+    ///
+    /// # Panics
+    /// If there is none with that number, or the port is none of 1 to 3, or a slave is there.
+    pub fn connect_second(&mut self, ring: Option<(usize, usize)>) {
+        if let Some((place, port)) = ring {
+            assert!((1..PORTS).contains(&port), "cards are connected to ports 1 to 3");
+            assert!(self.places[place].children[port].is_none(), "a slave is connected there");
+        }
+        self.ring = ring;
+        self.update_links();
+    }
+
+    fn forget_routes(&mut self) {
+        self.routes.iter_mut().for_each(|route| route.is_current = false);
+    }
+
     fn update_links(&mut self) {
-        self.route.is_current = false;
+        self.forget_routes();
         for n in 0..self.places.len() {
             let mut links = [false; PORTS];
             links[0] = has_link(&self.places, n);
             for (link, child) in links.iter_mut().zip(self.places[n].children).skip(1) {
                 *link = child.is_some_and(|child| has_link(&self.places, child));
             }
+            if let Some((_, port)) = self.ring.filter(|(place, _)| *place == n) {
+                links[port] = self.places[n].is_powered;
+            }
             self.places[n].slave.controller_mut().set_links(links);
         }
     }
 
-    /// A frame goes out at `now` and is changed in place, as it comes back. Frames have to come in the order of their times.
+    /// A frame goes out at `now` before the first slave and is changed in place, as it comes back. Frames have to come in the
+    /// order of their times.
     ///
     /// \[OURS] A frame whose datagrams do not fit into it has no effect but in the error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
-        let mut route = std::mem::take(&mut self.route);
+        self.process_from(CableEnd::First, frame, now).0
+    }
+
+    /// A frame goes out at `now` at that end, as [`Self::process`] says; what becomes of it, and at which end it comes back.
+    ///
+    /// A frame from the last end passes the slaves untouched, until it is at the first end, or comes to a slave whose port 0
+    /// is closed: from there back the slaves work on it, unless it has turned so before (ETG.1000.4, "circulating frame").
+    pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
+        let place = usize::from(end == CableEnd::Last);
+        let mut route = std::mem::take(&mut self.routes[place]);
         if !route.is_current {
             let is_reached = !self.places.is_empty() && has_link(&self.places, 0);
-            route.find(&mut self.places, is_reached, has_link);
+            route.find(Slaves { places: &mut self.places, ring: self.ring, is_reached }, end, has_link);
         }
-        let fate = match route.back_ns {
-            Some(back_ns) => self.visit(frame, &mut route, now, now + back_ns),
-            None => FrameFate::Lost,
+        let fate = match route.exit {
+            Some(Exit { end, after_ns }) => (self.visit(frame, &mut route, now, now + after_ns), end),
+            None => (FrameFate::Lost, end),
         };
-        self.route = route;
+        self.routes[place] = route;
         fate
     }
 
     fn visit(&mut self, frame: &mut [u8], route: &mut Route, now: Ns, back: Ns) -> FrameFate {
+        if !route.is_worked_on {
+            return FrameFate::Returned(back);
+        }
         let Ok(decoded) = Frame::decode(frame) else {
             return if self.destroys_others(&route.visits) { FrameFate::Destroyed } else { FrameFate::Returned(back) };
         };
         let is_whole = self.passing.begin(decoded.datagrams());
+        if route.turns && is_whole && !self.passing.begin_to_circulate() {
+            return FrameFate::Destroyed;
+        }
         for group in route.visits.chunk_by(|one, next| one.group == next.group) {
             let places = &mut self.places[group[0].place..][..group.len()];
             for (Place { slave, .. }, visit) in places.iter_mut().zip(group) {
@@ -206,6 +245,9 @@ impl Chain {
         }
         self.passing.end(frame);
         mark_as_passed(frame);
+        if !route.is_current {
+            self.forget_routes();
+        }
         FrameFate::Returned(back)
     }
 

@@ -118,7 +118,8 @@ impl Controller {
         memory.set_u16(registers::FEATURES, settings.features.0);
         // A port that is there decides by itself.
         let exists = |port: &usize| settings.ports[*port] >= 2;
-        let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, DlControl::with_auto_loop);
+        let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
+        let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
         memory.set_u32(DL_CONTROL, control.0);
         memory.set_u16(AL_CONTROL, AlState::Init as u16);
         memory.set_u16(AL_STATUS, AlState::Init as u16);

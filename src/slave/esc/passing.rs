@@ -53,6 +53,14 @@ impl Passing {
         }
     }
 
+    /// The frame turns round at a port 0 that is closed, which may happen once (ETG.1000.4, the circulating bit). False: it has
+    /// happened before.
+    pub(super) fn begin_to_circulate(&mut self) -> bool {
+        let circulates = self.datagrams.iter().any(|datagram| datagram.header.circulating);
+        self.datagrams.iter_mut().for_each(|datagram| datagram.header.circulating = true);
+        !circulates
+    }
+
     /// All slaves were passed: what they have changed is put into the frame.
     pub(super) fn end(&self, frame: &mut [u8]) {
         for Datagram { header, data, counts } in &self.datagrams {

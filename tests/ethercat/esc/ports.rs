@@ -1,7 +1,7 @@
 //! Cables and power.
 
 use ecmsk::ethercat::registers::{self, DlControl};
-use ecmsk::ethercat::{AlState, Command};
+use ecmsk::ethercat::{AlState, CableEnd, Command, DatagramHeader, Frame, FrameHeader, FrameWriter};
 use ecmsk::slave::esc::{EscSettings, FrameFate};
 
 use super::rig::{FIRST, MS, Rig, drive};
@@ -156,4 +156,60 @@ fn error_counters_stop_and_are_cleared() {
     assert_eq!(rig.read(FIRST, registers::RX_ERRORS, 13), [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
     rig.write(FIRST, registers::PROCESSING_UNIT_ERRORS, &[0x55]);
     assert_eq!(rig.read(FIRST, registers::RX_ERRORS, 13), [0; 13]);
+}
+
+/// ECAT-9.13 From the last end a frame passes a whole ring untouched. Where a cable is cut it turns at the slave behind the gap, and the
+/// slaves from there on work on it, in the order of the cable; a second time round it is destroyed.
+#[test]
+fn a_frame_from_the_last_end_turns_where_the_cable_is_cut() {
+    let mut rig = Rig::drives(4);
+    rig.chain.connect_second(Some((3, 1)));
+    assert_eq!(
+        rig.chain.slave(3).controller().peek(registers::DL_STATUS, 2),
+        [0x31, 0x5A],
+        "the last one is an inner one"
+    );
+    let frame = |circulating: bool| {
+        let mut buffer = [0; 60];
+        let mut writer = FrameWriter::new(&mut buffer, FrameHeader::datagrams([0x10; 6])).expect("room");
+        let header = DatagramHeader { circulating, ..DatagramHeader::register(Command::Brd, 7, 0, registers::TYPE) };
+        writer.push(header, &[0]).expect("room");
+        writer.finish();
+        buffer
+    };
+    let send = |rig: &mut Rig, end, circulating| {
+        rig.now += MS;
+        let mut bytes = frame(circulating);
+        let (fate, at) = rig.chain.process_from(end, &mut bytes, rig.now);
+        let header = Frame::decode(&bytes)
+            .expect("a frame")
+            .datagrams()
+            .expect("some")
+            .next()
+            .expect("one")
+            .expect("whole")
+            .header;
+        let FrameFate::Returned(_) = fate else { return (None, at, 0, header.circulating) };
+        let passed = header.address as u16;
+        (Some(bytes[6] & 2 != 0), at, passed, header.circulating)
+    };
+    use CableEnd::{First, Last};
+    assert_eq!(send(&mut rig, First, false), (Some(true), Last, 4, false));
+    assert_eq!(send(&mut rig, Last, false), (Some(false), First, 0, false));
+
+    rig.chain.connect(1, false);
+    assert_eq!(send(&mut rig, First, false), (Some(true), First, 1, false));
+    assert_eq!(send(&mut rig, Last, false), (Some(true), Last, 3, true));
+    assert_eq!(send(&mut rig, Last, true).0, None, "it has turned before");
+    assert_eq!(send(&mut rig, First, true), (Some(true), First, 1, true), "it turns nowhere");
+
+    rig.chain.connect(1, true);
+    rig.chain.connect(0, false);
+    assert_eq!(send(&mut rig, First, false).0, None);
+    assert_eq!(send(&mut rig, Last, false), (Some(true), Last, 4, true));
+
+    rig.chain.connect(0, true);
+    rig.chain.connect_second(None);
+    assert_eq!(send(&mut rig, First, false), (Some(true), First, 4, false));
+    assert_eq!(send(&mut rig, Last, false).0, None);
 }

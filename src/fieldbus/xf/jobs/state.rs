@@ -15,17 +15,18 @@ pub(super) const TOLD_LATE: Ns = 6;
 impl<W: Wires> XfBus<W> {
     /// Waits until the outputs that were taken are known to be sent: a frame that asks for a lower state may switch outputs off
     /// too, and the board executes it first. If all leave OP, so it does with those that wait before it, as far as the time
-    /// of [`leaving_op_ns`] goes; what answers to them leads to, such as the second step of SV_OFF, has the time that they
-    /// take.
+    /// of [`leaving_op_ns`] goes, and that which answers take, as the second step of SV_OFF waits for one. What is taken later
+    /// is sent too while the slaves are on their way, since an axis may have to be stopped then; nobody knows what still
+    /// reaches them, and it counts as lost for them.
     pub(super) fn send_first(&mut self, job: &mut Running, now: Ns) -> Todo {
         let cycle_ns = self.network.cycle.ns();
         let until = now.saturating_add((u64::from(self.depth()) + 2 * TOLD_LATE) * cycle_ns);
         let in_op = self.network.in_op();
         let all_leave = matches!(job.kind, Kind::State { slaves, .. } if in_op.difference(slaves).is_empty());
         if job.sent_first.is_none() && all_leave && !in_op.is_empty() {
-            job.takes_until = now.saturating_add(leaving_op_ns(in_op.len()) + 2 * TOLD_LATE * cycle_ns);
+            job.sends_until = now.saturating_add(leaving_op_ns(in_op.len()) + 2 * TOLD_LATE * cycle_ns);
         }
-        let more = |first: &SentFirst| all_leave && now < job.takes_until && self.newest_taken() > Some(first.newest);
+        let more = |first: &SentFirst| all_leave && now < job.sends_until && self.newest_taken() > Some(first.newest);
         let newest = self.newest_taken().map(|newest| SentFirst { newest, until });
         let Some(first) = job.sent_first.take().filter(|first| !more(first)).or(newest) else {
             return self.read_states(job);

@@ -1,0 +1,168 @@
+//! Two network cards at the ends of the cable, a ring: what is cut does not cost a cycle.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use ecmsk::engine::EngineConfig;
+use ecmsk::ethercat::{CableEnd, SlaveSet};
+use ecmsk::fieldbus::nic::{CardPair, ChainWires, NicBus, NicWires, Ring};
+use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::fieldbus::{Fieldbus, Ns, RingState};
+use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
+use ecmsk::sk::{MasterState, StateByte};
+use ecmsk::slave::Slave;
+
+use crate::host::Host;
+use crate::probe::drives;
+use crate::puppet::Puppet;
+
+/// Cards whose second cable can be pulled while the bus has them.
+struct Cards {
+    chain: ChainWires,
+    has_second: Arc<AtomicBool>,
+}
+
+impl CardPair for Cards {
+    fn send(&mut self, end: CableEnd, frame: &[u8]) -> Result<(), WireDown> {
+        self.chain.connect_second(self.has_second.load(Ordering::Relaxed));
+        CardPair::send(&mut self.chain, end, frame)
+    }
+
+    fn receive(&mut self, end: CableEnd, buffer: &mut FrameBuffer) -> Option<usize> {
+        CardPair::receive(&mut self.chain, end, buffer)
+    }
+
+    fn now(&self) -> Ns {
+        CardPair::now(&self.chain)
+    }
+
+    fn wait(&mut self, until: Ns) {
+        CardPair::wait(&mut self.chain, until);
+    }
+
+    fn is_real_time(&self) -> bool {
+        CardPair::is_real_time(&self.chain)
+    }
+}
+
+struct Bench {
+    host: Host,
+    network: SimHandle,
+    has_second: Arc<AtomicBool>,
+}
+
+/// A board in OP with these slaves in a ring.
+fn ring(slaves: Vec<Box<dyn Slave>>) -> Bench {
+    let (network, has_second) = (SimHandle::default(), Arc::new(AtomicBool::new(true)));
+    let count = slaves.len();
+    let chain = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
+    let cards = Cards { chain, has_second: Arc::clone(&has_second) };
+    let wires = Ring::new(cards, [0x04; 6]);
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    host.op(count);
+    Bench { host, network, has_second }
+}
+
+/// What is done to the cables of four slaves, and how the ring is then.
+type Cut = (&'static str, fn(&Bench), RingState);
+
+const CUTS: [Cut; 4] = [
+    ("between slaves 2 and 3", |bench| bench.network.cut_after(2), RingState::Open),
+    ("before the first slave", |bench| bench.network.cut_after(0), RingState::FirstDead),
+    ("before the last slave", |bench| bench.network.cut_after(3), RingState::Open),
+    ("behind the last slave", |bench| bench.has_second.store(false, Ordering::Relaxed), RingState::SecondDead),
+];
+
+/// NIC-3.1 NIC-3.2 In a ring each slave gets each target once and in order while a cable is cut and healed, wherever that is, and no cycle is
+/// lost.
+#[test]
+fn a_cut_costs_nothing() {
+    for (place, cut, state) in CUTS {
+        let puppets: Vec<Puppet> = (0..4).map(|_| Puppet::obedient()).collect();
+        let mut bench = ring(puppets.iter().map(Puppet::boxed).collect());
+        (1..=4).for_each(|slave| {
+            bench.host.servo_on(slave);
+        });
+        bench.host.drained().cycles(20);
+        assert_eq!(bench.host.board.snapshot().ring, Some(RingState::Whole), "{place}");
+        puppets.iter().for_each(Puppet::forget);
+        let before = bench.host.counters();
+        for n in 1..=90 {
+            match n {
+                30 => cut(&bench),
+                60 => {
+                    bench.network.heal();
+                    bench.has_second.store(true, Ordering::Relaxed);
+                }
+                45 => assert_eq!(bench.host.board.snapshot().ring, Some(state), "{place}"),
+                _ => {}
+            }
+            bench.host.build(|frame, size| {
+                for slave in 1..=4 {
+                    let target = ecmsk::sk::Motion::to(10 * n);
+                    frame.put_slave(size, slave, &ecmsk::sk::SlaveCommand::Csp(target).into());
+                }
+            });
+            bench.host.cycles(1);
+        }
+        bench.host.cycles(20);
+        assert_eq!(bench.host.board.snapshot().ring, Some(RingState::Whole), "{place}");
+        assert_eq!(bench.host.board.engine().lost(), SlaveSet::EMPTY, "{place}");
+        let counters = bench.host.counters();
+        assert_eq!(counters.answers_lost - before.answers_lost, 0, "{place}");
+        assert_eq!((counters.outputs_lost, counters.for_lost, counters.full), (0, 0, 0), "{place}");
+        assert!((25..40).contains(&counters.ring_broken), "{place}: {}", counters.ring_broken);
+        let expected: Vec<i32> = (0..=90).map(|n| 10 * n).collect();
+        for puppet in &puppets {
+            assert_eq!(puppet.targets(), expected, "{place}");
+        }
+    }
+}
+
+/// NIC-3.3 A second cut costs the slaves between the two, which are named as lost; the others go on, and by SET_STATE the lost ones
+/// come back when a cable is whole again.
+#[test]
+fn a_second_cut_costs_slaves() {
+    let mut bench = ring(drives(4));
+    bench.network.cut_after(2);
+    bench.host.cycles(50);
+    assert_eq!(bench.host.state(), StateByte::reached(MasterState::Op));
+    bench.has_second.store(false, Ordering::Relaxed);
+    bench.host.cycles(50);
+    assert_eq!(bench.host.board.engine().lost(), [3, 4].into_iter().collect());
+    assert_eq!(bench.host.state(), StateByte::failed(Some(MasterState::Op)));
+    bench.has_second.store(true, Ordering::Relaxed);
+    bench.host.cycles(20).go(MasterState::Op);
+    assert_eq!(bench.host.board.engine().lost(), SlaveSet::EMPTY);
+}
+
+/// NIC-3.4 The network comes to OP in a ring that is broken from the start, whichever card is dead.
+#[test]
+fn a_broken_ring_starts() {
+    for (place, cut, state) in CUTS {
+        let (network, has_second) = (SimHandle::default(), Arc::new(AtomicBool::new(true)));
+        let chain = ChainWires::new(drives(4), network.clone()).expect("they have an EEPROM");
+        let cards = Cards { chain, has_second: Arc::clone(&has_second) };
+        let bench = Bench {
+            host: Host::new(EngineConfig::default(), ecmsk::fieldbus::sim::SimBus::new(drives(1))),
+            network,
+            has_second,
+        };
+        cut(&bench);
+        let mut host =
+            Host::new(EngineConfig::default(), NicBus::new(Ring::new(cards, [0x04; 6]), Settings::default()));
+        host.op(4).servo_on(4).csp(4, 100).drained().cycles(50);
+        assert_eq!(host.board.snapshot().ring, Some(state), "{place}");
+        assert_eq!(host.drive(4).position, 100, "{place}");
+    }
+}
+
+/// A bus of one card has no ring to tell of.
+#[test]
+fn one_card_makes_no_ring() {
+    let chain = ChainWires::new(drives(1), SimHandle::default()).expect("they have an EEPROM");
+    assert_eq!(NicWires::ring(&chain), None);
+    let bus = NicBus::new(chain, Settings::default());
+    assert_eq!(bus.ring(), None);
+    let _: &dyn Wire = bus.wires();
+}

@@ -22,6 +22,7 @@ const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
 /// Boards whose EC01M is the model in this process, over simulated slaves, behind a chip or at the end of a network card.
 const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic];
+const NIC: &[Scheme] = &[Scheme::Nic];
 /// Links to a chip ECM-XF.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
 /// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
@@ -145,6 +146,15 @@ pub const KEYS: &[Key] = &[
         default: None,
         example: "3",
         meaning: "the processor that the cycle's thread runs on, from 0, such as one that isolcpus= keeps free; not given: any",
+    },
+    Key {
+        name: "second",
+        schemes: NIC,
+        syntax: Syntax::Name,
+        default: None,
+        example: "eth2",
+        meaning: "a second network card, at the other end of the slaves' cable: a cable may be cut then without loss; not \
+                  given: none",
     },
     Key {
         name: "lock_memory",

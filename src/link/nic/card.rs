@@ -1,4 +1,4 @@
-//! The frames and the clock of a network card.
+//! The frames and the clock of a network card, and of two.
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener};
@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::ethercat::{ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
-use crate::fieldbus::nic::NicWires;
+use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
+use crate::fieldbus::nic::{CardPair, NicWires};
 use crate::io::ethernet::{self, DefaultRoute, Interface, InterfaceError, MacAddress, Socket};
 use crate::link::LinkError;
 use crate::master::{FrameBuffer, Wire, WireDown};
@@ -108,17 +108,56 @@ impl Wire for Card {
     }
 }
 
+/// Waits until a frame is there or the time is up. If the wait fails, the calls after it find nothing.
+fn wait_for_frames(fds: &mut [PollFd<'_>], left_ns: Ns) {
+    let limit = Timespec::try_from(Duration::from_nanos(left_ns)).ok();
+    let _ = poll(fds, limit.as_ref());
+}
+
 impl NicWires for Card {
     fn now(&self) -> Ns {
         Ns::try_from(self.begin.elapsed().as_nanos()).unwrap_or(Ns::MAX)
     }
 
     fn wait(&mut self, until: Ns) {
-        let left = Duration::from_nanos(until.saturating_sub(self.now()));
-        let limit = Timespec::try_from(left).ok();
-        let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
-        // If the wait fails, the calls after it find nothing.
-        let _ = poll(&mut fds, limit.as_ref());
+        let left_ns = until.saturating_sub(self.now());
+        wait_for_frames(&mut [PollFd::new(&self.socket, PollFlags::IN)], left_ns);
+    }
+
+    fn is_real_time(&self) -> bool {
+        true
+    }
+}
+
+/// Two cards, one at each end of the slaves' cable.
+pub(super) struct Cards {
+    pub(super) first: Card,
+    pub(super) second: Card,
+}
+
+impl CardPair for Cards {
+    fn send(&mut self, end: CableEnd, frame: &[u8]) -> Result<(), WireDown> {
+        match end {
+            CableEnd::First => self.first.send(frame),
+            CableEnd::Last => self.second.send(frame),
+        }
+    }
+
+    fn receive(&mut self, end: CableEnd, buffer: &mut FrameBuffer) -> Option<usize> {
+        match end {
+            CableEnd::First => self.first.receive(buffer),
+            CableEnd::Last => self.second.receive(buffer),
+        }
+    }
+
+    fn now(&self) -> Ns {
+        self.first.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        let left_ns = until.saturating_sub(self.first.now());
+        let sockets = [&self.first.socket, &self.second.socket];
+        wait_for_frames(&mut sockets.map(|socket| PollFd::new(socket, PollFlags::IN)), left_ns);
     }
 
     fn is_real_time(&self) -> bool {

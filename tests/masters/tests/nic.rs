@@ -64,6 +64,10 @@ mod needs_network_namespace {
         assert!(said.contains("lo is no Ethernet"), "{said}");
         let said = refused("nic:").to_string();
         assert!(said.contains("nic:INTERFACE, e.g. nic:eth1"), "{said}");
+        let said = refused("nic:veth0?second=veth0").to_string();
+        assert!(said.contains("a ring needs two cards"), "{said}");
+        let said = refused("nic:veth0?second=veth7").to_string();
+        assert!(said.contains("no network interface veth7"), "{said}");
         let first = open("nic:veth0", Share::ByUri).expect("it opens");
         let error = refused("nic:veth0");
         assert!(matches!(&error, LinkError::InUse { .. }), "{error}");

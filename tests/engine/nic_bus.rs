@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::engine::EngineConfig;
-use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires};
+use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Ns, Role};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
@@ -149,5 +149,48 @@ fn of_several_slaves_that_refuse_the_first_is_named() {
         let failure = host.board.engine().state_failure().expect("there is one").to_string();
         let first = refusing.iter().min().expect("one");
         assert!(failure.contains(&format!("slave {first} ")), "{refusing:?}: {failure}");
+    }
+}
+
+/// NIC-2.7 A cycle of 40 drives in CSP allocates nothing, on one card or in a ring, whole or broken, and neither does a frame that is lost.
+#[test]
+fn cycles_allocate_nothing() {
+    let drives = || crate::probe::drives(40);
+    let chain = || {
+        let network = SimHandle::default();
+        (ChainWires::new(drives(), network.clone()).expect("they have an EEPROM"), network)
+    };
+    let losses = Losses::default();
+    let (wires, _) = chain();
+    let one = NicBus::new(LossyWires { wires, losses: losses.clone() }, Settings::default());
+    let (mut wires, network) = chain();
+    wires.connect_second(true);
+    let ring = NicBus::new(Ring::new(wires, [4; 6]), Settings::default());
+    let hosts = [Host::new(EngineConfig::default(), one), Host::new(EngineConfig::default(), ring)];
+    for (mut host, kind) in hosts.into_iter().zip(["one card", "a ring"]) {
+        host.op(40);
+        host.build(|frame, size| {
+            (1..=40).for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::ServoOn.into()))
+        });
+        host.until("all on", |host| (1..=40).all(|slave| host.drive(slave).statusword.is_enabled()));
+        let counted = allocation_counter::measure(|| {
+            for n in 0..1000 {
+                match n {
+                    300 => losses.outward.store(0b1001, Ordering::Relaxed),
+                    400 => network.cut_after(20),
+                    700 => network.heal(),
+                    _ => {}
+                }
+                host.build(|frame, size| {
+                    for slave in 1..=40 {
+                        frame.put_slave(size, slave, &SlaveCommand::Csp(Motion::to(n * slave as i32)).into());
+                    }
+                });
+                host.cycle();
+            }
+        });
+        assert_eq!((counted.count_total, counted.count_current), (0, 0), "{kind}: {counted:?}");
+        host.drained().cycles(50);
+        assert_eq!(host.drive(40).position, 999 * 40, "{kind}");
     }
 }

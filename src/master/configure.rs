@@ -62,8 +62,9 @@ impl Master {
         if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
     }
 
-    /// Sets how cycles follow the reference clock, which [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then
-    /// says; `None`: they do not.
+    /// Sets how long cycles are, by which slaves' watchdogs go, and how they follow the reference clock, which
+    /// [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then says; `None`: nothing is said, and watchdogs stay as they
+    /// are.
     pub fn set_pace(&mut self, pace: Option<Pace>) {
         self.bus.with(|shared| (shared.pace, shared.pacer) = (pace, super::pace::Pacer::default()));
     }

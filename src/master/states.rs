@@ -4,8 +4,8 @@ use super::bus::{Bus, Unanswered, join};
 use super::scan::STATE_POLL_NS;
 use super::{SyncSignals, clocks, sii};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
-    sync_manager,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager,
+    WATCHDOG_PROCESS_DATA, fmmu, sync_manager,
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
 
@@ -61,6 +61,12 @@ impl From<Unanswered> for StateReason {
         Self::NoAnswer
     }
 }
+
+/// \[OURS] For how many cycles without outputs a slave waits at least.
+const WATCHDOG_CYCLES: u64 = 3;
+/// The unit of 0x0420 with the divider that controllers come with, ns, and their time: 100 ms.
+const WATCHDOG_UNIT_NS: u64 = 100_000;
+const WATCHDOG_UNITS: u16 = 1000;
 
 /// What the steps of one slave write.
 #[derive(Clone, Debug)]
@@ -211,7 +217,16 @@ async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> 
     for (n, mapped) in (0..).zip(&plan.fmmus) {
         bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
     }
+    set_watchdog(bus, plan).await?;
     clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await
+}
+
+/// The watchdog of process data is that with which controllers come, and waits for some cycles at least where those are longer. It is
+/// written each time: another program may have left a longer one.
+async fn set_watchdog(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+    let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
+    let units = u16::try_from(WATCHDOG_CYCLES * pace.cycle_ns / WATCHDOG_UNIT_NS).unwrap_or(u16::MAX);
+    bus.write(plan.station, WATCHDOG_PROCESS_DATA, &units.max(WATCHDOG_UNITS).to_le_bytes()).await
 }
 
 /// Below SafeOP nothing is exchanged any more.

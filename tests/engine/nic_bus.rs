@@ -10,7 +10,7 @@ use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Ns, Role};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
-use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand};
+use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;
@@ -193,4 +193,35 @@ fn cycles_allocate_nothing() {
         host.drained().cycles(50);
         assert_eq!(host.drive(40).position, 999 * 40, "{kind}");
     }
+}
+
+/// NIC-2.8 A slave that is lost for some cycles and still in OP gets outputs with which nothing moves when it answers again, until SET_STATE
+/// has brought it back.
+#[test]
+fn a_lost_slave_that_answers_again_holds() {
+    let puppets = [Puppet::new(), Puppet::new()];
+    let network = SimHandle::default();
+    let wires = ChainWires::new(puppets.iter().map(Puppet::boxed).collect(), network.clone()).expect("an EEPROM");
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    host.go(MasterState::Op);
+    let write = |host: &mut Host, bits| {
+        host.build(|frame, size| {
+            [1, 2].into_iter().for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::IoWrite(bits).into()));
+        });
+    };
+    write(&mut host, 0x11);
+    host.drained().cycles(5);
+    network.silence(2, true);
+    host.until("the loss", |host| host.state() == StateByte::failed(Some(MasterState::Op)));
+    network.silence(2, false);
+    host.cycles(2);
+    puppets[1].forget();
+    write(&mut host, 0x22);
+    host.cycles(20);
+    assert_eq!(puppets[0].last().outputs, 0x22);
+    assert!(puppets[1].strings().sent.iter().all(|out| out.outputs == 0), "it is lost");
+    host.go(MasterState::Op);
+    write(&mut host, 0x33);
+    host.drained().cycles(10);
+    assert_eq!(puppets.map(|puppet| puppet.last().outputs), [0x33, 0x33]);
 }

@@ -45,8 +45,8 @@ impl<W: NicWires> NicBus<W> {
         })
     }
 
-    /// Puts the outputs of all slaves into the images that the frames carry. A slave that is not in OP, or has no outputs
-    /// from there yet, gets such with which nothing moves.
+    /// Puts the outputs of all slaves into the images that the frames carry. A slave that is not in OP, has no outputs from there
+    /// yet, or is lost, gets such with which nothing moves: it may answer again at any time (SK-4.62).
     fn put_outputs(&mut self) {
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
@@ -56,7 +56,8 @@ impl<W: NicWires> NicBus<W> {
             if image.len() < data.output_bytes() {
                 continue;
             }
-            if station.commanded == AlState::Op && !self.holding.contains(slave) {
+            let holds = self.holding.contains(slave) || self.lost.contains(slave);
+            if station.commanded == AlState::Op && !holds {
                 data.put_outputs(&self.outputs.slaves[n], image);
             } else {
                 data.put_outputs(&data.holding(&self.inputs[n]), image);

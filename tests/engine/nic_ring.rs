@@ -9,12 +9,13 @@ use ecmsk::fieldbus::nic::{CardPair, ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{Fieldbus, Ns, RingState};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
-use ecmsk::sk::{MasterState, StateByte};
+use ecmsk::sk::{MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;
 use crate::probe::drives;
 use crate::puppet::Puppet;
+use support::dice::Dice;
 
 /// Cards whose second cable can be pulled while the bus has them.
 struct Cards {
@@ -99,8 +100,8 @@ fn a_cut_costs_nothing() {
             }
             bench.host.build(|frame, size| {
                 for slave in 1..=4 {
-                    let target = ecmsk::sk::Motion::to(10 * n);
-                    frame.put_slave(size, slave, &ecmsk::sk::SlaveCommand::Csp(target).into());
+                    let target = Motion::to(10 * n);
+                    frame.put_slave(size, slave, &SlaveCommand::Csp(target).into());
                 }
             });
             bench.host.cycles(1);
@@ -165,4 +166,52 @@ fn one_card_makes_no_ring() {
     let bus = NicBus::new(chain, Settings::default());
     assert_eq!(bus.ring(), None);
     let _: &dyn Wire = bus.wires();
+}
+
+/// NIC-3.2 However cables are cut and healed, one at a time, wherever and whenever: each slave gets each target once and in order, and no
+/// cycle is lost.
+#[test]
+fn random_cuts_cost_nothing() {
+    for seed in 0..25 {
+        let mut dice = Dice(seed);
+        let slaves = 1 + dice.below(6) as usize;
+        let puppets: Vec<Puppet> = (0..slaves).map(|_| Puppet::obedient()).collect();
+        let mut bench = ring(puppets.iter().map(Puppet::boxed).collect());
+        bench.host.build(|frame, size| {
+            (1..=slaves).for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::ServoOn.into()));
+        });
+        bench.host.until("all on", |host| (1..=slaves).all(|slave| host.drive(slave).statusword.is_enabled()));
+        bench.host.drained().cycles(20);
+        puppets.iter().for_each(Puppet::forget);
+        let before = bench.host.counters();
+        let (mut is_cut, mut next) = (false, dice.below(20));
+        for n in 1..=300 {
+            if n == next {
+                match (is_cut, dice.below(4)) {
+                    (true, _) => {
+                        bench.network.heal();
+                        bench.has_second.store(true, Ordering::Relaxed);
+                    }
+                    (false, 0) => bench.has_second.store(false, Ordering::Relaxed),
+                    (false, _) => bench.network.cut_after(dice.below(slaves as u64) as u8),
+                }
+                is_cut = !is_cut;
+                next = n + 1 + dice.below(12);
+            }
+            bench.host.build(|frame, size| {
+                (1..=slaves)
+                    .for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::Csp(Motion::to(n as i32)).into()));
+            });
+            bench.host.cycles(1);
+        }
+        bench.host.cycles(20);
+        let counters = bench.host.counters();
+        assert_eq!(counters.answers_lost - before.answers_lost, 0, "seed {seed}");
+        assert_eq!((counters.outputs_lost, counters.for_lost, counters.full), (0, 0, 0), "seed {seed}");
+        assert_eq!(bench.host.state(), StateByte::reached(MasterState::Op), "seed {seed}");
+        let expected: Vec<i32> = (0..=300).collect();
+        for puppet in &puppets {
+            assert_eq!(puppet.targets(), expected, "seed {seed}, {slaves} slaves");
+        }
+    }
 }

@@ -6,7 +6,7 @@ use std::fmt;
 
 use ecmsk::fieldbus::{
     AlState, BusConfig, BusError, Busy, Cleared, Configured, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns,
-    Outputs, Pacing, Role, SlaveSet,
+    Outputs, Pacing, RingState, Role, SlaveSet,
 };
 use ecmsk::sk::CycleTime;
 
@@ -402,6 +402,10 @@ impl<B: Fieldbus> Fieldbus for AheadBus<B> {
 
     fn set_local_outputs(&mut self, bits: u8) {
         self.inner.set_local_outputs(bits);
+    }
+
+    fn ring(&self) -> Option<RingState> {
+        self.inner.ring()
     }
 
     fn reference_clock(&self) -> Option<u8> {

@@ -162,6 +162,8 @@ impl Running {
 pub(super) enum Gained {
     /// There was nothing to ask.
     Nothing,
+    /// It cannot be asked.
+    Failed,
     /// No answer has come in time.
     TimedOut,
     Scanned(u8),
@@ -185,7 +187,6 @@ pub(super) enum Gained {
 enum Begun {
     Procedure(Procedure),
     Gained(Gained),
-    Failed,
 }
 
 /// How a part of a job ends.
@@ -279,7 +280,6 @@ impl<N: Network> Chip<N> {
                     self.job = Some(running);
                     return;
                 }
-                Asked::Failed => return self.fail_job(),
             };
             match self.end_part(&mut running.job, gained) {
                 Progress::Done => {}
@@ -292,13 +292,9 @@ impl<N: Network> Chip<N> {
                     (running.due, running.begin_at) = (at, at);
                     self.job = Some(running);
                 }
-                Progress::Failed => self.fail_job(),
+                Progress::Failed => self.errors = self.errors | Errors::NON_IMMEDIATE,
             }
         }
-    }
-
-    fn fail_job(&mut self) {
-        self.errors = self.errors | Errors::NON_IMMEDIATE;
     }
 
     /// Asks the network what the job wants to know, if it is time for that.
@@ -310,7 +306,6 @@ impl<N: Network> Chip<N> {
             match self.begin_part(&mut running.job) {
                 Begun::Procedure(procedure) => running.procedure = Some(procedure),
                 Begun::Gained(gained) => running.gained = Some(gained),
-                Begun::Failed => return Asked::Failed,
             }
         }
         if let Some(procedure) = &mut running.procedure {
@@ -370,6 +365,7 @@ impl<N: Network> Chip<N> {
 
     fn end_part(&mut self, job: &mut Job, gained: Gained) -> Progress {
         match (job, gained) {
+            (_, Gained::Failed) => Progress::Failed,
             (Job::Init(init), Gained::Scanned(found)) => self.end_init(init, found),
             (Job::Map, Gained::Lengths(lengths)) => self.end_map(lengths),
             (Job::InitDc, _) => self.end_init_dc(),
@@ -431,10 +427,12 @@ enum Asked {
     Gained(Gained),
     /// It is not time yet, or there is no answer.
     Waits,
-    Failed,
 }
 
 impl Begun {
+    /// It fails, when it is due.
+    const FAILED: Self = Self::Gained(Gained::Failed);
+
     fn procedure<F: Future<Output = Gained> + Send + 'static>(begin: impl FnOnce(Requests) -> F) -> Self {
         Self::Procedure(Procedure::new(begin))
     }

@@ -3,6 +3,7 @@
 use super::{Begun, Gained, Progress, StateJob, pdos};
 use crate::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::xf::NetworkState;
 use crate::xf::chip::Chip;
 use crate::xf::chip::bus::Bus;
 use crate::xf::chip::network::{EnterError, Network, Operation, SlaveSetup};
@@ -17,7 +18,7 @@ impl<N: Network> Chip<N> {
         self.phy_link = self.network.has_link();
         self.fifo_on = init.fifo_on;
         if !self.phy_link {
-            return Begun::Failed;
+            return Begun::FAILED;
         }
         Begun::procedure(async |requests| Gained::Scanned(requests.scan().await))
     }
@@ -53,7 +54,7 @@ impl<N: Network> Chip<N> {
     pub(super) fn begin_map(&mut self) -> Begun {
         let is_preop = |slave| self.network.state(slave) == Some(AlState::PreOp);
         if self.bus.count == 0 || !self.bus.slaves().all(is_preop) {
-            return Begun::Failed;
+            return Begun::FAILED;
         }
         self.begin_layout()
     }
@@ -153,7 +154,7 @@ impl<N: Network> Chip<N> {
     pub(super) fn begin_change(&mut self, job: &mut StateJob) -> Begun {
         let Some(target) = job.target else {
             self.note_boot(job);
-            return Begun::Failed;
+            return Begun::FAILED;
         };
         let next = self.next_state(job).unwrap_or(target);
         if next >= AlState::SafeOp && !self.bus.mapped {
@@ -208,8 +209,7 @@ impl<N: Network> Chip<N> {
         };
         let is_set = self.network.set_up(slave, &setup);
         if !is_set {
-            self.note_refusal(slave, AlStatus::INVALID_SYNC_MANAGER);
-            self.bus.update(&self.network, slave);
+            self.refuse(slave, AlStatus::INVALID_SYNC_MANAGER);
         }
         is_set
     }
@@ -252,8 +252,15 @@ impl<N: Network> Chip<N> {
 
     fn note_boot(&mut self, job: &StateJob) {
         for slave in self.chosen(job.slaves) {
-            self.note_refusal(slave, AlStatus::INVALID_CHANGE);
-            self.bus.update(&self.network, slave);
+            self.refuse(slave, AlStatus::INVALID_CHANGE);
         }
+    }
+
+    /// The chip refuses a change of state for a slave.
+    fn refuse(&mut self, slave: u8, status: AlStatus) {
+        self.bus.update(&self.network, slave);
+        let known = &mut self.bus.known[usize::from(slave)];
+        known.al_status = status.0;
+        known.state = NetworkState(known.state.0 | NetworkState::ERROR);
     }
 }

@@ -9,8 +9,9 @@ use ecmsk::ethercat::AlState;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::{AxisOut, BusConfig, Fieldbus, Inputs, Job, JobDone, Outputs, Role, SlaveConfig, SlaveSet};
 use ecmsk::sk::{CycleTime, DriveSync};
+use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, Controllers, Network, Profile, SlaveModels};
 use ecmsk::xf::request::{
     CrcTypeSet, DcTiming, EcatInit, Encode, FifoEnable, FifoSetRxCount, FifoSetTxCount, InfoUpdate, MappedObject,
     PdoAssignment, PdoConfigSet, PdoDataFifo, PdoMap, PdoOperation, Reconfig, ReferenceClock, SdoOperation, SdoRequest,
@@ -61,8 +62,8 @@ impl Path {
 }
 
 /// The chip, each of whose exchanges is a cycle behind the one before.
-pub struct ChipWithDrives {
-    chip: Chip<SlaveModels>,
+pub struct ChipWithDrives<N> {
+    chip: Chip<N>,
     now: u64,
     index: u8,
     rule: CheckRule,
@@ -72,11 +73,21 @@ pub struct ChipWithDrives {
     cycles: u64,
 }
 
-impl ChipWithDrives {
+/// The drives as models.
+pub fn models() -> SlaveModels {
+    SlaveModels::new(drives())
+}
+
+/// The drives behind controllers.
+pub fn controllers() -> Controllers {
+    Controllers::new(drives(), SimHandle::default()).expect("drives can be described")
+}
+
+impl<N: Network> ChipWithDrives<N> {
     /// Drives that are enabled, as an application does it.
-    pub fn in_op() -> Self {
+    pub fn in_op(network: N) -> Self {
         let size = DataSize::new(DRIVES * IN_BYTES).expect("a size");
-        let chip = Chip::new(Profile { size, ..Profile::NEW }, SlaveModels::new(drives()));
+        let chip = Chip::new(Profile { size, ..Profile::NEW }, network);
         let (command, answer) = ([0; MAX_PACKET], [0; MAX_PACKET]);
         let (now, rule, path) = (1_000 * CYCLE_NS, CheckRule::FIXED, Path::new());
         let mut this = Self { chip, now, index: 0, rule, path, command, answer, cycles: 0 };

@@ -5,7 +5,8 @@
 //! both ways and computes both check words. Both have the same program, which puts its outputs into each packet.
 //!
 //! `xf_chip_40`: an exchange with the process data of 40 drives, a cycle after the one before, through the model of the
-//! chip; the baseline is the same cycle of the same drives on the simulated bus.
+//! chip; the baseline is the same cycle of the same drives on the simulated bus. `xf_chip_40_controllers`: what such an exchange
+//! takes over controllers (`network=controllers`), where nothing is demanded.
 //!
 //! `xf_cycle_40`: a cycle of the modelled board with 40 drives in CSP behind the model of the chip, driver and all; the
 //! baseline is the same program on the board over the simulated bus.
@@ -63,11 +64,15 @@ fn host(name: &'static str, size: DataSize, target: Option<f64>) {
 }
 
 fn chip() {
-    let mut chip = drives::ChipWithDrives::in_op();
+    let mut chip = drives::ChipWithDrives::in_op(drives::models());
     let mut bus = drives::BusWithDrives::in_op();
     common::pair("xf_chip_40", 2.0, || chip.cycle(), || bus.cycle());
     chip.assert_well();
     bus.assert_well();
+    let mut chip = drives::ChipWithDrives::in_op(drives::controllers());
+    let block = || common::per_call_ns(200, &mut || chip.cycle());
+    common::fact("xf_chip_40_controllers", common::median(std::iter::repeat_with(block).take(31).collect()), "ns");
+    chip.assert_well();
 }
 
 fn cycle() {

@@ -1,10 +1,11 @@
-//! The model of the ECM-XF against a host that sends whatever it likes: requests with right check words, and any bytes in
-//! between. Nothing panics, there is a byte for each byte, and the chip goes on.
+//! The model of the ECM-XF, over slave models and over controllers, against a host that sends whatever it likes: requests with
+//! right check words, and any bytes in between. Nothing panics, there is a byte for each byte, and the chip goes on.
 
 #![no_main]
 
+use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
-use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
 use ecmsk::xf::request::{Arguments, UnknownCommand};
 use ecmsk::xf::{CheckRule, CommandCode, CommandHeader, Control, MAX_PACKET, Request, Reserve, write_request};
 use libfuzzer_sys::fuzz_target;
@@ -18,7 +19,13 @@ fuzz_target!(|bytes: &[u8]| {
     let Some((&kind, mut bytes)) = bytes.split_first() else { return };
     let profile = [Profile::OLD, Profile::NEW, Profile::XFU][usize::from(kind % 3)];
     let slaves: Vec<Box<dyn Slave>> = vec![Box::new(Drive::new(DriveConfig::default())), Box::new(Io::default())];
-    let mut rig = Rig::new(Chip::new(profile, SlaveModels::new(slaves)));
+    let network = if kind / 3 % 2 == 0 {
+        SimulatedNetwork::Models(SlaveModels::new(slaves))
+    } else {
+        let controllers = Controllers::new(slaves, SimHandle::default());
+        SimulatedNetwork::Controllers(controllers.expect("they can be described"))
+    };
+    let mut rig = Rig::new(Chip::new(profile, network));
     while let Some((step, rest)) = bytes.split_first_chunk::<STEP>() {
         let (data, rest) = rest.split_at(usize::from(step[15]).min(rest.len()));
         bytes = rest;
@@ -28,13 +35,13 @@ fuzz_target!(|bytes: &[u8]| {
 });
 
 struct Rig {
-    port: ChipPort<SlaveModels>,
+    port: ChipPort<SimulatedNetwork>,
     now: u64,
     rule: CheckRule,
 }
 
 impl Rig {
-    fn new(chip: Chip<SlaveModels>) -> Self {
+    fn new(chip: Chip<SimulatedNetwork>) -> Self {
         Self { port: ChipPort::new(chip), now: 1_000_000_000, rule: CheckRule::FIXED }
     }
 
@@ -55,12 +62,15 @@ impl Rig {
 
     /// What goes wrong with the slaves.
     fn network(&mut self, what: u8, slave: u8) {
-        let network = self.port.chip_mut().network_mut();
-        match what % 4 {
+        let network = self.port.chip().network().handle();
+        let number = 1 + slave % 2;
+        match what % 6 {
             0 => network.cut_after(slave % 3),
             1 => network.heal(),
-            2 => network.silence(slave % 2, true),
-            _ => network.silence(slave % 2, false),
+            2 => network.silence(number, true),
+            3 => network.silence(number, false),
+            4 => network.lose(number),
+            _ => network.find(number),
         }
     }
 

@@ -82,7 +82,16 @@ fn use_everything(client: &mut Client) {
 /// LINK-9 A program for the board, on every chip that can be modelled, on either clock.
 #[test]
 fn a_program_runs_behind_every_chip() {
-    let chips = ["", "&chip_fw=old", "&chip_fw=xfu", "&int0=yes", "&use_n=512", "&n=256&speed=12M", "&ahead=1"];
+    let chips = [
+        "",
+        "&chip_fw=old",
+        "&chip_fw=xfu",
+        "&int0=yes",
+        "&use_n=512",
+        "&n=256&speed=12M",
+        "&ahead=1",
+        "&network=controllers",
+    ];
     let of_virtual = chips.iter().map(|keys| format!("&clock=virtual{keys}"));
     for keys in of_virtual.chain([String::new(), "&chip_fw=old&int0=yes&rate=0.5".to_owned()]) {
         let mut client = opened(&format!("xf-sim:?slaves=drive*2,io{keys}"), Share::ByName);

@@ -1,9 +1,15 @@
 //! Opening a chip, its network, its slaves and their objects.
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::ethercat::registers::AL_STATUS;
+use ecmsk::ethercat::sii::VENDOR_WORD;
 use ecmsk::link::chip::ChipError;
-use ecmsk::xf::request::{DcTiming, FifoEnable, SlaveNumber, Slaves, SpiPackSizeGet, WarmReset};
-use ecmsk::xf::{DataSize, EtherCatState};
+use ecmsk::xf::host::HostError;
+use ecmsk::xf::request::{
+    DcTiming, EepromGet, EepromOperation, EepromRequest, FifoEnable, FlashAddress, FoeFile, FoeRequest, RawGet,
+    RawOperation, RawRequest, SlaveNumber, Slaves, SpiPackSizeGet, WarmReset,
+};
+use ecmsk::xf::{CommandCode, DataSize, EtherCatState};
 use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
 
 use super::{MODE, opened, safe_op, started};
@@ -32,6 +38,43 @@ fn every_chip_starts() {
             assert_eq!(xf.host().version().unwrap().version, version, "{link}");
         }
     }
+}
+
+/// XF-17.12 Over `network=controllers` a program reaches what is behind the slaves' objects: registers by datagrams, EEPROMs, files.
+#[test]
+fn a_program_reaches_registers_eeproms_and_files() {
+    let (mut xf, chip) = opened("xf-sim:?clock=virtual&slaves=drive,io&network=controllers");
+    xf.start_network(&NetworkConfig::default()).unwrap();
+    xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
+    let al_status = RawRequest {
+        operation: RawOperation::Brd,
+        adp: 0,
+        ado: AL_STATUS,
+        logical: 0,
+        timeout_us: 10_000,
+        data: &[0; 2],
+    };
+    xf.run(&al_status).unwrap();
+    let answer = xf.run(&RawGet).unwrap();
+    assert_eq!((answer.working_counter, answer.data), (2, &[2, 0][..]));
+    let slave = SlaveNumber::new(1).unwrap();
+    let vendor = EepromRequest { slave, position: VENDOR_WORD, timeout_us: 10_000, operation: EepromOperation::Read };
+    xf.run(&vendor).unwrap();
+    let read = xf.run(&EepromGet).unwrap().data.to_vec();
+    let known = xf.slave_description(1).unwrap();
+    assert_eq!(read, [known.vendor.to_le_bytes(), known.product.to_le_bytes()].concat());
+    let file = FoeFile {
+        slave: SlaveNumber::new(0).unwrap(),
+        password: 0,
+        bytes: 0,
+        timeout_us: 100_000,
+        start: FlashAddress::new(0).unwrap(),
+        name: b"firmware",
+    };
+    xf.run(&FoeRequest::Upload(file)).unwrap();
+    assert!(chip.chip().chip().flash().starts_with(b"firmware of a simulated drive"));
+    let error = xf.run(&FoeRequest::Upload(FoeFile { name: b"none", ..file })).unwrap_err();
+    assert!(matches!(error, XfError::Chip(HostError::Failed { code: CommandCode::FoeRequest, .. })), "{error}");
 }
 
 /// XF-17.2 A link to a board, a wrong key and a wrong value are errors that say what is allowed.
@@ -78,7 +121,7 @@ fn the_slave_that_refuses_is_named() {
     let (mut xf, chip) = started("drive*3");
     xf.start_network(&NetworkConfig::default()).unwrap();
     xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
-    chip.chip().chip_mut().network_mut().silence(1, true);
+    chip.chip().chip().network().handle().silence(2, true);
     let error = xf.set_state(Slaves::All, EtherCatState::SafeOp).unwrap_err();
     let XfError::StateStuck { wanted: EtherCatState::SafeOp, slaves } = &error else { panic!("{error}") };
     assert_eq!(slaves.iter().find(|slave| slave.1.is_none()), Some(&(1, None, 0)), "{error}");
@@ -86,7 +129,7 @@ fn the_slave_that_refuses_is_named() {
     // The others can still be used.
     assert_eq!(xf.sdo_read::<i8>(2, MODE).unwrap(), xf.sdo_read::<i8>(0, MODE).unwrap());
     // One slave alone.
-    chip.chip().chip_mut().network_mut().silence(1, false);
+    chip.chip().chip().network().handle().silence(2, false);
     xf.set_state(Slaves::One(SlaveNumber::new(1).unwrap()), EtherCatState::PreOp).unwrap();
 }
 

@@ -53,7 +53,7 @@ fn a_changed_mapping_is_an_error_until_reconfig() {
 /// XF-17.7 Both axes follow every target, in the cycle of the network, on every chip.
 #[test]
 fn axes_follow_their_targets() {
-    for keys in ["", "&chip_fw=old", "&chip_fw=xfu", "&int0=yes", "&n=32&use_n=32"] {
+    for keys in ["", "&chip_fw=old", "&chip_fw=xfu", "&int0=yes", "&n=32&use_n=32", "&network=controllers"] {
         let (mut xf, _) = opened(&format!("xf-sim:?clock=virtual&slaves=drive*2{keys}"));
         let mut data = enabled(&mut xf).unwrap_or_else(|error| panic!("{keys}: {error}"));
         let targets = [0, 1].map(|slave| data.output::<i32>(slave, TARGET).unwrap());

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use ecmsk::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope, ValueInfo};
-use ecmsk::ethercat::{AlState, Ns, SlaveSet, each_datagram};
+use ecmsk::ethercat::{AlState, Command, Ns, SlaveSet, each_datagram};
 use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Pace, Settings, SyncSignals, Wire, WireDown};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
@@ -122,7 +122,7 @@ impl Rig {
         let slave = a % 5;
         let object = ObjectAddress::new(u16::from_le_bytes([b, c]), d);
         let timeout = u64::from(e) * MS;
-        let id = match what % 24 {
+        let id = match what % 29 {
             0 => {
                 self.open.clear();
                 self.master.scan()
@@ -171,6 +171,11 @@ impl Rig {
                 let n = usize::from(a) % self.wire.chain.len();
                 return self.wire.chain.connect(n, b & 1 == 0);
             }
+            21 => self.master.read_eeprom(slave, object.index, d.into()),
+            22 => self.master.write_eeprom(slave, object.index, &[object.index; 3]),
+            23 => self.master.read_registers(slave, object.index, d.into()),
+            24 => self.master.write_registers(slave, object.index, &step),
+            25 => self.master.datagram(Command::from_code(e), u32::from_le_bytes([a, b, c, d]), &step),
             19 | 20 => return (0..a % 32).for_each(|_| self.pass(u64::from(b) * 10_000)),
             _ => return self.wire.changes.extend((0..1 + e % 8).map(|n| [a, b.wrapping_add(n), c, d])),
         };

@@ -5,11 +5,15 @@ use std::future::Future;
 use super::bus::Task;
 use super::mailbox::Peer;
 use super::shared::Shared;
+use super::sii::Eeprom;
 use super::states::Plan;
 use super::watch::Watch;
-use super::{FileError, Master, ScanError, SdoError, SlaveInfo, StateError, foe, information, scan, sdo, states};
+use super::{
+    DatagramAnswer, DatagramError, FileError, Master, ScanError, SdoError, SiiError, SlaveInfo, StateError, foe,
+    information, registers, scan, sdo, states,
+};
 use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
-use crate::ethercat::{AlState, Ns, SlaveSet};
+use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// Names something that was started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,6 +38,16 @@ pub enum JobDone {
     ReadFile(Result<Vec<u8>, FileError>),
     /// A file was written.
     WriteFile(Result<(), FileError>),
+    /// Words of an EEPROM were read.
+    ReadEeprom(Result<Vec<u16>, SiiError>),
+    /// Words of an EEPROM were written.
+    WriteEeprom(Result<(), SiiError>),
+    /// Registers of a slave were read.
+    ReadRegisters(Result<Vec<u8>, DatagramError>),
+    /// Registers of a slave were written.
+    WriteRegisters(Result<(), DatagramError>),
+    /// A datagram has come back.
+    Datagram(Result<DatagramAnswer, DatagramError>),
 }
 
 /// What a sequence gives when it has ended.
@@ -175,6 +189,75 @@ impl Master {
         let (name, content) = (name.to_vec(), content.to_vec());
         self.start(
             async move { Output::Done(JobDone::WriteFile(foe::write(bus, peer, &name, password, &content).await)) },
+        )
+    }
+
+    /// The station address of a slave that the scan has found.
+    fn station(&self, slave: u8) -> Option<u16> {
+        self.slave(slave).map(|info| info.station)
+    }
+
+    /// Starts to read `count` words of a slave's EEPROM from word `first` on; behind its end an EEPROM mostly reads as 0xFFFF.
+    /// One sequence at a time has an EEPROM, and none while the slave's state is changed.
+    pub fn read_eeprom(&mut self, slave: u8, first: u16, count: usize) -> JobId {
+        let eeprom = Eeprom::open(self.bus.clone(), slave, self.station(slave));
+        self.start(async move {
+            let words = match eeprom.await {
+                Ok(eeprom) => eeprom.read(first, count).await,
+                Err(error) => Err(error),
+            };
+            Output::Done(JobDone::ReadEeprom(words))
+        })
+    }
+
+    /// Starts to write words of a slave's EEPROM from word `first` on, one after the other. A scan reads them; a slave loads the
+    /// first ones when it is switched on. One sequence at a time has an EEPROM, and none while the slave's state is changed.
+    pub fn write_eeprom(&mut self, slave: u8, first: u16, words: &[u16]) -> JobId {
+        let eeprom = Eeprom::open(self.bus.clone(), slave, self.station(slave));
+        let words = words.to_vec();
+        self.start(async move {
+            let written = match eeprom.await {
+                Ok(eeprom) => eeprom.write(first, &words).await,
+                Err(error) => Err(error),
+            };
+            Output::Done(JobDone::WriteEeprom(written))
+        })
+    }
+
+    /// Starts to read `len` bytes of a slave's registers, or of its memory, from `address` on. It is tried again if a frame is
+    /// lost.
+    pub fn read_registers(&mut self, slave: u8, address: u16, len: usize) -> JobId {
+        let (bus, station) = (self.bus.clone(), self.station(slave));
+        self.start(async move {
+            let data = match station {
+                Some(station) => registers::read(bus, station, address, len).await,
+                None => Err(DatagramError::NoSlave(slave)),
+            };
+            Output::Done(JobDone::ReadRegisters(data))
+        })
+    }
+
+    /// Starts to write a slave's registers, or its memory, from `address` on. It is tried again if a frame is lost, so that the
+    /// slave may be written twice; [`Self::datagram`] writes it once at most.
+    pub fn write_registers(&mut self, slave: u8, address: u16, data: &[u8]) -> JobId {
+        let (bus, station, data) = (self.bus.clone(), self.station(slave), data.to_vec());
+        self.start(async move {
+            let written = match station {
+                Some(station) => registers::write(bus, station, address, data).await,
+                None => Err(DatagramError::NoSlave(slave)),
+            };
+            Output::Done(JobDone::WriteRegisters(written))
+        })
+    }
+
+    /// Starts to send a datagram of any command. `address`: the position (0, then minus 1 for each slave) or the station address
+    /// in the lower and the address in the slave in the upper 16 bits, or the logical address; see
+    /// [`DatagramHeader::address`](crate::ethercat::DatagramHeader::address). It is sent once only, and whatever the working
+    /// counter is, what came back is the answer. Nothing keeps it from what the master itself does with the slaves.
+    pub fn datagram(&mut self, command: Command, address: u32, data: &[u8]) -> JobId {
+        let (bus, data) = (self.bus.clone(), data.to_vec());
+        self.start(
+            async move { Output::Done(JobDone::Datagram(registers::datagram(bus, command, address, data).await)) },
         )
     }
 }

@@ -9,7 +9,7 @@
 //! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
 //!   under way, and sends what that needs.
 //! - What takes more than a frame is started and gives a [`JobId`]: [`Master::scan`], [`Master::request_state`],
-//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`] and others.
+//!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`], [`Master::write_eeprom`], [`Master::datagram`] and others.
 //!   [`Master::take_done`] tells how it has ended; everything ends. Several may run at once: SDOs to several slaves, changes
 //!   of state of several sets of slaves, both beside cycles.
 //! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
@@ -109,6 +109,7 @@
 //! | `states.rs` | changes of the AL state |
 //! | `mailbox.rs` | messages to slaves, without loss and without a second time |
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
+//! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
 //! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
@@ -124,6 +125,7 @@ mod jobs;
 mod mailbox;
 mod pace;
 mod process_data;
+mod registers;
 mod scan;
 mod sdo;
 mod settings;
@@ -148,6 +150,7 @@ pub use jobs::{JobDone, JobId};
 pub use mailbox::MailboxError;
 pub use pace::Pace;
 pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
+pub use registers::{DatagramAnswer, DatagramError};
 pub use scan::ScanError;
 pub use sdo::{SdoError, VALUE_BYTES_MAX};
 pub use settings::Settings;

@@ -81,6 +81,8 @@ pub(super) struct Live {
     pub(super) mailbox: MailboxState,
     /// A change of its state is under way.
     is_changing: bool,
+    /// A user's sequence reads or writes its EEPROM.
+    is_eeprom_used: bool,
 }
 
 impl Default for Live {
@@ -90,6 +92,7 @@ impl Default for Live {
             status: SlaveStatus { is_present: true, status, code: AlStatus::NONE },
             mailbox: MailboxState::default(),
             is_changing: false,
+            is_eeprom_used: false,
         }
     }
 }
@@ -220,9 +223,30 @@ impl Shared {
         }
     }
 
-    /// A change of a slave's state begins or ends. Whether none was under way.
-    pub(super) fn change(&mut self, slave: u8, is_changing: bool) -> bool {
-        self.live_mut(slave).is_some_and(|live| !std::mem::replace(&mut live.is_changing, is_changing))
+    /// A change of a slave's state begins. False: another one is under way, or its EEPROM is in use, which a change may need.
+    pub(super) fn begin_change(&mut self, slave: u8) -> bool {
+        let live = self.live_mut(slave).filter(|live| !live.is_changing && !live.is_eeprom_used);
+        live.is_some_and(|live| !std::mem::replace(&mut live.is_changing, true))
+    }
+
+    /// The change of a slave's state has ended.
+    pub(super) fn end_change(&mut self, slave: u8) {
+        if let Some(live) = self.live_mut(slave) {
+            live.is_changing = false;
+        }
+    }
+
+    /// A sequence wants the EEPROM of a slave for itself. False: it is in use, or may be, in a change of the state.
+    pub(super) fn claim_eeprom(&mut self, slave: u8) -> bool {
+        let live = self.live_mut(slave).filter(|live| !live.is_changing && !live.is_eeprom_used);
+        live.is_some_and(|live| !std::mem::replace(&mut live.is_eeprom_used, true))
+    }
+
+    /// Nobody uses the EEPROM of a slave any more.
+    pub(super) fn release_eeprom(&mut self, slave: u8) {
+        if let Some(live) = self.live_mut(slave) {
+            live.is_eeprom_used = false;
+        }
     }
 
     /// Whether a slave has a mailbox that nobody uses now.

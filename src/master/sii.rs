@@ -1,4 +1,4 @@
-//! Reading the EEPROM of a slave, up to the end of its categories.
+//! The EEPROM of a slave: reading it up to the end of its categories, reading and writing words of it.
 
 use super::bus::{Bus, Unanswered};
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
@@ -7,8 +7,11 @@ use crate::ethercat::{Ns, WireError};
 
 /// How long a command for an EEPROM may take (all known masters).
 const BUSY_MAX_NS: Ns = 20_000_000;
-/// \[OURS] How often a read is tried that the EEPROM does not acknowledge.
+/// \[OURS] How often a command is tried that the EEPROM does not acknowledge: one that writes does not while it still keeps
+/// the word before.
 const TRIES: u32 = 3;
+/// \[OURS] How long the master waits before it tries that again, about as long as an EEPROM writes a word.
+const AGAIN_NS: Ns = 5_000_000;
 /// \[OURS] How many bytes of an EEPROM are read at most.
 const BYTES_MAX: usize = 0x8000;
 /// The registers from control to data, as one datagram reads them.
@@ -18,7 +21,7 @@ const READ_LEN: usize = (SII_DATA - SII_CONTROL) as usize + 8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SiiError {
     /// The slave did not answer.
-    #[error("the slave did not answer while its EEPROM was read; check its cable and its power")]
+    #[error("the slave did not answer while its EEPROM was accessed; check its cable and its power")]
     NoAnswer,
     /// A command took longer than 20 ms.
     #[error("the EEPROM is busy for more than 20 ms; the slave's own controller may have kept it")]
@@ -29,6 +32,15 @@ pub enum SiiError {
     /// It has no fixed words, or no end.
     #[error("the EEPROM has no end of its categories within 32 KiB; it may be empty")]
     NoEnd,
+    /// The scan found no slave with that number.
+    #[error("there is no slave {0}; the scan found fewer")]
+    NoSlave(u8),
+    /// The EEPROM is being accessed, or the state of the slave is being changed, which may need the EEPROM.
+    #[error("the EEPROM of slave {0} is in use, or its state is being changed; wait until that has ended")]
+    InUse(u8),
+    /// The words lie behind the last one that can be addressed.
+    #[error("the words end behind word 0xFFFF; ask for fewer")]
+    TooLong,
 }
 
 impl From<Unanswered> for SiiError {
@@ -98,13 +110,37 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
 
 /// The bytes from a word on, and how many they are: 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
+    let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, &[]).await?;
+    Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
+}
+
+/// Writes a word.
+async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
+    // The bit that allows a write counts in the datagram with the command alone.
+    let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
+    command(bus, station, write, word, &value.to_le_bytes()).await?;
+    Ok(())
+}
+
+/// Runs a command for a word, with `data` for the data register; the status and the data register then.
+async fn command(
+    bus: &Bus,
+    station: u16,
+    command: SiiControl,
+    word: u16,
+    data: &[u8],
+) -> Result<(SiiControl, [u8; 8]), SiiError> {
     let mut status = SiiControl::NONE;
-    for _ in 0..TRIES {
-        let command = SiiControl::NONE.with_command(SiiCommand::Read).0.to_le_bytes();
-        let [low, high] = word.to_le_bytes();
-        let [c0, c1] = command;
+    let [c0, c1] = command.0.to_le_bytes();
+    let [low, high] = word.to_le_bytes();
+    let mut written = vec![c0, c1, low, high, 0, 0];
+    written.extend_from_slice(data);
+    for turn in 0..TRIES {
+        if turn > 0 && command.command() == SiiCommand::Write {
+            bus.sleep(AGAIN_NS).await;
+        }
         let until = bus.now() + BUSY_MAX_NS;
-        if bus.write(station, SII_CONTROL, &[c0, c1, low, high, 0, 0]).await == Err(Unanswered::Lost) {
+        if bus.write(station, SII_CONTROL, &written).await == Err(Unanswered::Lost) {
             return Err(SiiError::NoAnswer);
         }
         loop {
@@ -112,9 +148,8 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
             let [control @ .., _, _, _, _, _, _, _, _] = &read;
             status = SiiControl(u16::from_le_bytes([control[0], control[1]]));
             if !status.contains(SiiControl::BUSY) {
-                let data = read.last_chunk().copied().unwrap_or_default();
-                if !status.intersects(SiiControl::COMMAND_ERROR) {
-                    return Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }));
+                if !status.intersects(SiiControl::COMMAND_ERROR | SiiControl::WRITE_ENABLE_ERROR) {
+                    return Ok((status, read.last_chunk().copied().unwrap_or_default()));
                 }
                 break;
             }
@@ -124,6 +159,67 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
         }
     }
     Err(SiiError::Command(status))
+}
+
+/// The EEPROM of a slave, for one sequence alone. Dropped, it is there for others.
+pub(super) struct Eeprom {
+    bus: Bus,
+    slave: u8,
+    station: u16,
+}
+
+impl Drop for Eeprom {
+    fn drop(&mut self) {
+        self.bus.with(|shared| shared.release_eeprom(self.slave));
+    }
+}
+
+impl Eeprom {
+    /// The EEPROM of a slave with a station address.
+    ///
+    /// # Errors
+    /// [`SiiError`].
+    pub(super) async fn open(bus: Bus, slave: u8, station: Option<u16>) -> Result<Self, SiiError> {
+        let station = station.ok_or(SiiError::NoSlave(slave))?;
+        if !bus.with(|shared| shared.claim_eeprom(slave)) {
+            return Err(SiiError::InUse(slave));
+        }
+        let eeprom = Self { bus, slave, station };
+        // A change of state that was refused has left it to the slave's own controller.
+        offer(&eeprom.bus, station, false).await?;
+        Ok(eeprom)
+    }
+
+    /// Reads words from `first` on.
+    ///
+    /// # Errors
+    /// [`SiiError`].
+    pub(super) async fn read(&self, first: u16, count: usize) -> Result<Vec<u16>, SiiError> {
+        check_end(first, count)?;
+        let mut words: Vec<u16> = Vec::with_capacity(count);
+        while words.len() < count {
+            let (data, len) = read_words(&self.bus, self.station, first + words.len() as u16).await?;
+            words.extend(data[..len].as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)));
+        }
+        words.truncate(count);
+        Ok(words)
+    }
+
+    /// Writes words from `first` on.
+    ///
+    /// # Errors
+    /// [`SiiError`]; the words before have been written.
+    pub(super) async fn write(&self, first: u16, words: &[u16]) -> Result<(), SiiError> {
+        check_end(first, words.len())?;
+        for (n, word) in (first..=u16::MAX).zip(words) {
+            write_word(&self.bus, self.station, n, *word).await?;
+        }
+        Ok(())
+    }
+}
+
+fn check_end(first: u16, count: usize) -> Result<(), SiiError> {
+    if usize::from(first) + count > usize::from(u16::MAX) + 1 { Err(SiiError::TooLong) } else { Ok(()) }
 }
 
 const _: () = assert!(SII_ADDRESS == SII_CONTROL + 2 && SII_DATA == SII_ADDRESS + 4);

@@ -38,8 +38,10 @@ pub enum StateReason {
         /// Where it is.
         state: RequestedState,
     },
-    /// Another change of its state is under way.
-    #[error("another change of its state is under way; wait until that has ended, or cancel it")]
+    /// Another change of its state is under way, or its EEPROM is in use.
+    #[error(
+        "another change of its state is under way, or its EEPROM is in use; wait until that has ended, or cancel it"
+    )]
     Busy,
     /// It does not answer.
     #[error("it does not answer; check its cable and its power")]
@@ -91,13 +93,13 @@ struct Change<'a> {
 
 impl<'a> Change<'a> {
     fn begin(bus: &'a Bus, slave: u8) -> Option<Self> {
-        bus.with(|shared| shared.change(slave, true)).then(|| Self { bus, slave })
+        bus.with(|shared| shared.begin_change(slave)).then(|| Self { bus, slave })
     }
 }
 
 impl Drop for Change<'_> {
     fn drop(&mut self) {
-        self.bus.with(|shared| shared.change(self.slave, false));
+        self.bus.with(|shared| shared.end_change(self.slave));
     }
 }
 

@@ -5,6 +5,7 @@
 //! - `objects.rs`: SDO
 //! - `clocks.rs`: distributed clocks
 //! - `files.rs`: FoE
+//! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
 //! - `lost.rs`: slaves that go and come back
@@ -15,5 +16,6 @@ mod files;
 mod hostile;
 mod lost;
 mod objects;
+mod registers;
 mod rig;
 mod start;

@@ -1,0 +1,87 @@
+//! Single datagrams for a user: any command with any address, and the registers of one slave.
+
+use super::bus::{Bus, Unanswered};
+use crate::ethercat::{Command, DATA_LEN_MAX};
+
+/// Why a datagram, or an access to registers, has given nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DatagramError {
+    /// The frame did not come back.
+    #[error("the frame did not come back; check the cables")]
+    Lost,
+    /// There are more data than a datagram has room for.
+    #[error("{0} bytes fit into no datagram, which has room for {DATA_LEN_MAX}; ask for fewer at once")]
+    TooLong(usize),
+    /// The scan found no slave with that number.
+    #[error("there is no slave {0}; the scan found fewer")]
+    NoSlave(u8),
+    /// The frame came back with another working counter than 1, which one slave counts.
+    #[error(
+        "the working counter is {0}, not 1: the slave does not answer, or has no such registers, or does not let a \
+         master write them now"
+    )]
+    WorkingCounter(u16),
+}
+
+impl From<Unanswered> for DatagramError {
+    fn from(unanswered: Unanswered) -> Self {
+        match unanswered {
+            Unanswered::Lost => Self::Lost,
+            Unanswered::Counter(counter) => Self::WorkingCounter(counter),
+        }
+    }
+}
+
+/// What came back of a datagram.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DatagramAnswer {
+    /// The data, as many bytes as were sent.
+    pub data: Vec<u8>,
+    /// What slaves have done with the datagram.
+    pub working_counter: u16,
+}
+
+const fn check_len(bytes: usize) -> Result<(), DatagramError> {
+    if bytes > DATA_LEN_MAX { Err(DatagramError::TooLong(bytes)) } else { Ok(()) }
+}
+
+/// Sends a datagram once, whatever it does.
+///
+/// # Errors
+/// [`DatagramError`].
+pub(super) async fn datagram(
+    bus: Bus,
+    command: Command,
+    address: u32,
+    mut data: Vec<u8>,
+) -> Result<DatagramAnswer, DatagramError> {
+    check_len(data.len())?;
+    let ticket = bus.queue_with(command, address as u16, (address >> 16) as u16, &data, 1);
+    match ticket.answer(&mut data).await {
+        Ok(working_counter) => Ok(DatagramAnswer { data, working_counter }),
+        Err(_) => Err(DatagramError::Lost),
+    }
+}
+
+/// Reads registers of a station.
+///
+/// # Errors
+/// [`DatagramError`].
+pub(super) async fn read(bus: Bus, station: u16, address: u16, len: usize) -> Result<Vec<u8>, DatagramError> {
+    check_len(len)?;
+    let mut data = vec![0; len];
+    match bus.exchange(Command::Fprd, station, address, &mut data).await {
+        Ok(1) => Ok(data),
+        Ok(counter) => Err(DatagramError::WorkingCounter(counter)),
+        Err(_) => Err(DatagramError::Lost),
+    }
+}
+
+/// Writes registers of a station.
+///
+/// # Errors
+/// [`DatagramError`].
+pub(super) async fn write(bus: Bus, station: u16, address: u16, data: Vec<u8>) -> Result<(), DatagramError> {
+    check_len(data.len())?;
+    Ok(bus.write(station, address, &data).await?)
+}

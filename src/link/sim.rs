@@ -29,7 +29,7 @@ const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     // Errors in these files are found before any board is claimed or moved.
-    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let script = options.script.as_deref().map(|path| Script::load_for_board(path, &options.slaves)).transpose()?;
     let objects = manufacturer_objects::of_slaves(&options.slaves)?;
     let name = uri.to_string();
     let key = match (&options.name, share) {
@@ -75,7 +75,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
 /// The board that the URI describes, without a link: it has just started up, and its time advances only by calls.
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
-    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let script = options.script.as_deref().map(|path| Script::load_for_board(path, &options.slaves)).transpose()?;
     let name = uri.to_string();
     let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?);
     start(script, &mut board, &network);

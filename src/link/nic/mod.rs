@@ -10,22 +10,18 @@ use super::LinkError;
 use super::engine::EngineLink;
 use super::options::{BoardOptions, CommonOptions};
 use super::own_board::{boots, switching_off};
-use super::uri::{LinkUri, UriError};
+use super::uri::LinkUri;
 use crate::engine::{Board, Rate};
 use crate::fieldbus::nic::NicBus;
 use crate::master::Settings;
-use card::Card;
+pub(crate) use card::Card;
 
 /// Opens the board: the network is scanned, and its slaves are brought to PreOP.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
     let options = BoardOptions::from_uri(uri)?;
-    if uri.path().is_empty() {
-        let path = uri.path().to_owned();
-        return Err(UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into());
-    }
     let name = uri.to_string();
     let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
-    let card = Card::open(uri.path(), &name)?;
+    let card = Card::of(uri)?;
     let settings = Settings { source: card.source(), ..Settings::default() };
     let mut board = Board::new(options.engine(), Box::new(NicBus::new(card, settings)));
     if !boots(&mut board) {

@@ -1,0 +1,83 @@
+//! Simulated slaves as the wires of our own master, in virtual time, with the script of their link.
+
+use super::BusError;
+use crate::engine::Script as _;
+use crate::ethercat::Ns;
+use crate::fieldbus::nic::{ChainWires, NicWires};
+use crate::link::LinkError;
+use crate::link::options::SimOptions;
+use crate::link::script::RunningScript;
+use crate::link::simulated_slaves;
+use crate::link::uri::LinkUri;
+use crate::master::{FrameBuffer, Wire, WireDown};
+use crate::slave::handle::SimHandle;
+
+/// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
+const DRIFT_PPB: u32 = 20_000;
+/// How far time advances at most before the script is looked at again, ns.
+const STEP_NS: Ns = 1_000_000;
+
+/// Simulated slaves that were just switched on.
+pub(super) struct SimulatedWires {
+    slaves: ChainWires,
+    script: Option<RunningScript>,
+}
+
+impl SimulatedWires {
+    /// The slaves of a link `sim:`. Of its keys `slaves` and `script` count; a script may have no line that happens to a board.
+    pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
+        let options = SimOptions::from_uri(uri)?;
+        let no_board = |error: simulated_slaves::SimulatedSlavesError| match error {
+            simulated_slaves::SimulatedSlavesError::Objects(error) => LinkError::from(error),
+            simulated_slaves::SimulatedSlavesError::Script(error) => LinkError::from(error),
+            error => LinkError::NoBoard { name: uri.to_string(), reason: error.to_string() },
+        };
+        let script = options.script.as_deref().map(|path| simulated_slaves::script(path, &options.slaves)).transpose();
+        let script = script.map_err(no_board)?;
+        let handle = SimHandle::default();
+        let script = script.map(|script| simulated_slaves::start(script, handle.cable().clone(), 0));
+        let devices = simulated_slaves::build(&options.slaves).map_err(no_board)?;
+        let slaves = ChainWires::with_drift(devices, handle, DRIFT_PPB)
+            .map_err(|error| LinkError::NoBoard { name: uri.to_string(), reason: error.to_string() })?;
+        Ok(Self { slaves, script })
+    }
+
+    fn run_script(&mut self) {
+        if let Some(script) = &mut self.script {
+            script.run(self.slaves.now(), &mut |_| {});
+        }
+    }
+}
+
+impl Wire for SimulatedWires {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        self.run_script();
+        self.slaves.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        self.slaves.receive(buffer)
+    }
+}
+
+impl NicWires for SimulatedWires {
+    fn now(&self) -> Ns {
+        self.slaves.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        while self.slaves.now() < until {
+            self.run_script();
+            let next = until.min(self.slaves.now().saturating_add(STEP_NS));
+            self.slaves.wait(next);
+            if self.slaves.now() < next {
+                // A frame has come.
+                return;
+            }
+        }
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}

@@ -3,9 +3,7 @@
 use std::time::Duration;
 
 use super::{BusError, FoundSlave, Network};
-use crate::ethercat::registers::{
-    SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference,
-};
+use crate::ethercat::registers::{SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference};
 
 /// \[OURS] How often the differences are read.
 const INTERVAL: Duration = Duration::from_millis(10);
@@ -61,11 +59,7 @@ pub struct SlaveClock {
 ///
 /// # Errors
 /// [`BusError`]
-pub fn measure(
-    network: &mut dyn Network,
-    slaves: &[FoundSlave],
-    time: Duration,
-) -> Result<Vec<SlaveClock>, BusError> {
+pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration) -> Result<Vec<SlaveClock>, BusError> {
     let with_clock: Vec<u8> = slaves.iter().filter(|slave| slave.has_clock).map(|slave| slave.slave).collect();
     if with_clock.is_empty() {
         return Ok(Vec::new());

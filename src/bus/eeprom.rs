@@ -96,7 +96,10 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
     let wanted = words(content);
     let present = network.read_eeprom_words(slave, 0, wanted.len())?;
     let both = (0..).zip(present.iter().zip(&wanted));
-    Ok(both.filter(|(_, (from, to))| from != to).map(|(word, (from, to))| Change { word, from: *from, to: *to }).collect())
+    Ok(both
+        .filter(|(_, (from, to))| from != to)
+        .map(|(word, (from, to))| Change { word, from: *from, to: *to })
+        .collect())
 }
 
 /// Writes words, the last one first, so that the checksum of the first ones is written late; then reads all of them back.

@@ -33,6 +33,9 @@ pub enum BusError {
     /// There is no slave of that number.
     #[error("there is no slave {slave}, but {}; number them from 1 in the order of the cable", slaves(*.found))]
     NoSuchSlave { slave: u8, found: usize },
+    /// A slave that was there does not answer.
+    #[error("slave {slave} does not answer any more; check its cable and its power")]
+    Gone { slave: u8 },
     /// A register was not read or written.
     #[error("slave {slave}, register 0x{address:04X}: {error}; check the slave's cable and its power")]
     Register { slave: u8, address: u16, error: DatagramError },
@@ -110,7 +113,9 @@ fn sdo(error: &SdoError) -> String {
 
 fn file(error: &FileError) -> String {
     match error {
-        FileError::File(_) => format!("{error}; see the slave's manual for its files, and for those that need bootstrap"),
+        FileError::File(_) => {
+            format!("{error}; see the slave's manual for its files, and for those that need bootstrap")
+        }
         FileError::Mailbox(error) => mailbox(*error),
     }
 }

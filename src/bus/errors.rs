@@ -5,9 +5,7 @@
 //! is blamed on the cable at that port, and a forwarded error on no one.
 
 use super::{BusError, FoundSlave, Network};
-use crate::ethercat::registers::{
-    FORWARDED_ERRORS, LOST_LINKS, PDI_ERRORS, PORTS, PROCESSING_UNIT_ERRORS, RX_ERRORS,
-};
+use crate::ethercat::registers::{FORWARDED_ERRORS, LOST_LINKS, PDI_ERRORS, PORTS, PROCESSING_UNIT_ERRORS, RX_ERRORS};
 
 /// A counter that has come so far counts no further.
 pub const COUNTER_MAX: u8 = u8::MAX;

@@ -22,7 +22,7 @@
 //!
 //! let mut network = bus::open("sim:?slaves=drive*2,io").expect("a network");
 //! let slaves = network.scan().expect("three slaves");
-//! assert_eq!(slaves.iter().map(|slave| &*slave.name).collect::<Vec<_>>(), ["simulated servo drive"; 2]);
+//! assert_eq!(slaves.iter().map(|slave| &*slave.name).collect::<Vec<_>>(), ["drive", "drive", "io"]);
 //! # }
 //! ```
 

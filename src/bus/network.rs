@@ -68,6 +68,12 @@ pub trait Network {
     /// [`BusError`]
     fn wait(&mut self, time: Duration) -> Result<(), BusError>;
 
+    /// Lets that much time pass with long frames on the cables, so that a bad one shows.
+    ///
+    /// # Errors
+    /// [`BusError`]
+    fn load(&mut self, time: Duration) -> Result<(), BusError>;
+
     /// Reads registers of a slave.
     ///
     /// # Errors

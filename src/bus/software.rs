@@ -9,7 +9,8 @@ use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::nic::NicWires;
 use crate::master::{
-    DatagramAnswer, FrameCounters, JobDone, JobId, Master, ProcessManager, Settings, SlaveInfo, StateError, StateReason,
+    DatagramAnswer, FileError, FrameCounters, JobDone, JobId, Master, ProcessManager, SdoError, Settings, SlaveInfo,
+    StateError, StateReason,
 };
 
 /// \[OURS] How long a slave may take for each answer of its mailbox.
@@ -20,6 +21,12 @@ const PREOP_MAX_NS: Ns = 10_000_000_000;
 const TURN_NS: Ns = 200_000;
 /// \[OURS] How often a datagram of the look before the scan is sent, if nothing comes back.
 const TRIES: u32 = 3;
+
+/// \[OURS] How often a long frame is sent to put load on the cables, ns, how many bytes it carries, and which: a signal that
+/// changes with each bit.
+const LOAD_NS: Ns = 250_000;
+const LOAD_BYTES: usize = 1400;
+const LOAD_BYTE: u8 = 0x55;
 
 /// A network with our own master.
 pub(super) struct SoftwareNetwork<W> {
@@ -104,9 +111,27 @@ impl<W: NicWires> SoftwareNetwork<W> {
 
     fn described(&mut self, slave: u8, id: JobId) -> Result<Vec<u8>, BusError> {
         match self.wait_for(id) {
-            JobDone::Description(described) => described.map_err(|error| BusError::Information { slave, error }),
+            JobDone::Description(described) => described.map_err(|error| self.failed_information(slave, error)),
             _ => Err(BusError::NoInformation { slave }),
         }
+    }
+
+    fn failed_file(&mut self, slave: u8, name: &str, error: FileError) -> BusError {
+        self.unless_gone(slave, BusError::File { slave, name: name.to_owned(), error })
+    }
+
+    fn failed_information(&mut self, slave: u8, error: SdoError) -> BusError {
+        self.unless_gone(slave, BusError::Information { slave, error })
+    }
+
+    /// The error, unless the slave does not answer at all.
+    fn unless_gone(&mut self, slave: u8, error: BusError) -> BusError {
+        let is_refusal = match &error {
+            BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),
+            BusError::File { error, .. } => matches!(error, FileError::File(_)),
+            _ => false,
+        };
+        if is_refusal || self.read(slave, AL_STATUS, &mut [0; 2]).is_ok() { error } else { BusError::Gone { slave } }
     }
 }
 
@@ -162,6 +187,19 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         Ok(())
     }
 
+    fn load(&mut self, time: Duration) -> Result<(), BusError> {
+        let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
+        while self.wires.now() < until {
+            // Slaves pass it on and do nothing.
+            let id = self.master.datagram(Command::Nop, 0, &[LOAD_BYTE; LOAD_BYTES]);
+            let next = until.min(self.wires.now().saturating_add(LOAD_NS));
+            // Lost frames are what this is for.
+            self.wait_for(id);
+            self.wait(Duration::from_nanos(next.saturating_sub(self.wires.now())))?;
+        }
+        Ok(())
+    }
+
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError> {
         self.info(slave)?;
         let id = self.master.read_registers(slave, address, data.len());
@@ -195,7 +233,9 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         self.open_coe(slave)?;
         let id = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
         match self.wait_for(id) {
-            JobDone::Upload(value) => value.map_err(|error| BusError::Sdo { slave, object, error }),
+            JobDone::Upload(value) => {
+                value.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+            }
             _ => Err(BusError::NoCoe { slave }),
         }
     }
@@ -204,7 +244,9 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         self.open_coe(slave)?;
         let id = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
         match self.wait_for(id) {
-            JobDone::Download(written) => written.map_err(|error| BusError::Sdo { slave, object, error }),
+            JobDone::Download(written) => {
+                written.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+            }
             _ => Err(BusError::NoCoe { slave }),
         }
     }
@@ -213,7 +255,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         self.open_information(slave)?;
         let id = self.master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS);
         match self.wait_for(id) {
-            JobDone::ObjectList(list) => list.map_err(|error| BusError::Information { slave, error }),
+            JobDone::ObjectList(list) => list.map_err(|error| self.failed_information(slave, error)),
             _ => Err(BusError::NoInformation { slave }),
         }
     }
@@ -256,7 +298,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
         let id = self.master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS);
         match self.wait_for(id) {
-            JobDone::ReadFile(read) => read.map_err(|error| BusError::File { slave, name: name.to_owned(), error }),
+            JobDone::ReadFile(read) => read.map_err(|error| self.failed_file(slave, name, error)),
             _ => Err(BusError::NoFoe { slave }),
         }
     }
@@ -265,9 +307,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
         let id = self.master.write_file(slave, name.as_bytes(), password, content, ANSWER_MAX_NS);
         match self.wait_for(id) {
-            JobDone::WriteFile(written) => {
-                written.map_err(|error| BusError::File { slave, name: name.to_owned(), error })
-            }
+            JobDone::WriteFile(written) => written.map_err(|error| self.failed_file(slave, name, error)),
             _ => Err(BusError::NoFoe { slave }),
         }
     }

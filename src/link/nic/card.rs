@@ -35,7 +35,9 @@ impl Card {
     pub(crate) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
         if uri.path().is_empty() {
             let path = uri.path().to_owned();
-            return Err(UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into());
+            return Err(
+                UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into()
+            );
         }
         Self::open(uri.path(), &uri.to_string())
     }

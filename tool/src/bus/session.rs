@@ -1,0 +1,62 @@
+//! The network of a verb.
+
+use ecmsk::bus::{self, BusError, FoundSlave, Network};
+use ecmsk::link::uri::LinkUri;
+
+use super::BusVerbError;
+use super::words::state_text;
+use crate::board::Reporter;
+use crate::link_option::ChosenLink;
+
+// No doc comment: clap would show it as the help of every verb.
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+pub struct NetworkArgs {
+    /// Network to look at: nic:INTERFACE or sim:?slaves=.. [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+/// A network whose slaves were found.
+pub struct Session {
+    pub network: Box<dyn Network>,
+    pub slaves: Vec<FoundSlave>,
+    pub reporter: Reporter,
+}
+
+impl NetworkArgs {
+    /// Opens the network and finds its slaves. Says which of them were above Init, where they are no longer.
+    ///
+    /// # Errors
+    /// Nobody has named one, it does not open, or it has no slave.
+    pub fn open(&self) -> Result<Session, BusVerbError> {
+        let chosen = ChosenLink::find(self.link.as_ref())?;
+        if !chosen.is_named() {
+            return Err(BusVerbError::NoLink);
+        }
+        let mut network = bus::open(&chosen.uri.to_string())?;
+        let slaves = network.scan()?;
+        let reporter = Reporter::new(self.json, network.is_virtual());
+        for slave in slaves.iter().filter(|slave| slave.found.status.state().code() > 1) {
+            let found = state_text(slave.found);
+            reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
+        }
+        Ok(Session { network, slaves, reporter })
+    }
+}
+
+impl Session {
+    /// A slave by its number.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchSlave`]
+    pub fn slave(&self, slave: u8) -> Result<&FoundSlave, BusVerbError> {
+        let found = self.slaves.len();
+        let there = self.slaves.iter().find(|found| found.slave == slave);
+        Ok(there.ok_or(BusError::NoSuchSlave { slave, found })?)
+    }
+}

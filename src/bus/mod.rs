@@ -14,6 +14,7 @@
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
 //! | `clocks.rs` | [`clocks`]: how well the distributed clocks keep together |
 //! | `eeprom.rs` | [`eeprom`]: whether a content is fit for a slave, what it changes, writing it |
+//! | `round_trips.rs` | how long frames take to the slaves of a card and back |
 //! | `error.rs` | [`BusError`] |
 //!
 //! ```
@@ -33,6 +34,8 @@ mod error;
 pub mod errors;
 mod network;
 mod open;
+#[cfg(all(feature = "nic", target_os = "linux"))]
+mod round_trips;
 #[cfg(feature = "sim")]
 mod simulated;
 #[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
@@ -41,3 +44,5 @@ mod software;
 pub use error::BusError;
 pub use network::{FoundSlave, Network, SlaveState};
 pub use open::open;
+#[cfg(all(feature = "nic", target_os = "linux"))]
+pub use round_trips::{RoundTrips, round_trips};

@@ -55,6 +55,14 @@ enum Verb {
     Errors(errors::Args),
 }
 
+/// `bus scan` on a network card, for `ecmsk list --scan`.
+///
+/// # Errors
+/// [`BusVerbError`]
+pub fn scan_card(card: &str, json: bool) -> Result<(), BusVerbError> {
+    scan::show(Session::open(&format!("nic:{card}"), json)?)
+}
+
 /// # Errors
 /// [`BusVerbError`]
 pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {

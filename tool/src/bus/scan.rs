@@ -27,12 +27,17 @@ pub struct Args {
 /// # Errors
 /// [`BusVerbError`]
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
-    let Session { mut network, slaves, reporter } = args.network.open()?;
+    show(args.network.open()?)
+}
+
+/// Shows the slaves of a network.
+///
+/// # Errors
+/// [`BusVerbError`]
+pub fn show(session: Session) -> Result<(), BusVerbError> {
+    let Session { mut network, slaves, reporter } = session;
     let errors = errors::read(&mut *network, &slaves)?;
     let mut tree = Tree { slaves: &slaves, errors: &errors, text: "master\n".to_owned() };
-    if slaves.is_empty() {
-        return Ok(());
-    }
     tree.put(0, "");
     let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
     reporter.results(tree.text.trim_end(), &lines)?;

@@ -38,18 +38,26 @@ impl NetworkArgs {
         if !chosen.is_named() {
             return Err(BusVerbError::NoLink);
         }
-        let mut network = bus::open(&chosen.uri.to_string())?;
-        let slaves = network.scan()?;
-        let reporter = Reporter::new(self.json, network.is_virtual());
-        for slave in slaves.iter().filter(|slave| slave.found.status.state().code() > 1) {
-            let found = state_text(slave.found);
-            reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
-        }
-        Ok(Session { network, slaves, reporter })
+        Session::open(&chosen.uri.to_string(), self.json)
     }
 }
 
 impl Session {
+    /// The network of a link, as [`NetworkArgs::open`] opens it.
+    ///
+    /// # Errors
+    /// It does not open, or has no slave.
+    pub fn open(link: &str, json: bool) -> Result<Self, BusVerbError> {
+        let mut network = bus::open(link)?;
+        let slaves = network.scan()?;
+        let reporter = Reporter::new(json, network.is_virtual());
+        for slave in slaves.iter().filter(|slave| slave.found.status.state().code() > 1) {
+            let found = state_text(slave.found);
+            reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
+        }
+        Ok(Self { network, slaves, reporter })
+    }
+
     /// A slave by its number.
     ///
     /// # Errors

@@ -3,6 +3,10 @@
 use super::{BusError, Network};
 use crate::ethercat::WireError;
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity};
+use crate::master::SiiError;
+
+/// \[OURS] How many bytes of an EEPROM are read at most.
+const BYTES_MAX: usize = 0x8000;
 
 /// Why a content is not fit for an EEPROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -81,6 +85,27 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     let (wanted, found) = (wanted.identity, found.identity);
     let is_same = (wanted.vendor, wanted.product) == (found.vendor, found.product);
     if is_same { Ok(()) } else { Err(ContentError::OtherDevice { wanted, found }) }
+}
+
+/// Reads an EEPROM up to the end of its categories.
+///
+/// # Errors
+/// [`BusError::Eeprom`]: it cannot be read, or has no end.
+pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
+    let mut content: Vec<u8> = Vec::new();
+    loop {
+        let lacks = match Sii::new(&content).map_or_else(Some, |sii| sii.categories().find_map(Result::err)) {
+            None => return Ok(content),
+            Some(WireError::Short { needed, found, .. }) => needed.saturating_sub(found).max(2),
+            Some(_) => return Err(BusError::Eeprom { slave, error: SiiError::NoEnd }),
+        };
+        if content.len() + lacks > BYTES_MAX {
+            return Err(BusError::Eeprom { slave, error: SiiError::NoEnd });
+        }
+        let first = (content.len() / 2) as u16;
+        let words = network.read_eeprom_words(slave, first, lacks.div_ceil(2))?;
+        content.extend(words.into_iter().flat_map(u16::to_le_bytes));
+    }
 }
 
 /// The words of a content.

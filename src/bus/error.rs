@@ -4,6 +4,7 @@ use crate::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
 use crate::link::uri::UriError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
+use crate::xf_api::XfError;
 
 /// Why a look at a network has failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -12,6 +13,18 @@ pub enum BusError {
     /// The link does not open.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// The chip, or its link.
+    #[error(transparent)]
+    // Boxed, because every error is as large as its largest variant.
+    Chip(Box<XfError>),
+    /// There is no way to do it by the network's master.
+    #[error("an ECM-XF has no command to {what}; {instead}")]
+    Cannot { what: &'static str, instead: &'static str },
+    /// The chip has not read or not written an EEPROM.
+    #[error(
+        "slave {slave}: the chip reports error {error} for its EEPROM; is the slave there, and its EEPROM not write protected"
+    )]
+    ChipEeprom { slave: u8, error: u8 },
     /// The link is a board's.
     #[error(
         "`{link}` is a board, which tells little of its network; ask it with `ecmsk info` and `ecmsk sdo`, or take the drives' \
@@ -75,6 +88,12 @@ pub enum BusError {
     /// A file was not read or not written.
     #[error("slave {slave}, file {name}: {}", file(.error))]
     File { slave: u8, name: String, error: FileError },
+}
+
+impl From<XfError> for BusError {
+    fn from(error: XfError) -> Self {
+        Self::Chip(Box::new(error))
+    }
 }
 
 impl From<UriError> for BusError {

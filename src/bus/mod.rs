@@ -9,6 +9,7 @@
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
 //! | `open.rs` | [`open`]: which network a link is |
+//! | `chip.rs` | an ECM-XF by its own commands |
 //! | `software.rs`, `simulated.rs` | our own master on a card or on simulated slaves; those |
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave by its own word, with their values |
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
@@ -27,6 +28,7 @@
 //! # }
 //! ```
 
+mod chip;
 pub mod clocks;
 pub mod dictionary;
 pub mod eeprom;

@@ -6,8 +6,8 @@ use super::BusError;
 use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DlStatus};
-use crate::ethercat::sii::SiiIdentity;
-use crate::master::{FrameCounters, MailboxInfo, Upstream};
+use crate::ethercat::sii::{MailboxProtocols, SiiIdentity};
+use crate::master::{FrameCounters, Upstream};
 
 /// The AL state of a slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,14 +35,14 @@ pub struct FoundSlave {
     pub found: SlaveState,
     /// Its ports.
     pub ports: DlStatus,
-    /// What its ports are made of, register 0x0007.
+    /// What its ports are made of, register 0x0007; 0: it is not known, and neither are its ports.
     pub port_types: u8,
     /// Where it is connected; `None`: at the master.
     pub upstream: Option<Upstream>,
     /// Whether it has distributed clocks.
     pub has_clock: bool,
-    /// Its mailbox; `None`: it has none, or it is not known.
-    pub mailbox: Option<MailboxInfo>,
+    /// The protocols that its mailbox speaks, none if it has no mailbox; `None`: it is not known.
+    pub protocols: Option<MailboxProtocols>,
     /// Bytes of its own outputs and inputs.
     pub process_bytes: (u16, u16),
     /// Why its EEPROM was not read; `None`: it was.
@@ -53,7 +53,7 @@ pub struct FoundSlave {
 ///
 /// Slaves are numbered from 1 in the order of the cable. All calls but [`Network::scan`] are for slaves that it has found.
 pub trait Network {
-    /// Finds the slaves. All of them are in Init then, or in PreOP.
+    /// Finds the slaves. If [`Network::resets_slaves`], all of them are in Init then.
     ///
     /// # Errors
     /// [`BusError`]
@@ -61,6 +61,9 @@ pub trait Network {
 
     /// Whether time passes by waits alone.
     fn is_virtual(&self) -> bool;
+
+    /// Whether a scan takes all slaves to Init. A master that is there already leaves them where they are.
+    fn resets_slaves(&self) -> bool;
 
     /// Waits that long. Clocks are kept together meanwhile.
     ///

@@ -4,7 +4,8 @@ use super::{BusError, Network};
 use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 
-/// Opens the network of a link: `nic:eth1`, or `sim:?slaves=drive*2` in virtual time. Nothing is sent yet. On a network card that
+/// Opens the network of a link: `nic:eth1`, or `sim:?slaves=drive*2` in virtual time, or a chip, `xf-sim:`, `xf-spi:` or
+/// `xf-usb:`. Nothing is sent yet. On a network card that
 /// other programs have, that people use, or on which another master sends, nothing is opened.
 ///
 /// # Errors
@@ -23,7 +24,9 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
             let settings = crate::master::Settings { source: card.source(), ..Default::default() };
             Ok(Box::new(super::software::SoftwareNetwork::new(card, settings)))
         }
+        Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::ChipNetwork::open(&uri)?)),
         Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),
+        #[allow(unreachable_patterns, reason = "a build may have every link")]
         scheme => Err(crate::link::LinkError::Unsupported {
             scheme: scheme.to_string(),
             hint: format!("build it with `cargo build --release --features {}`", scheme.feature()),

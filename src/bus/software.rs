@@ -164,7 +164,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
                 port_types: port_types[0],
                 upstream: info.upstream,
                 has_clock: info.features.contains(Features::CLOCK),
-                mailbox: info.mailbox,
+                protocols: Some(info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
                 process_bytes: (bytes_of(&info.outputs), bytes_of(&info.inputs)),
                 eeprom_error: info.eeprom.as_ref().err().map(ToString::to_string),
                 name: info.name,
@@ -175,6 +175,10 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 
     fn is_virtual(&self) -> bool {
         !self.wires.is_real_time()
+    }
+
+    fn resets_slaves(&self) -> bool {
+        true
     }
 
     fn wait(&mut self, time: Duration) -> Result<(), BusError> {

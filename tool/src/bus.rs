@@ -25,9 +25,10 @@ use session::{NetworkArgs, Session};
 
 /// Look at a network: its slaves, their objects, EEPROMs and files, clocks, and which cable is bad
 ///
-/// The link is a network card with the slaves at its end (nic:eth1), or simulated slaves in virtual time (sim:), which are
-/// switched on anew for each verb. Nothing is moved: all slaves go to Init, those whose mailbox is needed to PreOP,
-/// and stay there. A network that another program runs is left alone.
+/// The link is a network card with the slaves at its end (nic:eth1), simulated slaves in virtual time (sim:), which are
+/// switched on anew for each verb, or a chip ECM-XF (xf-spi:, xf-usb:, xf-sim:). Nothing is moved: all slaves go to Init, those
+/// whose mailbox is needed to PreOP, and stay there. A network that another program runs is left alone; one that a chip
+/// runs goes on.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,

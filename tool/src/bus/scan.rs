@@ -36,7 +36,12 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
 /// [`BusVerbError`]
 pub fn show(session: Session) -> Result<(), BusVerbError> {
     let Session { mut network, slaves, reporter } = session;
-    let errors = errors::read(&mut *network, &slaves)?;
+    let errors = if slaves.iter().all(|slave| slave.port_types == 0) {
+        reporter.note("the ports of the slaves are not known: the chip sends no datagrams for others");
+        slaves.iter().map(|slave| SlaveErrors { slave: slave.slave, ..SlaveErrors::default() }).collect()
+    } else {
+        errors::read(&mut *network, &slaves)?
+    };
     let mut tree = Tree { slaves: &slaves, errors: &errors, text: "master\n".to_owned() };
     tree.put(0, "");
     let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
@@ -86,7 +91,11 @@ fn details(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> V
     let protocols = protocols(slave).join(", ");
     let clock = if slave.has_clock { "distributed clocks" } else { "no distributed clocks" };
     let (outputs, inputs) = slave.process_bytes;
-    let mailbox = if protocols.is_empty() { "no mailbox".to_owned() } else { protocols };
+    let mailbox = match slave.protocols {
+        None => "mailbox not known".to_owned(),
+        Some(_) if protocols.is_empty() => "no mailbox".to_owned(),
+        Some(_) => protocols,
+    };
     lines.push(format!("{mailbox}; {clock}; {outputs} bytes out, {inputs} in"));
     lines.extend(ports(slave).map(|port| {
         let kind = port_kind(slave.port_types, port).unwrap_or_default();
@@ -134,7 +143,7 @@ fn protocols(slave: &FoundSlave) -> Vec<&'static str> {
         (MailboxProtocols::SOE, "SoE"),
         (MailboxProtocols::VOE, "VoE"),
     ];
-    let spoken = slave.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols);
+    let spoken = slave.protocols.unwrap_or(MailboxProtocols::NONE);
     NAMES.into_iter().filter(|(protocol, _)| spoken.contains(*protocol)).map(|(_, name)| name).collect()
 }
 
@@ -169,7 +178,7 @@ fn line(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Valu
         "al_status": slave.found.code.0, "al_status_text": slave.found.code.text(),
         "upstream": slave.upstream.map(|up| json!({ "slave": up.slave, "port": up.port })),
         "ports": ports(slave).map(port).collect::<Vec<_>>(),
-        "protocols": protocols(slave), "has_dc": slave.has_clock, "output_bytes": slave.process_bytes.0,
+        "protocols": slave.protocols.map(|_| protocols(slave)), "has_dc": slave.has_clock, "output_bytes": slave.process_bytes.0,
         "input_bytes": slave.process_bytes.1, "eeprom_error": slave.eeprom_error,
     })
 }

@@ -12,7 +12,7 @@ use crate::link_option::ChosenLink;
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct NetworkArgs {
-    /// Network to look at: nic:INTERFACE or sim:?slaves=.. [default: ECMSK_LINK, else the one of ecmsk.toml]
+    /// Network to look at: nic:INTERFACE, sim:?slaves=.. or a chip, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
     link: Option<LinkUri>,
 
@@ -51,7 +51,8 @@ impl Session {
         let mut network = bus::open(link)?;
         let slaves = network.scan()?;
         let reporter = Reporter::new(json, network.is_virtual());
-        for slave in slaves.iter().filter(|slave| slave.found.status.state().code() > 1) {
+        let resets = network.resets_slaves();
+        for slave in slaves.iter().filter(|slave| resets && slave.found.status.state().code() > 1) {
             let found = state_text(slave.found);
             reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
         }

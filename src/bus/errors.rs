@@ -78,17 +78,22 @@ impl SlaveErrors {
     }
 }
 
+/// Reads the counters of a slave.
+///
+/// # Errors
+/// [`BusError::Register`]
+pub fn read_one(network: &mut dyn Network, slave: u8) -> Result<SlaveErrors, BusError> {
+    let mut bytes = [0; LEN];
+    network.read(slave, RX_ERRORS, &mut bytes)?;
+    Ok(SlaveErrors::decode(slave, &bytes))
+}
+
 /// Reads the counters of all slaves.
 ///
 /// # Errors
 /// [`BusError::Register`]
 pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<SlaveErrors>, BusError> {
-    let read = |found: &FoundSlave| {
-        let mut bytes = [0; LEN];
-        network.read(found.slave, RX_ERRORS, &mut bytes)?;
-        Ok(SlaveErrors::decode(found.slave, &bytes))
-    };
-    slaves.iter().map(read).collect()
+    slaves.iter().map(|found| read_one(network, found.slave)).collect()
 }
 
 /// Clears the counters of all slaves.

@@ -324,3 +324,41 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         Some(self.master.counters())
     }
 }
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use crate::fieldbus::nic::ChainWires;
+    use crate::slave::{Io, Slave};
+
+    /// BUS-1.2 If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
+    #[test]
+    fn a_network_that_runs_is_left_alone() {
+        let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();
+        let wires = ChainWires::new(devices, Default::default()).expect("they can be described");
+        let mut other = SoftwareNetwork::new(wires, Settings::default());
+        other.scan().expect("two slaves");
+        let second: SlaveSet = [2].into_iter().collect();
+        other.master.configure_as_described(2).expect("process data");
+        for state in [AlState::SafeOp, AlState::Op] {
+            let id = other.master.request_state(second, state, 1_000_000_000);
+            loop {
+                let SoftwareNetwork { master, wires, .. } = &mut other;
+                if state == AlState::Op {
+                    master.cycle(wires.now(), wires);
+                }
+                wires.wait(wires.now() + 500_000);
+                master.poll(wires.now(), wires);
+                if let Some((ended, done)) = master.take_done() {
+                    assert_eq!((ended, done), (id, JobDone::State(Ok(()))));
+                    break;
+                }
+            }
+        }
+        let mut network = SoftwareNetwork::new(other.wires, Settings::default());
+        let refused = network.scan().expect_err("somebody runs it");
+        assert!(matches!(refused, BusError::Runs { slave: 2 }), "{refused}");
+        let state = |n: usize| network.wires.slaves().chain().slave(n).shown_state();
+        assert_eq!([0, 1].map(state), [AlState::Init, AlState::Op].map(RequestedState::State));
+    }
+}

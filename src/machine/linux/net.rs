@@ -55,7 +55,9 @@ impl Machine {
     /// The network cards of Ethernet, sorted by name.
     pub fn net_cards(&self) -> Vec<NetCard> {
         let mut cards = self.own_cards().unwrap_or_else(|| self.cards_in_files());
-        let sockets = self.text("/proc/net/unix").unwrap_or_default();
+        // A thread may be in a network namespace of its own.
+        let sockets = ["/proc/thread-self/net/unix", "/proc/net/unix"].into_iter().find_map(|file| self.text(file));
+        let sockets = sockets.unwrap_or_default();
         for card in &mut cards {
             let claim = card.index.map(|index| format!(" {CLAIM}{index}"));
             card.is_claimed = claim.is_some_and(|claim| sockets.lines().any(|line| line.ends_with(&claim)));

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use ecmsk::bus::errors::{self, End, Place, PortErrors, SlaveErrors, Trouble};
-use ecmsk::bus::{FoundSlave, Network};
+use ecmsk::bus::{BusError, FoundSlave, Network};
 use serde_json::{Value, json};
 
 use super::scan::{counted, port_json};
@@ -77,16 +77,30 @@ fn watch(
 ) -> Result<Vec<SlaveErrors>, BusVerbError> {
     let first = errors::read(network, slaves)?;
     let mut before = first.clone();
-    let since = |now: &[SlaveErrors], then: &[SlaveErrors]| -> Vec<SlaveErrors> {
-        now.iter().zip(then).map(|(now, then)| now.since(then)).collect()
-    };
     for second in 1..=seconds {
         network.load(Duration::from_secs(1))?;
-        let now = errors::read(network, slaves)?;
+        let mut now = before.clone();
+        for of in &mut now {
+            match errors::read_one(network, of.slave) {
+                Ok(read) => *of = read,
+                // Who is cut off now tells his counters when he is back.
+                Err(BusError::Register { .. }) => {
+                    let text = format!("{second:>4} s  slave {}: it does not answer", of.slave);
+                    let json = json!({ "verb": "bus errors", "second": second, "slave": of.slave, "answers": false });
+                    reporter.result(text, &json)?;
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
         show(slaves, &since(&now, &before), Some(second), reporter)?;
         before = now;
     }
     Ok(since(&before, &first))
+}
+
+/// What has been counted since.
+fn since(now: &[SlaveErrors], then: &[SlaveErrors]) -> Vec<SlaveErrors> {
+    now.iter().zip(then).map(|(now, then)| now.since(then)).collect()
 }
 
 /// Shows the counters: all slaves, or after a second of a watch those at which something was counted.
@@ -119,7 +133,7 @@ fn show(
             json
         };
         let json = json!({
-            "verb": "bus errors", "second": second, "slave": slave.slave,
+            "verb": "bus errors", "second": second, "slave": slave.slave, "answers": true,
             "ports": ports(slave).map(port).collect::<Vec<_>>(),
             "processing_unit_errors": errors.processing_unit, "pdi_errors": errors.pdi,
         });

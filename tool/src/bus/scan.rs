@@ -120,16 +120,18 @@ fn connected(slaves: &[FoundSlave], slave: &FoundSlave, port: usize) -> String {
 
 /// The counters of a port that are not 0, in words.
 pub fn counted(errors: &PortErrors) -> Vec<String> {
-    let of = |count: u8, what: &str| {
-        let or_more = if count == errors::COUNTER_MAX { " or more" } else { "" };
-        (count > 0).then(|| format!("{count}{or_more} {what}"))
+    let of = |count: u8, one: &str, many: &str| match count {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        errors::COUNTER_MAX => Some(format!("{count} or more {many}")),
+        _ => Some(format!("{count} {many}")),
     };
     let PortErrors { invalid, physical, forwarded, lost_links } = *errors;
     let all = [
-        of(invalid, "invalid frames"),
-        of(physical, "errors of the physical layer"),
-        of(forwarded, "frames damaged before"),
-        of(lost_links, "lost links"),
+        of(invalid, "invalid frame", "invalid frames"),
+        of(physical, "error of the physical layer", "errors of the physical layer"),
+        of(forwarded, "frame damaged before", "frames damaged before"),
+        of(lost_links, "lost link", "lost links"),
     ];
     all.into_iter().flatten().collect()
 }

@@ -21,7 +21,7 @@ use std::process::ExitCode;
 use clap::Subcommand;
 
 pub use error::BusVerbError;
-use session::{NetworkArgs, Session};
+use session::{NetworkArgs, Session, SlaveArgs};
 
 /// Look at a network: its slaves, their objects, EEPROMs and files, clocks, and which cable is bad
 ///

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Subcommand, ValueHint};
 use serde_json::json;
 
-use super::{BusVerbError, NetworkArgs, Session};
+use super::{BusVerbError, SlaveArgs};
 
 /// Read or write a file of a slave (FoE, in PreOP)
 ///
@@ -52,14 +52,11 @@ enum Verb {
 
 #[derive(clap::Args)]
 struct Whose {
-    /// The slave, from 1 in the order of the cable
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    slave: u8,
+    #[command(flatten)]
+    of: SlaveArgs,
     /// The password that the slave wants to know
     #[arg(long, value_name = "N", default_value_t = 0)]
     password: u32,
-    #[command(flatten)]
-    network: NetworkArgs,
 }
 
 /// # Errors
@@ -76,8 +73,8 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
         let (why, next) = ("a file may be bytes, not for a terminal".into(), "name a file with --output".into());
         return Err(BusVerbError::WrongRequest { what: "bus foe read", why, next });
     }
-    let mut session = open(whose)?;
-    let content = session.network.read_file(whose.slave, name, whose.password)?;
+    let mut session = whose.of.open()?;
+    let content = session.network.read_file(whose.of.slave, name, whose.password)?;
     let Some(file) = output else {
         let mut out = io::stdout().lock();
         out.write_all(&content)?;
@@ -86,7 +83,7 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
     std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
     let text = format!("{} bytes of {name} written to {}", content.len(), file.display());
     let json = json!({
-        "verb": "bus foe read", "slave": whose.slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),
+        "verb": "bus foe read", "slave": whose.of.slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),
     });
     Ok(session.reporter.result(text, &json)?)
 }
@@ -95,15 +92,9 @@ fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbEr
     let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
     let own = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let name = name.unwrap_or(&own);
-    let mut session = open(whose)?;
-    session.network.write_file(whose.slave, name, whose.password, &content)?;
-    let text = format!("slave {}: {name} written, {} bytes", whose.slave, content.len());
-    let json = json!({ "verb": "bus foe write", "slave": whose.slave, "name": name, "bytes": content.len() });
+    let mut session = whose.of.open()?;
+    session.network.write_file(whose.of.slave, name, whose.password, &content)?;
+    let text = format!("slave {}: {name} written, {} bytes", whose.of.slave, content.len());
+    let json = json!({ "verb": "bus foe write", "slave": whose.of.slave, "name": name, "bytes": content.len() });
     Ok(session.reporter.result(text, &json)?)
-}
-
-fn open(whose: &Whose) -> Result<Session, BusVerbError> {
-    let session = whose.network.open()?;
-    session.slave(whose.slave)?;
-    Ok(session)
 }

@@ -5,7 +5,7 @@ use ecmsk::bus::dictionary::{self, Entry, Object, Value};
 use ecmsk::coe::{DataTypeCode, ObjectAccess, ObjectCode};
 use serde_json::{Value as Json, json};
 
-use super::{BusVerbError, NetworkArgs, Session};
+use super::{BusVerbError, Session, SlaveArgs};
 use crate::hex::hex;
 use crate::transfer::{OtherSize, Transfer, Written, WrongValue};
 
@@ -34,7 +34,7 @@ enum Verb {
     /// List the objects of a slave, by its own dictionary (SDO information)
     List {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
         /// List each sub-index, too, with its type and who may read and write it
         #[arg(long)]
         entries: bool,
@@ -42,34 +42,25 @@ enum Verb {
     /// Print all values of a slave that can be read, by its own dictionary
     Dump {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
     },
     /// Read an object
     Read {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
         #[command(flatten)]
         transfer: Transfer,
     },
     /// Write an object; what a drive does then is its own matter, in PreOP, too
     Write {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
         #[command(flatten)]
         transfer: Transfer,
         /// Decimal, or with 0x; or any bytes as hex:0102FF, in the order of the wire
         #[arg(value_name = "VALUE", allow_hyphen_values = true, value_parser = Written::parse)]
         value: Written,
     },
-}
-
-#[derive(clap::Args)]
-struct Whose {
-    /// The slave, from 1 in the order of the cable
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    slave: u8,
-    #[command(flatten)]
-    network: NetworkArgs,
 }
 
 /// # Errors
@@ -83,14 +74,8 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
     }
 }
 
-fn open(whose: &Whose) -> Result<Session, BusVerbError> {
-    let session = whose.network.open()?;
-    session.slave(whose.slave)?;
-    Ok(session)
-}
-
-fn list(whose: &Whose, with_entries: bool) -> Result<(), BusVerbError> {
-    let Session { mut network, reporter, .. } = open(whose)?;
+fn list(whose: &SlaveArgs, with_entries: bool) -> Result<(), BusVerbError> {
+    let Session { mut network, reporter, .. } = whose.open()?;
     for object in dictionary::objects(&mut *network, whose.slave)? {
         let Object { index, name, code, data_type, max_sub } = &object;
         let kind = kind(*code);
@@ -126,9 +111,9 @@ fn entry_json(verb: &str, slave: u8, entry: &Entry) -> Json {
     })
 }
 
-fn dump(whose: &Whose) -> Result<(), BusVerbError> {
+fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
     const VERB: &str = "bus sdo dump";
-    let Session { mut network, reporter, .. } = open(whose)?;
+    let Session { mut network, reporter, .. } = whose.open()?;
     for object in dictionary::objects(&mut *network, whose.slave)? {
         for entry in dictionary::entries(&mut *network, whose.slave, &object)? {
             let mut json = entry_json(VERB, whose.slave, &entry);
@@ -213,8 +198,8 @@ fn access(access: ObjectAccess) -> String {
     if states.is_empty() { format!("{read}-") } else { format!("{read}w({})", states.join(",")) }
 }
 
-fn read(whose: &Whose, transfer: &Transfer) -> Result<(), BusVerbError> {
-    let Session { mut network, reporter, .. } = open(whose)?;
+fn read(whose: &SlaveArgs, transfer: &Transfer) -> Result<(), BusVerbError> {
+    let Session { mut network, reporter, .. } = whose.open()?;
     let slave = whose.slave;
     let bytes = network.upload(slave, transfer.object.address, transfer.scope())?;
     let object = transfer.object.to_string();
@@ -223,11 +208,11 @@ fn read(whose: &Whose, transfer: &Transfer) -> Result<(), BusVerbError> {
     Ok(reporter.result(text, &json)?)
 }
 
-fn write(whose: &Whose, transfer: &Transfer, value: &Written) -> Result<(), BusVerbError> {
+fn write(whose: &SlaveArgs, transfer: &Transfer, value: &Written) -> Result<(), BusVerbError> {
     let wrong = |WrongValue { why, next }| BusVerbError::WrongRequest { what: WRITE, why, next };
     // What is wrong shows before a network is opened.
     let bytes = transfer.encoded(WRITE, value).map_err(wrong)?;
-    let Session { mut network, reporter, .. } = open(whose)?;
+    let Session { mut network, reporter, .. } = whose.open()?;
     network.download(whose.slave, transfer.object.address, transfer.scope(), &bytes)?;
     let (text, json) = transfer.written(WRITE, whose.slave, value, &bytes);
     Ok(reporter.result(text, &json)?)

@@ -8,7 +8,7 @@ use super::words::state_text;
 use crate::board::Reporter;
 use crate::link_option::ChosenLink;
 
-// No doc comment: clap would show it as the help of every verb.
+// No doc comments on either: clap would show them as the help of every verb.
 #[derive(Clone, clap::Args)]
 #[group(skip)]
 pub struct NetworkArgs {
@@ -19,6 +19,31 @@ pub struct NetworkArgs {
     /// Print JSON, one object a line
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+pub struct SlaveArgs {
+    /// The slave, from 1 in the order of the cable
+    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
+    pub slave: u8,
+    #[command(flatten)]
+    network: NetworkArgs,
+}
+
+impl SlaveArgs {
+    /// Opens the network, and finds that it has the slave.
+    ///
+    /// # Errors
+    /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`].
+    pub fn open(&self) -> Result<Session, BusVerbError> {
+        let session = self.network.open()?;
+        let (slave, found) = (self.slave, session.slaves.len());
+        if !session.slaves.iter().any(|found| found.slave == slave) {
+            return Err(BusError::NoSuchSlave { slave, found }.into());
+        }
+        Ok(session)
+    }
 }
 
 /// A network whose slaves were found.
@@ -57,15 +82,5 @@ impl Session {
             reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
         }
         Ok(Self { network, slaves, reporter })
-    }
-
-    /// A slave by its number.
-    ///
-    /// # Errors
-    /// [`BusError::NoSuchSlave`]
-    pub fn slave(&self, slave: u8) -> Result<&FoundSlave, BusVerbError> {
-        let found = self.slaves.len();
-        let there = self.slaves.iter().find(|found| found.slave == slave);
-        Ok(there.ok_or(BusError::NoSuchSlave { slave, found })?)
     }
 }

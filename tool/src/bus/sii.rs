@@ -7,7 +7,7 @@ use ecmsk::bus::eeprom::{self, Change, ContentError};
 use serde_json::json;
 
 use super::contents::{self, word_name};
-use super::{BusVerbError, NetworkArgs, Session};
+use super::{BusVerbError, Session, SlaveArgs};
 use crate::hex::hex;
 use crate::signals;
 
@@ -33,7 +33,7 @@ enum Verb {
     /// Show what an EEPROM says, and write it to a file
     Read {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
         /// Write its bytes, up to the end of its categories, to a file
         #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
         output: Option<PathBuf>,
@@ -44,7 +44,7 @@ enum Verb {
     /// A slave takes the new content when it is switched off and on.
     Write {
         #[command(flatten)]
-        whose: Whose,
+        whose: SlaveArgs,
         /// The file
         #[arg(value_hint = ValueHint::FilePath)]
         file: PathBuf,
@@ -57,15 +57,6 @@ enum Verb {
     },
 }
 
-#[derive(clap::Args)]
-struct Whose {
-    /// The slave, from 1 in the order of the cable
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
-    slave: u8,
-    #[command(flatten)]
-    network: NetworkArgs,
-}
-
 /// # Errors
 /// [`BusVerbError`]
 pub fn run(args: &Args) -> Result<(), BusVerbError> {
@@ -75,14 +66,8 @@ pub fn run(args: &Args) -> Result<(), BusVerbError> {
     }
 }
 
-fn open(whose: &Whose) -> Result<Session, BusVerbError> {
-    let session = whose.network.open()?;
-    session.slave(whose.slave)?;
-    Ok(session)
-}
-
-fn read(whose: &Whose, output: Option<&Path>) -> Result<(), BusVerbError> {
-    let mut session = open(whose)?;
+fn read(whose: &SlaveArgs, output: Option<&Path>) -> Result<(), BusVerbError> {
+    let mut session = whose.open()?;
     let content = session.network.read_eeprom(whose.slave)?;
     if let Some(file) = output {
         std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
@@ -102,14 +87,14 @@ fn read(whose: &Whose, output: Option<&Path>) -> Result<(), BusVerbError> {
 /// \[OURS] The longest file that is read: the longest EEPROM that words of 16 bits reach.
 const FILE_BYTES_MAX: usize = 2 << 16;
 
-fn write(whose: &Whose, file: &Path, yes: bool, other_device: bool) -> Result<(), BusVerbError> {
+fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Result<(), BusVerbError> {
     let fit = |error: ContentError| BusVerbError::Content { file: file.to_owned(), error };
     let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
     if content.len() > FILE_BYTES_MAX {
         return Err(fit(ContentError::Len { len: content.len() }));
     }
     eeprom::check(&content).map_err(fit)?;
-    let Session { mut network, reporter, .. } = open(whose)?;
+    let Session { mut network, reporter, .. } = whose.open()?;
     let slave = whose.slave;
     // An EEPROM that cannot be read is one that has to be written.
     let present = network.read_eeprom(slave).unwrap_or_default();

@@ -19,7 +19,6 @@ use crate::fieldbus::{Fieldbus, MAX_AXES, Ns};
 use crate::slave::{
     Channels, Dp3cl, Dp3clConfig, Drive, DriveConfig, HomeSwitch, Hsp, HspConfig, ManufacturerObjects, Slave, Travel,
 };
-use crate::xf::chip::SlaveModels;
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
@@ -42,7 +41,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
         None => None,
     };
     let (mut board, network) = match found {
-        None => switch_on(&name, &options, objects),
+        None => switch_on(&name, &options, objects)?,
         Some(parked) => {
             let (mut board, network, since) = *parked;
             if script.is_some() {
@@ -77,7 +76,7 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = options.script.as_deref().map(|path| Script::load_for_board(path, &options.slaves)).transpose()?;
     let name = uri.to_string();
-    let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?);
+    let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?)?;
     start(script, &mut board, &network);
     if board.engine().talks() {
         return Ok(board);
@@ -94,20 +93,30 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
 }
 
 /// A board that has just started up, and the network behind it. `name` is the name of its link.
+///
+/// # Errors
+/// As [`bus`].
 fn switch_on(
     name: &str,
     options: &SimOptions,
     manufacturer_objects: Vec<Option<ManufacturerObjects>>,
-) -> (Board, SimHandle) {
-    let (bus, network) = bus(name, options, models(&options.slaves, manufacturer_objects));
+) -> Result<(Board, SimHandle), LinkError> {
+    let (bus, network) = bus(name, options, models(&options.slaves, manufacturer_objects))?;
     let mut board = Board::new(options.board.engine(), bus);
     board.boot(BOOT_LIMIT_NS);
-    (board, network)
+    Ok((board, network))
 }
 
 /// The bus with these slaves, and the handle on them.
-fn bus(name: &str, options: &SimOptions, slaves: Vec<Box<dyn Slave>>) -> (Box<dyn Fieldbus>, SimHandle) {
-    match &options.bus {
+///
+/// # Errors
+/// [`LinkError::NoBoard`]: a slave does not say what belongs into the EEPROM of its controller.
+fn bus(
+    name: &str,
+    options: &SimOptions,
+    slaves: Vec<Box<dyn Slave>>,
+) -> Result<(Box<dyn Fieldbus>, SimHandle), LinkError> {
+    Ok(match &options.bus {
         ModelledBus::Direct => {
             let bus = SimBus::new(slaves);
             let network = bus.handle();
@@ -115,12 +124,14 @@ fn bus(name: &str, options: &SimOptions, slaves: Vec<Box<dyn Slave>>) -> (Box<dy
         }
         ModelledBus::Chip { chip, used } => {
             let network = SimHandle::default();
-            let slaves = SlaveModels::new(slaves).reached_by(network.clone());
+            let slaves = chip.network(slaves, network.clone());
+            let slaves =
+                slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
             // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.
             let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
             (Box::new(used.bus(chip)), network)
         }
-    }
+    })
 }
 
 /// The slaves as a link describes them, with their manufacturer-specific objects.

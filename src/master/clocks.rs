@@ -6,6 +6,7 @@
 
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
+use super::process_data::ClockDatagram;
 use super::topology::{PORT_ORDER, Upstream, is_open};
 use crate::ethercat::registers::{
     CYCLIC_UNIT_CONTROL, DlStatus, PORTS, RECEIVE_TIME_UNIT, RECEIVE_TIMES, SPEED_COUNTER_START, SYNC_ACTIVATION,
@@ -43,6 +44,16 @@ impl SyncSignals {
     pub const fn sync0(cycle_ns: u32, shift_ns: i32) -> Self {
         Self { assign_activate: 0x0300, cycle_ns, shift_ns, sync1_ns: 0 }
     }
+}
+
+/// Whose time all clocks follow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ReferenceClock {
+    /// That of the first slave with a clock, whatever the master's says.
+    #[default]
+    FirstSlave,
+    /// That of the master, which the first slave with a clock follows like all others.
+    Master,
 }
 
 /// A slave as the measurement of delays sees it.
@@ -183,12 +194,12 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<(), Lost> {
     Ok(())
 }
 
-/// Brings the time of the reference to all clocks, as each cycle does.
+/// Brings the time of the reference, or the master's, to all clocks, as each cycle does.
 pub(super) async fn distribute(bus: &Bus) {
-    let Some((station, time)) = bus.with(|shared| shared.reference()) else { return };
+    let Some(ClockDatagram { command, station, time }) = bus.with(|shared| shared.clock_datagram()) else { return };
     let mut data = time.to_le_bytes();
-    let answer = bus.queue_with(Command::Frmw, station, SYSTEM_TIME, &data, 1).answer(&mut data).await;
-    if answer.is_ok_and(|counter| counter > 0) {
+    let answer = bus.queue_with(command, station, SYSTEM_TIME, &data, 1).answer(&mut data).await;
+    if command == Command::Frmw && answer.is_ok_and(|counter| counter > 0) {
         bus.with(|shared| shared.clocks.take_time(u64::from_le_bytes(data), shared.missing));
     }
 }

@@ -1,6 +1,6 @@
 //! Which process data each slave has, and their bytes.
 
-use super::{ConfigureError, Master, Pace, ProcessManager, SyncSignals, process_data};
+use super::{ConfigureError, Master, Pace, ProcessManager, ReferenceClock, SyncSignals, process_data};
 use crate::ethercat::registers::SyncManager;
 
 impl Master {
@@ -54,12 +54,54 @@ impl Master {
         self.process.configure(slave, outputs, inputs, lacks_lrw, active)
     }
 
+    /// Sets where a sync manager lies, and its control byte, other than the EEPROM describes it, from the slave's next way to PreOP
+    /// (the mailbox, 0 and 1) or to SafeOP (process data) on. One of process data that the EEPROM does not describe is that of
+    /// the direction in its control byte. Another scan forgets it.
+    ///
+    /// The length of process data is that of [`Self::configure`]; a mailbox has no other control bytes than the usual ones.
+    ///
+    /// # Errors
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: the slave has no such sync manager, or a mailbox without bytes.
+    pub fn set_manager(&mut self, slave: u8, number: u8, registers: SyncManager) -> Result<(), ConfigureError> {
+        let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
+        let info = place.ok_or(ConfigureError::NoSlave(slave))?;
+        let is_set = number < info.sync_managers && info.set_manager(number, registers);
+        if is_set { Ok(()) } else { Err(ConfigureError::NoManager(slave)) }
+    }
+
+    /// Sets whether what a slave sends unasked stays in its mailbox until [`Self::receive_mail`], or another request to that
+    /// mailbox, takes it. At first the master takes it by itself. Another scan forgets it.
+    pub fn keep_mail(&mut self, slave: u8, keeps: bool) {
+        self.bus.with(|shared| {
+            if let Some(live) = shared.live_mut(slave) {
+                (live.keeps_mail, live.has_mail) = (keeps, live.has_mail && keeps);
+            }
+        });
+    }
+
+    /// Whether there was mail in a slave's mailbox when it was looked at last, which is done for those of [`Self::keep_mail`].
+    pub fn has_mail(&self, slave: u8) -> bool {
+        self.bus.with(|shared| shared.live_mut(slave).is_some_and(|live| live.has_mail))
+    }
+
     /// Sets which SYNC signals a slave with distributed clocks gets from its way to SafeOP on; `None`: none.
     ///
     /// # Errors
     /// [`ConfigureError::NoSlave`].
     pub fn set_sync(&mut self, slave: u8, sync: Option<SyncSignals>) -> Result<(), ConfigureError> {
         if self.process.set_sync(slave, sync) { Ok(()) } else { Err(ConfigureError::NoSlave(slave)) }
+    }
+
+    /// Sets whose time all clocks follow, from the next cycle on. With the master's no reference clock answers, so that a pace
+    /// has no effect.
+    pub fn set_reference(&mut self, reference: ReferenceClock) {
+        self.bus.with(|shared| shared.reference = reference);
+    }
+
+    /// Sets whether process data travel in LRW, as they do at first, or in an LWR and an LRD, from the next cycle on. Slaves without
+    /// LRW never get one.
+    pub const fn set_lrw(&mut self, is_used: bool) {
+        self.process.set_lrw(is_used);
     }
 
     /// Sets how cycles follow the reference clock, which [`CycleDone::next_deadline`](super::CycleDone::next_deadline) then

@@ -1,7 +1,7 @@
 //! What a scan finds out about a slave.
 
 use super::{SiiError, Upstream};
-use crate::ethercat::registers::{DlStatus, Features, SmControl, SyncManager};
+use crate::ethercat::registers::{DlStatus, Features, SmControl, SmDirection, SyncManager};
 use crate::ethercat::sii::{
     CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmType,
 };
@@ -103,8 +103,7 @@ impl SlaveInfo {
         }
         self.lacks_lrw = general.is_some_and(|general| general.flags.contains(SiiGeneralFlags::NO_LRW));
         let areas = fixed.mailbox;
-        let fits = |len: u16| (MAILBOX_BYTES_MIN..=MAILBOX_BYTES_MAX).contains(&len);
-        if fixed.protocols.0 != 0 && fits(areas.receive.len) && fits(areas.send.len) {
+        if fixed.protocols.0 != 0 && is_mailbox_len(areas.receive.len) && is_mailbox_len(areas.send.len) {
             self.mailbox = Some(MailboxInfo { areas, protocols: fixed.protocols, coe });
         }
         let Some(managers) = sii.category(CategoryKind::SyncManagers) else { return };
@@ -121,6 +120,26 @@ impl SlaveInfo {
         }
     }
 
+    /// Takes a sync manager for what the EEPROM should have said. False: it is one of a mailbox that there is not.
+    pub(super) fn set_manager(&mut self, number: u8, registers: SyncManager) -> bool {
+        if number < 2 {
+            let areas = self.mailbox.as_mut().map(|mailbox| &mut mailbox.areas);
+            let Some(areas) = areas.filter(|_| is_mailbox_len(registers.len)) else { return false };
+            let area = if number == 0 { &mut areas.receive } else { &mut areas.send };
+            (area.start, area.len) = (registers.start, registers.len);
+            return true;
+        }
+        let is_written = registers.control.direction() == SmDirection::Write;
+        let is_output = self.outputs.iter().any(|one| one.number == number);
+        let is_input = self.inputs.iter().any(|one| one.number == number);
+        let list = if is_output || is_written && !is_input { &mut self.outputs } else { &mut self.inputs };
+        match list.iter_mut().find(|one| one.number == number) {
+            Some(one) => one.registers = registers,
+            None => list.push(ProcessManager { number, registers }),
+        }
+        true
+    }
+
     /// The registers of the two sync managers of the mailbox; `None`: the slave has none.
     pub(super) fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
         let MailboxAreas { receive, send } = self.mailbox?.areas;
@@ -129,6 +148,11 @@ impl SlaveInfo {
             SyncManager::enabled(send.start, send.len, SmControl::MAILBOX_IN),
         ])
     }
+}
+
+/// Whether a mailbox can be that long.
+const fn is_mailbox_len(len: u16) -> bool {
+    MAILBOX_BYTES_MIN <= len && len <= MAILBOX_BYTES_MAX
 }
 
 /// How many bytes the PDOs have together that an EEPROM assigns to a sync manager; `None`: it assigns none.

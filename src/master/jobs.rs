@@ -3,14 +3,14 @@
 use std::future::Future;
 
 use super::bus::Task;
-use super::mailbox::Peer;
+use super::mailbox::{Mailbox, Peer};
 use super::shared::Shared;
 use super::sii::Eeprom;
 use super::states::Plan;
-use super::watch::Watch;
+use super::watch::{self, Watch};
 use super::{
-    DatagramAnswer, DatagramError, FileError, Master, ScanError, SdoError, SiiError, SlaveInfo, StateError, foe,
-    information, registers, scan, sdo, states,
+    DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
+    StateError, foe, information, registers, scan, sdo, states,
 };
 use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
@@ -46,6 +46,10 @@ pub enum JobDone {
     ReadRegisters(Result<Vec<u8>, DatagramError>),
     /// Registers of a slave were written.
     WriteRegisters(Result<(), DatagramError>),
+    /// The AL states of all slaves were read.
+    States,
+    /// The message in a slave's mailbox was read; `None`: there is none.
+    Mail(Result<Option<Vec<u8>>, MailboxError>),
     /// A datagram has come back.
     Datagram(Result<DatagramAnswer, DatagramError>),
 }
@@ -247,6 +251,31 @@ impl Master {
                 None => Err(DatagramError::NoSlave(slave)),
             };
             Output::Done(JobDone::WriteRegisters(written))
+        })
+    }
+
+    /// Starts to read the AL states of all slaves, which [`Self::status`] then tells.
+    pub fn read_states(&mut self) -> JobId {
+        let (bus, stations) = (self.bus.clone(), self.slaves.iter().map(|info| info.station).collect::<Vec<_>>());
+        self.start(async move {
+            watch::read_states(&bus, &stations, &mut Vec::new()).await;
+            Output::Done(JobDone::States)
+        })
+    }
+
+    /// Starts to read the message in a slave's mailbox as it lies there, header and all. Nothing is asked of the slave, so that
+    /// it is what the slave has sent unasked; see [`Self::keep_mail`].
+    pub fn receive_mail(&mut self, slave: u8) -> JobId {
+        let (bus, peer) = (self.bus.clone(), self.peer(slave, 0));
+        self.start(async move {
+            let mail = match peer.mailbox.ok_or(MailboxError::NoMailbox) {
+                Ok(info) => match Mailbox::open(bus, peer.slave, peer.station, info) {
+                    Some(mut mailbox) => mailbox.take().await,
+                    None => Err(MailboxError::Busy),
+                },
+                Err(error) => Err(error),
+            };
+            Output::Done(JobDone::Mail(mail))
         })
     }
 

@@ -205,6 +205,22 @@ impl Mailbox {
         Ok(MailboxMessage::decode(&self.bytes).map(|message| message.data).unwrap_or_default())
     }
 
+    /// Reads the message that the slave has sent, as it lies in its box; `None`: there is none. An emergency becomes an event,
+    /// too.
+    pub(super) async fn take(&mut self) -> Result<Option<Vec<u8>>, MailboxError> {
+        let is_full = self.collect().await?;
+        if is_full {
+            // Whatever it is, it is the user's.
+            let _ = self.is_answer(MailboxProtocol::Coe);
+        }
+        self.bus.with(|shared| {
+            if let Some(live) = shared.live_mut(self.slave) {
+                live.has_mail = false;
+            }
+        });
+        Ok(is_full.then(|| self.bytes.clone()))
+    }
+
     /// Takes away what the slave has sent without being asked, or as an answer to a request that was given up.
     pub(super) async fn drain(&mut self) -> Result<(), MailboxError> {
         // \[OURS] A slave that fills its box each time is not waited for.

@@ -142,7 +142,7 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-pub use clocks::SyncSignals;
+pub use clocks::{ReferenceClock, SyncSignals};
 pub use exchange::FrameCounters;
 pub use foe::FileError;
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
@@ -256,7 +256,7 @@ impl Master {
             shared.last_cycle = Some(shared.now);
             shared.exchange.expire_cyclic(now);
             judge(process, shared);
-            let clock = shared.reference();
+            let clock = shared.clock_datagram();
             process.send(now, clock, &mut shared.exchange, wire);
             if !shared.exchange.is_acyclic_flying() {
                 shared.exchange.send_queued(now, shared.settings.acyclic_bytes_max, wire);

@@ -25,6 +25,8 @@ const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
 /// \[OURS] The most datagrams with process data of one cycle.
 const SEGMENTS_MAX: usize = 64;
+/// What is written of a segment in its own datagram, if LRW is off, has the number of the segment and this.
+const WRITES: u8 = SEGMENTS_MAX as u8;
 
 /// Why process data cannot be configured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -92,6 +94,17 @@ struct Place {
     range: Range<usize>,
 }
 
+/// The datagram of a cycle that brings the time to all clocks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ClockDatagram {
+    /// FRMW, or BWR for the master's own time.
+    pub(super) command: Command,
+    /// The station with the reference clock; 0 for the master's own time.
+    pub(super) station: u16,
+    /// The time that the reference had last, or the master's.
+    pub(super) time: u64,
+}
+
 /// The process data of one slave.
 #[derive(Clone, Debug, Default)]
 struct SlaveData {
@@ -109,8 +122,17 @@ struct Segment {
     command: Command,
     data: Vec<u8>,
     slaves: SlaveSet,
-    /// The working counter that came back in this cycle.
-    answer: Option<u16>,
+    /// The working counters that came back in this cycle, together.
+    counted: u16,
+    /// How many of its datagrams have not come back in this cycle.
+    missing: u8,
+}
+
+impl Segment {
+    /// The working counter; `None`: not all of its datagrams have come back.
+    fn answer(&self) -> Option<u16> {
+        (self.missing == 0).then_some(self.counted)
+    }
 }
 
 /// The process data of all slaves, and the cycle under way.
@@ -118,6 +140,8 @@ struct Segment {
 pub(super) struct ProcessData {
     slaves: Vec<SlaveData>,
     segments: Vec<Segment>,
+    /// Instead of each LRW an LWR and an LRD are sent.
+    is_lrw_off: bool,
     /// The time that was sent to the reference clock.
     sent_time: u64,
     cycle: CycleDone,
@@ -140,7 +164,8 @@ pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
 impl ProcessData {
     /// Forgets everything: so many slaves were found.
     pub(super) fn reset(&mut self, slaves: usize) {
-        *self = Self { slaves: vec![SlaveData::default(); slaves], ..Self::default() };
+        let is_lrw_off = self.is_lrw_off;
+        *self = Self { slaves: vec![SlaveData::default(); slaves], is_lrw_off, ..Self::default() };
         self.segments.reserve(4);
     }
 
@@ -199,7 +224,7 @@ impl ProcessData {
         let fits = |segment: &Segment| segment.command == command && segment.data.len() + len <= SEGMENT_BYTES_MAX;
         let segment = self.segments.iter().position(fits).unwrap_or_else(|| {
             let data = Vec::with_capacity(SEGMENT_BYTES_MAX);
-            self.segments.push(Segment { command, data, slaves: SlaveSet::EMPTY, answer: None });
+            self.segments.push(Segment { command, data, slaves: SlaveSet::EMPTY, counted: 0, missing: 0 });
             self.segments.len() - 1
         });
         let Segment { data, slaves, .. } = &mut self.segments[segment];
@@ -264,26 +289,34 @@ impl ProcessData {
         let Some(data) = self.slave(slave) else { return 0 };
         let is_in = |place: &Place| u16::from(!place.range.is_empty() && place.segment == segment);
         let (outputs, inputs) = (is_in(&data.output_place), is_in(&data.input_place));
-        if data.lacks_lrw { outputs + inputs } else { 2 * outputs + inputs }
+        if data.lacks_lrw || self.is_lrw_off { outputs + inputs } else { 2 * outputs + inputs }
     }
 
-    /// Sends the frames of a cycle. The one before has ended. `clock`: the station with the reference clock, and the time that it
-    /// had last.
+    /// Sets whether LRW is used.
+    pub(super) const fn set_lrw(&mut self, is_used: bool) {
+        self.is_lrw_off = !is_used;
+    }
+
+    /// Sends the frames of a cycle. The one before has ended. `clock`: the datagram that brings the time to all clocks.
     pub(super) fn send(
         &mut self,
         now: Ns,
-        clock: Option<(u16, u64)>,
+        clock: Option<ClockDatagram>,
         exchange: &mut Exchange,
         wire: &mut (impl Wire + ?Sized),
     ) {
         self.cycle = CycleDone { number: self.cycle.number + 1, sent_at: now, ..CycleDone::default() };
         (self.pending, self.is_open) = (0, true);
-        self.segments.iter_mut().for_each(|segment| segment.answer = None);
+        let is_lrw_off = self.is_lrw_off;
+        for segment in &mut self.segments {
+            let is_split = is_lrw_off && segment.command == Command::Lrw;
+            (segment.counted, segment.missing) = (0, 1 + u8::from(is_split));
+        }
         let Some(mut frame) = exchange.begin_cyclic(now) else { return };
-        if let Some((station, time)) = clock {
+        if let Some(ClockDatagram { command, station, time }) = clock {
             self.sent_time = time;
             let address = u32::from(station) | u32::from(SYSTEM_TIME) << 16;
-            self.pending += usize::from(frame.push(Command::Frmw, address, &time.to_le_bytes(), CLOCK));
+            self.pending += usize::from(frame.push(command, address, &time.to_le_bytes(), CLOCK));
         }
         self.pending += usize::from(frame.push(Command::Brd, u32::from(AL_STATUS) << 16, &[0; STATE_LEN], STATES));
         for (n, segment) in self.segments.iter().enumerate().take(SEGMENTS_MAX) {
@@ -291,13 +324,17 @@ impl ProcessData {
                 continue;
             }
             let (address, number) = (n as u32 * SEGMENT_STEP, SEGMENTS + n as u8);
-            if !frame.push(segment.command, address, &segment.data, number) {
-                frame.send(wire);
-                let Some(next) = exchange.begin_cyclic(now) else { return };
-                frame = next;
-                frame.push(segment.command, address, &segment.data, number);
+            let split = [(Command::Lwr, number + WRITES), (Command::Lrd, number)];
+            let datagrams = if segment.missing == 2 { &split[..] } else { &[(segment.command, number)][..] };
+            for (command, number) in datagrams {
+                if !frame.push(*command, address, &segment.data, *number) {
+                    frame.send(wire);
+                    let Some(next) = exchange.begin_cyclic(now) else { return };
+                    frame = next;
+                    frame.push(*command, address, &segment.data, *number);
+                }
+                self.pending += 1;
             }
-            self.pending += 1;
         }
         frame.send(wire);
     }
@@ -321,8 +358,14 @@ impl ProcessData {
     }
 
     fn receive_segment(&mut self, n: usize, datagram: &Datagram<'_>) {
+        let is_written = n >= SEGMENTS_MAX;
+        let n = n % SEGMENTS_MAX;
         let Some(segment) = self.segments.get_mut(n) else { return };
-        segment.answer = Some(datagram.working_counter);
+        segment.missing = segment.missing.saturating_sub(1);
+        segment.counted = segment.counted.saturating_add(datagram.working_counter);
+        if is_written {
+            return;
+        }
         for slave in segment.slaves.iter() {
             let Some(SlaveData { input_place: Place { segment: at, range }, .. }) =
                 self.slaves.get(usize::from(slave) - 1)
@@ -353,9 +396,10 @@ impl ProcessData {
             let expected: u16 = taking_part.iter().map(|slave| self.counts(slave, n)).sum();
             let cycle = &mut self.cycle;
             cycle.expected_working_counter += expected;
-            cycle.working_counter = cycle.working_counter.saturating_add(segment.answer.unwrap_or(0));
-            cycle.lost += u8::from(segment.answer.is_none());
-            if segment.answer.is_none_or(|answer| answer < expected) {
+            let answer = segment.answer();
+            cycle.working_counter = cycle.working_counter.saturating_add(answer.unwrap_or(0));
+            cycle.lost += u8::from(answer.is_none());
+            if answer.is_none_or(|answer| answer < expected) {
                 cycle.short = cycle.short.union(taking_part);
             }
         }

@@ -2,15 +2,15 @@
 
 use std::collections::VecDeque;
 
-use super::clocks::{Clocks, Place};
+use super::clocks::{Clocks, Place, ReferenceClock};
 use super::exchange::Exchange;
 use super::mailbox::MailboxState;
 use super::pace::Pacer;
-use super::process_data::ProcessData;
+use super::process_data::{ClockDatagram, ProcessData};
 use super::{Pace, Settings, SlaveInfo};
 use crate::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
-use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 
 /// \[OURS] How many events wait at most; the oldest are lost.
 pub const EVENTS_MAX: usize = 64;
@@ -83,6 +83,10 @@ pub(super) struct Live {
     is_changing: bool,
     /// A user's sequence reads or writes its EEPROM.
     is_eeprom_used: bool,
+    /// What it sends unasked stays in its mailbox until a user takes it.
+    pub(super) keeps_mail: bool,
+    /// There was mail in its mailbox when the watch looked last.
+    pub(super) has_mail: bool,
 }
 
 impl Default for Live {
@@ -93,6 +97,8 @@ impl Default for Live {
             mailbox: MailboxState::default(),
             is_changing: false,
             is_eeprom_used: false,
+            keeps_mail: false,
+            has_mail: false,
         }
     }
 }
@@ -116,6 +122,8 @@ pub(super) struct Shared {
     /// The working counters of the last cycle: of process data, expected, of all slaves.
     pub(super) last_counters: (u16, u16, Option<u16>),
     pub(super) clocks: Clocks,
+    /// Whose time the clocks follow.
+    pub(super) reference: ReferenceClock,
     /// How cycles follow the reference clock.
     pub(super) pace: Option<Pace>,
     pub(super) pacer: Pacer,
@@ -136,6 +144,7 @@ impl Shared {
             is_alarmed: false,
             last_counters: (0, 0, None),
             clocks: Clocks::default(),
+            reference: ReferenceClock::default(),
             pace: None,
             pacer: Pacer::default(),
             events: VecDeque::with_capacity(EVENTS_MAX),
@@ -165,9 +174,13 @@ impl Shared {
         }
     }
 
-    /// The station with the reference clock, and the time that it had last; `None`: no clock has been set.
-    pub(super) fn reference(&self) -> Option<(u16, u64)> {
-        Some((self.clocks.reference_station(self.missing)?, self.clocks.time))
+    /// The datagram that brings the time to all clocks; `None`: no clock has been set.
+    pub(super) fn clock_datagram(&self) -> Option<ClockDatagram> {
+        let station = self.clocks.reference_station(self.missing)?;
+        Some(match self.reference {
+            ReferenceClock::FirstSlave => ClockDatagram { command: Command::Frmw, station, time: self.clocks.time },
+            ReferenceClock::Master => ClockDatagram { command: Command::Bwr, station: 0, time: self.now },
+        })
     }
 
     pub(super) fn live_mut(&mut self, slave: u8) -> Option<&mut Live> {
@@ -254,6 +267,18 @@ impl Shared {
         self.live_mut(slave).is_some_and(|live| {
             live.status.is_present && live.status.state() > Some(AlState::Init) && !live.mailbox.is_open()
         })
+    }
+
+    /// These mailboxes are full. Those of them whose mail a user takes.
+    pub(super) fn note_mail(&mut self, full: SlaveSet) -> SlaveSet {
+        let mut kept = SlaveSet::EMPTY;
+        for (slave, live) in (1..).zip(&mut self.live) {
+            live.has_mail = live.keeps_mail && full.contains(slave);
+            if live.has_mail {
+                kept.insert(slave);
+            }
+        }
+        kept
     }
 
     /// The mailbox of a slave begins anew.

@@ -19,10 +19,30 @@ const RETURN_NS: Ns = 20_000_000;
 /// The sync manager of answers.
 const ANSWERS: u8 = 1;
 
+/// Reads the AL status of all slaves. `tickets` is empty before and behind.
+pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(u8, Ticket)>) {
+    for (slave, station) in (1..).zip(stations) {
+        tickets.push((slave, bus.queue(Command::Fprd, *station, AL_STATUS, &[0; 6])));
+    }
+    while let Some((slave, ticket)) = tickets.pop() {
+        let mut bytes = [0; 6];
+        match ticket.answer(&mut bytes).await {
+            Ok(1) => {
+                let status = AlStatusWithCode::decode(&bytes);
+                bus.with(|shared| shared.see_status(slave, status));
+            }
+            Ok(_) => bus.with(|shared| shared.lose(slave)),
+            // Nobody knows.
+            Err(_) => {}
+        }
+    }
+}
+
 /// The watch.
 pub(super) struct Watch {
     bus: Bus,
     slaves: Vec<SlaveInfo>,
+    stations: Vec<u16>,
     tickets: Vec<(u8, Ticket)>,
     /// When slaves that have come back are looked for next.
     next_return: Ns,
@@ -31,7 +51,8 @@ pub(super) struct Watch {
 impl Watch {
     pub(super) fn new(bus: Bus, slaves: Vec<SlaveInfo>) -> Self {
         let tickets = Vec::with_capacity(slaves.len());
-        Self { bus, slaves, tickets, next_return: 0 }
+        let stations = slaves.iter().map(|slave| slave.station).collect();
+        Self { bus, slaves, stations, tickets, next_return: 0 }
     }
 
     /// Watches for ever.
@@ -39,7 +60,7 @@ impl Watch {
         loop {
             self.bus.wait_for_alarm().await;
             if self.bus.with(|shared| !shared.is_all_in_op || !shared.has_cycles()) {
-                self.read_states().await;
+                read_states(&self.bus, &self.stations, &mut self.tickets).await;
             }
             self.look_for_mail().await;
             if self.bus.with(|shared| !shared.has_cycles()) {
@@ -57,26 +78,7 @@ impl Watch {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
     }
 
-    /// Reads the AL status of all slaves.
-    async fn read_states(&mut self) {
-        for (slave, info) in (1..).zip(&self.slaves) {
-            self.tickets.push((slave, self.bus.queue(Command::Fprd, info.station, AL_STATUS, &[0; 6])));
-        }
-        while let Some((slave, ticket)) = self.tickets.pop() {
-            let mut bytes = [0; 6];
-            match ticket.answer(&mut bytes).await {
-                Ok(1) => {
-                    let status = AlStatusWithCode::decode(&bytes);
-                    self.bus.with(|shared| shared.see_status(slave, status));
-                }
-                Ok(_) => self.bus.with(|shared| shared.lose(slave)),
-                // Nobody knows.
-                Err(_) => {}
-            }
-        }
-    }
-
-    /// Reads the mailboxes that are full although nobody waits for an answer.
+    /// Reads the mailboxes that are full although nobody waits for an answer, but for those whose mail a user takes.
     async fn look_for_mail(&mut self) {
         for (slave, info) in (1..).zip(&self.slaves) {
             if info.mailbox.is_some() && self.bus.with(|shared| shared.has_idle_mailbox(slave)) {
@@ -91,7 +93,8 @@ impl Watch {
                 full.insert(slave);
             }
         }
-        for slave in full.iter() {
+        let kept = self.bus.with(|shared| shared.note_mail(full));
+        for slave in full.difference(kept).iter() {
             let Some(SlaveInfo { station, mailbox: Some(mailbox), .. }) = self.slaves.get(usize::from(slave) - 1)
             else {
                 continue;

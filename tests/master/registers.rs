@@ -1,9 +1,15 @@
 //! Registers, EEPROM words and single datagrams.
 
-use ecmsk::ethercat::registers::{FMMUS, RX_ERRORS, SII_CONFIGURATION, STATION_ADDRESS, SiiControl, TYPE};
+use ecmsk::ethercat::mailbox::{MailboxMessage, MailboxProtocol};
+use ecmsk::ethercat::registers::{
+    FMMUS, RX_ERRORS, SII_CONFIGURATION, STATION_ADDRESS, SiiControl, SmControl, SyncManager, TYPE,
+};
 use ecmsk::ethercat::{AlState, Command, DATA_LEN_MAX, SlaveSet};
-use ecmsk::master::{DatagramAnswer, DatagramError, JobDone, SiiError, StateReason};
+use ecmsk::master::{
+    DatagramAnswer, DatagramError, Event, JobDone, MailboxError, ReferenceClock, SiiError, StateReason,
+};
 use ecmsk::slave::esc::{Chain, EscSettings};
+use ecmsk::slave::{DeviceFault, Fault};
 
 use super::rig::{MS, Rig, SECOND, slave};
 
@@ -194,4 +200,97 @@ fn an_eeprom_that_was_offered_is_taken() {
     assert_eq!(write(&mut rig, 1, SII_CONFIGURATION, &[1]), Ok(()));
     assert!(read_words(&mut rig, 1, 8, 2).is_ok());
     assert_eq!(read(&mut rig, 1, SII_CONFIGURATION, 1), Ok(vec![0]));
+}
+
+const ALARM: Fault = Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable: true } };
+
+/// MASTER-9.5 Mail that is kept stays in the mailbox, is seen there, and is read with its header; the emergency in it is an event
+/// then. Another request takes it, too.
+#[test]
+fn mail_is_kept_for_a_user() {
+    let mut rig = Rig::in_op(&["drive", "drive"]);
+    rig.master.keep_mail(1, true);
+    let alarm = |rig: &mut Rig| {
+        assert!(rig.net.chain.slave_mut(0).device_mut().apply_fault(ALARM));
+        rig.run_for(50 * MS);
+    };
+    alarm(&mut rig);
+    assert!(rig.master.has_mail(1) && !rig.master.has_mail(2));
+    assert_eq!(rig.master.take_event(), None);
+    let id = rig.master.receive_mail(1);
+    let JobDone::Mail(Ok(Some(mail))) = rig.wait(id) else { panic!("there is mail") };
+    let message = MailboxMessage::decode(&mail).expect("a message");
+    assert_eq!(message.header.protocol, MailboxProtocol::Coe);
+    assert!(
+        matches!(rig.master.take_event(), Some(Event::Emergency { slave: 1, emergency }) if emergency.code == 0x3210)
+    );
+    assert!(!rig.master.has_mail(1));
+    let id = rig.master.receive_mail(1);
+    assert_eq!(rig.wait(id), JobDone::Mail(Ok(None)));
+    let id = rig.master.receive_mail(3);
+    assert_eq!(rig.wait(id), JobDone::Mail(Err(MailboxError::NoMailbox)));
+}
+
+/// MASTER-9.6 States that a slave has left by itself are known once they were read.
+#[test]
+fn states_are_read_when_they_are_wanted() {
+    let mut rig = Rig::scanned(&["io", "io"]);
+    rig.reach(AlState::PreOp);
+    rig.net.chain.silence(1, true);
+    let id = rig.master.read_states();
+    assert_eq!(rig.wait(id), JobDone::States);
+    let present = [1, 2].map(|slave| rig.master.status(slave).is_some_and(|status| status.is_present));
+    assert_eq!(present, [true, false]);
+}
+
+/// MASTER-9.7 Process data and mailboxes lie where a user says, and work there.
+#[test]
+fn sync_managers_lie_where_a_user_says() {
+    let mut rig = Rig::scanned(&["io", "io"]);
+    let outputs = SyncManager::enabled(0x1A00, 2, SmControl::OUTPUTS);
+    assert_eq!(rig.master.set_manager(2, 2, outputs), Ok(()));
+    assert_eq!(rig.master.set_manager(2, 0, SyncManager::enabled(0x1C00, 128, SmControl::MAILBOX_OUT)), Ok(()));
+    assert_eq!(rig.master.set_manager(2, 1, SyncManager::enabled(0x1C80, 128, SmControl::MAILBOX_IN)), Ok(()));
+    assert!(rig.master.set_manager(2, 1, SyncManager::enabled(0x1C80, 8, SmControl::MAILBOX_IN)).is_err());
+    assert!(rig.master.set_manager(2, 40, outputs).is_err());
+    assert!(rig.master.set_manager(3, 2, outputs).is_err());
+    rig.bring_to_op(&["io", "io"]);
+    rig.master.outputs_mut(2).expect("a slave").copy_from_slice(&[0x5A, 0xA5]);
+    rig.run_for(5 * MS);
+    assert_eq!(rig.net.chain.slave(1).controller().peek(0x1A00, 2), [0x5A, 0xA5]);
+    assert_eq!(rig.upload(2, 0x7000, 1), Ok(vec![0x5A, 0xA5]));
+    assert_eq!(rig.last.working_counter, rig.last.expected_working_counter);
+}
+
+/// MASTER-4.7 The same process data travel in LWR and LRD while LRW is off, in any cycle.
+#[test]
+fn lrw_is_switched_off_and_on() {
+    let mut rig = Rig::in_op(&["io", "drive"]);
+    for (lrw, counter) in [(false, 4), (true, 6), (false, 4)] {
+        rig.master.set_lrw(lrw);
+        let value = [counter as u8, 0x11];
+        rig.master.outputs_mut(1).expect("a slave").copy_from_slice(&value);
+        rig.run_for(5 * MS);
+        assert_eq!((rig.last.working_counter, rig.last.expected_working_counter, rig.last.lost), (counter, counter, 0));
+        assert_eq!(rig.upload(1, 0x7000, 1), Ok(value.to_vec()));
+        // The inputs of the module are its outputs.
+        assert_eq!(rig.master.inputs(1), Some(&value[..]));
+    }
+}
+
+/// MASTER-6.7 The clocks of slaves whose crystals are wrong follow the master's clock if that leads, and do not if a slave's does.
+#[test]
+fn clocks_follow_the_master_if_it_leads() {
+    let away = |reference| {
+        let settings = |drift_ppb| EscSettings { drift_ppb, ..EscSettings::default() };
+        let mut rig = Rig::of(Chain::line([100_000, -50_000].map(|drift| slave("drive", settings(drift)))));
+        rig.master.set_reference(reference);
+        rig.scan();
+        rig.next_cycle = Some(rig.net.now);
+        rig.run_for(3 * SECOND);
+        let now = rig.net.now;
+        [0, 1].map(|n| rig.net.chain.slave(n).controller().system_time_ns().abs_diff(now))
+    };
+    assert!(away(ReferenceClock::Master).iter().all(|away| *away < 2_000), "{:?}", away(ReferenceClock::Master));
+    assert!(away(ReferenceClock::FirstSlave).iter().all(|away| *away > 200_000));
 }

@@ -12,7 +12,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::sk::{DriveResponse, DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind, StateByte};
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use ecmsk::xf::chip::SlaveModels;
+use ecmsk::xf::chip::{SimulatedNetwork, SlaveModels};
 use ecmsk::xf::host::Wires;
 use ecmsk::xf::request::WarmReset;
 use ecmsk::xf::{CheckRule, CommandHeader, MAX_PACKET, write_request};
@@ -31,7 +31,7 @@ impl Lasting {
         let chip = ModelledChip::from_uri(&uri).expect("a chip");
         let slave = |_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
         let network = SlaveModels::new((0..drives).map(slave).collect()).reached_by(handle);
-        Self(Arc::new(Mutex::new(SimChip::over(URI, chip, Clock::Real, network))))
+        Self(Arc::new(Mutex::new(SimChip::over(URI, chip, Clock::Real, SimulatedNetwork::Models(network)))))
     }
 
     fn open(&self) -> Result<Client, LinkError> {

@@ -9,7 +9,9 @@
 //! - `helper.rs`: the CiA 402 helper with a drive
 //! - `interrupts.rs`: INT0 and INT1
 //! - `units.rs`: GPIO, encoder, DAC, ADC, PHY
-//! - `refused.rs`: what the model has not
+//! - `registers.rs`: slaves behind controllers: registers, EEPROMs, files, mailboxes
+//! - `wire.rs`: slaves behind controllers as the wire shows them
+//! - `refused.rs`: what slave models have not
 //! - `application.rs`: the usual start of an application, and drives along a path
 //! - `saboteur.rs`: a wire on which one function has no effect
 //! - `coverage.rs`: that each of the 91 functions is among them, and that its test fails where it has no effect
@@ -28,6 +30,8 @@ mod interrupts;
 mod network;
 #[path = "pair/refused.rs"]
 mod refused;
+#[path = "pair/registers.rs"]
+mod registers;
 #[path = "pair/saboteur.rs"]
 mod saboteur;
 #[path = "pair/start.rs"]
@@ -36,11 +40,16 @@ mod start;
 mod transfers;
 #[path = "pair/units.rs"]
 mod units;
+#[path = "pair/wire.rs"]
+mod wire;
+
+use std::cell::Cell;
 
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::Ns;
+use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
-use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
+use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
 use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, Next, ProcessData, ProcessOutcome, Ticket};
 use ecmsk::xf::request::{
     Call, DcTiming, EcatInit, Reconfig, ReferenceClock, SdoOperation, SdoRequest, SlaveInfoItem, Slaves, StateSet,
@@ -56,10 +65,15 @@ const S: Ns = 1000 * MS;
 /// How long anything is waited for.
 const WAIT_MAX: Ns = 20 * S;
 
+thread_local! {
+    /// Pairs of this thread have slaves behind controllers, not slave models.
+    static OVER_CONTROLLERS: Cell<bool> = const { Cell::new(false) };
+}
+
 /// A driver whose bytes go to a model.
 struct Pair {
     host: Host,
-    port: ChipPort<SlaveModels>,
+    port: ChipPort<SimulatedNetwork>,
     now: Ns,
     /// The level of INT0 that the driver is wired to take for "ready".
     int0_active: bool,
@@ -72,7 +86,13 @@ impl Pair {
     /// A driver, and a chip with these slaves that gets its power now; `skipped` bytes have passed before the driver
     /// begins.
     fn new(profile: Profile, config: HostConfig, slaves: Vec<Box<dyn Slave>>, skipped: usize) -> Self {
-        let mut port = ChipPort::new(Chip::new(profile, SlaveModels::new(slaves)));
+        let handle = SimHandle::default();
+        let network = if OVER_CONTROLLERS.get() {
+            SimulatedNetwork::Controllers(Controllers::new(slaves, handle).expect("slaves can be described"))
+        } else {
+            SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle))
+        };
+        let mut port = ChipPort::new(Chip::new(profile, network));
         port.transfer(0, &vec![0; skipped], &mut vec![0; skipped]);
         let host = Host::new(0, config);
         Self { host, port, now: 0, int0_active: true, damages_next: false, saboteur: Saboteur::of_the_start() }
@@ -230,13 +250,31 @@ impl Pair {
         self.header().status.contains(status)
     }
 
-    fn chip(&mut self) -> &mut Chip<SlaveModels> {
+    fn chip(&mut self) -> &mut Chip<SimulatedNetwork> {
         self.port.chip_mut()
+    }
+
+    /// Makes a slave not answer, or answer again.
+    fn silence(&mut self, slave: u8, silent: bool) {
+        self.chip().network().handle().silence(slave + 1, silent);
+    }
+
+    /// The controllers of the slaves, where they have some.
+    fn controllers(&mut self) -> &mut Controllers {
+        match self.chip().network_mut() {
+            SimulatedNetwork::Controllers(controllers) => controllers,
+            SimulatedNetwork::Models(_) => panic!("the slaves are models"),
+        }
+    }
+
+    /// The device of a slave, to cause something in it.
+    fn device(&mut self, slave: u8) -> &mut dyn Slave {
+        self.chip().network_mut().slave_mut(slave).expect("the slave")
     }
 
     /// An object as the slave itself has it.
     fn object(&mut self, slave: u8, index: u16, sub: u8) -> u32 {
-        let slave = self.chip().network_mut().slave_mut(slave).expect("the slave");
+        let slave = self.device(slave);
         slave.upload(ObjectAddress::new(index, sub)).expect("the object").bits
     }
 

@@ -26,7 +26,7 @@ fn sources() -> Vec<(String, String)> {
 /// The name that a line of code defines: of a constant, a function, a type, a variant, a field. Empty if it defines
 /// none.
 fn defined(line: &str) -> &str {
-    const WORDS: [&str; 6] = ["pub ", "const ", "fn ", "struct ", "enum ", "static "];
+    const WORDS: [&str; 7] = ["pub ", "const ", "async ", "fn ", "struct ", "enum ", "static "];
     let mut rest = line.trim();
     let behind_word = |rest: &'_ str| -> Option<usize> {
         let scope = rest.starts_with("pub(").then(|| rest.find(") ")).flatten().map(|end| end + 2);

@@ -78,7 +78,7 @@ fn the_slave_that_refuses_is_named() {
     let (mut xf, chip) = started("drive*3");
     xf.start_network(&NetworkConfig::default()).unwrap();
     xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
-    chip.chip().chip_mut().network_mut().silence(1, true);
+    chip.chip().chip().network().handle().silence(2, true);
     let error = xf.set_state(Slaves::All, EtherCatState::SafeOp).unwrap_err();
     let XfError::StateStuck { wanted: EtherCatState::SafeOp, slaves } = &error else { panic!("{error}") };
     assert_eq!(slaves.iter().find(|slave| slave.1.is_none()), Some(&(1, None, 0)), "{error}");
@@ -86,7 +86,7 @@ fn the_slave_that_refuses_is_named() {
     // The others can still be used.
     assert_eq!(xf.sdo_read::<i8>(2, MODE).unwrap(), xf.sdo_read::<i8>(0, MODE).unwrap());
     // One slave alone.
-    chip.chip().chip_mut().network_mut().silence(1, false);
+    chip.chip().chip().network().handle().silence(2, false);
     xf.set_state(Slaves::One(SlaveNumber::new(1).unwrap()), EtherCatState::PreOp).unwrap();
 }
 

@@ -24,7 +24,7 @@ mod usb;
 pub use board::{ChipBoard, ChipUse};
 #[cfg(feature = "sim")]
 pub use options::SimChipOptions;
-pub use options::{ChipModel, ChipOptions, ModelledChip};
+pub use options::{ChipModel, ChipNetwork, ChipOptions, ModelledChip};
 pub use record::RecordedChip;
 #[cfg(feature = "sim")]
 pub use sim::SimChip;
@@ -127,6 +127,14 @@ pub enum ChipError {
     #[cfg(feature = "sim")]
     #[error(transparent)]
     ManufacturerObjects(#[from] super::manufacturer_objects::ManufacturerObjectsError),
+    /// The slaves of `network=controllers` cannot be put on a network.
+    #[cfg(feature = "sim")]
+    #[error("{name}: {reason}; take that slave out, or write network=models")]
+    Network {
+        name: String,
+        /// Why.
+        reason: String,
+    },
     /// The wires cannot be used.
     #[error("{name}: {message}")]
     Wires {

@@ -17,9 +17,15 @@ use crate::link::slaves::{self, SlaveSpec};
 #[cfg(all(feature = "spi", target_os = "linux"))]
 use crate::link::spi::device;
 use crate::link::uri::{LinkUri, UriError};
+#[cfg(feature = "sim")]
+use crate::slave::Slave;
+#[cfg(feature = "sim")]
+use crate::slave::esc::UndescribedError;
+#[cfg(feature = "sim")]
+use crate::slave::handle::SimHandle;
 use crate::xf::DataSize;
 #[cfg(feature = "sim")]
-use crate::xf::chip::Profile;
+use crate::xf::chip::{Controllers, Profile, SimulatedNetwork, SlaveModels};
 
 /// Options of every link to a chip: how the driver uses it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,6 +70,15 @@ pub enum ChipModel {
     Xfu,
 }
 
+/// What is between a modelled chip and its simulated slaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChipNetwork {
+    /// Calls: fast, without registers, EEPROMs, files and mailboxes.
+    Models,
+    /// Frames: a master in the chip, and a controller in front of each slave.
+    Controllers,
+}
+
 /// The chip that `xf-sim:` models, and the wires to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModelledChip {
@@ -75,6 +90,8 @@ pub struct ModelledChip {
     pub speed_hz: u32,
     /// Whether INT0 is wired.
     pub int0: bool,
+    /// What is between it and its slaves.
+    pub network: ChipNetwork,
 }
 
 impl ModelledChip {
@@ -89,6 +106,24 @@ impl ModelledChip {
             size: uri.typed("n", data_size)?,
             speed_hz: speed_hz(uri)?,
             int0: uri.choice("int0", [("no", false), ("yes", true)])?,
+            network: uri
+                .choice("network", [("models", ChipNetwork::Models), ("controllers", ChipNetwork::Controllers)])?,
+        })
+    }
+
+    /// These slaves as the chip's network, which `handle` reaches.
+    ///
+    /// # Errors
+    /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
+    #[cfg(feature = "sim")]
+    pub fn network(
+        &self,
+        slaves: Vec<Box<dyn Slave>>,
+        handle: SimHandle,
+    ) -> Result<SimulatedNetwork, UndescribedError> {
+        Ok(match self.network {
+            ChipNetwork::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
+            ChipNetwork::Controllers => SimulatedNetwork::Controllers(Controllers::new(slaves, handle)?),
         })
     }
 

@@ -7,13 +7,14 @@ use crate::ethercat::Ns;
 use crate::link::options::Clock;
 use crate::link::sim;
 use crate::link::uri::LinkUri;
-use crate::xf::chip::{Chip, ChipPort, SlaveModels};
+use crate::slave::handle::SimHandle;
+use crate::xf::chip::{Chip, ChipPort, SimulatedNetwork};
 use crate::xf::host::Wires;
 
 /// A model of the chip, which gets its power when it is opened, and the wires to it.
 pub struct SimChip {
     info: ChipInfo,
-    port: ChipPort<SlaveModels>,
+    port: ChipPort<SimulatedNetwork>,
     clock: ChipClock,
     /// How long a byte takes, in picoseconds.
     byte_ps: u64,
@@ -51,15 +52,17 @@ impl SimChip {
     /// The chip that an `xf-sim:` link describes.
     ///
     /// # Errors
-    /// [`ChipError::Uri`], [`ChipError::ManufacturerObjects`].
+    /// [`ChipError::Uri`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let options = SimChipOptions::from_uri(uri)?;
-        let network = SlaveModels::new(sim::slaves(&options.slaves)?);
+        let network = options.chip.network(sim::slaves(&options.slaves)?, SimHandle::default());
+        let network =
+            network.map_err(|error| ChipError::Network { name: uri.to_string(), reason: error.to_string() })?;
         Ok(Self::over(&uri.to_string(), options.chip, options.clock, network))
     }
 
     /// The chip with that network; `name` is the name of the link in messages.
-    pub fn over(name: &str, chip: ModelledChip, clock: Clock, network: SlaveModels) -> Self {
+    pub fn over(name: &str, chip: ModelledChip, clock: Clock, network: SimulatedNetwork) -> Self {
         let profile = chip.profile();
         let size = profile.size_is_fixed.then_some(profile.size);
         let clock_hz = size.is_none().then_some(chip.speed_hz);
@@ -80,12 +83,12 @@ impl SimChip {
     }
 
     /// The chip, to look at.
-    pub const fn chip(&self) -> &Chip<SlaveModels> {
+    pub const fn chip(&self) -> &Chip<SimulatedNetwork> {
         self.port.chip()
     }
 
     /// The chip, to use its pins and to cause trouble in its network.
-    pub const fn chip_mut(&mut self) -> &mut Chip<SlaveModels> {
+    pub const fn chip_mut(&mut self) -> &mut Chip<SimulatedNetwork> {
         self.port.chip_mut()
     }
 }

@@ -242,6 +242,15 @@ pub const KEYS: &[Key] = &[
                   without LRW; xfu, an ECM-XFU with 992",
     },
     Key {
+        name: "network",
+        schemes: XF_SIM,
+        syntax: Syntax::Choice(&["models", "controllers"]),
+        default: Some("models"),
+        example: "controllers",
+        meaning: "what is between the chip and its slaves: models, calls, which are fast; controllers, frames and a slave \
+                  controller for each, with registers, EEPROMs, files and mailboxes",
+    },
+    Key {
         name: "n",
         schemes: XF_SIM,
         syntax: DATA_SIZE,

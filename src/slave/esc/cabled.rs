@@ -82,6 +82,11 @@ impl CabledChain {
         &self.chain
     }
 
+    /// The slaves, to cause something in them that the cable knows nothing of.
+    pub const fn chain_mut(&mut self) -> &mut Chain {
+        &mut self.chain
+    }
+
     /// A frame goes out at `now` and is changed in place, as [`Chain::process`] says.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.follow_cable(now);

@@ -1,9 +1,8 @@
 //! What the chip knows of its network: slaves, states as last read, where process data are, the working counter.
 
-use super::network::{IMAGE_MAX, Network, Place, SLAVES_MAX, mapped_bytes};
-use crate::coe::AbortCode;
+use super::network::{IMAGE_MAX, Network, Place, SLAVES_MAX};
 use crate::ethercat::{AlState, AlStatus, Ns};
-use crate::xf::request::{DcTiming, PdoAssignment, WkcErrorLimit};
+use crate::xf::request::{DcTiming, SlaveBits, SlaveNumber, WkcErrorLimit};
 use crate::xf::{EtherCatState, NetworkState};
 
 /// Whether process data travel in LRW before ECAT_INIT_OP or ENABLE_LRW says so, and with firmware that does not know
@@ -22,6 +21,17 @@ pub(super) struct Known {
     pub dc_active: bool,
 }
 
+/// Lengths of the process data of a slave that the host has set: of outputs, of inputs.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SetLengths {
+    /// By CONFIG_SM.
+    pub of_managers: [Option<u16>; 2],
+    /// By DIRECT_ASSIGN.
+    pub assigned: [Option<u16>; 2],
+    /// What DIRECT_ASSIGN has assigned is used.
+    pub is_assigned: bool,
+}
+
 /// The network.
 pub(super) struct Bus {
     /// ECAT_INIT_OP has succeeded.
@@ -30,6 +40,11 @@ pub(super) struct Bus {
     pub count: u8,
     pub known: [Known; SLAVES_MAX],
     pub places: [Place; SLAVES_MAX],
+    pub lengths: [SetLengths; SLAVES_MAX],
+    /// The slaves whose mailboxes are polled from the next layout of process data on.
+    pub wants_polled: SlaveBits,
+    /// The slaves whose mailboxes are polled.
+    pub polls: SlaveBits,
     /// Process data are configured and exchanged.
     pub mapped: bool,
     pub rx_bytes: u16,
@@ -56,6 +71,9 @@ impl Bus {
             count: 0,
             known: [Known::default(); SLAVES_MAX],
             places: [Place::default(); SLAVES_MAX],
+            lengths: [SetLengths::default(); SLAVES_MAX],
+            wants_polled: SlaveBits::default(),
+            polls: SlaveBits::default(),
             mapped: false,
             rx_bytes: 0,
             tx_bytes: 0,
@@ -90,23 +108,40 @@ impl Bus {
         self.places().iter().any(|place| place.commanded >= state)
     }
 
-    pub fn expected_working_counter(&self) -> u16 {
-        self.places().iter().map(|place| place.counts(place.commanded, self.lrw)).sum()
+    /// `outputs_from`: the state from which outputs count.
+    pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
+        self.places().iter().map(|place| place.counts(place.commanded, self.lrw, outputs_from)).sum()
     }
 
     /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which
-    /// it was brought, with AL status 0x1B where it left OP by its watchdog, or has refused a change.
+    /// it was brought, with AL status 0x1B where it left OP by its watchdog and no register tells, or has refused a change.
     pub fn update(&mut self, network: &impl Network, slave: u8) {
         let (known, place) = (&mut self.known[usize::from(slave)], self.places[usize::from(slave)]);
         let Some(state) = network.state(slave) else {
             known.state = NetworkState(NetworkState::ERROR);
             return;
         };
-        if state < place.commanded {
-            known.al_status = AlStatus::WATCHDOG.0;
+        let is_below = state < place.commanded;
+        match network.al_status(slave) {
+            Some(status) => known.al_status = status.0,
+            None if is_below => known.al_status = AlStatus::WATCHDOG.0,
+            None => {}
         }
-        let error = if known.al_status == 0 { 0 } else { NetworkState::ERROR };
+        let error = if known.al_status == 0 && !is_below { 0 } else { NetworkState::ERROR };
         known.state = NetworkState(EtherCatState::from(state).code() | error);
+    }
+
+    /// Whether the slave's mailbox is polled.
+    pub fn is_polled(&self, slave: u8) -> bool {
+        SlaveNumber::new(slave).is_some_and(|slave| self.polls.contains(slave))
+    }
+
+    /// The lengths of a slave's process data that the host has set; `None`: its mapping objects say it. `[OURS]` What
+    /// DIRECT_ASSIGN assigns is before what CONFIG_SM says.
+    pub fn assigned_lengths(&self, slave: u8) -> [Option<u16>; 2] {
+        let set = &self.lengths[usize::from(slave)];
+        let direction = |n: usize| set.assigned[n].filter(|_| set.is_assigned).or(set.of_managers[n]);
+        [direction(0), direction(1)]
     }
 
     /// The state of all: the lowest one, with the error bit of any.
@@ -121,34 +156,24 @@ impl Bus {
         }
     }
 
-    /// Lays out the process data as the slaves' own mapping objects say.
-    ///
-    /// # Errors
-    /// The abort code with which a slave aborts, or [`AbortCode::PDO_LENGTH`]: they are more than the images hold.
-    pub fn map(&mut self, network: &mut impl Network) -> Result<(), AbortCode> {
-        let (mut outputs, mut inputs) = (0_u16, 0_u16);
-        self.mapped = false;
-        for slave in self.slaves() {
-            let output_bytes = mapped_bytes(network, slave, PdoAssignment::Rx)?;
-            let input_bytes = mapped_bytes(network, slave, PdoAssignment::Tx)?;
-            let place = &mut self.places[usize::from(slave)];
+    /// Lays out process data of these lengths, which the images hold: of outputs and of inputs of each slave.
+    pub fn lay_out(&mut self, lengths: &[[u16; 2]]) {
+        let (mut outputs, mut inputs) = (0, 0);
+        for (place, [output_bytes, input_bytes]) in self.places.iter_mut().zip(lengths.iter().copied()) {
             *place = Place { outputs_at: outputs, output_bytes, inputs_at: inputs, input_bytes, ..*place };
             (outputs, inputs) = (outputs + output_bytes, inputs + input_bytes);
-            if usize::from(outputs.max(inputs)) > IMAGE_MAX {
-                return Err(AbortCode::PDO_LENGTH);
-            }
         }
         (self.rx_bytes, self.tx_bytes) = (outputs, inputs);
         self.outputs.fill(0);
         self.inputs.fill(0);
         (self.wkc_errors_in_a_row, self.mapped) = (0, true);
-        Ok(())
     }
 
-    /// Counts a cycle's working counter. False: it was wrong.
-    pub fn count(&mut self, working_counter: u16) -> bool {
+    /// Counts a cycle's working counter. False: it was wrong. `[OURS]` One that is higher than expected is that of slaves on
+    /// their way up.
+    pub fn count(&mut self, working_counter: u16, outputs_from: AlState) -> bool {
         self.working_counter = working_counter;
-        let right = working_counter == self.expected_working_counter();
+        let right = working_counter >= self.expected_working_counter(outputs_from);
         if right {
             self.wkc_errors_in_a_row = 0;
         } else {

@@ -7,7 +7,9 @@
 //! | `pdo.rs` | process data and FIFOs |
 //! | `unit.rs` | the chip itself: packets, version, resets, interrupts; the CiA 402 helper |
 //! | `io.rs` | GPIO, encoder, DAC, ADC |
+//! | `fetched.rs` | what was fetched from registers, EEPROMs and mailboxes |
 
+mod fetched;
 mod io;
 mod network;
 mod pdo;
@@ -18,22 +20,20 @@ pub use start::SYNC0_MIN_NS;
 
 use super::Chip;
 use super::network::Network;
-use crate::xf::request::{FoeRequest, Request};
+use crate::xf::request::{FoeRequest, ReceiveMailbox, Request};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{CommandCode, Malformed};
 
-/// Commands that the model answers with the command error, since slave models have no registers, EEPROMs, files or raw
-/// mailboxes. Beside them FOE_FUNC_REQ moves no files, operations 1 and 2: the flash memory that it reads and writes
-/// the model has.
+/// Commands that need registers, EEPROMs, files or raw mailboxes. Over a network that has none, such as slave models, they are
+/// answered with the command error, and so are operations 1 and 2 of FOE_FUNC_REQ, which move files; the flash memory that it
+/// reads and writes the chip has itself.
 ///
-/// ECAT_INIT_OP remembers SYNC1 and the shift and does nothing with them, nor with the special slaves and the reference
-/// clock: the network has one clock.
-pub const WITHOUT_EFFECT: [CommandCode; 9] = [
+/// Over such a network ECAT_INIT_OP remembers SYNC1 and the shift and does nothing with them, nor with the reference clock, and
+/// over none with the special slaves, of which the manuals say no more.
+pub const NEED_REGISTERS: [CommandCode; 7] = [
     CommandCode::EepromRequest,
     CommandCode::EepromGet,
     CommandCode::ConfigSyncManager,
-    CommandCode::ConfigFmmu,
-    CommandCode::DirectAssign,
     CommandCode::RawRequest,
     CommandCode::RawGet,
     CommandCode::ReceiveMailbox,
@@ -86,7 +86,12 @@ impl<N: Network> Chip<N> {
             Request::EnableLrw(request) => self.enable_lrw(request.lrw),
             Request::SdoGet(_) => self.sdo_get(data),
             Request::SdoAbortCodeGet(_) => Ok(self.sdo.abort.encode(data)?),
-            Request::CoeEmergency(request) => Self::emergencies(request, data),
+            Request::CoeEmergency(request) => answered(self.results.emergencies.list(request.count.get().into()), data),
+            Request::EepromGet(_) => self.eeprom_get(data),
+            Request::RawGet(_) => self.raw_get(data),
+            Request::DirectAssign(ref request) => self.direct_assign(request),
+            Request::ReceiveMailbox(ReceiveMailbox::Read(part)) => self.mailbox_part(part, data),
+            Request::MailboxStatus(ref request) => self.mailbox_status(request, data),
             Request::WkcErrorCountGet(_) => Ok(self.bus.wkc_errors_in_a_row.encode(data)?),
             Request::WkcErrorMaxGet(_) => Ok(self.bus.wkc_limit.encode(data)?),
             Request::WkcErrorMaxSet(request) => {
@@ -147,12 +152,13 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// Whether the firmware and the model have this function.
+    /// Whether the firmware and the network have this function.
     fn has(&self, request: &Request<'_>) -> bool {
-        let is_there = match request {
-            Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => false,
-            _ => !WITHOUT_EFFECT.contains(&request.code()),
+        let needs_registers = match request {
+            Request::FoeRequest(FoeRequest::Upload(_) | FoeRequest::Download(_)) => true,
+            _ => NEED_REGISTERS.contains(&request.code()),
         };
+        let is_there = !needs_registers || self.network.knows_registers();
         let function = request.function().and_then(|parameter| request.code().function(parameter));
         is_there && function.is_none_or(|function| function.since <= self.profile.version)
     }

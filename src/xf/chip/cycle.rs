@@ -1,7 +1,7 @@
 //! Time: EtherCAT cycles, and the ends of commands that take time.
 
 use super::Chip;
-use super::network::{IMAGE_MAX, Network};
+use super::network::{Exchange, IMAGE_MAX, Network};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::Interrupts;
 
@@ -17,13 +17,15 @@ impl<N: Network> Chip<N> {
     /// It takes as long as the cycles are many: a second of 1 ms cycles is a thousand.
     pub fn run_until(&mut self, now: Ns) {
         while self.next_event() <= now {
-            let at = self.next_event();
-            self.now = at;
-            if at == self.next_cycle {
+            self.now = self.next_event().max(self.now);
+            if self.now == self.next_cycle {
                 self.cycle();
-                self.next_cycle = at + self.bus.cycle_ns;
-            } else {
-                self.end_job();
+                self.next_cycle = self.now + self.bus.cycle_ns;
+            } else if self.network.next_work().is_some_and(|at| at <= self.now) {
+                self.network.work(self.now);
+            }
+            if self.job.is_some() {
+                self.run_job();
             }
         }
         self.now = self.now.max(now);
@@ -31,16 +33,19 @@ impl<N: Network> Chip<N> {
         self.analog.settle(self.now);
     }
 
-    /// The next cycle, or the next end of a part of a command if that is earlier.
+    /// The next cycle, or what the command under way does next if that is earlier.
     fn next_event(&self) -> Ns {
-        self.job.as_ref().map_or(self.next_cycle, |job| job.due.min(self.next_cycle))
+        self.next_job_event().map_or(self.next_cycle, |event| event.min(self.next_cycle))
     }
 
     /// The time since the last cycle passes in the slaves, then a frame takes outputs to them and brings what they have
     /// measured.
     fn cycle(&mut self) {
-        self.network.pass(self.now - self.last_cycle);
+        self.network.pass(self.now, self.now - self.last_cycle);
         self.last_cycle = self.now;
+        while let Some((slave, emergency)) = self.network.take_emergency() {
+            self.results.emergencies.add(slave, emergency);
+        }
         if !self.bus.mapped || !self.bus.any_commanded(INPUTS_FROM) {
             return;
         }
@@ -53,8 +58,9 @@ impl<N: Network> Chip<N> {
         frame.copy_from_slice(&bus.outputs);
         let places = &bus.places[..bus.count.into()];
         self.helper.lead(places, &mut frame, &bus.inputs);
-        let working_counter = self.network.exchange(places, &frame, &mut bus.inputs, bus.lrw);
-        let is_right = bus.count(working_counter);
+        let exchange = Exchange { places, outputs: &frame, inputs: &mut bus.inputs, lrw: bus.lrw };
+        let working_counter = self.network.exchange(exchange);
+        let is_right = bus.count(working_counter, self.network.outputs_count_from());
         let interrupt = self.fifos.push_tx(&bus.inputs[..bus.tx_bytes.into()]);
         self.interrupts.raise(interrupt | Interrupts::ETHERCAT);
         if !is_right {

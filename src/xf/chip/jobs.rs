@@ -1,14 +1,25 @@
 //! Commands that take time: one at a time, each ends with its effect or with an error.
+//!
+//! A job begins what it asks of the network, a [`Procedure`], and ends when that has been answered and its own time is up. On a
+//! network for which nothing takes time it begins when it ends.
 
 mod network;
+mod pdos;
+mod requests;
 mod transfers;
+mod wire;
 
 use super::Chip;
-use super::network::Network;
+use super::network::{EepromFailure, EnterError, Network, Operation};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns};
-use crate::xf::request::{DcSync, EcatInit, FlashBytes, PdoConfig, PdoConfigRequest, SDO_DATA_MAX, Slaves};
+use crate::xf::request::{
+    ConfigSyncManager, DcSync, EcatInit, EepromOperation, FlashBytes, PdoConfig, PdoConfigRequest, RAW_DATA_MAX,
+    RawOperation, SDO_DATA_MAX, Slaves,
+};
 use crate::xf::{DataSize, Errors};
+use requests::{Procedure, Requests};
+use wire::{begin_datagram, begin_eeprom};
 
 /// What runs.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
@@ -33,6 +44,15 @@ pub(super) enum Job {
         bytes: u16,
         data: [u8; FlashBytes::MAX.get() as usize],
     },
+    File(FileJob),
+    SetManager(ConfigSyncManager),
+    /// CONFIG_FMMU, which has no effect any more.
+    SetFmmus,
+    Eeprom(EepromJob),
+    Datagram(DatagramJob),
+    ReceiveMail {
+        slave: u8,
+    },
 }
 
 pub(super) struct SdoJob {
@@ -53,20 +73,119 @@ pub(super) struct StateJob {
     pub target: Option<AlState>,
     /// All states are read at the end: ECAT_STATE_CHECK.
     pub updates: bool,
+    /// A slave of this part does not answer, or cannot be set up.
+    pub has_failed: bool,
+}
+
+/// A file of a slave and its place in the flash memory.
+pub(super) struct FileJob {
+    pub slave: u8,
+    pub name: Vec<u8>,
+    pub password: u32,
+    pub start: u32,
+    /// The length of the file; of one that is read 0 is any.
+    pub bytes: u32,
+    pub timeout_ns: Ns,
+    /// It is written to the slave, not read from it.
+    pub downloads: bool,
+}
+
+#[derive(Clone, Copy)]
+pub(super) struct EepromJob {
+    pub slave: u8,
+    pub position: u16,
+    pub operation: EepromOperation,
+    pub deadline: Ns,
+}
+
+/// A datagram; in the end as it came back.
+#[derive(Clone, Copy)]
+pub(super) struct DatagramJob {
+    pub operation: RawOperation,
+    pub adp: u16,
+    pub ado: u16,
+    pub logical: u32,
+    pub timeout_us: i32,
+    pub deadline: Ns,
+    /// -1: it did not come back.
+    pub working_counter: i32,
+    pub bytes: usize,
+    pub data: [u8; RAW_DATA_MAX],
+}
+
+impl Job {
+    /// When the host's patience ends.
+    const fn deadline(&self) -> Option<Ns> {
+        match self {
+            Self::Sdo(job) => Some(job.deadline),
+            Self::Eeprom(job) => Some(job.deadline),
+            Self::Datagram(job) => Some(job.deadline),
+            _ => None,
+        }
+    }
 }
 
 /// A job under way.
 pub(super) struct Running {
     pub job: Job,
-    /// When it ends, or a part of it.
+    /// When what it asks of the network begins.
+    begin_at: Ns,
+    /// When it ends, or a part of it, if the network has answered.
     pub due: Ns,
+    procedure: Option<Procedure>,
+    gained: Option<Gained>,
 }
 
 impl Running {
     /// An initialisation, which begins when the network port is ready.
     pub const fn waits_for_port(&self) -> bool {
-        matches!(self.job, Job::Init(_))
+        matches!(self.job, Job::Init(_)) && self.procedure.is_none() && self.gained.is_none()
     }
+
+    /// The port is ready so much earlier.
+    pub const fn skip(&mut self, ns: Ns) {
+        self.due -= ns;
+        self.begin_at = self.begin_at.saturating_sub(ns);
+    }
+
+    /// When there is something to do, if the network has not answered before.
+    const fn next_event(&self) -> Option<Ns> {
+        match (&self.gained, &self.procedure) {
+            (Some(_), _) => Some(self.due),
+            (None, None) => Some(self.begin_at),
+            (None, Some(_)) => self.job.deadline(),
+        }
+    }
+}
+
+/// What came of what a job has asked of the network.
+pub(super) enum Gained {
+    /// There was nothing to ask.
+    Nothing,
+    /// No answer has come in time.
+    TimedOut,
+    Scanned(u8),
+    /// Bytes of outputs and inputs of each slave.
+    Lengths(Result<Vec<[u16; 2]>, AbortCode>),
+    /// What became of slaves that were to enter a state.
+    Entered(Vec<(u8, AlState, Result<(), EnterError>)>),
+    /// A value and its whole length.
+    Value(Result<(Vec<u8>, usize), AbortCode>),
+    Written(Result<(), AbortCode>),
+    Pdos(Result<Box<PdoConfig>, AbortCode>),
+    ManagerSet(bool),
+    Eeprom(Result<Vec<u16>, EepromFailure>),
+    Datagram(Option<(Vec<u8>, u16)>),
+    /// A file that was read, or the error code.
+    File(Result<Vec<u8>, u32>),
+    Mail(Option<Vec<u8>>),
+}
+
+/// How a part of a job begins.
+enum Begun {
+    Procedure(Procedure),
+    Gained(Gained),
+    Failed,
 }
 
 /// How a part of a job ends.
@@ -74,6 +193,8 @@ pub(super) enum Progress {
     Done,
     /// Another part follows, which ends then.
     Next(Ns),
+    /// It is tried once more then.
+    Again(Ns),
     Failed,
 }
 
@@ -99,8 +220,32 @@ impl<N: Network> Chip<N> {
             return false;
         }
         let due = self.now.saturating_add(self.first_part_ns(&job));
-        self.job = Some(Running { job, due });
+        let begin_at = match job {
+            _ if !self.network.takes_time() => due,
+            Job::Init(_) => self.port_ready_at.max(self.now),
+            _ => self.now,
+        };
+        self.job = Some(Running { job, begin_at, due, procedure: None, gained: None });
+        if self.network.takes_time() {
+            self.run_job();
+        }
         true
+    }
+
+    /// Gives up what runs.
+    pub(super) fn drop_job(&mut self) {
+        self.job = None;
+        self.network.give_up();
+    }
+
+    /// When there is something to do for the job under way.
+    pub(super) fn next_job_event(&self) -> Option<Ns> {
+        let running = self.job.as_ref()?;
+        let work = running.procedure.as_ref().and_then(|_| self.network.next_work());
+        match (running.next_event(), work) {
+            (Some(event), Some(work)) => Some(event.min(work)),
+            (event, work) => event.or(work),
+        }
     }
 
     /// How long the first part of a job takes from now on.
@@ -119,49 +264,145 @@ impl<N: Network> Chip<N> {
             Job::State(state) => self.next_change_ns(state),
             Job::StateUpdate => timing.update_ns,
             Job::FifoInit => timing.fifo_init_ns,
-            Job::ReadFlash { .. } | Job::WriteFlash { .. } => timing.flash_ns,
+            Job::ReadFlash { .. } | Job::WriteFlash { .. } | Job::File(_) => timing.flash_ns,
+            Job::SetManager(_) | Job::SetFmmus | Job::Datagram(_) => timing.datagram_ns,
+            Job::Eeprom(_) | Job::ReceiveMail { .. } => timing.sdo_ns,
         }
     }
 
-    /// A part of the job under way ends now.
-    pub(super) fn end_job(&mut self) {
-        let Some(Running { mut job, .. }) = self.job.take() else { return };
-        match self.end_part(&mut job) {
-            Progress::Done => {}
-            Progress::Next(due) => self.job = Some(Running { job, due: due.max(self.now + 1) }),
-            Progress::Failed => self.errors = self.errors | Errors::NON_IMMEDIATE,
+    /// Goes on with the job under way: asks the network, and ends the job, or a part of it, when it is answered and due.
+    pub(super) fn run_job(&mut self) {
+        while let Some(mut running) = self.job.take() {
+            let gained = match self.ask(&mut running) {
+                Asked::Gained(gained) => gained,
+                Asked::Waits => {
+                    self.job = Some(running);
+                    return;
+                }
+                Asked::Failed => return self.fail_job(),
+            };
+            match self.end_part(&mut running.job, gained) {
+                Progress::Done => {}
+                Progress::Next(due) => {
+                    running.due = due.max(self.now + 1);
+                    running.begin_at = if self.network.takes_time() { self.now } else { running.due };
+                    self.job = Some(running);
+                }
+                Progress::Again(at) => {
+                    (running.due, running.begin_at) = (at, at);
+                    self.job = Some(running);
+                }
+                Progress::Failed => self.fail_job(),
+            }
         }
     }
 
-    fn end_part(&mut self, job: &mut Job) -> Progress {
+    fn fail_job(&mut self) {
+        self.errors = self.errors | Errors::NON_IMMEDIATE;
+    }
+
+    /// Asks the network what the job wants to know, if it is time for that.
+    fn ask(&mut self, running: &mut Running) -> Asked {
+        if running.gained.is_none() && running.procedure.is_none() {
+            if self.now < running.begin_at {
+                return Asked::Waits;
+            }
+            match self.begin_part(&mut running.job) {
+                Begun::Procedure(procedure) => running.procedure = Some(procedure),
+                Begun::Gained(gained) => running.gained = Some(gained),
+                Begun::Failed => return Asked::Failed,
+            }
+        }
+        if let Some(procedure) = &mut running.procedure {
+            running.gained = procedure.run(&mut self.network);
+            let is_late = running.job.deadline().is_some_and(|deadline| self.now >= deadline);
+            if running.gained.is_none() && is_late {
+                self.network.give_up();
+                (running.gained, running.due) = (Some(Gained::TimedOut), self.now);
+            }
+            if running.gained.is_some() {
+                running.procedure = None;
+            }
+        }
+        let is_due = self.now >= running.due;
+        running.gained.take_if(|_| is_due).map_or(Asked::Waits, Asked::Gained)
+    }
+
+    fn begin_part(&mut self, job: &mut Job) -> Begun {
+        if job.deadline().is_some_and(|deadline| self.now >= deadline) {
+            return Begun::Gained(Gained::TimedOut);
+        }
         match job {
-            Job::Init(init) => self.end_init(init),
-            Job::Map => self.end_map(),
-            Job::InitDc => self.end_init_dc(),
-            Job::DcSync(dc_sync) => self.end_dc_sync(dc_sync),
-            Job::PdoConfigSet(config) => self.end_pdo_config_set(config),
-            Job::PdoConfigRequest(request) => self.end_pdo_config_request(request),
-            Job::Sdo(sdo) => self.end_sdo(sdo),
-            Job::State(state) => self.end_change(state),
-            Job::StateUpdate => {
+            Job::Init(init) => self.begin_init(init),
+            Job::Map => self.begin_map(),
+            Job::PdoConfigSet(config) => {
+                let config = *config;
+                Begun::procedure(async move |requests| Gained::Written(pdos::set(&requests, &config).await))
+            }
+            Job::PdoConfigRequest(request) => {
+                let (request, form) = (*request, self.profile.pdo_config);
+                Begun::procedure(async move |requests| {
+                    Gained::Pdos(pdos::read(&requests, &request, form).await.map(Box::new))
+                })
+            }
+            Job::Sdo(sdo) => self.begin_sdo(sdo),
+            Job::State(state) => self.begin_change(state),
+            Job::StateUpdate => Begun::procedure(async |requests| {
+                requests.run(Operation::ReadStates).await;
+                Gained::Nothing
+            }),
+            Job::SetManager(request) => self.begin_set_manager(request),
+            Job::Eeprom(job) => begin_eeprom(job),
+            Job::Datagram(job) => begin_datagram(job),
+            Job::File(job) => self.begin_file(job),
+            Job::ReceiveMail { slave } => {
+                let slave = *slave;
+                Begun::procedure(async move |requests| Gained::Mail(requests.mail(slave).await))
+            }
+            Job::InitDc
+            | Job::DcSync(_)
+            | Job::FifoInit
+            | Job::ReadFlash { .. }
+            | Job::WriteFlash { .. }
+            | Job::SetFmmus => Begun::Gained(Gained::Nothing),
+        }
+    }
+
+    fn end_part(&mut self, job: &mut Job, gained: Gained) -> Progress {
+        match (job, gained) {
+            (Job::Init(init), Gained::Scanned(found)) => self.end_init(init, found),
+            (Job::Map, Gained::Lengths(lengths)) => self.end_map(lengths),
+            (Job::InitDc, _) => self.end_init_dc(),
+            (Job::DcSync(dc_sync), _) => self.end_dc_sync(dc_sync),
+            (Job::PdoConfigSet(_), Gained::Written(set)) => self.end_pdo_transfer(set),
+            (Job::PdoConfigRequest(_), Gained::Pdos(read)) => {
+                let read = read.map(|config| self.pdo_config = Some(*config));
+                self.end_pdo_transfer(read)
+            }
+            (Job::Sdo(sdo), gained) => self.end_sdo(sdo, gained),
+            (Job::State(_), Gained::Lengths(lengths)) => self.end_layout(lengths),
+            (Job::State(state), Gained::Entered(slaves)) => self.end_change(state, slaves),
+            (Job::StateUpdate, _) => {
                 self.update_states();
                 Progress::Done
             }
-            Job::FifoInit => {
-                if self.build_fifos() {
-                    Progress::Done
-                } else {
-                    Progress::Failed
-                }
-            }
-            Job::ReadFlash { start, bytes } => {
+            (Job::FifoInit, _) => done_if(self.build_fifos()),
+            (Job::ReadFlash { start, bytes }, _) => {
                 self.flash.read(*start, *bytes);
                 Progress::Done
             }
-            Job::WriteFlash { start, bytes, data } => {
+            (Job::WriteFlash { start, bytes, data }, _) => {
                 self.flash.write(*start, &data[..usize::from(*bytes)]);
                 Progress::Done
             }
+            (Job::SetManager(request), Gained::ManagerSet(is_set)) => self.end_set_manager(request, is_set),
+            (Job::SetFmmus, _) => Progress::Done,
+            (Job::Eeprom(_), gained) => self.end_eeprom(gained),
+            (Job::Datagram(job), gained) => self.end_datagram(job, gained),
+            (Job::File(job), Gained::File(result)) => self.end_file(job, result),
+            (Job::ReceiveMail { .. }, Gained::Mail(mail)) => self.end_mail(mail),
+            // What a job gains is what its beginning asked for.
+            _ => Progress::Failed,
         }
     }
 
@@ -183,4 +424,22 @@ impl<N: Network> Chip<N> {
     fn note_refusal(&mut self, slave: u8, status: AlStatus) {
         self.bus.known[usize::from(slave)].al_status = status.0;
     }
+}
+
+/// How far a job has come with the network.
+enum Asked {
+    Gained(Gained),
+    /// It is not time yet, or there is no answer.
+    Waits,
+    Failed,
+}
+
+impl Begun {
+    fn procedure<F: Future<Output = Gained> + Send + 'static>(begin: impl FnOnce(Requests) -> F) -> Self {
+        Self::Procedure(Procedure::new(begin))
+    }
+}
+
+const fn done_if(done: bool) -> Progress {
+    if done { Progress::Done } else { Progress::Failed }
 }

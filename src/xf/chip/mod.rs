@@ -1,5 +1,5 @@
 //! A model of the chip: the other end of the wire. A host's packets have the effects and errors that the manuals give
-//! them, on a network of slave models.
+//! them, on a network of simulated slaves.
 //!
 //! The model is plain data. Time is an argument, in nanoseconds since power-on, and the same calls always give the same
 //! bytes; an exchange and a cycle allocate nothing.
@@ -15,12 +15,15 @@
 //! | `bus.rs` | what the chip knows of its network: states, process data, working counter |
 //! | `fifo.rs`, `helper.rs` | the FIFOs of process data; the CiA 402 helper |
 //! | `interrupts.rs`, `gpio.rs`, `encoder.rs`, `analog.rs`, `flash.rs`, `mdio.rs` | the chip's own units |
-//! | `network.rs`, `network/` | the seam to the slaves; slave models behind it |
+//! | `results.rs` | what was fetched and waits for the host |
+//! | `network.rs`, `network/` | the seam to the slaves; slave models behind it, and slave controllers with a master |
 //!
 //! How to read it: [`Chip::exchange`] is the whole of a packet; it calls `run` in `commands.rs` for the command. What
 //! takes time is started there as a `Job` and ends in `jobs.rs`, from [`Chip::run_until`].
 //!
-//! [`WITHOUT_EFFECT`] lists what the model has not.
+//! There are two networks. [`Controllers`] is a master and a controller in front of each slave: every frame is real, and all 67
+//! codes are answered. [`SlaveModels`] calls the same slaves without frames: a cycle takes a fraction of the time, and what
+//! [`NEED_REGISTERS`] lists is answered with the command error.
 //!
 //! ```
 //! use ecmsk::slave::{Drive, DriveConfig};
@@ -63,12 +66,16 @@ mod mdio;
 mod network;
 mod port;
 mod profile;
+mod results;
 mod timing;
 
-pub use commands::{SYNC0_MIN_NS, WITHOUT_EFFECT};
+pub use commands::{NEED_REGISTERS, SYNC0_MIN_NS};
 pub use fifo::{FIFO_ENTRIES_MAX, FIFO_MEMORY};
 pub use flash::FLASH_BYTES;
-pub use network::{EnterError, IMAGE_MAX, Identity, Network, Place, SLAVES_MAX, SlaveModels};
+pub use network::{
+    Answer, AtOnce, Controllers, EepromFailure, EnterError, Exchange, IMAGE_MAX, Identity, Network, Operation, Place,
+    SLAVES_MAX, SimulatedNetwork, SlaveModels, SlaveSetup,
+};
 pub use port::ChipPort;
 pub use profile::Profile;
 pub use timing::Timing;
@@ -87,6 +94,7 @@ use helper::Helper;
 use interrupts::InterruptUnit;
 use jobs::{Running, SdoResult};
 use mdio::Phys;
+use results::Results;
 
 /// A chip with its network.
 pub struct Chip<N> {
@@ -121,6 +129,7 @@ pub struct Chip<N> {
     helper: Helper,
     job: Option<Running>,
     sdo: SdoResult,
+    results: Results,
     /// What PDO_CONFIG_REQ has read.
     pdo_config: Option<PdoConfig>,
 
@@ -163,6 +172,7 @@ impl<N: Network> Chip<N> {
             helper: Helper::new(),
             job: None,
             sdo: SdoResult::new(),
+            results: Results::default(),
             pdo_config: None,
             interrupts: InterruptUnit::new(),
             gpio: Gpio::new(),
@@ -192,7 +202,9 @@ impl<N: Network> Chip<N> {
         self.fifo_on = true;
         self.helper = Helper::new();
         self.job = None;
+        self.network.reset();
         self.sdo = SdoResult::new();
+        self.results = Results::default();
         self.pdo_config = None;
         self.interrupts = InterruptUnit::new();
         self.gpio.reset(self.now);

@@ -1,13 +1,29 @@
-//! The seam between the chip and its network. The slave models are behind it in [`slaves`]; a master with real
-//! controllers can be.
+//! The seam between the chip and its network.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `network.rs` | the seam, [`Network`] |
+//! | `operation.rs` | what takes time: asked for, and answered later |
+//! | `at_once.rs`, `slaves.rs` | networks for which nothing takes time; slave models as one |
+//! | `controllers.rs`, `wire.rs` | a master and slave controllers, between which every frame is real |
+//! | `simulated.rs` | either of the two, as a link names it |
 
+pub mod at_once;
+pub mod controllers;
+pub mod operation;
+pub mod simulated;
 pub mod slaves;
+mod wire;
 
+pub use at_once::AtOnce;
+pub use controllers::Controllers;
+pub use operation::{Answer, EepromFailure, Operation};
+pub use simulated::SimulatedNetwork;
 pub use slaves::SlaveModels;
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::coe::{AbortCode, Emergency, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns};
-use crate::xf::request::{MappedObject, PdoAssignment};
+use crate::xf::request::DcTiming;
 
 /// The most slaves that the chip numbers.
 pub const SLAVES_MAX: usize = 128;
@@ -25,6 +41,8 @@ pub struct Identity {
     pub revision: u32,
     /// The device's name.
     pub name: String,
+    /// The station alias; 0: none.
+    pub alias: u16,
 }
 
 /// Where the process data of a slave are in the images, and to which state the chip has brought it.
@@ -54,10 +72,10 @@ impl Place {
     }
 
     /// What the slave adds to the working counter in that state: 1 for inputs that are read, 2 for outputs that are
-    /// written by LRW and 1 by LWR (ETG.1000.4 5.4). `[OURS]` Outputs count in OP alone.
-    pub fn counts(&self, state: AlState, lrw: bool) -> u16 {
+    /// written by LRW and 1 by LWR (ETG.1000.4 5.4). `outputs_from`: the state from which outputs count.
+    pub fn counts(&self, state: AlState, lrw: bool, outputs_from: AlState) -> u16 {
         let read = state >= AlState::SafeOp && self.input_bytes > 0;
-        let written = state == AlState::Op && self.output_bytes > 0;
+        let written = state >= outputs_from && self.output_bytes > 0;
         u16::from(read) + if lrw { 2 * u16::from(written) } else { u16::from(written) }
     }
 }
@@ -71,13 +89,48 @@ pub enum EnterError {
     Refused(AlStatus),
 }
 
+/// What a slave needs to know before it goes to SafeOP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlaveSetup {
+    /// Bytes of its outputs.
+    pub output_bytes: u16,
+    /// Bytes of its inputs.
+    pub input_bytes: u16,
+    /// Its SYNC signals; `None`: it runs without distributed clocks.
+    pub sync: Option<DcTiming>,
+}
+
+/// The process data of a cycle.
+#[derive(Debug)]
+pub struct Exchange<'a> {
+    /// What belongs to whom, the first one to slave 0.
+    pub places: &'a [Place],
+    /// All outputs.
+    pub outputs: &'a [u8],
+    /// All inputs. Those of slaves that do not answer keep their values.
+    pub inputs: &'a mut [u8],
+    /// They travel in LRW, not in LWR and LRD.
+    pub lrw: bool,
+}
+
 /// A network as the chip needs it. Slaves are numbered from 0; a number that no slave has is one that does not answer.
+///
+/// What takes time on a wire is asked for by [`Self::start`] and answered by [`Self::poll`].
 pub trait Network: Send {
+    /// Whether operations take time, so that they begin with the command; otherwise they are done at once, at its end.
+    fn takes_time(&self) -> bool;
+
+    /// Whether there are registers, EEPROMs, files and mailboxes behind the slaves' objects. Without them the chip answers what
+    /// needs them with the command error.
+    fn knows_registers(&self) -> bool;
+
+    /// From which state on outputs count in the working counter. `[OURS]` For models it is OP.
+    fn outputs_count_from(&self) -> AlState {
+        AlState::Op
+    }
+
     /// Whether the network port has a link.
     fn has_link(&self) -> bool;
-
-    /// Counts the slaves, [`SLAVES_MAX`] at most, brings those that answer to Init and reads their EEPROMs.
-    fn scan(&mut self) -> u8;
 
     /// What the last scan has read of a slave's EEPROM; `None` if there is no such slave.
     fn identity(&self, slave: u8) -> Option<&Identity>;
@@ -85,35 +138,21 @@ pub trait Network: Send {
     /// Whether the slave has distributed clocks.
     fn has_dc(&self, slave: u8) -> bool;
 
-    /// The AL state; `None`: the slave does not answer.
+    /// The AL state as it was read last; `None`: the slave does not answer.
     fn state(&self, slave: u8) -> Option<AlState>;
 
-    /// Requests an AL state.
-    ///
-    /// # Errors
-    /// The slave does not answer, or refuses.
-    fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError>;
+    /// The AL status code that was read with it; `None`: there is no register for it.
+    fn al_status(&self, _slave: u8) -> Option<AlStatus> {
+        None
+    }
 
-    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes.
-    fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16);
+    /// Sets what a slave has to know before it goes to SafeOP. False: it cannot have such process data.
+    fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool;
 
-    /// Sets the cycle of SYNC0; `None`: the slave runs without distributed clocks.
-    fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>);
+    /// Sets whose clock leads the others: that of the first slave that has one, or the chip's own.
+    fn set_reference(&mut self, _is_first_slave: bool) {}
 
-    /// SDO upload of as much of the value as `value` has room for. The length of the whole value.
-    ///
-    /// # Errors
-    /// The abort code; [`AbortCode::TIMEOUT`] if the slave does not answer.
-    fn read(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &mut [u8])
-    -> Result<usize, AbortCode>;
-
-    /// SDO download of a whole value.
-    ///
-    /// # Errors
-    /// As [`Self::read`].
-    fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
-
-    /// How much longer than others SDO transfers with a slave take.
+    /// How much longer than others SDO transfers with a slave take, where that is not on the wire.
     fn sdo_delay_ns(&self, _slave: u8) -> Ns {
         0
     }
@@ -123,68 +162,44 @@ pub trait Network: Send {
         None
     }
 
-    /// The process data of a cycle: `places` says what belongs to whom, the first one to slave 0. The inputs of slaves
-    /// that do not answer keep their values. The working counter.
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
+    /// Starts an operation; the one before is given up. The answer, if it has come already.
+    fn start(&mut self, operation: Operation) -> Option<Answer>;
 
-    /// `dt_ns` pass.
-    fn pass(&mut self, dt_ns: Ns);
-}
-
-/// One object of a slave, up to 4 bytes; a longer one is a wrong length.
-pub(super) fn read_number(network: &mut impl Network, slave: u8, index: u16, sub: u8) -> Result<u32, AbortCode> {
-    let mut value = [0; 4];
-    match network.read(slave, ObjectAddress::new(index, sub), SdoScope::Entry, &mut value)? {
-        1..=4 => Ok(u32::from_le_bytes(value)),
-        _ => Err(AbortCode::LENGTH),
+    /// The answer of the operation that was started, once.
+    fn poll(&mut self) -> Option<Answer> {
+        None
     }
-}
 
-/// An entry of a mapping object.
-pub(super) fn read_entry(
-    network: &mut impl Network,
-    slave: u8,
-    index: u16,
-    sub: u8,
-) -> Result<MappedObject, AbortCode> {
-    Ok(MappedObject::from_bytes(read_number(network, slave, index, sub)?.to_le_bytes()))
-}
+    /// Gives up the operation that was started.
+    fn give_up(&mut self) {}
 
-/// Calls `each` with every PDO that is assigned, and how many objects it has.
-///
-/// # Errors
-/// The abort code with which the slave aborts, or of `each`.
-pub(super) fn each_pdo<N: Network>(
-    network: &mut N,
-    slave: u8,
-    assignment: PdoAssignment,
-    mut each: impl FnMut(&mut N, u16, u8) -> Result<(), AbortCode>,
-) -> Result<(), AbortCode> {
-    let count = match read_number(network, slave, assignment.code(), 0) {
-        // A slave without process data in this direction.
-        Err(AbortCode::NO_OBJECT) => 0,
-        count => count?,
-    };
-    for sub in 1..=count.min(u8::MAX.into()) as u8 {
-        let index = read_number(network, slave, assignment.code(), sub)? as u16;
-        let objects = read_number(network, slave, index, 0)? as u8;
-        each(network, index, objects)?;
+    /// When [`Self::work`] has to be called next for the operation that was started; `None`: whenever time passes.
+    fn next_work(&self) -> Option<Ns> {
+        None
     }
-    Ok(())
-}
 
-/// How many bytes are mapped in a direction, as the slave's own mapping objects say.
-///
-/// # Errors
-/// The abort code with which the slave aborts, or [`AbortCode::PDO_LENGTH`]: more than [`IMAGE_MAX`].
-pub(super) fn mapped_bytes(network: &mut impl Network, slave: u8, assignment: PdoAssignment) -> Result<u16, AbortCode> {
-    let mut bits = 0_usize;
-    each_pdo(network, slave, assignment, |network, index, objects| {
-        for sub in 1..=objects {
-            bits += usize::from(read_entry(network, slave, index, sub)?.bits);
-        }
-        Ok(())
-    })?;
-    let bytes = bits.div_ceil(8);
-    if bytes > IMAGE_MAX { Err(AbortCode::PDO_LENGTH) } else { Ok(bytes as u16) }
+    /// Goes on with the operation that was started.
+    fn work(&mut self, _now: Ns) {}
+
+    /// The process data of a cycle. The working counter.
+    fn exchange(&mut self, exchange: Exchange<'_>) -> u16;
+
+    /// `dt_ns` pass, until `now`.
+    fn pass(&mut self, now: Ns, dt_ns: Ns);
+
+    /// The next emergency that a slave has sent.
+    fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
+        None
+    }
+
+    /// Sets whether what a slave sends unasked stays in its mailbox until [`Operation::ReceiveMail`].
+    fn keep_mail(&mut self, _slave: u8, _keeps: bool) {}
+
+    /// Whether there is mail in a mailbox whose mail stays.
+    fn has_mail(&self, _slave: u8) -> bool {
+        false
+    }
+
+    /// The chip has started: what it knew of the network is gone.
+    fn reset(&mut self) {}
 }

@@ -3,7 +3,8 @@
 use crate::ethercat::{AlState, Ns};
 
 /// Durations. `[OURS]` The manuals give one alone, that a packet is processed in less than 150 us (XF EN, "ECM-XF
-/// Interrupt"); those of the network are of a small one of servo drives.
+/// Interrupt"); those of the network are of a small one of servo drives. On a network of frames a command takes as long as these
+/// say, or as its frames need if that is longer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
     /// From power-on or WARM_RESET until packets are taken. The vendor's driver waits 1 s (OBS).
@@ -34,14 +35,16 @@ pub struct Timing {
     pub dc_ns: Ns,
     /// From the end of an initialisation of the clocks until they are stable.
     pub dc_settle_ns: Ns,
-    /// An SDO transfer.
+    /// An SDO transfer, an access to an EEPROM or to a mailbox.
     pub sdo_ns: Ns,
     /// PDO_CONFIG_SET and PDO_CONFIG_REQ, which are some SDO transfers.
     pub pdo_config_ns: Ns,
     /// FIFO_INIT.
     pub fifo_init_ns: Ns,
-    /// Reading or writing flash memory.
+    /// Reading or writing flash memory; a file takes as long at least.
     pub flash_ns: Ns,
+    /// A datagram, and setting a sync manager.
+    pub datagram_ns: Ns,
     /// A conversion of the ADC.
     pub adc_ns: Ns,
     /// The EtherCAT cycle if ECAT_INIT_OP has 0 for SYNC0, and before it.
@@ -71,6 +74,7 @@ impl Default for Timing {
             pdo_config_ns: 30 * MS,
             fifo_init_ns: MS,
             flash_ns: 5 * MS,
+            datagram_ns: 2 * MS,
             adc_ns: 2 * US,
             cycle_ns: MS,
         }

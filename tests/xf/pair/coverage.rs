@@ -2,12 +2,13 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use ecmsk::xf::chip::WITHOUT_EFFECT;
+use ecmsk::xf::CommandCode;
+use ecmsk::xf::chip::NEED_REGISTERS;
 use ecmsk::xf::code::COMMANDS;
 use ecmsk::xf::request::*;
 
 use super::saboteur::{Function, ignore};
-use super::{fifos, helper, interrupts, network, refused, start, transfers, units};
+use super::{OVER_CONTROLLERS, fifos, helper, interrupts, network, refused, registers, start, transfers, units};
 
 /// A function, and the test that shows what it does.
 type Row = (Function, fn());
@@ -75,8 +76,8 @@ const SHOWN: [Row; 91] = [
     (of::<AdcOpen>(), units::adc),
     (of::<AdcClose>(), units::adc),
     (of::<AdcConfigSampleModule>(), units::adc),
-    (of::<EepromRequest>(), refused::eeproms),
-    (of::<EepromGet>(), refused::eeproms),
+    (of::<EepromRequest>(), registers::eeproms),
+    (of::<EepromGet>(), registers::eeproms),
     (of::<StateCheck>(), network::states_are_set_and_checked),
     (of::<DcSync>(), network::clocks),
     (of::<FifoClear>(), fifos::clear),
@@ -91,25 +92,25 @@ const SHOWN: [Row; 91] = [
     (of::<FifoInit>(), fifos::entries),
     (of::<SdoAbortCodeGet>(), transfers::abort_codes),
     (of::<FifoThresholdSet>(), fifos::thresholds),
-    (of::<ConfigSyncManager>(), refused::sync_managers),
-    (of::<ConfigFmmu>(), refused::sync_managers),
+    (of::<ConfigSyncManager>(), registers::sync_managers),
+    (of::<ConfigFmmu>(), registers::fmmus),
     (of::<ConfigMap>(), network::layout_of_slaves_that_fall_back),
     (of::<HelperStatuswordGet>(), helper::a_drive_is_led),
     (of::<AsyncReset>(), start::reset_of_the_wait_for_the_port),
     (of::<Mdio>(), units::phy),
-    (of::<DirectAssign>(), refused::direct_assign),
-    (of::<CoeEmergency>(), network::emergencies),
+    (of::<DirectAssign>(), registers::direct_assign),
+    (of::<CoeEmergency>(), registers::emergencies),
     (of::<WarmReset>(), start::warm_reset),
     (of::<WkcErrorCountGet>(), network::working_counter_errors),
     (of::<WkcErrorMaxGet>(), network::working_counter_errors),
     (of::<WkcErrorMaxSet>(), network::working_counter_errors),
-    (of::<RawRequest<'_>>(), refused::datagrams),
-    (of::<RawGet>(), refused::datagrams),
+    (of::<RawRequest<'_>>(), registers::datagrams),
+    (of::<RawGet>(), registers::datagrams),
     (of::<FoeRequest<'_>>(), transfers::flash),
     (of::<FoeGet>(), transfers::flash),
     (of::<EnableLrw>(), network::working_counter),
-    (of::<ReceiveMailbox>(), refused::mailboxes),
-    (of::<MailboxStatus>(), refused::mailboxes),
+    (of::<ReceiveMailbox>(), registers::mailboxes),
+    (of::<MailboxStatus>(), registers::mailboxes),
 ];
 
 /// XF-13.1 The tests are of all functions of the table, each once.
@@ -123,15 +124,40 @@ fn every_function_has_a_test() {
     assert_eq!(functions.collect::<Vec<Function>>(), shown);
 }
 
-/// XF-13.2 What the model has not is tested to be refused.
+/// XF-13.2 What slave models have not is tested to be refused.
 #[test]
-fn what_the_model_has_not_is_refused() {
-    let refused =
-        [refused::eeproms, refused::sync_managers, refused::direct_assign, refused::datagrams, refused::mailboxes];
-    for ((code, _), test) in SHOWN {
-        let is_refused = refused.iter().any(|refused| std::ptr::fn_addr_eq(*refused as fn(), test));
-        assert_eq!(is_refused, WITHOUT_EFFECT.contains(&code), "{code}");
+fn what_models_have_not_is_refused() {
+    #[rustfmt::skip]
+    const REFUSED: [(CommandCode, fn()); 7] = [
+        (CommandCode::EepromRequest, refused::eeproms),
+        (CommandCode::EepromGet, refused::eeproms),
+        (CommandCode::ConfigSyncManager, refused::sync_managers),
+        (CommandCode::RawRequest, refused::datagrams),
+        (CommandCode::RawGet, refused::datagrams),
+        (CommandCode::ReceiveMailbox, refused::mailboxes),
+        (CommandCode::MailboxStatus, refused::mailboxes),
+    ];
+    assert_eq!(REFUSED.map(|(code, _)| code), NEED_REGISTERS);
+    REFUSED.iter().for_each(|(_, test)| test());
+}
+
+/// XF-11.8 Each of the 67 codes does over controllers what it does over slave models, where those have it.
+#[test]
+fn every_function_does_the_same_over_controllers() {
+    OVER_CONTROLLERS.set(true);
+    let mut failed: Vec<Function> = Vec::new();
+    let mut tested: Vec<fn()> = Vec::new();
+    for (function, test) in SHOWN {
+        if tested.iter().any(|done| std::ptr::fn_addr_eq(*done, test)) {
+            continue;
+        }
+        tested.push(test);
+        if catch_unwind(AssertUnwindSafe(test)).is_err() {
+            failed.push(function);
+        }
     }
+    OVER_CONTROLLERS.set(false);
+    assert!(failed.is_empty(), "{failed:?}");
 }
 
 /// XF-13.1 The test of a function fails on a wire on which the function has no effect.

@@ -12,7 +12,7 @@ use ecmsk::xf::request::{
 use ecmsk::xf::response::SlaveInfo;
 use ecmsk::xf::{Errors, EtherCatState, NetworkState, Status};
 
-use super::{INIT, MS, Pair, SlaveInfoItem, drive, sdo, to_all};
+use super::{INIT, MS, OVER_CONTROLLERS, Pair, SlaveInfoItem, drive, sdo, to_all};
 use crate::slave;
 
 fn state(pair: &mut Pair, slaves: Slaves) -> NetworkState {
@@ -96,9 +96,9 @@ pub fn states_are_set_and_checked() {
 
 /// Slave 0 leaves OP by itself, and answers again.
 fn silence_until_the_watchdog(pair: &mut Pair) {
-    pair.chip().network_mut().silence(0, true);
+    pair.silence(0, true);
     pair.pass(300 * MS);
-    pair.chip().network_mut().silence(0, false);
+    pair.silence(0, false);
 }
 
 /// XF-13.1 DCSYNC (XF EN 1201) sets the times of one slave, which INIT_DC (XF EN 413) puts in force.
@@ -134,7 +134,9 @@ pub fn slave_info() {
     let addresses = [0, 1].map(|n| item(&mut pair, n, SlaveInfoItem::StationAddress));
     assert_ne!(addresses[0], addresses[1]);
     let read = sdo(2, 0x1008, 0, SdoOperation::Read { bytes: 64 });
-    let name = pair.read(&read, &SdoGet, <[u8]>::to_vec).expect("it has a name");
+    let object = pair.read(&read, &SdoGet, <[u8]>::to_vec).expect("it has a name");
+    // An EEPROM has the kind for its name.
+    let name = if OVER_CONTROLLERS.get() { pair.device(2).name().as_bytes().to_vec() } else { object };
     let get = SlaveInfoGet { slave: slave(2), item: SlaveInfoItem::Name };
     pair.get(&get, |found| assert_eq!(found, SlaveInfo::Text(&name)));
     pair.is_refused(&SlaveInfoGet { slave: slave(3), item: SlaveInfoItem::Vendor });
@@ -185,18 +187,18 @@ pub fn working_counter_errors() {
     let mut pair = Pair::in_state(EtherCatState::Op);
     assert_eq!(pair.get(&WkcErrorMaxGet, |limit| limit), WkcErrorLimit::NONE);
     // Not for as long as the watchdog of its outputs, which would take it out of OP.
-    pair.chip().network_mut().silence(1, true);
+    pair.silence(1, true);
     pair.pass(40 * MS);
     assert!(pair.get(&WkcErrorCountGet, |count| count) >= 40);
     assert!(pair.host.header().expect("it runs").status.contains(Status::PDO_CONFIGURED));
-    pair.chip().network_mut().silence(1, false);
+    pair.silence(1, false);
     pair.pass(5 * MS);
     assert_eq!(pair.get(&WkcErrorCountGet, |count| count), 0);
 
     let limit = WkcErrorLimit::from_code(20);
     pair.run(&WkcErrorMaxSet::new(limit).expect("1 to 255"));
     assert_eq!(pair.get(&WkcErrorMaxGet, |limit| limit), limit);
-    pair.chip().network_mut().silence(1, true);
+    pair.silence(1, true);
     pair.pass(100 * MS);
     let status = pair.header().status;
     assert!(!status.contains(Status::PDO_CONFIGURED) && !status.contains(Status::FIFO_ON));

@@ -1,9 +1,9 @@
-//! What the model has not: the driver's error says that the chip refused it.
+//! What slave models have not: the driver's error says that the chip refused it.
 
 use ecmsk::xf::EtherCatState;
 use ecmsk::xf::request::{
-    ConfigFmmu, ConfigSyncManager, DirectAssign, Direction, EepromGet, EepromOperation, EepromRequest, MailboxPart,
-    MailboxStatus, RawGet, RawOperation, RawRequest, ReceiveMailbox, SlaveBits,
+    ConfigSyncManager, EepromGet, EepromOperation, EepromRequest, MailboxPart, MailboxStatus, RawGet, RawOperation,
+    RawRequest, ReceiveMailbox, SlaveBits,
 };
 
 use super::Pair;
@@ -19,21 +19,12 @@ pub fn eeproms() {
     pair.is_refused(&EepromGet);
 }
 
-/// XF-13.2 CONFIG_SM and CONFIG_FMMU (XF ZH 1297, 1314).
+/// XF-13.2 CONFIG_SM (XF ZH 1297).
 #[test]
 pub fn sync_managers() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
     let sm = ConfigSyncManager { slave: slave(0), number: 2, start: 0x1100, length: 6, control: 0x64, activate: 1 };
     pair.is_refused(&sm);
-    pair.is_refused(&ConfigFmmu { slave: slave(0), functions: [1, 2, 3, 0] });
-}
-
-/// XF-13.2 DIRECT_ASSIGN (XF EN 1472).
-#[test]
-pub fn direct_assign() {
-    let mut pair = Pair::in_state(EtherCatState::PreOp);
-    pair.is_refused(&DirectAssign::Switch { slave: slave(0), on: true });
-    pair.is_refused(&DirectAssign::Length { slave: slave(0), direction: Direction::Input, bytes: 6 });
 }
 
 /// XF-13.2 RAW_ECAT_FUNC_REQ and _GET (XF EN 1560, 1580).

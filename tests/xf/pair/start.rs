@@ -106,7 +106,7 @@ pub fn reset_of_what_runs() {
     ] {
         let mut pair = Pair::running();
         pair.bring_to(EtherCatState::PreOp);
-        pair.chip().network_mut().silence(0, true);
+        pair.silence(0, true);
         let slow = SdoRequest { timeout_us: 8_000_000, ..sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }) };
         let ticket = pair.submit(&slow);
         pair.pass(S);
@@ -117,7 +117,7 @@ pub fn reset_of_what_runs() {
         assert!(pair.now < since + 100 * MS, "it has ended at once");
         assert_eq!(matches!(result, Err(HostError::Failed { code: CommandCode::SdoRequest, .. })), fails, "{result:?}");
         assert!(!pair.has(Status::BUSY));
-        pair.chip().network_mut().silence(0, false);
+        pair.silence(0, false);
         pair.run(&sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
     }
 }

@@ -13,7 +13,7 @@ use ecmsk::xf::request::{
 };
 use ecmsk::xf::{CommandCode, CommandCode as Code};
 
-use super::{MS, Pair, drive, sdo, to_all};
+use super::{MS, OVER_CONTROLLERS, Pair, drive, sdo, to_all};
 use crate::slave;
 
 fn reads(bytes: u16) -> SdoOperation<'static> {
@@ -90,9 +90,12 @@ const ABORT_CODES: [u32; 29] = [
 #[test]
 pub fn abort_codes() {
     for code in ABORT_CODES.map(AbortCode) {
-        let slave: Box<dyn Slave> = Box::new(Aborting { state: AlState::Init, code });
+        // What aborts everything cannot say what belongs into its EEPROM: behind a controller a script makes it abort.
+        let aborting: Box<dyn Slave> = Box::new(Aborting { state: AlState::Init, code });
+        let slave = if OVER_CONTROLLERS.get() { drive() } else { aborting };
         let mut pair = Pair::running_with(Profile::NEW, HostConfig::DEFAULT, vec![slave, drive()]);
         pair.bring_to(EtherCatState::PreOp);
+        pair.chip().network().handle().abort_sdo(1, Some(code));
         for operation in [reads(4), SdoOperation::Write(&[1])] {
             let error = pair.fails(&sdo(0, 0x2000, 1, operation));
             // A slave that says "timeout" is one more that does not answer: both wait for the time limit.
@@ -108,7 +111,7 @@ pub fn abort_codes() {
 #[test]
 fn objects_of_a_slave_that_does_not_answer() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
-    pair.chip().network_mut().silence(0, true);
+    pair.silence(0, true);
     let since = pair.now;
     let error = pair.fails(&SdoRequest { timeout_us: 250_000, ..sdo(0, 0x1000, 0, reads(4)) });
     assert_eq!(abort_of(error, Code::SdoRequest), Some(AbortCode::TIMEOUT));
@@ -152,7 +155,7 @@ fn refused_mapping() {
 }
 
 /// XF-13.1 FOE_FUNC_REQ (XF EN 1598) writes and reads the flash memory, FOE_FUNC_GET (XF EN 1621) gives what was read;
-/// files of slaves, operations 1 and 2, the model has not.
+/// files of slaves, operations 1 and 2, slave models have not.
 #[test]
 pub fn flash() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
@@ -165,6 +168,8 @@ pub fn flash() {
     let request = FoeRequest::ReadFlash { start: at(0x1FE), bytes: FlashBytes::new(4).expect("at most 256") };
     assert_eq!(pair.read(&request, &FoeGet, <[u8]>::to_vec), Ok(vec![254, 255, 0xFF, 0xFF]));
     let file = FoeFile { slave: slave(0), password: 0, bytes: 10, timeout_us: 1000, start: at(0), name: b"a" };
-    pair.is_refused(&FoeRequest::Upload(file));
-    pair.is_refused(&FoeRequest::Download(file));
+    if !OVER_CONTROLLERS.get() {
+        pair.is_refused(&FoeRequest::Upload(file));
+        pair.is_refused(&FoeRequest::Download(file));
+    }
 }

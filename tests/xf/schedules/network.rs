@@ -4,7 +4,7 @@
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
-use ecmsk::xf::chip::{EnterError, IMAGE_MAX, Identity, Network, Place, SlaveModels};
+use ecmsk::xf::chip::{AtOnce, EnterError, IMAGE_MAX, Identity, Place, SlaveModels};
 
 /// SDO writes of a number go here.
 pub const WRITTEN: ObjectAddress = ObjectAddress::new(0x2100, 0);
@@ -66,7 +66,7 @@ impl Logged {
     }
 }
 
-impl Network for Logged {
+impl AtOnce for Logged {
     fn has_link(&self) -> bool {
         self.models.has_link()
     }

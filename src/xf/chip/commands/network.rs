@@ -3,11 +3,8 @@
 use super::{Outcome, Refused, answered, done_if};
 use crate::xf::chip::Chip;
 use crate::xf::chip::network::Network;
-use crate::xf::request::{
-    CoeEmergency, EMERGENCIES_MAX, PdoWorkingCounterGet, SlaveInfoGet, SlaveInfoItem, Slaves, StateGet,
-    WorkingCounterItem,
-};
-use crate::xf::response::{Answer, Emergencies, SlaveInfo};
+use crate::xf::request::{PdoWorkingCounterGet, SlaveInfoGet, SlaveInfoItem, Slaves, StateGet, WorkingCounterItem};
+use crate::xf::response::{Answer, SlaveInfo};
 
 /// The station address of the first slave, the next one has the next. `[OURS]`
 const FIRST_STATION_ADDRESS: u16 = 0x1001;
@@ -50,7 +47,7 @@ impl<N: Network> Chip<N> {
                 SlaveInfo::Text(&name[..name.len().min(data.len())])
             }
             SlaveInfoItem::StationAddress => SlaveInfo::U16(FIRST_STATION_ADDRESS + u16::from(slave)),
-            SlaveInfoItem::Alias => SlaveInfo::U16(0),
+            SlaveInfoItem::Alias => SlaveInfo::U16(identity.alias),
             SlaveInfoItem::State => SlaveInfo::U16(known.state.0.into()),
             SlaveInfoItem::AlStatus => SlaveInfo::U16(known.al_status),
             SlaveInfoItem::OutputBytes => SlaveInfo::U32(place.output_bytes.into()),
@@ -76,11 +73,5 @@ impl<N: Network> Chip<N> {
     pub(super) fn sdo_get(&self, data: &mut [u8]) -> Outcome {
         let read = self.sdo.len.map(|len| &self.sdo.data[..len.min(data.len())]);
         answered(read, data)
-    }
-
-    /// There are none: slave models send no emergencies.
-    pub(super) fn emergencies(request: CoeEmergency, data: &mut [u8]) -> Outcome {
-        let places = [None; EMERGENCIES_MAX];
-        answered(Emergencies::new(&places[..usize::from(request.count.get())]), data)
     }
 }

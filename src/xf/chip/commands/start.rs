@@ -6,9 +6,12 @@ use crate::ethercat::{AlState, Ns};
 use crate::xf::EtherCatState;
 use crate::xf::chip::Chip;
 use crate::xf::chip::flash::Flash;
-use crate::xf::chip::jobs::{Job, SdoJob, StateJob};
+use crate::xf::chip::jobs::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
 use crate::xf::chip::network::Network;
-use crate::xf::request::{FlashBytes, FoeRequest, Request, SDO_DATA_MAX, SdoOperation, SdoRequest, Slaves};
+use crate::xf::request::{
+    EepromRequest, FlashBytes, FoeFile, FoeRequest, RAW_DATA_MAX, RawRequest, ReceiveMailbox, Request, SDO_DATA_MAX,
+    SdoOperation, SdoRequest, Slaves,
+};
 
 /// The shortest cycle that ECAT_INIT_OP takes, nanoseconds. `[OURS]`
 pub const SYNC0_MIN_NS: u32 = 50_000;
@@ -47,7 +50,16 @@ impl<N: Network> Chip<N> {
             Request::StateCheck(check) => self.change_job(check.slaves, check.state, true)?,
             Request::StateUpdate(_) => Job::StateUpdate,
             Request::FifoInit(_) => Job::FifoInit,
+            Request::FoeRequest(FoeRequest::Upload(file)) => self.file_job(file, false)?,
+            Request::FoeRequest(FoeRequest::Download(file)) => self.file_job(file, true)?,
             Request::FoeRequest(foe) => flash_job(foe)?,
+            Request::ConfigSyncManager(set) => self.found(set.slave.into()).then_some(Job::SetManager(*set))?,
+            Request::ConfigFmmu(set) => self.found(set.slave.into()).then_some(Job::SetFmmus)?,
+            Request::EepromRequest(eeprom) => self.found(eeprom.slave.into()).then(|| self.eeprom_job(eeprom))?,
+            Request::RawRequest(raw) => self.datagram_job(raw)?,
+            Request::ReceiveMailbox(ReceiveMailbox::Request { slave }) => {
+                self.found((*slave).into()).then_some(Job::ReceiveMail { slave: slave.get() })?
+            }
             _ => return None,
         })
     }
@@ -72,7 +84,7 @@ impl<N: Network> Chip<N> {
             }
         };
         let scope: SdoScope = request.scope;
-        let deadline = self.now.saturating_add(Ns::from(request.timeout_us) * 1_000);
+        let deadline = self.deadline(request.timeout_us);
         SdoJob { slave: request.slave.get(), object: request.object, scope, deadline, bytes, writes, data }
     }
 
@@ -84,11 +96,60 @@ impl<N: Network> Chip<N> {
             EtherCatState::Op => Some(AlState::Op),
             EtherCatState::Boot => None,
         };
-        self.found(slaves).then_some(Job::State(StateJob { slaves, target, updates }))
+        self.found(slaves).then_some(Job::State(StateJob { slaves, target, updates, has_failed: false }))
+    }
+
+    fn eeprom_job(&self, request: &EepromRequest) -> Job {
+        Job::Eeprom(EepromJob {
+            slave: request.slave.get(),
+            position: request.position,
+            operation: request.operation,
+            deadline: self.deadline(request.timeout_us),
+        })
+    }
+
+    /// `[OURS]` Nothing can go out before the network was initialised, and a time limit below 0 is a wrong argument.
+    fn datagram_job(&self, request: &RawRequest<'_>) -> Option<Job> {
+        let timeout_us = u32::try_from(request.timeout_us).ok().filter(|_| self.bus.initialised)?;
+        let mut data = [0; RAW_DATA_MAX];
+        data.get_mut(..request.data.len())?.copy_from_slice(request.data);
+        Some(Job::Datagram(DatagramJob {
+            operation: request.operation,
+            adp: request.adp,
+            ado: request.ado,
+            logical: request.logical,
+            timeout_us: request.timeout_us,
+            deadline: self.deadline(timeout_us),
+            working_counter: -1,
+            bytes: request.data.len(),
+            data,
+        }))
+    }
+
+    /// `[OURS]` The time limit is that of each packet. A file without a name, and one to be written that reaches behind the flash
+    /// memory, are wrong arguments.
+    fn file_job(&self, file: &FoeFile<'_>, downloads: bool) -> Option<Job> {
+        let is_in_memory = !downloads || Flash::has(file.start.get(), file.bytes as usize);
+        (self.found(file.slave.into()) && is_in_memory && !file.name.is_empty()).then(|| {
+            Job::File(FileJob {
+                slave: file.slave.get(),
+                name: file.name.to_vec(),
+                password: file.password,
+                start: file.start.get(),
+                bytes: file.bytes,
+                timeout_ns: Ns::from(file.timeout_us) * 1_000,
+                downloads,
+            })
+        })
+    }
+
+    /// When a time limit that begins now is over.
+    fn deadline(&self, timeout_us: u32) -> Ns {
+        self.now.saturating_add(Ns::from(timeout_us) * 1_000)
     }
 }
 
-/// `None`: it is a transfer of a file, or reaches behind the flash memory.
+/// `None`: it reaches behind the flash memory.
 fn flash_job(request: &FoeRequest<'_>) -> Option<Job> {
     match *request {
         FoeRequest::ReadFlash { start, bytes } => {

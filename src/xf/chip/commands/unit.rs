@@ -34,7 +34,7 @@ impl<N: Network> Chip<N> {
             self.errors = self.errors | Errors::NON_IMMEDIATE;
         }
         if actions.contains(AsyncResetActions::GIVE_UP) || actions.contains(AsyncResetActions::CLEAR_BUSY) {
-            self.job = None;
+            self.drop_job();
         }
         if actions.contains(AsyncResetActions::SKIP_PORT_WAIT) {
             self.skip_port_wait();
@@ -47,7 +47,7 @@ impl<N: Network> Chip<N> {
         let skipped = self.port_ready_at.saturating_sub(self.now);
         self.port_ready_at -= skipped;
         if let Some(running) = self.job.as_mut().filter(|running| running.waits_for_port()) {
-            running.due -= skipped;
+            running.skip(skipped);
         }
     }
 

@@ -1,31 +1,40 @@
 //! Initialisation, process data, clocks, changes of state.
 
-use super::{Progress, StateJob};
+use super::{Begun, Gained, Progress, StateJob, pdos};
+use crate::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::chip::Chip;
 use crate::xf::chip::bus::Bus;
-use crate::xf::chip::network::{EnterError, Network};
-use crate::xf::request::{DcSync, EcatInit, Slaves};
+use crate::xf::chip::network::{EnterError, Network, Operation, SlaveSetup};
+use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: Network> Chip<N> {
-    /// `[OURS]` The slaves are in Init then; a network without slaves is an error.
-    pub(super) fn end_init(&mut self, init: &EcatInit) -> Progress {
+    /// What the chip knew of the network is gone.
+    pub(super) fn begin_init(&mut self, init: &EcatInit) -> Begun {
         let old = std::mem::replace(&mut self.bus, Bus::new(self.timing.cycle_ns));
         (self.bus.lrw, self.bus.wkc_limit) = (old.lrw, old.wkc_limit);
         self.fifos.build(0, 0);
         self.phy_link = self.network.has_link();
         self.fifo_on = init.fifo_on;
         if !self.phy_link {
-            return Progress::Failed;
+            return Begun::Failed;
         }
-        self.bus.count = self.network.scan();
-        if self.bus.count == 0 {
+        Begun::procedure(async |requests| Gained::Scanned(requests.scan().await))
+    }
+
+    /// `[OURS]` The slaves are in Init then; a network without slaves is an error. A clock of the chip leads with firmware that
+    /// knows the switch alone.
+    pub(super) fn end_init(&mut self, init: &EcatInit, found: u8) -> Progress {
+        self.bus.count = found;
+        if found == 0 {
             return Progress::Failed;
         }
         self.bus.initialised = true;
-        if self.profile.is_newer() {
+        let is_newer = self.profile.is_newer();
+        if is_newer {
             self.bus.lrw = init.lrw;
         }
+        self.network.set_reference(!is_newer || init.reference_clock == ReferenceClock::FirstSlave);
         if init.dc.sync0_ns > 0 {
             self.bus.cycle_ns = init.dc.sync0_ns.into();
         }
@@ -41,17 +50,44 @@ impl<N: Network> Chip<N> {
     /// Process data are laid out in PreOP, in which the slaves' mailboxes answer and their mapping may be changed.
     ///
     /// `[OURS]` In another state it fails. FIFOs that do not fit are a FIFO error and no failure.
-    pub(super) fn end_map(&mut self) -> Progress {
+    pub(super) fn begin_map(&mut self) -> Begun {
         let is_preop = |slave| self.network.state(slave) == Some(AlState::PreOp);
         if self.bus.count == 0 || !self.bus.slaves().all(is_preop) {
+            return Begun::Failed;
+        }
+        self.begin_layout()
+    }
+
+    pub(super) fn end_map(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> Progress {
+        if !self.lay_out(lengths) {
             return Progress::Failed;
         }
-        if let Err(abort) = self.bus.map(&mut self.network) {
-            self.sdo.abort = abort;
-            return Progress::Failed;
+        self.bus.polls = self.bus.wants_polled;
+        for slave in self.bus.slaves() {
+            self.network.keep_mail(slave, self.bus.is_polled(slave));
         }
-        self.build_fifos();
         Progress::Done
+    }
+
+    fn begin_layout(&mut self) -> Begun {
+        self.bus.mapped = false;
+        let assigned: Vec<_> = self.bus.slaves().map(|slave| self.bus.assigned_lengths(slave)).collect();
+        Begun::procedure(async move |requests| Gained::Lengths(pdos::lengths(&requests, &assigned).await))
+    }
+
+    /// False: a slave's mapping was not read, or there are more process data than the images hold.
+    fn lay_out(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> bool {
+        match lengths {
+            Ok(lengths) => {
+                self.bus.lay_out(&lengths);
+                self.build_fifos();
+                true
+            }
+            Err(abort) => {
+                self.sdo.abort = abort;
+                false
+            }
+        }
     }
 
     /// Slaves with clocks take their times, if AssignActivate is not 0.
@@ -112,16 +148,19 @@ impl<N: Network> Chip<N> {
 
     /// One change of state: slaves go up one state at a time and together, those in the lowest first; they go down at
     /// once.
-    pub(super) fn end_change(&mut self, job: &StateJob) -> Progress {
+    ///
+    /// `[OURS]` Process data that are not laid out are before SafeOP, as the slaves have them.
+    pub(super) fn begin_change(&mut self, job: &mut StateJob) -> Begun {
         let Some(target) = job.target else {
             self.note_boot(job);
-            return Progress::Failed;
+            return Begun::Failed;
         };
         let next = self.next_state(job).unwrap_or(target);
-        if next >= AlState::SafeOp && !self.bus.mapped && self.layout().is_err() {
-            return Progress::Failed;
+        if next >= AlState::SafeOp && !self.bus.mapped {
+            return self.begin_layout();
         }
-        let mut has_failed = false;
+        job.has_failed = false;
+        let mut slaves = Vec::new();
         for slave in self.chosen(job.slaves) {
             let to = match self.network.state(slave) {
                 Some(state) if state > target => target,
@@ -129,17 +168,66 @@ impl<N: Network> Chip<N> {
                 Some(state) if state == target => target,
                 Some(_) => continue,
                 None => {
-                    has_failed = true;
+                    job.has_failed = true;
                     self.bus.update(&self.network, slave);
                     continue;
                 }
             };
-            has_failed |= !self.enter(slave, to);
+            if self.set_up(slave, to) {
+                slaves.push((slave, to));
+            } else {
+                job.has_failed = true;
+            }
+        }
+        Begun::procedure(async move |requests| {
+            let results = requests.enter(Operation::Enter(slaves.clone())).await;
+            Gained::Entered(slaves.into_iter().zip(results).map(|((slave, to), result)| (slave, to, result)).collect())
+        })
+    }
+
+    /// Process data are laid out on the way to SafeOP, which goes on at once.
+    pub(super) fn end_layout(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> Progress {
+        if self.lay_out(lengths) { Progress::Again(self.now) } else { Progress::Failed }
+    }
+
+    /// Tells a slave what it has to know before it enters a state. False: it cannot, and has AL status 0x17.
+    fn set_up(&mut self, slave: u8, to: AlState) -> bool {
+        let place = &mut self.bus.places[usize::from(slave)];
+        if self.network.takes_time() {
+            // What it leaves is not expected any more while it does.
+            place.commanded = place.commanded.min(to);
+        }
+        if to != AlState::SafeOp || self.network.state(slave) != Some(AlState::PreOp) {
+            return true;
+        }
+        let known = &self.bus.known[usize::from(slave)];
+        let setup = SlaveSetup {
+            output_bytes: place.output_bytes,
+            input_bytes: place.input_bytes,
+            sync: known.dc_active.then_some(known.dc),
+        };
+        let is_set = self.network.set_up(slave, &setup);
+        if !is_set {
+            self.note_refusal(slave, AlStatus::INVALID_SYNC_MANAGER);
+            self.bus.update(&self.network, slave);
+        }
+        is_set
+    }
+
+    pub(super) fn end_change(
+        &mut self,
+        job: &StateJob,
+        slaves: Vec<(u8, AlState, Result<(), EnterError>)>,
+    ) -> Progress {
+        let mut has_failed = job.has_failed;
+        for (slave, to, entered) in slaves {
+            has_failed |= entered.is_err();
+            self.note_entered(slave, to, entered);
         }
         if job.updates {
             self.update_states();
         }
-        let is_there = |slave| self.network.state(slave) == Some(target);
+        let is_there = |slave| self.network.state(slave) == job.target;
         if has_failed {
             Progress::Failed
         } else if self.chosen(job.slaves).all(is_there) {
@@ -149,32 +237,17 @@ impl<N: Network> Chip<N> {
         }
     }
 
-    /// `[OURS]` Process data that are not laid out are before SafeOP, as the slaves have them.
-    fn layout(&mut self) -> Result<(), ()> {
-        self.bus.map(&mut self.network).map_err(|abort| self.sdo.abort = abort)?;
-        self.build_fifos();
-        Ok(())
-    }
-
     /// `[OURS]` The state that a slave has entered is in the chip's memory at once.
-    fn enter(&mut self, slave: u8, to: AlState) -> bool {
-        let place = &self.bus.places[usize::from(slave)];
-        if to == AlState::SafeOp && self.network.state(slave) == Some(AlState::PreOp) {
-            self.network.set_sync_managers(slave, place.output_bytes, place.input_bytes);
-            let known = &self.bus.known[usize::from(slave)];
-            self.network.set_sync_cycle(slave, known.dc_active.then_some(known.dc.sync0_ns.into()));
-        }
-        let entered = self.network.enter(slave, to);
+    fn note_entered(&mut self, slave: u8, to: AlState, entered: Result<(), EnterError>) {
         match entered {
             Ok(()) => {
                 self.bus.places[usize::from(slave)].commanded = to;
-                self.note_refusal(slave, AlStatus(0));
+                self.note_refusal(slave, AlStatus::NONE);
             }
             Err(EnterError::Refused(status)) => self.note_refusal(slave, status),
             Err(EnterError::NoAnswer) => {}
         }
         self.bus.update(&self.network, slave);
-        entered.is_ok()
     }
 
     fn note_boot(&mut self, job: &StateJob) {

@@ -1,6 +1,6 @@
 //! A network of slave models.
 
-use super::{EnterError, Identity, Network, Place, SLAVES_MAX};
+use super::{AtOnce, EnterError, Identity, Place, SLAVES_MAX};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns};
 use crate::slave::handle::SimHandle;
@@ -110,10 +110,10 @@ fn identity(slave: &mut dyn Slave) -> Identity {
     let len = slave.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut name).unwrap_or(0);
     let name = String::from_utf8_lossy(&name[..len.min(64)]).into_owned();
     let _ = slave.enter(AlState::Init);
-    Identity { vendor, product, revision, name }
+    Identity { vendor, product, revision, name, alias: 0 }
 }
 
-impl Network for SlaveModels {
+impl AtOnce for SlaveModels {
     fn has_link(&self) -> bool {
         self.reachable() > 0
     }
@@ -186,7 +186,7 @@ impl Network for SlaveModels {
                 continue;
             }
             let sent = (place.commanded == AlState::Op).then(|| &outputs[place.outputs()]);
-            working_counter += place.counts(place.commanded.min(station.slave.state()), lrw);
+            working_counter += place.counts(place.commanded.min(station.slave.state()), lrw, AlState::Op);
             station.slave.exchange(sent, &mut inputs[place.inputs()]);
         }
         working_counter

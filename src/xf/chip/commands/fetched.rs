@@ -1,0 +1,79 @@
+//! What was fetched from EEPROMs, datagrams and mailboxes; lengths of process data that the host assigns.
+
+use super::{DONE, Outcome, Refused, answered};
+use crate::ethercat::AlState;
+use crate::xf::chip::Chip;
+use crate::xf::chip::network::{IMAGE_MAX, Network};
+use crate::xf::request::{DirectAssign, Direction, MailboxPart, MailboxStatus, SlaveBits, SlaveNumber};
+use crate::xf::response::{Answer, EepromAnswer, RawAnswer};
+
+impl<N: Network> Chip<N> {
+    /// `[OURS]` Before anything was read or written it is refused.
+    pub(super) fn eeprom_get(&self, data: &mut [u8]) -> Outcome {
+        let result = self.results.eeprom.as_ref();
+        answered(result.map(|result| EepromAnswer { error: result.error, data: result.data() }), data)
+    }
+
+    /// `[OURS]` Before a datagram went out it is refused.
+    pub(super) fn raw_get(&self, data: &mut [u8]) -> Outcome {
+        let answer = self.results.datagram.as_ref().map(|job| RawAnswer {
+            operation: job.operation.code(),
+            adp: job.adp,
+            ado: job.ado,
+            logical: job.logical,
+            timeout_us: job.timeout_us,
+            working_counter: job.working_counter,
+            data: &job.data[..job.bytes],
+        });
+        answered(answer, data)
+    }
+
+    /// Lengths are used from the next layout of process data on, where the assignment is on then.
+    ///
+    /// `[OURS]` A direction to which none was assigned keeps that of the mapping; one that no image holds, and a slave that was
+    /// not found, are refused. ECAT_INIT_OP forgets it.
+    pub(super) fn direct_assign(&mut self, request: &DirectAssign) -> Outcome {
+        let (DirectAssign::Switch { slave, .. } | DirectAssign::Length { slave, .. }) = *request;
+        if !self.found(slave.into()) {
+            return Err(Refused);
+        }
+        let lengths = &mut self.bus.lengths[usize::from(slave.get())];
+        match *request {
+            DirectAssign::Switch { on, .. } => lengths.is_assigned = on,
+            DirectAssign::Length { bytes, .. } if usize::from(bytes) > IMAGE_MAX => return Err(Refused),
+            DirectAssign::Length { direction: Direction::Output, bytes, .. } => lengths.assigned[0] = Some(bytes),
+            DirectAssign::Length { direction: Direction::Input, bytes, .. } => lengths.assigned[1] = Some(bytes),
+        }
+        DONE
+    }
+
+    /// `[OURS]` Bytes that are not in the mailbox are refused, and so are all before one was fetched.
+    pub(super) fn mailbox_part(&self, part: MailboxPart, data: &mut [u8]) -> Outcome {
+        let (start, len) = (usize::from(part.start()), usize::from(part.length()));
+        let mail = self.results.mail.as_deref();
+        answered(mail.and_then(|mail| mail.get(start..start + len)), data)
+    }
+
+    /// `[OURS]` Without a network it is refused. Bits of slaves that were not found are left out; a slave outside OP has no mail.
+    pub(super) fn mailbox_status(&mut self, request: &MailboxStatus, data: &mut [u8]) -> Outcome {
+        if self.bus.count == 0 {
+            return Err(Refused);
+        }
+        let chosen = |is_in: &dyn Fn(u8, SlaveNumber) -> bool| {
+            let slaves = self.bus.slaves().filter_map(|slave| Some((slave, SlaveNumber::new(slave)?)));
+            let none = SlaveBits::for_slaves(self.bus.count);
+            slaves.filter(|(n, slave)| is_in(*n, *slave)).fold(none, |bits, (_, slave)| bits.with(slave))
+        };
+        match request {
+            MailboxStatus::ReadFlags => {
+                let has_mail = |n, _| self.network.state(n) == Some(AlState::Op) && self.network.has_mail(n);
+                Ok(chosen(&has_mail).encode(data)?)
+            }
+            MailboxStatus::SetPolling(slaves) => {
+                self.bus.wants_polled = chosen(&|_, slave| slaves.contains(slave));
+                DONE
+            }
+            MailboxStatus::ReadPolling => Ok(chosen(&|_, slave| self.bus.wants_polled.contains(slave)).encode(data)?),
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! The PDOs of slaves by their mapping objects: read, written, and counted.
+
+use super::requests::Requests;
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::Ns;
+use crate::xf::chip::network::IMAGE_MAX;
+use crate::xf::request::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoConfigRequest, PdoMap};
+
+/// How long a slave may take for an SDO of a mapping. `[OURS]`
+const ANSWER_MAX_NS: Ns = 1_000_000_000;
+
+/// One object of a slave, up to 4 bytes; a longer one is a wrong length.
+async fn read_number(requests: &Requests, slave: u8, index: u16, sub: u8) -> Result<u32, AbortCode> {
+    let object = (slave, ObjectAddress::new(index, sub));
+    let (value, len) = requests.read(object, SdoScope::Entry, 4, ANSWER_MAX_NS).await?;
+    let mut bytes = [0; 4];
+    match len {
+        1..=4 => {
+            bytes[..len].copy_from_slice(&value[..len]);
+            Ok(u32::from_le_bytes(bytes))
+        }
+        _ => Err(AbortCode::LENGTH),
+    }
+}
+
+async fn write_number(requests: &Requests, slave: u8, index: u16, sub: u8, value: &[u8]) -> Result<(), AbortCode> {
+    let object = (slave, ObjectAddress::new(index, sub));
+    requests.write(object, SdoScope::Entry, value.to_vec(), ANSWER_MAX_NS).await
+}
+
+/// An entry of a mapping object.
+async fn read_entry(requests: &Requests, slave: u8, index: u16, sub: u8) -> Result<MappedObject, AbortCode> {
+    Ok(MappedObject::from_bytes(read_number(requests, slave, index, sub).await?.to_le_bytes()))
+}
+
+/// A PDO that is assigned, and how many objects it has.
+///
+/// # Errors
+/// The abort code with which the slave aborts.
+async fn assigned(requests: &Requests, slave: u8, assignment: PdoAssignment, sub: u8) -> Result<(u16, u8), AbortCode> {
+    let index = read_number(requests, slave, assignment.code(), sub).await? as u16;
+    let objects = read_number(requests, slave, index, 0).await? as u8;
+    Ok((index, objects))
+}
+
+/// How many PDOs are assigned.
+async fn count(requests: &Requests, slave: u8, assignment: PdoAssignment) -> Result<u8, AbortCode> {
+    match read_number(requests, slave, assignment.code(), 0).await {
+        // A slave without process data in this direction.
+        Err(AbortCode::NO_OBJECT) => Ok(0),
+        count => Ok(count?.min(u8::MAX.into()) as u8),
+    }
+}
+
+/// How many bytes are mapped in a direction, as the slave's own mapping objects say.
+///
+/// # Errors
+/// The abort code with which the slave aborts, or [`AbortCode::PDO_LENGTH`]: more than [`IMAGE_MAX`].
+async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment) -> Result<u16, AbortCode> {
+    let mut bits = 0_usize;
+    for sub in 1..=count(requests, slave, assignment).await? {
+        let (index, objects) = assigned(requests, slave, assignment, sub).await?;
+        for sub in 1..=objects {
+            bits += usize::from(read_entry(requests, slave, index, sub).await?.bits);
+        }
+    }
+    let bytes = bits.div_ceil(8);
+    if bytes > IMAGE_MAX { Err(AbortCode::PDO_LENGTH) } else { Ok(bytes as u16) }
+}
+
+/// How many bytes of outputs and of inputs each slave has, as its own mapping objects say where nobody has assigned a length.
+///
+/// # Errors
+/// The abort code with which a slave aborts, or [`AbortCode::PDO_LENGTH`]: they are more than the images hold.
+pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) -> Result<Vec<[u16; 2]>, AbortCode> {
+    let mut lengths = Vec::with_capacity(assigned.len());
+    let mut totals = [0; 2];
+    for (slave, assigned) in (0..).zip(assigned) {
+        let mut of_slave = [0; 2];
+        for (n, assignment) in [PdoAssignment::Rx, PdoAssignment::Tx].into_iter().enumerate() {
+            of_slave[n] = match assigned[n] {
+                Some(bytes) => bytes,
+                None => mapped_bytes(requests, slave, assignment).await?,
+            };
+            totals[n] += usize::from(of_slave[n]);
+        }
+        if totals.iter().any(|total| *total > IMAGE_MAX) {
+            return Err(AbortCode::PDO_LENGTH);
+        }
+        lengths.push(of_slave);
+    }
+    Ok(lengths)
+}
+
+/// The usual order of CoE: the assignment is emptied, then each PDO is, filled and counted, then they are assigned.
+///
+/// `[OURS]` A PDO without objects is assigned as it is, for slaves whose PDOs are fixed.
+pub(super) async fn set(requests: &Requests, config: &PdoConfig) -> Result<(), AbortCode> {
+    let (slave, assignment) = (config.slave.get(), config.assignment.code());
+    write_number(requests, slave, assignment, 0, &[0]).await?;
+    for map in config.maps().iter().filter(|map| !map.objects().is_empty()) {
+        write_number(requests, slave, map.index(), 0, &[0]).await?;
+        for (sub, object) in (1..).zip(map.objects()) {
+            write_number(requests, slave, map.index(), sub, &object.to_bytes()).await?;
+        }
+        write_number(requests, slave, map.index(), 0, &[map.objects().len() as u8]).await?;
+    }
+    for (sub, map) in (1..).zip(config.maps()) {
+        write_number(requests, slave, assignment, sub, &map.index().to_le_bytes()).await?;
+    }
+    write_number(requests, slave, assignment, 0, &[config.maps().len() as u8]).await
+}
+
+/// `[OURS]` More PDOs or objects than the answer has room for are an error, with abort code 0x06040042.
+pub(super) async fn read(
+    requests: &Requests,
+    request: &PdoConfigRequest,
+    form: PdoConfigForm,
+) -> Result<PdoConfig, AbortCode> {
+    let (slave, assignment) = (request.slave.get(), request.assignment);
+    let (mut maps, mut found) = ([PdoMap::default(); 4], 0);
+    for sub in 1..=count(requests, slave, assignment).await? {
+        let (index, objects) = assigned(requests, slave, assignment, sub).await?;
+        let mut entries = [MappedObject::default(); PdoMap::OBJECTS];
+        let entries = entries.get_mut(..objects.into()).ok_or(AbortCode::PDO_LENGTH)?;
+        for (sub, entry) in (1..).zip(entries.iter_mut()) {
+            *entry = read_entry(requests, slave, index, sub).await?;
+        }
+        let place = maps.get_mut(found).ok_or(AbortCode::PDO_LENGTH)?;
+        *place = PdoMap::new(index, entries).ok_or(AbortCode::PDO_LENGTH)?;
+        found += 1;
+    }
+    PdoConfig::new(request.slave, request.assignment, form, &maps[..found]).ok_or(AbortCode::PDO_LENGTH)
+}

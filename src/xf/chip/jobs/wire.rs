@@ -1,0 +1,147 @@
+//! What reaches behind the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
+
+use super::{Begun, DatagramJob, EepromJob, FileJob, Gained, Progress, done_if};
+use crate::coe::AbortCode;
+use crate::ethercat::foe::FoeError;
+use crate::ethercat::registers::{SmActivate, SmControl, SmDirection, SyncManager};
+use crate::ethercat::{Addressing, Command};
+use crate::xf::chip::Chip;
+use crate::xf::chip::flash::Flash;
+use crate::xf::chip::network::{EepromFailure, Network, Operation};
+use crate::xf::chip::results::EepromResult;
+use crate::xf::request::{ConfigSyncManager, EepromOperation};
+
+/// How many words EEPROM_REQ reads: 8 bytes, as much as EEPROM_GET returns (OBS).
+const EEPROM_WORDS: usize = 4;
+/// The first sync manager of process data; those before are the mailbox's.
+const PROCESS_MANAGERS: u8 = 2;
+
+/// The error code of EEPROM_GET. `[OURS]` The manuals name none but 0 by implication.
+const fn eeprom_error(failure: EepromFailure) -> u8 {
+    match failure {
+        EepromFailure::NoAnswer => 1,
+        EepromFailure::Busy => EEPROM_TIMED_OUT,
+        EepromFailure::Refused => 3,
+    }
+}
+
+/// The same where the time limit of EEPROM_REQ was over. `[OURS]`
+const EEPROM_TIMED_OUT: u8 = 2;
+
+/// `[OURS]` Where fewer words follow, fewer are read.
+pub(super) fn begin_eeprom(job: &EepromJob) -> Begun {
+    let EepromJob { slave, position, operation, .. } = *job;
+    let operation = match operation {
+        EepromOperation::Read => {
+            let behind = usize::from(u16::MAX - position) + 1;
+            Operation::ReadEeprom { slave, word: position, count: EEPROM_WORDS.min(behind) }
+        }
+        EepromOperation::Write(value) => Operation::WriteEeprom { slave, word: position, value },
+    };
+    Begun::procedure(async move |requests| Gained::Eeprom(requests.eeprom(operation).await))
+}
+
+pub(super) fn begin_datagram(job: &DatagramJob) -> Begun {
+    let command = Command::from_code(job.operation.code());
+    let address = match command.addressing() {
+        Addressing::Logical => job.logical,
+        _ => u32::from(job.adp) | u32::from(job.ado) << 16,
+    };
+    let operation = Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() };
+    Begun::procedure(async move |requests| Gained::Datagram(requests.datagram(operation).await))
+}
+
+impl<N: Network> Chip<N> {
+    pub(super) fn begin_set_manager(&self, request: &ConfigSyncManager) -> Begun {
+        let registers = SyncManager {
+            start: request.start,
+            len: request.length,
+            control: SmControl(request.control),
+            activate: SmActivate(request.activate),
+            ..SyncManager::default()
+        };
+        let operation = Operation::SetManager { slave: request.slave.get(), number: request.number, registers };
+        Begun::procedure(async move |requests| Gained::ManagerSet(requests.set_manager(operation).await))
+    }
+
+    /// `[OURS]` The slave has it at once, and again whenever it goes to PreOP or SafeOP. Process data have its length from the
+    /// next layout on; which ones says the direction in its control byte.
+    pub(super) fn end_set_manager(&mut self, request: &ConfigSyncManager, is_set: bool) -> Progress {
+        if is_set && request.number >= PROCESS_MANAGERS {
+            let is_on = SmActivate(request.activate).contains(SmActivate::ENABLE);
+            let direction = match SmControl(request.control).direction() {
+                SmDirection::Write => 0,
+                _ => 1,
+            };
+            let length = if is_on { request.length } else { 0 };
+            self.bus.lengths[usize::from(request.slave.get())].of_managers[direction] = Some(length);
+        }
+        done_if(is_set)
+    }
+
+    /// `[OURS]` What EEPROM_GET gives is kept until the next EEPROM_REQ ends; after a write it has no data.
+    pub(super) fn end_eeprom(&mut self, gained: Gained) -> Progress {
+        let result = match gained {
+            Gained::Eeprom(result) => result.map_err(eeprom_error),
+            _ => Err(EEPROM_TIMED_OUT),
+        };
+        self.results.eeprom = Some(match &result {
+            Ok(words) => EepromResult::of(words),
+            Err(error) => EepromResult::failed(*error),
+        });
+        done_if(result.is_ok())
+    }
+
+    /// `[OURS]` A datagram that does not come back in time is a failure, and its answer has the working counter -1.
+    pub(super) fn end_datagram(&mut self, job: &DatagramJob, gained: Gained) -> Progress {
+        let mut result = *job;
+        let came = match gained {
+            Gained::Datagram(came) => came,
+            _ => None,
+        };
+        if let Some((data, working_counter)) = &came {
+            result.working_counter = (*working_counter).into();
+            result.data[..data.len()].copy_from_slice(data);
+        }
+        self.results.datagram = Some(result);
+        done_if(came.is_some())
+    }
+
+    pub(super) fn begin_file(&self, job: &FileJob) -> Begun {
+        let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
+        let operation = if job.downloads {
+            // The command was refused if it reached behind the memory.
+            let content = self.flash.memory()[job.start as usize..][..job.bytes as usize].to_vec();
+            Operation::WriteFile { slave, name, password, content, timeout_ns }
+        } else {
+            Operation::ReadFile { slave, name, password, timeout_ns }
+        };
+        Begun::procedure(async move |requests| Gained::File(requests.file(operation).await))
+    }
+
+    /// `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any), or reaches behind the flash memory, fails with FoE's
+    /// "disk full", and the memory stays as it was; of a shorter one the bytes behind it stay. ECAT_SDO_ABORTCODE_GET gives the
+    /// error code of FoE, that of a timeout if there was no answer, and 0 after a transfer that succeeded.
+    pub(super) fn end_file(&mut self, job: &FileJob, result: Result<Vec<u8>, u32>) -> Progress {
+        let result = result.and_then(|content| {
+            let is_as_said = job.bytes == 0 || content.len() <= job.bytes as usize;
+            if job.downloads {
+                Ok(())
+            } else if is_as_said && Flash::has(job.start, content.len()) {
+                self.flash.write(job.start, &content);
+                Ok(())
+            } else {
+                Err(FoeError::DISK_FULL.0)
+            }
+        });
+        self.sdo.abort = AbortCode(result.err().unwrap_or(0));
+        done_if(result.is_ok())
+    }
+
+    /// `[OURS]` An empty mailbox, and a slave that does not answer, are a failure; what was fetched before stays.
+    pub(super) fn end_mail(&mut self, mail: Option<Vec<u8>>) -> Progress {
+        let has_come = mail.is_some();
+        self.results.mail = mail.or_else(|| self.results.mail.take());
+        done_if(has_come)
+    }
+}

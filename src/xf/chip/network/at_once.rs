@@ -1,0 +1,135 @@
+//! Networks that do everything at once.
+
+use super::{Answer, EnterError, Exchange, Identity, Network, Operation, Place, SlaveSetup};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::{AlState, Ns};
+
+/// A network whose slaves are asked by calls, not by frames, so that nothing takes time. It knows no registers, EEPROMs, files
+/// and mailboxes. Slaves are numbered from 0; a number that no slave has is one that does not answer.
+pub trait AtOnce: Send {
+    /// Whether the network port has a link.
+    fn has_link(&self) -> bool;
+
+    /// Counts the slaves, [`SLAVES_MAX`](super::SLAVES_MAX) at most, brings those that answer to Init and finds out who they are.
+    fn scan(&mut self) -> u8;
+
+    /// What the last scan has found out about a slave; `None` if there is no such slave.
+    fn identity(&self, slave: u8) -> Option<&Identity>;
+
+    /// Whether the slave has distributed clocks.
+    fn has_dc(&self, slave: u8) -> bool;
+
+    /// The AL state; `None`: the slave does not answer.
+    fn state(&self, slave: u8) -> Option<AlState>;
+
+    /// Requests an AL state.
+    ///
+    /// # Errors
+    /// The slave does not answer, or refuses.
+    fn enter(&mut self, slave: u8, state: AlState) -> Result<(), EnterError>;
+
+    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes.
+    fn set_sync_managers(&mut self, slave: u8, outputs: u16, inputs: u16);
+
+    /// Sets the cycle of SYNC0; `None`: the slave runs without distributed clocks.
+    fn set_sync_cycle(&mut self, slave: u8, cycle_ns: Option<Ns>);
+
+    /// SDO upload of as much of the value as `value` has room for. The length of the whole value.
+    ///
+    /// # Errors
+    /// The abort code; [`AbortCode::TIMEOUT`] if the slave does not answer.
+    fn read(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &mut [u8])
+    -> Result<usize, AbortCode>;
+
+    /// SDO download of a whole value.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    fn write(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
+
+    /// How much longer than others SDO transfers with a slave take.
+    fn sdo_delay_ns(&self, _slave: u8) -> Ns {
+        0
+    }
+
+    /// The abort code with which a slave aborts a transfer of SDO_REQ whatever its dictionary says; `None`: it does not.
+    fn sdo_abort(&self, _slave: u8, _object: ObjectAddress) -> Option<AbortCode> {
+        None
+    }
+
+    /// The process data of a cycle, as for [`Network::exchange`]. The working counter.
+    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16;
+
+    /// `dt_ns` pass.
+    fn pass(&mut self, dt_ns: Ns);
+}
+
+impl<N: AtOnce> Network for N {
+    fn takes_time(&self) -> bool {
+        false
+    }
+
+    fn has_link(&self) -> bool {
+        AtOnce::has_link(self)
+    }
+
+    fn identity(&self, slave: u8) -> Option<&Identity> {
+        AtOnce::identity(self, slave)
+    }
+
+    fn has_dc(&self, slave: u8) -> bool {
+        AtOnce::has_dc(self, slave)
+    }
+
+    fn state(&self, slave: u8) -> Option<AlState> {
+        AtOnce::state(self, slave)
+    }
+
+    fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool {
+        self.set_sync_managers(slave, setup.output_bytes, setup.input_bytes);
+        self.set_sync_cycle(slave, setup.sync.map(|sync| sync.sync0_ns.into()));
+        true
+    }
+
+    fn sdo_delay_ns(&self, slave: u8) -> Ns {
+        AtOnce::sdo_delay_ns(self, slave)
+    }
+
+    fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
+        AtOnce::sdo_abort(self, slave, object)
+    }
+
+    fn knows_registers(&self) -> bool {
+        false
+    }
+
+    /// It ends at once.
+    fn start(&mut self, operation: Operation) -> Option<Answer> {
+        Some(match operation {
+            Operation::Scan => Answer::Scanned(self.scan()),
+            Operation::ReadStates => Answer::StatesRead,
+            Operation::Enter(slaves) => {
+                Answer::Entered(slaves.into_iter().map(|(slave, state)| self.enter(slave, state)).collect())
+            }
+            Operation::Read { slave, object, scope, room, .. } => {
+                let mut value = vec![0; room];
+                Answer::Value(self.read(slave, object, scope, &mut value).map(|len| {
+                    value.truncate(len);
+                    (value, len)
+                }))
+            }
+            Operation::Write { slave, object, scope, value, .. } => {
+                Answer::Written(self.write(slave, object, scope, &value))
+            }
+            _ => Answer::Unknown,
+        })
+    }
+
+    fn exchange(&mut self, exchange: Exchange<'_>) -> u16 {
+        AtOnce::exchange(self, exchange.places, exchange.outputs, exchange.inputs, exchange.lrw)
+    }
+
+    fn pass(&mut self, _now: Ns, dt_ns: Ns) {
+        AtOnce::pass(self, dt_ns);
+    }
+}

@@ -1,0 +1,372 @@
+//! Slave controllers, and the master that reaches them by frames: what is done to slaves, and what comes of it, is what
+//! the wire brings.
+
+use std::collections::VecDeque;
+
+use super::wire::ChainWire;
+use super::{Answer, EepromFailure, EnterError, Exchange, Identity, Network, Operation, SlaveSetup};
+use crate::coe::Emergency;
+use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, sync_manager};
+use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+use crate::master::{
+    Event, FileError, JobDone, JobId, Master, ReferenceClock, SdoError, Settings, SiiError, SyncSignals,
+};
+use crate::slave::Slave;
+use crate::slave::esc::{CabledChain, Chain, UndescribedError};
+use crate::slave::handle::SimHandle;
+
+/// How often the chip looks after an operation that is under way. `[OURS]`
+const WORK_NS: Ns = 50_000;
+/// How long a slave may take for a change of its state. `[OURS]`
+const STATE_MAX_NS: Ns = 10_000_000_000;
+
+/// An operation under way.
+struct Pending {
+    operation: Operation,
+    jobs: Vec<JobId>,
+    /// When the network is looked after next.
+    next_work: Ns,
+}
+
+/// Slaves in a line behind their controllers, and a master. There are 40 slaves at most, since the master has room for so many.
+pub struct Controllers {
+    master: Master,
+    wire: ChainWire,
+    handle: SimHandle,
+    identities: Vec<Identity>,
+    pending: Option<Pending>,
+    answer: Option<Answer>,
+    emergencies: VecDeque<(u8, Emergency)>,
+    is_first_slave_reference: bool,
+}
+
+impl Controllers {
+    /// These slaves, switched on at time 0, which `handle` reaches. It counts them from 1.
+    ///
+    /// # Errors
+    /// [`UndescribedError`]: a slave does not say what belongs into its EEPROM.
+    pub fn new(slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
+        let slaves = CabledChain::new(slaves, handle.cable().clone())?;
+        Ok(Self {
+            master: Master::new(Settings::default()),
+            wire: ChainWire::new(slaves),
+            handle,
+            identities: Vec::new(),
+            pending: None,
+            answer: None,
+            emergencies: VecDeque::new(),
+            is_first_slave_reference: true,
+        })
+    }
+
+    /// The handle by which scripts and tests reach the network while it runs. It counts slaves from 1.
+    pub fn handle(&self) -> SimHandle {
+        self.handle.clone()
+    }
+
+    /// The slaves behind their controllers.
+    pub const fn chain(&self) -> &Chain {
+        self.wire.slaves.chain()
+    }
+
+    /// The slaves behind their controllers, to cause something in them.
+    pub const fn chain_mut(&mut self) -> &mut Chain {
+        self.wire.slaves.chain_mut()
+    }
+
+    /// The device of a slave, to look at; `None`: there is no such slave.
+    pub fn slave(&self, slave: u8) -> Option<&dyn Slave> {
+        (usize::from(slave) < self.chain().len()).then(|| self.chain().slave(slave.into()).device())
+    }
+
+    /// The device of a slave, to cause a fault in it; `None`: there is no such slave.
+    pub fn slave_mut(&mut self, slave: u8) -> Option<&mut dyn Slave> {
+        let is_there = usize::from(slave) < self.chain().len();
+        is_there.then(|| self.chain_mut().slave_mut(slave.into()).device_mut())
+    }
+
+    /// The master, to look at.
+    pub const fn master(&self) -> &Master {
+        &self.master
+    }
+
+    /// Goes on with what is under way, as far as the answers that have come allow.
+    fn poll_master(&mut self, now: Ns) {
+        self.master.poll(now, &mut self.wire);
+        while let Some(event) = self.master.take_event() {
+            if let Event::Emergency { slave, emergency } = event {
+                self.emergencies.push_back((slave - 1, emergency));
+            }
+        }
+        while let Some((id, done)) = self.master.take_done() {
+            self.take_end(id, done);
+        }
+    }
+
+    /// A job of the master has ended.
+    fn take_end(&mut self, id: JobId, done: JobDone) {
+        let Some(pending) = &mut self.pending else { return };
+        pending.jobs.retain(|job| *job != id);
+        if !pending.jobs.is_empty() {
+            return;
+        }
+        if let Some(Pending { operation, .. }) = self.pending.take() {
+            self.answer = Some(self.answer_to(operation, done));
+        }
+    }
+
+    fn answer_to(&mut self, operation: Operation, done: JobDone) -> Answer {
+        match done {
+            JobDone::Scan(found) => Answer::Scanned(self.scanned(found.unwrap_or(0))),
+            JobDone::States => Answer::StatesRead,
+            JobDone::State(_) => match operation {
+                Operation::Enter(slaves) => {
+                    Answer::Entered(slaves.into_iter().map(|(slave, state)| self.has_entered(slave, state)).collect())
+                }
+                _ => Answer::Unknown,
+            },
+            JobDone::Upload(value) => Answer::Value(value.map_err(SdoError::abort_code).map(|mut value| {
+                let len = value.len();
+                if let Operation::Read { room, .. } = operation {
+                    value.truncate(room);
+                }
+                (value, len)
+            })),
+            JobDone::Download(written) => Answer::Written(written.map_err(SdoError::abort_code)),
+            JobDone::Datagram(answer) => {
+                Answer::Datagram(answer.ok().map(|answer| (answer.data, answer.working_counter)))
+            }
+            JobDone::ReadEeprom(words) => Answer::Eeprom(words.map_err(eeprom_failure)),
+            JobDone::WriteEeprom(written) => Answer::Eeprom(written.map(|()| Vec::new()).map_err(eeprom_failure)),
+            JobDone::WriteRegisters(written) => Answer::ManagerSet(written.is_ok()),
+            JobDone::ReadFile(content) => Answer::File(content.map_err(file_error)),
+            JobDone::WriteFile(written) => Answer::File(written.map(|()| Vec::new()).map_err(file_error)),
+            JobDone::Mail(mail) => Answer::Mail(mail.ok().flatten()),
+            JobDone::ObjectList(_) | JobDone::Description(_) | JobDone::ReadRegisters(_) => Answer::Unknown,
+        }
+    }
+
+    fn scanned(&mut self, found: u8) -> u8 {
+        let identity = |info: &crate::master::SlaveInfo| Identity {
+            vendor: info.identity.vendor,
+            product: info.identity.product,
+            revision: info.identity.revision,
+            name: info.name.clone(),
+            alias: info.alias,
+        };
+        self.identities = self.master.slaves().iter().map(identity).collect();
+        found
+    }
+
+    /// What became of a slave that was to enter a state.
+    fn has_entered(&self, slave: u8, state: AlState) -> Result<(), EnterError> {
+        let status = self.master.status(slave + 1).filter(|status| status.is_present).ok_or(EnterError::NoAnswer)?;
+        let is_there = status.state() == Some(state) && !status.status.contains(AlStatusRegister::ERROR);
+        if is_there { Ok(()) } else { Err(EnterError::Refused(status.code)) }
+    }
+
+    /// Starts the jobs of the master that an operation is; none if it cannot be.
+    fn jobs_for(&mut self, operation: &Operation) -> Vec<JobId> {
+        let master = &mut self.master;
+        let job = match operation {
+            Operation::Scan => master.scan(),
+            Operation::ReadStates => master.read_states(),
+            Operation::Enter(slaves) => {
+                let targets = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
+                let groups = targets.map(|target| {
+                    let chosen = slaves.iter().filter(|(_, state)| *state == target).map(|(slave, _)| slave + 1);
+                    (target, chosen.collect::<SlaveSet>())
+                });
+                let groups = groups.into_iter().filter(|(_, slaves)| !slaves.is_empty());
+                return groups.map(|(target, slaves)| master.request_state(slaves, target, STATE_MAX_NS)).collect();
+            }
+            Operation::Read { slave, object, scope, timeout_ns, .. } => {
+                master.upload(slave + 1, *object, *scope, *timeout_ns)
+            }
+            Operation::Write { slave, object, scope, value, timeout_ns } => {
+                master.download(slave + 1, *object, *scope, value, *timeout_ns)
+            }
+            Operation::Datagram { command, address, data } => master.datagram(*command, *address, data),
+            Operation::ReadEeprom { slave, word, count } => master.read_eeprom(slave + 1, *word, *count),
+            Operation::WriteEeprom { slave, word, value } => master.write_eeprom(slave + 1, *word, &[*value]),
+            Operation::SetManager { slave, number, registers } => {
+                if master.set_manager(slave + 1, *number, *registers).is_err() {
+                    return Vec::new();
+                }
+                // It takes its start and its length while it is off.
+                let address = sync_manager(*number);
+                let mut off = *registers;
+                off.activate = SmActivate::NONE;
+                return vec![
+                    master.write_registers(slave + 1, address, &off.encode()),
+                    master.write_registers(slave + 1, address, &registers.encode()),
+                ];
+            }
+            Operation::ReadFile { slave, name, password, timeout_ns } => {
+                master.read_file(slave + 1, name, *password, *timeout_ns)
+            }
+            Operation::WriteFile { slave, name, password, content, timeout_ns } => {
+                master.write_file(slave + 1, name, *password, content, *timeout_ns)
+            }
+            Operation::ReceiveMail { slave } => master.receive_mail(slave + 1),
+        };
+        vec![job]
+    }
+
+    fn info(&self, slave: u8) -> Option<&crate::master::SlaveInfo> {
+        self.master.slaves().get(usize::from(slave))
+    }
+
+    fn publish_shafts(&self) {
+        let chain = self.chain();
+        let shafts = (0..chain.len()).map(|n| chain.slave(n).device().shafts());
+        self.handle.publish(self.wire.now, shafts);
+    }
+}
+
+const fn eeprom_failure(error: SiiError) -> EepromFailure {
+    match error {
+        SiiError::NoAnswer | SiiError::NoSlave(_) => EepromFailure::NoAnswer,
+        SiiError::Busy | SiiError::InUse(_) => EepromFailure::Busy,
+        SiiError::Command(_) | SiiError::NoEnd | SiiError::TooLong => EepromFailure::Refused,
+    }
+}
+
+const fn file_error(error: FileError) -> u32 {
+    match error {
+        FileError::File(code) => code.0,
+        FileError::Mailbox(error) => SdoError::Mailbox(error).abort_code().0,
+    }
+}
+
+impl Network for Controllers {
+    fn takes_time(&self) -> bool {
+        true
+    }
+
+    fn knows_registers(&self) -> bool {
+        true
+    }
+
+    /// Sync manager 2 is on from SafeOP on.
+    fn outputs_count_from(&self) -> AlState {
+        AlState::SafeOp
+    }
+
+    fn has_link(&self) -> bool {
+        !self.chain().is_empty() && self.handle.reach() > 0
+    }
+
+    fn identity(&self, slave: u8) -> Option<&Identity> {
+        self.identities.get(usize::from(slave))
+    }
+
+    fn has_dc(&self, slave: u8) -> bool {
+        self.info(slave).is_some_and(|info| info.features.contains(Features::CLOCK))
+    }
+
+    fn state(&self, slave: u8) -> Option<AlState> {
+        self.master.status(slave.checked_add(1)?).filter(|status| status.is_present)?.state()
+    }
+
+    fn al_status(&self, slave: u8) -> Option<AlStatus> {
+        Some(self.master.status(slave.checked_add(1)?)?.code)
+    }
+
+    fn set_up(&mut self, slave: u8, setup: &SlaveSetup) -> bool {
+        let sync = setup.sync.map(|sync| SyncSignals {
+            assign_activate: sync.assign_activate,
+            cycle_ns: sync.sync0_ns,
+            shift_ns: sync.shift_ns,
+            sync1_ns: sync.sync1_ns,
+        });
+        self.master.set_sync(slave + 1, sync).is_ok()
+            && self.master.configure(slave + 1, setup.output_bytes, setup.input_bytes).is_ok()
+    }
+
+    fn set_reference(&mut self, is_first_slave: bool) {
+        self.is_first_slave_reference = is_first_slave;
+        let reference = if is_first_slave { ReferenceClock::FirstSlave } else { ReferenceClock::Master };
+        self.master.set_reference(reference);
+    }
+
+    fn start(&mut self, operation: Operation) -> Option<Answer> {
+        self.give_up();
+        let jobs = self.jobs_for(&operation);
+        if jobs.is_empty() {
+            return Some(match operation {
+                Operation::Enter(_) => Answer::Entered(Vec::new()),
+                _ => Answer::ManagerSet(false),
+            });
+        }
+        self.pending = Some(Pending { operation, jobs, next_work: self.wire.now });
+        None
+    }
+
+    fn poll(&mut self) -> Option<Answer> {
+        self.answer.take()
+    }
+
+    fn give_up(&mut self) {
+        self.answer = None;
+        if let Some(pending) = self.pending.take() {
+            pending.jobs.into_iter().for_each(|job| self.master.cancel(job));
+        }
+    }
+
+    fn next_work(&self) -> Option<Ns> {
+        self.pending.as_ref().map(|pending| pending.next_work)
+    }
+
+    fn work(&mut self, now: Ns) {
+        if let Some(pending) = &mut self.pending {
+            pending.next_work = now + WORK_NS;
+        }
+        self.wire.advance(now);
+        self.poll_master(now);
+    }
+
+    fn exchange(&mut self, Exchange { places, outputs, inputs, lrw }: Exchange<'_>) -> u16 {
+        self.master.set_lrw(lrw);
+        for (slave, place) in (1..).zip(places) {
+            if let Some(image) = self.master.outputs_mut(slave).filter(|image| image.len() == place.outputs().len()) {
+                image.copy_from_slice(&outputs[place.outputs()]);
+            }
+        }
+        let now = self.wire.now;
+        self.master.cycle(now, &mut self.wire);
+        self.poll_master(now);
+        for (slave, place) in (1..).zip(places).filter(|(_, place)| place.commanded >= AlState::SafeOp) {
+            if let Some(image) = self.master.inputs(slave).filter(|image| image.len() == place.inputs().len()) {
+                inputs[place.inputs()].copy_from_slice(image);
+            }
+        }
+        self.master.take_cycle().map_or(0, |cycle| cycle.working_counter)
+    }
+
+    fn pass(&mut self, now: Ns, _dt_ns: Ns) {
+        self.wire.advance(now);
+        self.poll_master(now);
+        self.publish_shafts();
+    }
+
+    fn take_emergency(&mut self) -> Option<(u8, Emergency)> {
+        self.emergencies.pop_front()
+    }
+
+    fn keep_mail(&mut self, slave: u8, keeps: bool) {
+        self.master.keep_mail(slave + 1, keeps);
+    }
+
+    fn has_mail(&self, slave: u8) -> bool {
+        self.master.has_mail(slave + 1)
+    }
+
+    fn reset(&mut self) {
+        (self.pending, self.answer) = (None, None);
+        self.master = Master::new(Settings::default());
+        self.identities.clear();
+        self.emergencies.clear();
+        self.set_reference(true);
+    }
+}

@@ -8,12 +8,15 @@ use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DESCRIPTOR};
 use crate::ethercat::sii::SiiIdentity;
+#[cfg(feature = "sim")]
+use crate::link::chip::ChipOptions;
 use crate::link::chip::{self, ChipLink};
+#[cfg(feature = "sim")]
 use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::master::{DatagramError, FrameCounters, SdoError, upstreams};
 use crate::xf::EtherCatState;
-use crate::xf::host::HostConfig;
+use crate::xf::host::{HostConfig, HostError};
 use crate::xf::request::{
     EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawGet, RawOperation, RawRequest, SlaveNumber, Slaves,
 };
@@ -22,26 +25,33 @@ use crate::xf_api::{NetworkConfig, Xf, XfError};
 /// \[OURS] How long the chip may take for a datagram, and for a word of an EEPROM.
 const DATAGRAM_MAX: Duration = Duration::from_millis(100);
 const EEPROM_MAX: Duration = Duration::from_millis(500);
+/// \[OURS] How often a datagram is sent at most that does not come back.
+const TRIES: u32 = 3;
+/// The working counter of one that does not.
+const LOST: i32 = -1;
 /// \[OURS] How often a long datagram is sent to put load on the cables. It reads what says which controller it is, where a read
 /// changes nothing.
 const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u16 = 0x0000;
 
 /// A network with an ECM-XF.
-pub(super) struct ChipNetwork {
+pub(super) struct XfNetwork {
     xf: Xf,
     is_virtual: bool,
     stations: Vec<u16>,
 }
 
-impl ChipNetwork {
-    /// The network of the chip behind a link. A simulated one is in virtual time. Nothing of it is changed.
+impl XfNetwork {
+    /// The network of the chip behind a link. A simulated one is in virtual time, with a controller for each slave. Nothing of it
+    /// is changed.
     pub(super) fn open(uri: &LinkUri) -> Result<Self, BusError> {
-        let mut link = uri.to_string();
-        if uri.scheme() == Scheme::XfSim && uri.value("clock") != Some("virtual") {
-            link.push_str(if link.contains('?') { "&clock=virtual" } else { "?clock=virtual" });
+        #[cfg(feature = "sim")]
+        if uri.scheme() == Scheme::XfSim {
+            let link = super::simulated::ScriptedChip::new(uri)?;
+            let config = chip::host_config(&link.info(), &ChipOptions::from_uri(uri)?);
+            return Self::over(Box::new(link), config);
         }
-        let (link, config) = chip::open(&link).map_err(XfError::Link)?;
+        let (link, config) = chip::open(&uri.to_string()).map_err(XfError::Link)?;
         Self::over(link, config)
     }
 
@@ -72,18 +82,25 @@ impl ChipNetwork {
     ) -> Result<(i32, Vec<u8>), BusError> {
         let timeout_us = i32::try_from(DATAGRAM_MAX.as_micros()).unwrap_or(i32::MAX);
         let request = RawRequest { operation, adp, ado, logical: 0, timeout_us, data };
-        let answer = self.xf.run_pair(&request, &RawGet, 2 * DATAGRAM_MAX)?;
-        Ok((answer.working_counter, answer.data.to_vec()))
+        match self.xf.run_pair(&request, &RawGet, 2 * DATAGRAM_MAX) {
+            Ok(answer) => Ok((answer.working_counter, answer.data.to_vec())),
+            // It did not come back.
+            Err(XfError::Chip(HostError::Failed { .. })) => Ok((LOST, Vec::new())),
+            Err(error) => Err(error.into()),
+        }
     }
 
     fn access(&mut self, operation: RawOperation, slave: u8, address: u16, data: &[u8]) -> Result<Vec<u8>, BusError> {
         let station = self.station(slave)?;
         let failed = |error| BusError::Register { slave, address, error };
-        match self.datagram(operation, station, address, data)? {
-            (1, read) => Ok(read),
-            (counter @ 0.., _) => Err(failed(DatagramError::WorkingCounter(counter as u16))),
-            (_, _) => Err(failed(DatagramError::Lost)),
+        for _ in 0..TRIES {
+            match self.datagram(operation, station, address, data)? {
+                (1, read) => return Ok(read),
+                (counter @ 0.., _) => return Err(failed(DatagramError::WorkingCounter(counter as u16))),
+                (_, _) => {}
+            }
         }
+        Err(failed(DatagramError::Lost))
     }
 
     /// Refuses to write to the slaves of a network that runs.
@@ -121,7 +138,7 @@ const fn cannot(what: &'static str) -> BusError {
     BusError::Cannot { what, instead: "take the slaves' cable into a network card, e.g. --link nic:eth1" }
 }
 
-impl Network for ChipNetwork {
+impl Network for XfNetwork {
     fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError> {
         let is_up = self.xf.header().state.0 & 0x0F != 0;
         let found = match is_up {

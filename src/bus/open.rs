@@ -24,7 +24,7 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
             let settings = crate::master::Settings { source: card.source(), ..Default::default() };
             Ok(Box::new(super::software::SoftwareNetwork::new(card, settings)))
         }
-        Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::ChipNetwork::open(&uri)?)),
+        Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
         Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),
         #[allow(unreachable_patterns, reason = "a build may have every link")]
         scheme => Err(crate::link::LinkError::Unsupported {

@@ -129,6 +129,7 @@
 //! | [`xf`] | the wire format of the chip ECM-XF: packets, check words, requests and answers as types, the driver of a host; `no_std`. In `xf::chip` a model of it |
 //! | [`ethercat`] | EtherCAT itself: frames, registers, EEPROMs, mailboxes, [`coe`], [`cia402`]; `no_std` |
 //! | [`master`] | a small EtherCAT master in software, without I/O: frames out, frames in, and the time |
+//! | [`bus`] | what a network looks like from outside a program: slaves, objects, EEPROMs, files, clocks, cables |
 //! | [`xf_api`] | [`Xf`], the API for a chip ECM-XF: any of its commands, the start of a network, process data with types |
 //! | [`engine`] | the model of the EC01M: states of the network, command FIFO, SDO slot, homing |
 //! | [`fieldbus`] | the trait by which the model reaches its slaves, and the simulated bus |
@@ -177,6 +178,8 @@ pub mod xf;
 
 pub use ethercat::{cia402, coe};
 
+#[cfg(feature = "std")]
+pub mod bus;
 #[cfg(feature = "std")]
 pub mod compare;
 #[cfg(feature = "std")]

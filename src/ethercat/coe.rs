@@ -3,11 +3,13 @@
 //!
 //! The SDO slot of the ECM-SK, the simulated slaves and every fieldbus use these types. No I/O, no state, `no_std`.
 
+mod data_type;
 mod emergency;
 mod information;
 mod message;
 mod sdo;
 
+pub use data_type::{DataTypeCode, ValueForm};
 pub use emergency::Emergency;
 pub use information::{
     EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectAccess, ObjectCode, ObjectDescription,

@@ -7,5 +7,7 @@ pub mod descriptors;
 pub mod ethernet;
 #[cfg(all(feature = "usb", any(unix, windows)))]
 pub mod hid;
+#[cfg(target_os = "linux")]
+pub mod routes;
 #[cfg(all(feature = "spi", target_os = "linux"))]
 pub mod spi;

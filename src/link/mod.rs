@@ -44,7 +44,7 @@ mod layer;
 pub mod manufacturer_objects;
 mod network;
 #[cfg(all(feature = "nic", target_os = "linux"))]
-mod nic;
+pub(crate) mod nic;
 pub mod options;
 mod own_board;
 pub mod record;

@@ -83,6 +83,12 @@ pub enum ScriptError {
         /// What is wrong and what is allowed.
         message: String,
     },
+    /// A line does something to frames, for a board over simulated slaves, which are reached without any.
+    #[error(
+        "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
+         or serve the slaves with `ecmsk serve ethercat`"
+    )]
+    NoFrames { file: String, line: u32, verb: &'static str },
 }
 
 /// A script that was read and checked.
@@ -104,6 +110,21 @@ impl Script {
         let text = String::from_utf8(read.bytes);
         let text = text.map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
         Self::parse(&file, &text, slaves)
+    }
+
+    /// Reads the script in the file `path` for a board over simulated slaves.
+    ///
+    /// # Errors
+    /// [`ScriptError`].
+    pub(super) fn load_for_board(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let script = Self::load(path, slaves)?;
+        match script.steps.iter().find(|step| step.action.is_of_frames()) {
+            Some(step) => {
+                let (file, line, verb) = (path.display().to_string(), step.line, step.verb);
+                Err(ScriptError::NoFrames { file, line, verb })
+            }
+            None => Ok(script),
+        }
     }
 
     /// Reads the text of a script for a network of these slaves; `file` is its name in error messages.

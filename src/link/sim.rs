@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use super::boards::{self, Key};
-use super::chip::SimChip;
+use super::chip::{ChipNetwork, SimChip};
 use super::engine::{EngineLink, Keeper};
 use super::manufacturer_objects::{self, ManufacturerObjectsError};
 use super::options::{Clock, CommonOptions, ModelledBus, SimOptions};
@@ -28,7 +28,7 @@ const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     // Errors in these files are found before any board is claimed or moved.
-    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let script = script_of(&options)?;
     let objects = manufacturer_objects::of_slaves(&options.slaves)?;
     let name = uri.to_string();
     let key = match (&options.name, share) {
@@ -74,7 +74,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
 /// The board that the URI describes, without a link: it has just started up, and its time advances only by calls.
 pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
-    let script = options.script.as_deref().map(|path| Script::load(path, &options.slaves)).transpose()?;
+    let script = script_of(&options)?;
     let name = uri.to_string();
     let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?)?;
     start(script, &mut board, &network);
@@ -82,6 +82,15 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
         return Ok(board);
     }
     Err(LinkError::NoBoard { name, reason: "it finds no slave; give it some with `slaves=`".into() })
+}
+
+/// The script of a link, if there is one.
+fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
+    let Some(path) = options.script.as_deref() else { return Ok(None) };
+    let has_frames = matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == ChipNetwork::Controllers);
+    let script =
+        if has_frames { Script::load(path, &options.slaves) } else { Script::load_for_board(path, &options.slaves) };
+    Ok(Some(script?))
 }
 
 /// Starts a script, if there is one, on a board and its network.

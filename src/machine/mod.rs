@@ -4,7 +4,7 @@
 //! [`Machine`] reads the facts from Linux or Windows and judges them; a [`Finding`](findings::Finding) is one judgement, with
 //! what to do about it. [`timing`] measures how exactly the machine wakes threads.
 //!
-//! How to read it: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `udev`, `limits`,
+//! How to read it: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `net`, `udev`, `limits`,
 //! `holders`; `linux/findings/` judges them), `windows/` (the same for Windows), `timing.rs`.
 
 pub mod findings;
@@ -15,7 +15,7 @@ pub mod timing;
 mod windows;
 
 #[cfg(target_os = "linux")]
-pub use linux::{Access, Machine, gpio, holders, limits, spi, udev, usb};
+pub use linux::{Access, Machine, gpio, holders, limits, net, spi, udev, usb};
 #[cfg(windows)]
 pub use windows::{Board, Machine};
 

@@ -157,7 +157,7 @@ pub use settings::Settings;
 pub use shared::{EVENTS_MAX, Event, SlaveStatus};
 pub use sii::SiiError;
 pub use states::{StateError, StateReason};
-pub use topology::Upstream;
+pub use topology::{Upstream, upstreams};
 pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};

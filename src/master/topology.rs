@@ -22,7 +22,7 @@ pub(super) const fn is_open(ports: DlStatus, port: usize) -> bool {
 /// Where each slave is connected, in the order in which a frame comes to them; `None`: at the master.
 ///
 /// \[OURS] Slaves whose ports do not tell are taken for a line.
-pub(super) fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
+pub fn upstreams(slaves: &[DlStatus]) -> Vec<Option<Upstream>> {
     walk(slaves).0
 }
 

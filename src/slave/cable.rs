@@ -9,7 +9,8 @@
 //! take locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock,
 //! which is never held for longer than an assignment.
 
-use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::num::NonZeroU16;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{AlStatus, Fault};
@@ -28,9 +29,20 @@ struct ScriptedAnswers {
     object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 
+/// A cable that damages frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Noise {
+    /// The slave before which the cable is, from 1.
+    pub slave: u8,
+    /// One of so many frames is damaged there.
+    pub one_of: NonZeroU16,
+}
+
 struct Shared {
     /// How many slaves the cable reaches.
     reach: AtomicU8,
+    /// The slave before which frames are damaged, in the upper half, and one of how many; 0: none is damaged.
+    noise: AtomicU32,
     /// Bit n - 1: slave n does not answer.
     silent: AtomicU64,
     /// Bit n - 1: slave n has lost its power since the last cycle.
@@ -50,6 +62,7 @@ impl Default for Cable {
     fn default() -> Self {
         Self(Arc::new(Shared {
             reach: AtomicU8::new(u8::MAX),
+            noise: AtomicU32::new(0),
             silent: AtomicU64::new(0),
             powered_off: AtomicU64::new(0),
             has_faults: AtomicBool::new(false),
@@ -69,6 +82,13 @@ impl Cable {
     /// Repairs the cable after [`Self::cut_after`].
     pub fn heal(&self) {
         self.cut_after(u8::MAX);
+    }
+
+    /// Makes the cable before a slave damage frames; `None`: no longer. One cable at a time does so, and only where there are
+    /// frames: [`CabledChain`](super::esc::CabledChain).
+    pub fn damage_frames(&self, noise: Option<Noise>) {
+        let packed = noise.map_or(0, |Noise { slave, one_of }| u32::from(slave) << 16 | u32::from(one_of.get()));
+        self.0.noise.store(packed, Ordering::Relaxed);
     }
 
     /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass
@@ -136,6 +156,12 @@ impl Cable {
     /// How many slaves frames reach: all before the place where the cable is cut.
     pub fn reach(&self) -> u8 {
         self.0.reach.load(Ordering::Relaxed)
+    }
+
+    /// The cable that damages frames; `None`: none does.
+    pub fn noise(&self) -> Option<Noise> {
+        let packed = self.0.noise.load(Ordering::Relaxed);
+        Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
     /// The slaves that frames reach and that answer.

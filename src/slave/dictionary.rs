@@ -44,9 +44,10 @@ mod information;
 mod object;
 mod values;
 
+pub use crate::coe::DataTypeCode;
 pub use information::{
-    DataTypeCode, EntryDescription, EntryValues, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, access_of,
-    describe_entry, describe_object, is_listed, object_from,
+    EntryDescription, EntryValues, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, access_of, describe_entry,
+    describe_object, is_listed, object_from,
 };
 pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, rows};
 pub use values::{Slot, Value, Values, slot};

@@ -23,6 +23,7 @@ fn valid_scripts_are_read() {
         ("refuse 1 op for 1s\nrefuse 1 op 0x11 for 1s\nrefuse 1 init 17\nend refuse 1", 6),
         ("sdo-abort 1 0x6098:0 1\nsdo-abort 1 24728:0x0 0xFFFFFFFF for 1us\nend sdo-abort 1", 4),
         ("sdo-delay 1 0ms\nat 1s end sdo-delay 1", 2),
+        ("noise 2 100 for 1s\nend noise 2", 3),
         ("mute 1\nend mute 1\ncut 1\nend cut\nheal\nsilent\nend silent\nfull\nend full\ninputs 0x3F", 10),
     ] {
         let script = Script::parse("test", text, &slaves("drive*2"));
@@ -65,9 +66,9 @@ fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
 /// LINK-6 What is wrong is told with its place and what is allowed.
 #[test]
 fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
-    const VERBS: &str = "alarm, cut, heal, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \
+    const VERBS: &str = "alarm, cut, heal, noise, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \
                          io, silent, full, inputs";
-    const LASTING: &str = "cut, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
+    const LASTING: &str = "cut, noise, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
     const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
     for (text, line, column, message) in [
         ("\n  alram 1 0x7500", 2, 3, format!("`alram` is no verb; did you mean `alarm`? allowed: at, end, {VERBS}")),
@@ -106,6 +107,7 @@ fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
             "`0x6098:300` is no object; allowed: index and subindex, such as 0x6098:0".into(),
         ),
         ("sdo-abort 1 0x6098:0", 1, 21, "CODE is missing; allowed: sdo-abort SLAVE [INDEX:SUB] CODE [for TIME]".into()),
+        ("noise 2 0", 1, 9, "`0` is no N; allowed: a number from 0x1 to 0xFFFF".into()),
         ("inputs 0x40", 1, 8, "`0x40` is no BITS; allowed: a number from 0x0 to 0x3F".into()),
         ("lose 4", 1, 6, "`4` is no slave of this network; allowed: a number from 1 to 3".into()),
         ("find 1 for 1s", 1, 8, "`for` is too much; allowed: find SLAVE".into()),
@@ -163,6 +165,7 @@ fn the_help_has_every_verb() {
         "sdo-abort SLAVE [INDEX:SUB] CODE [for TIME]",
         "silent [for TIME]",
         "inputs BITS",
+        "noise SLAVE N [for TIME]",
         "lose SLAVE [for TIME]",
         "find SLAVE",
         "stick SLAVE[.AXIS] INPUT on|off [for TIME]",
@@ -174,7 +177,7 @@ fn the_help_has_every_verb() {
 }
 
 fn word() -> impl Strategy<Value = String> {
-    let words = "at end for alarm cut heal mute refuse sdo-delay sdo-abort silent full inputs stick jam lose find io walk home index on off 3 stays init safeop op 1 2 1.1 \
+    let words = "at end for alarm cut heal noise mute refuse sdo-delay sdo-abort silent full inputs stick jam lose find io walk home index on off 3 stays init safeop op 1 2 1.1 \
                  0x7500 0x6098:0 2.5s 200ms 0s # ä";
     let known: Vec<String> = words.split(' ').map(String::from).collect();
     prop_oneof![4 => proptest::sample::select(known), 1 => any::<String>()]

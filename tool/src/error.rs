@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
+use super::bus::BusVerbError;
 use super::xf::XfVerbError;
 
 /// Why the tool failed. Every text ends with the next step.
@@ -71,6 +72,9 @@ pub enum CliError {
     /// See [`super::xf::XfVerbError`].
     #[error(transparent)]
     Xf(#[from] super::xf::XfVerbError),
+    /// See [`super::bus::BusVerbError`].
+    #[error(transparent)]
+    Bus(#[from] super::bus::BusVerbError),
     /// See [`ecmsk::port::usbip::ServeError`].
     #[error(transparent)]
     Usbip(#[from] ecmsk::port::usbip::ServeError),
@@ -88,8 +92,10 @@ impl CliError {
     ///
     /// A reader that closes the pipe early (`ecmsk dump F | head`) is no failure, and nothing is printed then.
     pub fn report(&self) -> ExitCode {
-        if let Self::Output(error) | Self::Board(BoardError::Output(error)) | Self::Xf(XfVerbError::Output(error)) =
-            self
+        if let Self::Output(error)
+        | Self::Board(BoardError::Output(error))
+        | Self::Bus(BusVerbError::Output(error))
+        | Self::Xf(XfVerbError::Output(error)) = self
             && error.kind() == io::ErrorKind::BrokenPipe
         {
             return ExitCode::SUCCESS;
@@ -107,6 +113,7 @@ impl CliError {
         match self {
             Self::Exec(error) => error.code(),
             Self::Board(error) => error.code(),
+            Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),
             // The command line asks for something that is refused.
             Self::NothingToServe

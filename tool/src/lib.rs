@@ -12,13 +12,16 @@
 //!   run several of them; `board.rs` is what they share
 //! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
 //!   each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `bus.rs`: `ecmsk bus`, the look at any network, one file each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to a chip ECM-XF, one file each in `xf/`
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`
+//! - `transfer.rs`, `hex.rs`: objects and bytes, as `bus` and `xf` take and show them
 //! - `error.rs`, `output.rs`, `stderr.rs`, `visible.rs`, `signals/`: errors, standard output and error, control
 //!   characters, Ctrl-C
 //! - `fuzzed.rs`: what `fuzz/` calls
 
 mod board;
+mod bus;
 mod compare;
 mod completions;
 mod doctor;
@@ -28,6 +31,7 @@ mod exec;
 mod filter;
 #[doc(hidden)]
 pub mod fuzzed;
+mod hex;
 mod image;
 mod kinds;
 mod link;
@@ -51,6 +55,7 @@ mod slot_size;
 mod stderr;
 mod step;
 mod summary;
+mod transfer;
 mod visible;
 mod xf;
 
@@ -73,6 +78,8 @@ Exit codes:
        0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
+  bus errors, bus dc
+       0 nothing is wrong, 1 a cable is bad, or clocks do not keep together
   list 0 if each board that was found on USB can be opened, or an SPI device if there is none
   doctor
        0 nothing is wrong, 1 something has to be put right
@@ -111,6 +118,7 @@ enum Verb {
     Doctor(doctor::Args),
     Serve(serve::Args),
     Slave(slave::Args),
+    Bus(bus::Args),
     Xf(xf::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -151,6 +159,7 @@ impl Verb {
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Serve(args) => serve::run(&args),
             Self::Slave(args) => slave::run(&args),
+            Self::Bus(args) => Ok(bus::run(&args)?),
             Self::Xf(args) => Ok(xf::run(&args).map(|()| ExitCode::SUCCESS)?),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }

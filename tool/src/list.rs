@@ -1,4 +1,4 @@
-//! `ecmsk list`: lists the boards of this machine.
+//! `ecmsk list`: lists the boards of this machine, and the network cards that can take the place of one.
 
 #[cfg(target_os = "linux")]
 mod linux;
@@ -21,7 +21,8 @@ use windows as system;
 /// List the boards of this machine, those that cannot be opened, too, with the reason and what to do
 ///
 /// Nothing is opened, and no right is needed. Boards on USB are known by what they say of themselves; whether there is a
-/// board behind an SPI device shows only when it is opened. What stands first is the link to give to --link.
+/// board behind an SPI device shows only when it is opened. Network cards can have slaves at their end, without a board;
+/// on Linux --scan looks for them. What stands first is the link to give to --link.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -60,11 +61,15 @@ impl Row {
 }
 
 /// # Errors
-/// [`CliError::Output`]
+/// [`CliError::Output`], [`CliError::Bus`]
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let rows = system::rows(&args.system);
     output::print(if args.json { lines(&rows) } else { table(&rows) })?;
-    let links: Vec<&Row> = rows.iter().filter(|row| row.link.is_some()).collect();
+    if let Some(card) = system::scanned(&args.system) {
+        super::bus::scan_card(card, args.json)?;
+    }
+    let is_board = |row: &&Row| row.link.is_some() && row.scheme != Scheme::Nic;
+    let links: Vec<&Row> = rows.iter().filter(is_board).collect();
     if links.is_empty() {
         say(
             "note",

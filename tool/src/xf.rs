@@ -3,7 +3,7 @@
 //! - `session.rs`: the chip of a verb: its options, opening it without disturbing what runs on it, starting its network
 //! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`,
 //!   `encoder.rs`: one verb each; `raw.rs`, with `raw/` for values as text: any function of the chip
-//! - `hex.rs`, `words.rs`: bytes; names of states and bits as the tool writes them
+//! - `words.rs`: names of states and bits as the tool writes them
 //! - `tests.rs`: verbs on a chip that goes on between them
 //! - `error.rs`: why a verb failed
 
@@ -13,7 +13,6 @@ mod dac;
 mod encoder;
 mod error;
 mod gpio;
-mod hex;
 mod info;
 mod pdo;
 mod raw;

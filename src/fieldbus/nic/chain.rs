@@ -37,7 +37,20 @@ impl ChainWires {
     /// # Errors
     /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<Self, UndescribedError> {
-        let slaves = CabledChain::new(devices, handle.cable().clone())?;
+        Self::with_drift(devices, handle, 0)
+    }
+
+    /// The same with crystals that are up to `drift_ppb` parts per billion too fast or too slow, as
+    /// [`CabledChain::with_drift`] says.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_drift(
+        devices: Vec<Box<dyn Slave>>,
+        handle: SimHandle,
+        drift_ppb: u32,
+    ) -> Result<Self, UndescribedError> {
+        let slaves = CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?;
         let mut wires = Self { slaves, handle, now: 0, returning: Default::default(), spare: Vec::new() };
         wires.publish_shafts();
         Ok(wires)

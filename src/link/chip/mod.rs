@@ -160,7 +160,7 @@ pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
 }
 
 /// How the driver uses a chip behind that link.
-fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
+pub(crate) fn host_config(info: &ChipInfo, options: &ChipOptions) -> HostConfig {
     HostConfig {
         size: info.size,
         wanted_size: options.use_n.filter(|_| info.size.is_none()),

@@ -10,6 +10,7 @@ use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
 use crate::fieldbus::nic::{CardPair, NicWires};
 use crate::io::ethernet::{self, DefaultRoute, Interface, InterfaceError, MacAddress, Socket};
 use crate::link::LinkError;
+use crate::link::uri::{LinkUri, UriError};
 use crate::master::{FrameBuffer, Wire, WireDown};
 
 /// For so long the card is listened to before anything is sent: another master sends within each of its cycles. \[OURS]
@@ -18,7 +19,7 @@ const LISTEN: Duration = Duration::from_millis(100);
 const PASSED: u8 = 0x02;
 
 /// A network card that one master alone uses.
-pub(super) struct Card {
+pub(crate) struct Card {
     socket: Socket,
     source: MacAddress,
     begin: Instant,
@@ -27,6 +28,20 @@ pub(super) struct Card {
 }
 
 impl Card {
+    /// Opens the card that a link names.
+    ///
+    /// # Errors
+    /// [`LinkError::Uri`]: it names none; as [`Self::open`].
+    pub(crate) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
+        if uri.path().is_empty() {
+            let path = uri.path().to_owned();
+            return Err(
+                UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into()
+            );
+        }
+        Self::open(uri.path(), &uri.to_string())
+    }
+
     /// Opens the card of that name for a master.
     ///
     /// # Errors
@@ -54,7 +69,7 @@ impl Card {
     }
 
     /// The source of its frames.
-    pub(super) const fn source(&self) -> MacAddress {
+    pub(crate) const fn source(&self) -> MacAddress {
         self.source
     }
 

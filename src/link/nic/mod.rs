@@ -10,23 +10,20 @@ use super::LinkError;
 use super::engine::EngineLink;
 use super::options::{BoardOptions, CommonOptions};
 use super::own_board::{boots, switching_off};
-use super::uri::{LinkUri, UriError};
+use super::uri::LinkUri;
 use crate::engine::{Board, Rate};
 use crate::fieldbus::Fieldbus;
 use crate::fieldbus::nic::{NicBus, Ring};
 use crate::master::Settings;
-use card::{Card, Cards};
+pub(crate) use card::Card;
+use card::Cards;
 
 /// Opens the board: the network is scanned, and its slaves are brought to PreOP.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
     let options = BoardOptions::from_uri(uri)?;
-    if uri.path().is_empty() {
-        let path = uri.path().to_owned();
-        return Err(UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into());
-    }
     let name = uri.to_string();
     let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
-    let first = Card::open(uri.path(), &name)?;
+    let first = Card::of(uri)?;
     let settings = Settings { source: first.source(), ..Settings::default() };
     let bus: Box<dyn Fieldbus> = match uri.value("second") {
         None => Box::new(NicBus::new(first, settings)),

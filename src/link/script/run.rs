@@ -4,7 +4,7 @@
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
-use crate::slave::cable::Cable;
+use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};
 
 /// What a line of a script does to the board or to a slave. Slaves are numbered from 1.
@@ -14,6 +14,8 @@ pub(super) enum ScriptAction {
     Fault { slave: u8, fault: Fault },
     /// The cable is cut after this many slaves; `None`: it is whole.
     Cut(Option<u8>),
+    /// The cable that damages frames; `None`: none does.
+    Noise(Option<Noise>),
     /// Whether the slave leaves every datagram unanswered, while frames still pass through it.
     Mute { slave: u8, mute: bool },
     /// The state that the slave refuses to enter, with the AL status code of the refusal; `None`: it refuses no state.
@@ -40,6 +42,7 @@ impl ScriptAction {
             Self::Inputs(_) => self,
             Self::Fault { slave, fault } => Self::Fault { slave, fault: fault.end() },
             Self::Cut(_) => Self::Cut(None),
+            Self::Noise(_) => Self::Noise(None),
             Self::Mute { slave, .. } => Self::Mute { slave, mute: false },
             Self::Refuse { slave, .. } => Self::Refuse { slave, state: None },
             Self::SdoDelay { slave, .. } => Self::SdoDelay { slave, ns: 0 },
@@ -55,11 +58,17 @@ impl ScriptAction {
         matches!(self, Self::Silent(_) | Self::Full(_) | Self::Inputs(_))
     }
 
+    /// Whether it happens to frames, which a modelled board over simulated slaves does not have.
+    pub(super) const fn is_of_frames(self) -> bool {
+        matches!(self, Self::Noise(_))
+    }
+
     fn apply(self, network: &Cable, board: &BoardHandle) {
         match self {
             Self::Fault { slave, fault } => network.apply_fault(slave, fault),
             Self::Cut(Some(slaves)) => network.cut_after(slaves),
             Self::Cut(None) => network.heal(),
+            Self::Noise(noise) => network.damage_frames(noise),
             Self::Mute { slave, mute } => network.silence(slave, mute),
             Self::Refuse { slave, state } => network.refuse(slave, state),
             Self::SdoDelay { slave, ns } => network.delay_sdo(slave, ns),

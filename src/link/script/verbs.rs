@@ -1,10 +1,13 @@
 //! The verbs of a script. One table defines them all, for reading lines and for the text of `ecmsk link help`: a new verb
 //! is a new row, and its action is in `run.rs`. What goes wrong inside a slave is a [`Fault`].
 
+use std::num::NonZeroU16;
+
 use super::reader::Reader;
 use super::run::{ScriptAction, Step};
 use super::words::{LineError, Word, Words, number, time};
 use crate::link::slaves::SlaveSpec;
+use crate::slave::cable::Noise;
 use crate::slave::{DeviceFault, Fault};
 
 /// A row of the table: one verb.
@@ -47,6 +50,18 @@ const VERBS: &[Verb] = &[
         meaning: "the cable is whole again, as with `end cut`",
         lasts: false,
         read: |_| Ok(ScriptAction::Cut(None)),
+    },
+    Verb {
+        name: "noise",
+        form: "SLAVE N",
+        meaning: "the cable before that slave damages one of N frames, by turns out and back (one cable at a time); for \
+                  `ecmsk bus` and `ecmsk serve ethercat`, whose slaves have frames",
+        lasts: true,
+        read: |line| {
+            let slave = line.slave()?;
+            let one_of = if line.ends { 0 } else { number(line.words, "N", &line.form, 1, 0xFFFF)? as u16 };
+            Ok(ScriptAction::Noise(NonZeroU16::new(one_of).map(|one_of| Noise { slave, one_of })))
+        },
     },
     Verb {
         name: "mute",

@@ -46,7 +46,7 @@ impl Machine {
     }
 
     /// The effective capabilities of this process as a mask; 0 if the kernel does not tell.
-    fn capabilities(&self) -> u64 {
+    pub(super) fn capabilities(&self) -> u64 {
         let status = self.text("/proc/self/status").unwrap_or_default();
         let mask = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
         mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)

@@ -2,29 +2,10 @@
 
 use super::object::Cell;
 use super::{Access, DataType, Device, Object, PdoDirection};
-use crate::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
+use crate::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 use crate::ethercat::AlState;
 
-/// The number of a data type in the object dictionary (ETG.1000.6 5.6.7.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DataTypeCode(pub u16);
-
 impl DataTypeCode {
-    /// No type of its own: a record whose structure has no number.
-    pub const NONE: Self = Self(0x0000);
-    /// REAL32.
-    pub const REAL32: Self = Self(0x0008);
-    /// OCTET_STRING.
-    pub const OCTET_STRING: Self = Self(0x000A);
-    /// REAL64.
-    pub const REAL64: Self = Self(0x0011);
-    /// The record of a PDO mapping.
-    pub const PDO_MAPPING: Self = Self(0x0021);
-    /// The record of the identity.
-    pub const IDENTITY: Self = Self(0x0023);
-    /// The record of the parameters of a sync manager.
-    pub const SYNC_MANAGER_PARAMETER: Self = Self(0x0029);
-
     /// The number of a data type.
     pub const fn of(data: DataType) -> Self {
         Self(match data {

@@ -4,7 +4,7 @@ use super::scripted::Scripted;
 use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate};
 use crate::ethercat::{CableEnd, Ns, SlaveSet};
 use crate::slave::Slave;
-use crate::slave::cable::Cable;
+use crate::slave::cable::{Cable, Noise};
 
 /// A slave in a line cannot be put on a network: its EEPROM cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +35,9 @@ pub struct CabledChain {
     answering: SlaveSet,
     /// The cable from the last slave to a second card is whole.
     is_ring: bool,
+    /// How many frames have passed a cable that damages some, and whether the next one is damaged on its way back.
+    passed: u16,
+    is_back_next: bool,
 }
 
 impl CabledChain {
@@ -67,6 +70,8 @@ impl CabledChain {
             reach: cable.reach(),
             is_ring: false,
             cable,
+            passed: 0,
+            is_back_next: false,
         })
     }
 
@@ -88,11 +93,69 @@ impl CabledChain {
     /// A frame goes out at `now` and is changed in place, as [`Chain::process`] says.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.follow_cable(now);
-        self.chain.process(frame, now)
+        match self.cable.noise() {
+            Some(noise) if self.is_damaged(noise) => self.damage(noise.slave, frame, now),
+            _ => self.chain.process(frame, now),
+        }
+    }
+
+    /// Whether a frame is the one of many that the cable damages.
+    fn is_damaged(&mut self, noise: Noise) -> bool {
+        if !(1..=self.reached()).contains(&noise.slave) {
+            return false;
+        }
+        self.passed += 1;
+        let is_damaged = self.passed >= noise.one_of.get();
+        if is_damaged {
+            self.passed = 0;
+        }
+        is_damaged
+    }
+
+    /// How many slaves frames come to.
+    const fn reached(&self) -> u8 {
+        let last = self.chain.len() as u8;
+        if self.reach < last { self.reach } else { last }
+    }
+
+    /// A frame passes the cable before that slave, which damages it, by turns on the way out and on the way back. Who gets it
+    /// first counts an invalid frame at that port, all behind it a forwarded error, and nobody takes its datagrams; it comes
+    /// back to the master with a wrong check sequence, which is as if it did not.
+    fn damage(&mut self, slave: u8, frame: &mut [u8], now: Ns) -> FrameFate {
+        const IN: usize = 0;
+        const BACK: usize = 1;
+        let (before, reached) = (usize::from(slave) - 1, usize::from(self.reached()));
+        let is_back = self.is_back_next;
+        self.is_back_next = !is_back;
+        if is_back {
+            self.chain.process(frame, now);
+        } else {
+            let answers = |n: &usize| self.answering.contains(*n as u8 + 1);
+            let behind: Vec<usize> = (before..reached).filter(answers).collect();
+            behind.iter().for_each(|n| self.chain.silence(*n, true));
+            self.chain.process(frame, now);
+            behind.iter().for_each(|n| self.chain.silence(*n, false));
+            self.chain.slave_mut(before).controller_mut().note_invalid_frame(IN);
+            (before + 1..reached).for_each(|n| self.chain.slave_mut(n).controller_mut().note_forwarded_error(IN));
+        }
+        // All slaves but the last one get it once more, from the one behind.
+        let back = if is_back { before } else { reached - 1 };
+        for n in (0..back).rev() {
+            let controller = self.chain.slave_mut(n).controller_mut();
+            if is_back && n + 1 == before {
+                controller.note_invalid_frame(BACK);
+            } else {
+                controller.note_forwarded_error(BACK);
+            }
+        }
+        FrameFate::Lost
     }
 
     /// A frame goes out at that end, as [`Chain::process_from`] says.
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
+        if end == CableEnd::First && !self.is_ring {
+            return (self.process(frame, now), end);
+        }
         self.follow_cable(now);
         self.chain.process_from(end, frame, now)
     }

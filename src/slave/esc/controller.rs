@@ -220,6 +220,11 @@ impl Controller {
         self.memory.count(registers::RX_ERRORS + 2 * port as u16);
     }
 
+    /// A frame came in at a port that another slave has marked: its check sequence was wrong there.
+    pub fn note_forwarded_error(&mut self, port: usize) {
+        self.memory.count(registers::FORWARDED_ERRORS + port as u16);
+    }
+
     /// A frame came whose datagrams do not fit into it.
     pub fn note_wrong_structure(&mut self) {
         self.memory.count(registers::PROCESSING_UNIT_ERRORS);

@@ -25,6 +25,7 @@ mod logical;
 mod mailbox;
 mod managers;
 mod masters;
+mod noise;
 mod ports;
 mod rig;
 mod states;

@@ -52,6 +52,14 @@ impl Reporter {
         output::print(format!("{text}\n"))
     }
 
+    /// Prints a result of several lines that belong together: the text, or a JSON object for each of its parts.
+    pub fn results(&self, text: impl Display, parts: &[Value]) -> io::Result<()> {
+        if !self.json {
+            return self.result(text, &Value::Null);
+        }
+        parts.iter().try_for_each(|part| self.result("", part))
+    }
+
     /// JSON objects from now on contain the number of this line of a script.
     pub fn at_line(&self, line: u32) {
         self.line.store(line, Ordering::Relaxed);

@@ -3,8 +3,11 @@
 mod rule;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::ValueHint;
+use ecmsk::bus::{self, RoundTrips};
+use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::Machine;
 use ecmsk::machine::findings::Finding;
@@ -45,4 +48,76 @@ pub fn name(args: &SystemArgs) -> Option<String> {
 /// All findings that need no measurement.
 pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
+}
+
+/// \[OURS] How many frames are sent to measure how long they take.
+const ROUND_TRIPS: u32 = 1000;
+/// \[OURS] Frames that take longer, one in a hundred of them, fill too much of a cycle of 1 ms.
+const ROUND_TRIP_MAX: Duration = Duration::from_micros(500);
+
+/// How long frames take to the slaves of a link `nic:` and back; `None`: another link is meant, or the card cannot be opened, as
+/// the findings say.
+pub fn round_trip(args: &SystemArgs, wanted: Option<&LinkUri>, findings: &[Finding]) -> Option<Finding> {
+    let link = wanted.filter(|link| link.scheme() == Scheme::Nic)?;
+    if args.root != Path::new("/") || findings.iter().any(|finding| finding.blocks) {
+        return None;
+    }
+    Some(judge(bus::round_trips(link, ROUND_TRIPS).map_err(|error| error.to_string())).of(link.path()))
+}
+
+fn judge(measured: Result<Option<RoundTrips>, String>) -> Finding {
+    const CHECK: &str = "round-trip";
+    let RoundTrips { slaves, lost, p50, p99, max } = match measured {
+        Ok(Some(measured)) => measured,
+        Ok(None) => {
+            let next = "look at the cable to the first slave and at the slaves' power";
+            return Finding::wrong(CHECK, "no frame comes back", next);
+        }
+        Err(error) => {
+            let (found, next) = super::link::split(&error);
+            return Finding::wrong(CHECK, found, next);
+        }
+    };
+    let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX);
+    let passed = if slaves == 1 { "1 slave".to_owned() } else { format!("{slaves} slaves") };
+    let found = format!(
+        "{passed}: {} us (half of the frames), {} us (99 of 100), {} us (the worst); {lost} of {ROUND_TRIPS} lost",
+        us(p50),
+        us(p99),
+        us(max)
+    );
+    let finding = match (lost, p99 <= ROUND_TRIP_MAX) {
+        (0, true) => Finding::fine(CHECK, found),
+        (0, false) => Finding::advice(CHECK, found, "see what holds frames back above, or take a longer cycle"),
+        _ => Finding::wrong(CHECK, found, "look for the bad cable with `ecmsk bus errors`"),
+    };
+    finding
+        .figure("slaves", slaves.into())
+        .figure("p50_us", us(p50))
+        .figure("p99_us", us(p99))
+        .figure("max_us", us(max))
+        .figure("lost", lost.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ecmsk::machine::findings::Verdict;
+
+    /// NIC-4.3 Frames that take half a cycle are advice, lost ones are wrong, and so is a card that does not open.
+    #[test]
+    fn round_trips_are_judged() {
+        let us = Duration::from_micros;
+        let measured = |p99, lost| Ok(Some(RoundTrips { slaves: 3, lost, p50: us(60), p99: us(p99), max: us(900) }));
+        let good = judge(measured(500, 0));
+        assert_eq!(good.verdict, Verdict::Fine);
+        assert!(good.found.starts_with("3 slaves: 60 us (half of the frames), 500 us (99 of 100)"), "{}", good.found);
+        assert_eq!(judge(measured(501, 0)).verdict, Verdict::Advice);
+        let lost = judge(measured(100, 2));
+        assert!(lost.verdict == Verdict::Wrong && lost.found.ends_with("2 of 1000 lost"), "{lost:?}");
+        assert_eq!(lost.figures.last(), Some(&("lost", 2)));
+        assert_eq!(judge(Ok(None)).verdict, Verdict::Wrong);
+        let refused = judge(Err("it is in use; end that program".to_owned()));
+        assert_eq!((refused.found.as_str(), refused.next.as_deref()), ("it is in use", Some("end that program")));
+    }
 }

@@ -1,4 +1,4 @@
-//! Lists boards on USB and SPI devices, on Linux.
+//! Lists boards on USB, SPI devices and network cards, on Linux.
 
 use std::path::PathBuf;
 
@@ -6,6 +6,7 @@ use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
 use ecmsk::machine::Machine;
 use ecmsk::machine::findings::{Finding, Verdict};
+use ecmsk::machine::net::NetCard;
 use ecmsk::machine::usb::UsbDevice;
 use serde_json::json;
 
@@ -19,12 +20,21 @@ pub struct SystemArgs {
     /// The folder that /sys, /proc, /dev and /etc are below
     #[arg(long, hide = true, value_name = "DIR", default_value = "/", value_hint = ValueHint::DirPath)]
     root: PathBuf,
+
+    /// Look for slaves on this network card, e.g. eth1, too, as `ecmsk bus scan` does: all of them go to Init
+    #[arg(long, value_name = "CARD")]
+    scan: Option<String>,
+}
+
+/// The card on which slaves are looked for.
+pub fn scanned(args: &SystemArgs) -> Option<&str> {
+    args.scan.as_deref()
 }
 
 /// All devices of the list.
 pub fn rows(args: &SystemArgs) -> Vec<Row> {
     let machine = Machine::below(&args.root);
-    usb(&machine).chain(spi(&machine)).collect()
+    usb(&machine).chain(spi(&machine)).chain(cards(&machine)).collect()
 }
 
 fn usb(machine: &Machine) -> impl Iterator<Item = Row> {
@@ -75,5 +85,34 @@ fn spi(machine: &Machine) -> impl Iterator<Item = Row> {
             next: obstacle.into_iter().filter_map(|finding| finding.next).collect(),
             facts: json!({ "path": device.file, "board": null }),
         }
+    })
+}
+
+fn cards(machine: &Machine) -> impl Iterator<Item = Row> {
+    machine.net_cards().into_iter().map(|card| {
+        let obstacle = machine.card_obstacle(&card);
+        let hardware = card.driver.as_ref().map_or("virtual".to_owned(), |driver| driver.clone());
+        let address = card.mac_address.as_ref().map_or(String::new(), |address| format!(", {address}"));
+        let mut but = Vec::new();
+        if card.is_up && card.has_carrier == Some(false) {
+            but.push("nobody is at the other end of its cable".to_owned());
+        }
+        Row {
+            scheme: Scheme::Nic,
+            link: Some(card.link()),
+            what: format!("network card ({hardware}{address})"),
+            obstacle: obstacle.as_ref().map(|finding| finding.found.clone()),
+            but,
+            next: obstacle.into_iter().filter_map(|finding| finding.next).collect(),
+            facts: facts(&card),
+        }
+    })
+}
+
+fn facts(card: &NetCard) -> serde_json::Value {
+    json!({
+        "path": card.name, "board": false, "driver": card.driver, "by": card.by, "mac_address": card.mac_address,
+        "up": card.is_up, "carrier": card.has_carrier, "speed_mbit_per_s": card.speed, "address": card.address,
+        "default_route": card.has_default_route, "manager": card.manager,
     })
 }

@@ -13,6 +13,11 @@ pub const NONE: &str = "no board on USB";
 #[derive(clap::Args)]
 pub struct SystemArgs {}
 
+/// There are no network cards for slaves on Windows.
+pub const fn scanned(_: &SystemArgs) -> Option<&str> {
+    None
+}
+
 /// All devices with the board's vendor and product id, or a row with the error.
 pub fn rows(_: &SystemArgs) -> Vec<Row> {
     match Machine::here().boards() {

@@ -11,10 +11,10 @@ use ecmsk::xf::{EtherCatState, Status};
 use ecmsk::xf_api::{NetworkConfig, ProcessData, Xf};
 use serde_json::Value;
 
-use super::sdo::Written;
 use super::session::{ChipArgs, Session};
 use super::{Shown, info, pdo, scan, sdo, state};
 use crate::step::object::Object;
+use crate::transfer::{Transfer, Written};
 
 /// A link to a chip that stays when the link is closed.
 #[derive(Clone)]
@@ -162,9 +162,7 @@ fn slaves_of_a_running_machine_are_read() {
     let mut session = chip.session();
     let which = |object: &str| sdo::Which {
         slave: 0,
-        object: Object::parse(object).expect("an object"),
-        of: None,
-        complete: false,
+        transfer: Transfer { object: Object::parse(object).expect("an object"), of: None, complete: false },
         chip: ChipArgs::default(),
     };
     let statusword = sdo::read(&mut session, &which("statusword")).expect("an object");

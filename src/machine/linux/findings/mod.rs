@@ -1,6 +1,7 @@
 //! Judges a machine with Linux.
 
 mod host;
+mod net;
 mod spi;
 mod usb;
 
@@ -15,6 +16,7 @@ impl Machine {
     pub fn findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let mut all = self.usb_findings(wanted);
         all.extend(self.spi_findings(wanted));
+        all.extend(self.net_findings(wanted));
         all.extend(self.host_findings());
         all.push(timer(timer_resolution()));
         all

@@ -6,8 +6,8 @@ use ecmsk::xf::fields::{AnswerFields, Field, FunctionFields, Kind, Names, Value}
 use ecmsk::xf::response::Returned;
 use serde_json::{Map, Value as Json, json};
 
+use crate::hex::{hex, spaced};
 use crate::xf::Shown;
-use crate::xf::hex::{hex, spaced};
 use crate::xf::words::{listed, word};
 
 /// The answer, field by field.

@@ -3,7 +3,7 @@
 use ecmsk::xf::fields::{Draft, Field, FunctionFields, Kind, Names, Value};
 
 use crate::board::whole;
-use crate::xf::hex::parse_hex;
+use crate::hex::parse_hex;
 use crate::xf::words::{list, named, word};
 
 /// The states of CiA 402 that 402_STATE_SET takes (XF EN 767).

@@ -78,6 +78,28 @@ impl FakeMachine {
         tree
     }
 
+    /// Adds a network card that is switched on, with somebody at its other end.
+    pub fn card(&self, name: &str, index: u8, driver: &str) {
+        let folder = format!("/sys/class/net/{name}");
+        for (file, value) in [
+            ("type", "1".to_owned()),
+            ("flags", "0x1003".to_owned()),
+            ("ifindex", index.to_string()),
+            ("address", format!("00:1b:21:00:00:{index:02x}")),
+            ("carrier", "1".to_owned()),
+            ("speed", "1000".to_owned()),
+        ] {
+            self.file(&format!("{folder}/{file}"), format!("{value}\n"));
+        }
+        self.link(&format!("{folder}/device/driver"), &format!("../../../bus/pci/drivers/{driver}"));
+        self.link(&format!("{folder}/device/subsystem"), "../../../bus/pci");
+    }
+
+    /// Lets this process use raw frames.
+    pub fn allow_raw_frames(&self) {
+        self.file("/proc/self/status", "Name:\tecmsk\nCapEff:\t0000000000002000\n");
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name.trim_start_matches('/'))
     }

@@ -1,0 +1,188 @@
+//! Writing a slave's EEPROM: whether a content is fit for it, and what it changes.
+
+use super::{BusError, Network};
+use crate::ethercat::WireError;
+use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity};
+use crate::master::SiiError;
+
+/// \[OURS] How many bytes of an EEPROM are read at most.
+const BYTES_MAX: usize = 0x8000;
+
+/// Why a content is not fit for an EEPROM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum ContentError {
+    /// It has not as many bytes as there may be.
+    #[error(
+        "{len} bytes are no content of an EEPROM, which has an even number of at least {} bytes; name a file that `ecmsk bus sii \
+         read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
+    )]
+    Len { len: usize },
+    /// It is longer than the EEPROM.
+    #[error("{len} bytes do not fit into this slave's EEPROM of {room} bytes; name the file that belongs to it")]
+    TooLong { len: usize, room: usize },
+    /// The checksum of the first words is wrong.
+    #[error(
+        "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; name a file \
+         that is whole"
+    )]
+    Checksum { found: u8, expected: u8 },
+    /// The categories do not end.
+    #[error("the categories behind the first words are not whole ({0}); name a file that is whole")]
+    Categories(WireError),
+    /// It is for another device.
+    #[error(
+        "it is for vendor 0x{:08X}, product 0x{:08X}, and the slave is vendor 0x{:08X}, product 0x{:08X}; name the file that belongs \
+         to it, or insist with --other-device", wanted.vendor, wanted.product, found.vendor, found.product
+    )]
+    OtherDevice { wanted: SiiIdentity, found: SiiIdentity },
+}
+
+/// A word that a content changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Change {
+    /// Its address.
+    pub word: u16,
+    /// What is there.
+    pub from: u16,
+    /// What will be there.
+    pub to: u16,
+}
+
+/// Checks a content by itself: its length, the checksum of its first words, and whether its categories have an end.
+///
+/// # Errors
+/// [`ContentError::Len`], [`ContentError::Checksum`], [`ContentError::Categories`]
+pub fn check(content: &[u8]) -> Result<(), ContentError> {
+    let len = content.len();
+    let sii = match Sii::new(content) {
+        Ok(sii) if len.is_multiple_of(2) && len >= SII_INFO_LEN + 2 => sii,
+        _ => return Err(ContentError::Len { len }),
+    };
+    if !sii.has_right_checksum() {
+        let (found, expected) = sii.checksums();
+        return Err(ContentError::Checksum { found, expected });
+    }
+    sii.categories().find_map(Result::err).map_or(Ok(()), |error| Err(ContentError::Categories(error)))
+}
+
+/// Checks whether a content is one for the slave that has `present` in its EEPROM, which may be damaged.
+///
+/// # Errors
+/// [`ContentError::TooLong`], [`ContentError::OtherDevice`]
+pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
+    let (Ok(wanted), Ok(found)) = (Sii::new(content), Sii::new(present)) else { return Ok(()) };
+    if !found.has_right_checksum() {
+        // Nothing of it can be believed.
+        return Ok(());
+    }
+    let (wanted, found) = (wanted.info(), found.info());
+    let room = (usize::from(found.kbit_less_1) + 1) * 128;
+    // Some makers leave the size at 0.
+    if found.kbit_less_1 > 0 && content.len() > room {
+        return Err(ContentError::TooLong { len: content.len(), room });
+    }
+    let (wanted, found) = (wanted.identity, found.identity);
+    let is_same = (wanted.vendor, wanted.product) == (found.vendor, found.product);
+    if is_same { Ok(()) } else { Err(ContentError::OtherDevice { wanted, found }) }
+}
+
+/// Reads an EEPROM up to the end of its categories.
+///
+/// # Errors
+/// [`BusError::Eeprom`]: it cannot be read, or has no end.
+pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
+    let mut content: Vec<u8> = Vec::new();
+    loop {
+        let lacks = match Sii::new(&content).map_or_else(Some, |sii| sii.categories().find_map(Result::err)) {
+            None => return Ok(content),
+            Some(WireError::Short { needed, found, .. }) => needed.saturating_sub(found).max(2),
+            Some(_) => return Err(BusError::Eeprom { slave, error: SiiError::NoEnd }),
+        };
+        if content.len() + lacks > BYTES_MAX {
+            return Err(BusError::Eeprom { slave, error: SiiError::NoEnd });
+        }
+        let first = (content.len() / 2) as u16;
+        let words = network.read_eeprom_words(slave, first, lacks.div_ceil(2))?;
+        content.extend(words.into_iter().flat_map(u16::to_le_bytes));
+    }
+}
+
+/// The words of a content.
+fn words(content: &[u8]) -> Vec<u16> {
+    content.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).collect()
+}
+
+/// What a content changes in a slave's EEPROM, ascending.
+///
+/// # Errors
+/// [`BusError::Eeprom`]
+pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<Vec<Change>, BusError> {
+    let wanted = words(content);
+    let present = network.read_eeprom_words(slave, 0, wanted.len())?;
+    let both = (0..).zip(present.iter().zip(&wanted));
+    Ok(both
+        .filter(|(_, (from, to))| from != to)
+        .map(|(word, (from, to))| Change { word, from: *from, to: *to })
+        .collect())
+}
+
+/// Writes words, the last one first, so that the checksum of the first ones is written late; then reads all of them back.
+/// `written` is called with the number of those that are written.
+///
+/// # Errors
+/// [`BusError::Eeprom`], [`BusError::NotWritten`]
+pub fn write(
+    network: &mut dyn Network,
+    slave: u8,
+    changes: &[Change],
+    mut written: impl FnMut(usize),
+) -> Result<(), BusError> {
+    for (n, change) in (1..).zip(changes.iter().rev()) {
+        network.write_eeprom_words(slave, change.word, &[change.to])?;
+        written(n);
+    }
+    for Change { word, to, .. } in changes {
+        let found = network.read_eeprom_words(slave, *word, 1)?.first().copied().unwrap_or_default();
+        if found != *to {
+            return Err(BusError::NotWritten { slave, word: *word, wanted: *to, found });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ethercat::sii::{SiiInfo, SiiWriter};
+
+    fn content(bytes: usize, product: u32) -> Vec<u8> {
+        let mut content = vec![0; bytes];
+        let identity = SiiIdentity { vendor: 7, product, revision: 1, serial: 0 };
+        let mut writer = SiiWriter::new(&mut content, &SiiInfo { identity, ..SiiInfo::default() }).expect("room");
+        writer.strings(&["drive"]).expect("room");
+        writer.finish();
+        content
+    }
+
+    /// BUS-4.2 A content of the wrong length, with a wrong checksum, without an end, for another device, or longer than the EEPROM
+    /// is refused.
+    #[test]
+    fn a_content_that_is_not_fit_is_refused() {
+        let good = content(256, 1);
+        assert_eq!(check(&good), Ok(()));
+        for len in [0, 1, 127, 128, 129, 255] {
+            assert_eq!(check(&good[..len]), Err(ContentError::Len { len }), "{len}");
+        }
+        let mut wrong = good.clone();
+        wrong[8] ^= 1;
+        assert!(matches!(check(&wrong), Err(ContentError::Checksum { .. })));
+        assert!(matches!(check(&good[..132]), Err(ContentError::Categories(_))));
+        assert_eq!(check_for(&good, &content(256, 1)), Ok(()));
+        assert!(matches!(check_for(&good, &content(256, 2)), Err(ContentError::OtherDevice { .. })));
+        let long = content(512, 1);
+        assert_eq!(check_for(&long, &good), Err(ContentError::TooLong { len: 512, room: 256 }));
+        // What is there is broken: everything is fit.
+        assert_eq!(check_for(&long, &wrong), Ok(()));
+    }
+}

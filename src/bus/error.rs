@@ -1,0 +1,149 @@
+//! Why something about a network is not known or not done.
+
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::link::LinkError;
+use crate::link::uri::UriError;
+use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
+use crate::xf_api::XfError;
+
+/// Why a look at a network has failed. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum BusError {
+    /// The link does not open.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The chip, or its link.
+    #[error(transparent)]
+    // Boxed, because every error is as large as its largest variant.
+    Chip(Box<XfError>),
+    /// There is no way to do it by the network's master.
+    #[error("an ECM-XF has no command to {what}; {instead}")]
+    Cannot { what: &'static str, instead: &'static str },
+    /// The chip has not read or not written an EEPROM.
+    #[error(
+        "slave {slave}: the chip reports error {error} for its EEPROM; is the slave there, and its EEPROM not write protected"
+    )]
+    ChipEeprom { slave: u8, error: u8 },
+    /// The link is a board's.
+    #[error(
+        "`{link}` is a board, which tells little of its network; ask it with `ecmsk info` and `ecmsk sdo`, or take the drives' \
+         cable into a network card and name that, e.g. --link nic:eth1"
+    )]
+    IsBoard { link: String },
+    /// See [`ScanError`].
+    #[error("the slaves were not found: {0}")]
+    Scan(#[from] ScanError),
+    /// There is nobody.
+    #[error("no slave answers; look at the cable to the first slave and at the slaves' power")]
+    NoSlave,
+    /// A slave is in OP.
+    #[error(
+        "slave {slave} is in OP, so that somebody runs this network, or did until just now; end that program, and if there is \
+         none, switch the slaves off and on"
+    )]
+    Runs { slave: u8 },
+    /// There is no slave of that number.
+    #[error("there is no slave {slave}, but {}; number them from 1 in the order of the cable", slaves(*.found))]
+    NoSuchSlave { slave: u8, found: usize },
+    /// A slave that was there does not answer.
+    #[error("slave {slave} does not answer any more; check its cable and its power")]
+    Gone { slave: u8 },
+    /// A register was not read or written.
+    #[error("slave {slave}, register 0x{address:04X}: {error}; check the slave's cable and its power")]
+    Register { slave: u8, address: u16, error: DatagramError },
+    /// A slave does not reach PreOP.
+    #[error("{0}; look at the AL status code in the slave's manual, and read its EEPROM with `ecmsk bus sii read`")]
+    State(StateError),
+    /// A slave has no CANopen.
+    #[error("slave {slave} has no objects: its EEPROM says no CoE; see `ecmsk bus sii read {slave}`")]
+    NoCoe { slave: u8 },
+    /// A slave does not tell of its objects.
+    #[error(
+        "slave {slave} does not tell which objects it has (no SDO information); read them one by one with `ecmsk bus sdo read \
+         {slave} OBJECT`, by its manual"
+    )]
+    NoInformation { slave: u8 },
+    /// A transfer of an object failed.
+    #[error("slave {slave}, object {object}: {}", sdo(.error))]
+    Sdo { slave: u8, object: ObjectAddress, error: SdoError },
+    /// A slave did not tell what an object is.
+    #[error("slave {slave}, what its objects are: {}", sdo(.error))]
+    Information { slave: u8, error: SdoError },
+    /// An EEPROM was not read or not written.
+    #[error("slave {slave}: {error}{}", eeprom(*.error))]
+    Eeprom { slave: u8, error: SiiError },
+    /// A content is not fit for an EEPROM.
+    #[error(transparent)]
+    Content(#[from] super::eeprom::ContentError),
+    /// What was written is not what is read.
+    #[error(
+        "slave {slave}: word 0x{word:04X} of its EEPROM was written and reads back as 0x{found:04X}, not 0x{wanted:04X}; write it \
+         once more, and do not switch the slave off before that"
+    )]
+    NotWritten { slave: u8, word: u16, wanted: u16, found: u16 },
+    /// A slave has no files.
+    #[error("slave {slave} has no files: its EEPROM says no FoE; see `ecmsk bus sii read {slave}`")]
+    NoFoe { slave: u8 },
+    /// A file was not read or not written.
+    #[error("slave {slave}, file {name}: {}", file(.error))]
+    File { slave: u8, name: String, error: FileError },
+}
+
+impl From<XfError> for BusError {
+    fn from(error: XfError) -> Self {
+        Self::Chip(Box::new(error))
+    }
+}
+
+impl From<UriError> for BusError {
+    fn from(error: UriError) -> Self {
+        Self::Link(error.into())
+    }
+}
+
+fn slaves(found: usize) -> String {
+    match found {
+        0 => "none".to_owned(),
+        1 => "1 slave".to_owned(),
+        found => format!("{found} slaves"),
+    }
+}
+
+/// What is wrong with a mailbox, and what to do.
+fn mailbox(error: MailboxError) -> String {
+    match error {
+        MailboxError::NoAnswer => error.to_string(),
+        MailboxError::TimeUp => format!("{error}; ask it once more, it may be busy"),
+        MailboxError::NoMailbox => format!("{error}; see `ecmsk bus sii read`"),
+        error => format!("{error}; switch the slave off and on, and try again"),
+    }
+}
+
+fn sdo(error: &SdoError) -> String {
+    match error {
+        SdoError::Abort(code @ (AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)) => {
+            format!("{}; see what there is with `ecmsk bus sdo list`", SdoError::Abort(*code))
+        }
+        SdoError::Abort(_) => format!("{error}; see the slave's manual"),
+        SdoError::Mailbox(error) => mailbox(*error),
+    }
+}
+
+fn file(error: &FileError) -> String {
+    match error {
+        FileError::File(_) => {
+            format!("{error}; see the slave's manual for its files, and for those that need bootstrap")
+        }
+        FileError::Mailbox(error) => mailbox(*error),
+    }
+}
+
+const fn eeprom(error: SiiError) -> &'static str {
+    match error {
+        SiiError::Busy => "; switch it off and on",
+        SiiError::Command(_) => "; its EEPROM may be broken, or write protected",
+        SiiError::NoEnd => "; write one with `ecmsk bus sii write`",
+        _ => "",
+    }
+}

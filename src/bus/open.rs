@@ -1,0 +1,36 @@
+//! Which network a link is.
+
+use super::{BusError, Network};
+use crate::link::keys::Scheme;
+use crate::link::uri::LinkUri;
+
+/// Opens the network of a link: `nic:eth1`, or `sim:?slaves=drive*2` in virtual time, or a chip, `xf-sim:`, `xf-spi:` or
+/// `xf-usb:`. Nothing is sent yet. On a network card that
+/// other programs have, that people use, or on which another master sends, nothing is opened.
+///
+/// # Errors
+/// [`BusError::Link`]: the link is wrong, or does not open; [`BusError::IsBoard`].
+pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
+    let uri = LinkUri::parse(link)?;
+    match uri.scheme() {
+        #[cfg(feature = "sim")]
+        Scheme::Sim => {
+            let wires = super::simulated::SimulatedWires::new(&uri)?;
+            Ok(Box::new(super::software::SoftwareNetwork::new(wires, crate::master::Settings::default())))
+        }
+        #[cfg(all(feature = "nic", target_os = "linux"))]
+        Scheme::Nic => {
+            let card = crate::link::nic::Card::of(&uri)?;
+            let settings = crate::master::Settings { source: card.source(), ..Default::default() };
+            Ok(Box::new(super::software::SoftwareNetwork::new(card, settings)))
+        }
+        Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
+        Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),
+        #[allow(unreachable_patterns, reason = "a build may have every link")]
+        scheme => Err(crate::link::LinkError::Unsupported {
+            scheme: scheme.to_string(),
+            hint: format!("build it with `cargo build --release --features {}`", scheme.feature()),
+        }
+        .into()),
+    }
+}

@@ -1,0 +1,155 @@
+//! Simulated slaves as the wires of our own master, or behind the model of an ECM-XF, in virtual time, with the script of their
+//! link.
+
+use super::BusError;
+use crate::engine::Script as _;
+use crate::ethercat::Ns;
+use crate::fieldbus::nic::{ChainWires, NicWires};
+use crate::link::LinkError;
+use crate::link::chip::{ChipError, ChipInfo, ChipLink, ChipNetwork, SimChip, SimChipOptions};
+use crate::link::options::{Clock, SimOptions};
+use crate::link::script::RunningScript;
+use crate::link::simulated_slaves::{self, SimulatedSlavesError};
+use crate::link::uri::LinkUri;
+use crate::master::{FrameBuffer, Wire, WireDown};
+use crate::slave::Slave;
+use crate::slave::esc::UndescribedError;
+use crate::slave::handle::SimHandle;
+use crate::xf::host::Wires;
+
+/// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
+const DRIFT_PPB: u32 = 20_000;
+/// How far time advances at most before the script is looked at again, ns.
+const STEP_NS: Ns = 1_000_000;
+
+/// Simulated slaves that were just switched on.
+pub(super) struct SimulatedWires {
+    slaves: ChainWires,
+    script: Option<RunningScript>,
+}
+
+impl SimulatedWires {
+    /// The slaves of a link `sim:`. Of its keys `slaves` and `script` count; a script may have no line that happens to a board.
+    pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
+        let handle = SimHandle::default();
+        let (devices, script) = slaves(uri, &handle)?;
+        let slaves = ChainWires::with_drift(devices, handle, DRIFT_PPB);
+        Ok(Self { slaves: slaves.map_err(|error| undescribed(uri, &error))?, script })
+    }
+
+    fn run_script(&mut self) {
+        if let Some(script) = &mut self.script {
+            script.run(self.slaves.now(), &mut |_| {});
+        }
+    }
+}
+
+/// The slaves of a link with simulated ones, and the script of what happens to them, which has begun.
+fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<(Vec<Box<dyn Slave>>, Option<RunningScript>), BusError> {
+    let options = SimOptions::from_uri(uri)?;
+    let refused = |error: SimulatedSlavesError| match error {
+        SimulatedSlavesError::Objects(error) => LinkError::from(error),
+        SimulatedSlavesError::Script(error) => LinkError::from(error),
+        error => LinkError::NoBoard { name: uri.to_string(), reason: error.to_string() },
+    };
+    let script = options.script.as_deref().map(|path| simulated_slaves::script(path, &options.slaves)).transpose();
+    let script = script.map_err(refused)?.map(|script| simulated_slaves::start(script, handle.cable().clone(), 0));
+    Ok((simulated_slaves::build(&options.slaves).map_err(refused)?, script))
+}
+
+fn undescribed(uri: &LinkUri, error: &UndescribedError) -> LinkError {
+    LinkError::NoBoard { name: uri.to_string(), reason: error.to_string() }
+}
+
+impl Wire for SimulatedWires {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        self.run_script();
+        self.slaves.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        self.slaves.receive(buffer)
+    }
+}
+
+impl NicWires for SimulatedWires {
+    fn now(&self) -> Ns {
+        self.slaves.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        while self.slaves.now() < until {
+            self.run_script();
+            let next = until.min(self.slaves.now().saturating_add(STEP_NS));
+            self.slaves.wait(next);
+            if self.slaves.now() < next {
+                // A frame has come.
+                return;
+            }
+        }
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}
+
+/// The model of an ECM-XF over controllers, to whose slaves happens what a script says.
+pub(super) struct ScriptedChip {
+    chip: SimChip,
+    script: Option<RunningScript>,
+}
+
+impl ScriptedChip {
+    /// The chip of a link `xf-sim:`, in virtual time, with a controller for each slave.
+    pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
+        let SimChipOptions { mut chip, .. } = SimChipOptions::from_uri(uri)?;
+        chip.network = ChipNetwork::Controllers;
+        let handle = SimHandle::default();
+        let (devices, script) = slaves(uri, &handle)?;
+        let network = chip.network(devices, handle).map_err(|error| undescribed(uri, &error))?;
+        Ok(Self { chip: SimChip::over(&uri.to_string(), chip, Clock::Virtual, network), script })
+    }
+
+    fn run_script(&mut self) {
+        if let Some(script) = &mut self.script {
+            script.run(self.chip.now(), &mut |_| {});
+        }
+    }
+}
+
+impl Wires for ScriptedChip {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.chip.now()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        self.run_script();
+        self.chip.exchange(to_chip, from_chip)
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        while self.chip.now() < time {
+            self.run_script();
+            self.chip.wait_until(time.min(self.chip.now().saturating_add(STEP_NS)))?;
+        }
+        Ok(())
+    }
+
+    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
+        self.run_script();
+        self.chip.wait_ready(until)
+    }
+}
+
+impl ChipLink for ScriptedChip {
+    fn info(&self) -> ChipInfo {
+        self.chip.info()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.chip.int1()
+    }
+}

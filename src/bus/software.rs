@@ -1,0 +1,364 @@
+//! A network that our own master has, on any wires.
+
+use std::time::Duration;
+
+use super::{BusError, FoundSlave, Network, SlaveState};
+use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::ethercat::registers::{AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState};
+use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
+use crate::ethercat::{AlState, Command, Ns, SlaveSet};
+use crate::fieldbus::nic::NicWires;
+use crate::master::{
+    DatagramAnswer, FileError, FrameCounters, JobDone, JobId, Master, ProcessManager, SdoError, Settings, SlaveInfo,
+    StateError, StateReason,
+};
+
+/// \[OURS] How long a slave may take for each answer of its mailbox.
+const ANSWER_MAX_NS: Ns = 5_000_000_000;
+/// \[OURS] How long a slave may take to PreOP, as ESI files say it most often.
+const PREOP_MAX_NS: Ns = 10_000_000_000;
+/// \[OURS] How long a wait for frames lasts at most while the master waits for a time, ns.
+const TURN_NS: Ns = 200_000;
+/// \[OURS] How often a datagram of the look before the scan is sent, if nothing comes back.
+const TRIES: u32 = 3;
+
+/// \[OURS] How often a long frame is sent to put load on the cables, ns, how many bytes it carries, and which: a signal that
+/// changes with each bit.
+const LOAD_NS: Ns = 250_000;
+const LOAD_BYTES: usize = 1400;
+const LOAD_BYTE: u8 = 0x55;
+
+/// A network with our own master.
+pub(super) struct SoftwareNetwork<W> {
+    master: Master,
+    wires: W,
+    /// Where the slaves were before the scan.
+    found: Vec<SlaveState>,
+}
+
+impl<W: NicWires> SoftwareNetwork<W> {
+    /// The network at the end of these wires. Nothing is sent.
+    pub(super) fn new(wires: W, settings: Settings) -> Self {
+        Self { master: Master::new(settings), wires, found: Vec::new() }
+    }
+
+    /// Waits for the end of something that was started.
+    fn wait_for(&mut self, id: JobId) -> JobDone {
+        loop {
+            self.master.poll(self.wires.now(), &mut self.wires);
+            while let Some((ended, done)) = self.master.take_done() {
+                if ended == id {
+                    return done;
+                }
+            }
+            // Nobody asks for them, and they would fill the room that they have.
+            while self.master.take_event().is_some() {}
+            self.wires.wait(self.wires.now().saturating_add(TURN_NS));
+        }
+    }
+
+    /// Sends a datagram until it comes back; `None`: it does not.
+    fn datagram(&mut self, command: Command, position: u16, address: u16, len: usize) -> Option<DatagramAnswer> {
+        (0..TRIES).find_map(|_| {
+            let address = u32::from(position) | u32::from(address) << 16;
+            let id = self.master.datagram(command, address, &vec![0; len]);
+            match self.wait_for(id) {
+                JobDone::Datagram(answer) => answer.ok(),
+                _ => None,
+            }
+        })
+    }
+
+    /// Reads the states of all slaves, which changes nothing, before a scan takes them to Init.
+    fn look(&mut self) -> Result<(), BusError> {
+        self.found.clear();
+        let counted = self.datagram(Command::Brd, 0, AL_STATUS, 2).map_or(0, |answer| answer.working_counter);
+        for position in 0..counted {
+            let answer = self.datagram(Command::Aprd, position.wrapping_neg(), AL_STATUS, 6);
+            let bytes = answer.and_then(|answer| answer.data.first_chunk().copied()).unwrap_or_default();
+            let AlStatusWithCode { status, code } = AlStatusWithCode::decode(&bytes);
+            if status.state() == RequestedState::State(AlState::Op) {
+                return Err(BusError::Runs { slave: position as u8 + 1 });
+            }
+            self.found.push(SlaveState { status, code });
+        }
+        Ok(())
+    }
+
+    fn info(&self, slave: u8) -> Result<&SlaveInfo, BusError> {
+        let found = self.master.slaves().len();
+        self.master.slave(slave).ok_or(BusError::NoSuchSlave { slave, found })
+    }
+
+    /// Checks that a slave has a mailbox for a protocol, and brings it to PreOP.
+    fn open_mailbox(&mut self, slave: u8, protocol: MailboxProtocols, without: BusError) -> Result<(), BusError> {
+        let speaks = self.info(slave)?.mailbox.is_some_and(|mailbox| mailbox.protocols.contains(protocol));
+        if !speaks {
+            return Err(without);
+        }
+        self.bring_to_preop(slave)
+    }
+
+    fn open_coe(&mut self, slave: u8) -> Result<(), BusError> {
+        self.open_mailbox(slave, MailboxProtocols::COE, BusError::NoCoe { slave })
+    }
+
+    fn open_information(&mut self, slave: u8) -> Result<(), BusError> {
+        self.open_coe(slave)?;
+        let has = self.info(slave)?.mailbox.is_some_and(|mailbox| mailbox.coe.contains(CoeDetails::SDO_INFO));
+        if has { Ok(()) } else { Err(BusError::NoInformation { slave }) }
+    }
+
+    fn described(&mut self, slave: u8, id: JobId) -> Result<Vec<u8>, BusError> {
+        match self.wait_for(id) {
+            JobDone::Description(described) => described.map_err(|error| self.failed_information(slave, error)),
+            _ => Err(BusError::NoInformation { slave }),
+        }
+    }
+
+    fn failed_file(&mut self, slave: u8, name: &str, error: FileError) -> BusError {
+        self.unless_gone(slave, BusError::File { slave, name: name.to_owned(), error })
+    }
+
+    fn failed_information(&mut self, slave: u8, error: SdoError) -> BusError {
+        self.unless_gone(slave, BusError::Information { slave, error })
+    }
+
+    /// The error, unless the slave does not answer at all.
+    fn unless_gone(&mut self, slave: u8, error: BusError) -> BusError {
+        let is_refusal = match &error {
+            BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),
+            BusError::File { error, .. } => matches!(error, FileError::File(_)),
+            _ => false,
+        };
+        if is_refusal || self.read(slave, AL_STATUS, &mut [0; 2]).is_ok() { error } else { BusError::Gone { slave } }
+    }
+}
+
+fn bytes_of(managers: &[ProcessManager]) -> u16 {
+    managers.iter().fold(0, |sum, manager| sum.saturating_add(manager.registers.len))
+}
+
+impl<W: NicWires> Network for SoftwareNetwork<W> {
+    fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError> {
+        self.look()?;
+        let id = self.master.scan();
+        match self.wait_for(id) {
+            JobDone::Scan(Ok(1..)) => {}
+            JobDone::Scan(Err(error)) => return Err(error.into()),
+            _ => return Err(BusError::NoSlave),
+        }
+        let mut slaves = Vec::new();
+        let found = std::mem::take(&mut self.found).into_iter().map(Some).chain(std::iter::repeat(None));
+        for ((slave, info), found) in (1..).zip(self.master.slaves().to_vec()).zip(found) {
+            let mut port_types = [0];
+            self.read(slave, PORT_DESCRIPTOR, &mut port_types)?;
+            let unknown = SlaveState { status: Default::default(), code: Default::default() };
+            slaves.push(FoundSlave {
+                slave,
+                station: info.station,
+                alias: info.alias,
+                identity: info.identity,
+                found: found.unwrap_or(unknown),
+                ports: info.ports,
+                port_types: port_types[0],
+                upstream: info.upstream,
+                has_clock: info.features.contains(Features::CLOCK),
+                protocols: Some(info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
+                process_bytes: (bytes_of(&info.outputs), bytes_of(&info.inputs)),
+                eeprom_error: info.eeprom.as_ref().err().map(ToString::to_string),
+                name: info.name,
+            });
+        }
+        Ok(slaves)
+    }
+
+    fn is_virtual(&self) -> bool {
+        !self.wires.is_real_time()
+    }
+
+    fn resets_slaves(&self) -> bool {
+        true
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BusError> {
+        let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
+        while self.wires.now() < until {
+            self.master.poll(self.wires.now(), &mut self.wires);
+            while self.master.take_event().is_some() {}
+            self.wires.wait(until.min(self.wires.now().saturating_add(TURN_NS)));
+        }
+        Ok(())
+    }
+
+    fn load(&mut self, time: Duration) -> Result<(), BusError> {
+        let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
+        while self.wires.now() < until {
+            // Slaves pass it on and do nothing.
+            let id = self.master.datagram(Command::Nop, 0, &[LOAD_BYTE; LOAD_BYTES]);
+            let next = until.min(self.wires.now().saturating_add(LOAD_NS));
+            // Lost frames are what this is for.
+            self.wait_for(id);
+            self.wait(Duration::from_nanos(next.saturating_sub(self.wires.now())))?;
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError> {
+        self.info(slave)?;
+        let id = self.master.read_registers(slave, address, data.len());
+        if let JobDone::ReadRegisters(read) = self.wait_for(id) {
+            let read = read.map_err(|error| BusError::Register { slave, address, error })?;
+            data.iter_mut().zip(read).for_each(|(to, from)| *to = from);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError> {
+        self.info(slave)?;
+        let id = self.master.write_registers(slave, address, data);
+        match self.wait_for(id) {
+            JobDone::WriteRegisters(written) => written.map_err(|error| BusError::Register { slave, address, error }),
+            _ => Ok(()),
+        }
+    }
+
+    fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError> {
+        self.info(slave)?;
+        let id = self.master.request_state([slave].into_iter().collect::<SlaveSet>(), AlState::PreOp, PREOP_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::State(Ok(())) => Ok(()),
+            JobDone::State(Err(error)) => Err(BusError::State(error)),
+            _ => Err(BusError::State(StateError { slave, target: AlState::PreOp, reason: StateReason::NoAnswer })),
+        }
+    }
+
+    fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError> {
+        self.open_coe(slave)?;
+        let id = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::Upload(value) => {
+                value.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+            }
+            _ => Err(BusError::NoCoe { slave }),
+        }
+    }
+
+    fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError> {
+        self.open_coe(slave)?;
+        let id = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::Download(written) => {
+                written.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+            }
+            _ => Err(BusError::NoCoe { slave }),
+        }
+    }
+
+    fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError> {
+        self.open_information(slave)?;
+        let id = self.master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::ObjectList(list) => list.map_err(|error| self.failed_information(slave, error)),
+            _ => Err(BusError::NoInformation { slave }),
+        }
+    }
+
+    fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
+        self.open_information(slave)?;
+        let id = self.master.describe_object(slave, index, ANSWER_MAX_NS);
+        self.described(slave, id)
+    }
+
+    fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError> {
+        self.open_information(slave)?;
+        let id = self.master.describe_entry(slave, request, ANSWER_MAX_NS);
+        self.described(slave, id)
+    }
+
+    fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError> {
+        self.info(slave)?.eeprom.clone().map_err(|error| BusError::Eeprom { slave, error })
+    }
+
+    fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError> {
+        self.info(slave)?;
+        let id = self.master.read_eeprom(slave, first, count);
+        match self.wait_for(id) {
+            JobDone::ReadEeprom(words) => words.map_err(|error| BusError::Eeprom { slave, error }),
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError> {
+        self.info(slave)?;
+        let id = self.master.write_eeprom(slave, first, words);
+        match self.wait_for(id) {
+            JobDone::WriteEeprom(written) => written.map_err(|error| BusError::Eeprom { slave, error }),
+            _ => Ok(()),
+        }
+    }
+
+    fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError> {
+        self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
+        let id = self.master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::ReadFile(read) => read.map_err(|error| self.failed_file(slave, name, error)),
+            _ => Err(BusError::NoFoe { slave }),
+        }
+    }
+
+    fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError> {
+        self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
+        let id = self.master.write_file(slave, name.as_bytes(), password, content, ANSWER_MAX_NS);
+        match self.wait_for(id) {
+            JobDone::WriteFile(written) => written.map_err(|error| self.failed_file(slave, name, error)),
+            _ => Err(BusError::NoFoe { slave }),
+        }
+    }
+
+    fn reference_clock(&self) -> Option<u8> {
+        self.master.reference_clock()
+    }
+
+    fn frames(&self) -> Option<FrameCounters> {
+        Some(self.master.counters())
+    }
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use crate::fieldbus::nic::ChainWires;
+    use crate::slave::{Io, Slave};
+
+    /// BUS-1.2 If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
+    #[test]
+    fn a_network_that_runs_is_left_alone() {
+        let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();
+        let wires = ChainWires::new(devices, Default::default()).expect("they can be described");
+        let mut other = SoftwareNetwork::new(wires, Settings::default());
+        other.scan().expect("two slaves");
+        let second: SlaveSet = [2].into_iter().collect();
+        other.master.configure_as_described(2).expect("process data");
+        for state in [AlState::SafeOp, AlState::Op] {
+            let id = other.master.request_state(second, state, 1_000_000_000);
+            loop {
+                let SoftwareNetwork { master, wires, .. } = &mut other;
+                if state == AlState::Op {
+                    master.cycle(wires.now(), wires);
+                }
+                wires.wait(wires.now() + 500_000);
+                master.poll(wires.now(), wires);
+                if let Some((ended, done)) = master.take_done() {
+                    assert_eq!((ended, done), (id, JobDone::State(Ok(()))));
+                    break;
+                }
+            }
+        }
+        let mut network = SoftwareNetwork::new(other.wires, Settings::default());
+        let refused = network.scan().expect_err("somebody runs it");
+        assert!(matches!(refused, BusError::Runs { slave: 2 }), "{refused}");
+        let state = |n: usize| network.wires.slaves().chain().slave(n).shown_state();
+        assert_eq!([0, 1].map(state), [AlState::Init, AlState::Op].map(RequestedState::State));
+    }
+}

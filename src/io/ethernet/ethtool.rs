@@ -1,0 +1,86 @@
+//! How a network card is set up, as `ethtool` shows it: what holds frames back.
+//!
+//! Each question is a structure of the kernel's `ethtool.h` that is nothing but numbers of 32 bits, the first of which is the command.
+
+use std::os::fd::AsRawFd;
+
+use rustix::net::{AddressFamily, SocketType, socket};
+
+/// What a card is set to; `None`: its driver does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CardSettings {
+    /// How long the card waits for further frames before it tells of one, us.
+    pub rx_usecs: Option<u32>,
+    /// How long it waits before it tells that frames were sent, us.
+    pub tx_usecs: Option<u32>,
+    /// It chooses how long it waits by itself.
+    pub adaptive_rx: Option<bool>,
+    /// The kernel joins frames that were received (generic receive offload).
+    pub gro: Option<bool>,
+    /// The card does (large receive offload).
+    pub lro: Option<bool>,
+    /// The card cuts long ones (TCP segmentation offload).
+    pub tso: Option<bool>,
+    /// Energy Efficient Ethernet: the link sleeps between frames.
+    pub eee: Option<bool>,
+}
+
+const SIOCETHTOOL: u32 = 0x8946;
+const GET_COALESCING: u32 = 0x0E;
+const GET_TSO: u32 = 0x1E;
+const GET_FLAGS: u32 = 0x25;
+const GET_GRO: u32 = 0x2B;
+const GET_EEE: u32 = 0x44;
+/// The bit of large receive offload in the flags.
+const FLAG_LRO: u32 = 1 << 15;
+
+/// The settings of the interface of that name.
+pub fn settings(interface: &str) -> CardSettings {
+    let Ok(socket) = socket(AddressFamily::INET, SocketType::DGRAM, None) else { return CardSettings::default() };
+    // ethtool_coalesce: the command, then 22 numbers; ethtool_value: one; ethtool_eee: nine.
+    let coalescing = ask::<23>(&socket, interface, GET_COALESCING);
+    let value = |command| ask::<2>(&socket, interface, command).map(|[_, value]| value);
+    CardSettings {
+        rx_usecs: coalescing.map(|numbers| numbers[1]),
+        tx_usecs: coalescing.map(|numbers| numbers[5]),
+        adaptive_rx: coalescing.map(|numbers| numbers[10] != 0),
+        gro: value(GET_GRO).map(|on| on != 0),
+        lro: value(GET_FLAGS).map(|flags| flags & FLAG_LRO != 0),
+        tso: value(GET_TSO).map(|on| on != 0),
+        eee: ask::<10>(&socket, interface, GET_EEE).map(|numbers| numbers[5] != 0),
+    }
+}
+
+/// Asks the driver of an interface; `None`: it does not answer.
+fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> Option<[u32; N]> {
+    let mut numbers = [0; N];
+    numbers[0] = command;
+    let mut name = [0; libc::IFNAMSIZ];
+    // The last byte stays 0.
+    if interface.is_empty() || interface.len() >= name.len() {
+        return None;
+    }
+    name.iter_mut().zip(interface.bytes()).for_each(|(to, byte)| *to = byte as libc::c_char);
+    let data = numbers.as_mut_ptr().cast();
+    let mut request = libc::ifreq { ifr_name: name, ifr_ifru: libc::__c_anonymous_ifr_ifru { ifru_data: data } };
+    // SAFETY: the request names `numbers`, which lives until the call returns and is as long as what the kernel writes for
+    // this command.
+    let answer = unsafe { libc::ioctl(socket.as_raw_fd(), SIOCETHTOOL as _, &raw mut request) };
+    (answer == 0).then_some(numbers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// NIC-4.2 Interfaces that do not answer, or that there cannot be, have no settings; the loopback interface answers some.
+    #[test]
+    fn who_does_not_answer_has_no_settings() {
+        for name in ["", "no_such_card", "a_name_that_is_longer_than_any"] {
+            assert_eq!(settings(name), CardSettings::default(), "{name}");
+        }
+        let lo = settings("lo");
+        assert_eq!((lo.rx_usecs, lo.eee), (None, None), "it has neither");
+        assert!(lo.tso.is_some() && lo.gro.is_some(), "{lo:?}");
+    }
+}

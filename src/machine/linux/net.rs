@@ -1,0 +1,186 @@
+//! Network cards: what is in `/sys/class/net`, in the tables of routes and addresses, and who takes care of a card.
+
+use super::Machine;
+use crate::io::routes::{default_routes_v4, default_routes_v6};
+
+const CARDS: &str = "/sys/class/net";
+/// `ARPHRD_ETHER`, in the file `type`.
+const ETHERNET: i64 = 1;
+/// `IFF_UP`, in the file `flags`.
+const UP: u16 = 1;
+/// The number of a capability (capabilities(7)).
+const CAP_NET_RAW: u32 = 13;
+/// How programs of ours claim a card: the name of an abstract socket, before the card's number.
+const CLAIM: &str = "@ecmsk/nic/";
+
+/// A network card, or what looks like one.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct NetCard {
+    /// Its name, such as `eth1`.
+    pub name: String,
+    /// Its number, from 1; `None`: not known.
+    pub index: Option<i64>,
+    /// The address of the card, as the system writes it.
+    pub mac_address: Option<String>,
+    /// Its driver; `None`: there is no hardware, or it is not known.
+    pub driver: Option<String>,
+    /// What it is connected by, such as `pci` or `usb`; `None`: there is no hardware, or it is not known.
+    pub by: Option<String>,
+    /// It is switched on.
+    pub is_up: bool,
+    /// There is somebody at the other end of its cable; `None`: it is switched off, and nobody knows.
+    pub has_carrier: Option<bool>,
+    /// Its speed, Mbit/s; `None`: not known.
+    pub speed: Option<i64>,
+    /// An address of this machine that it has, or a network that is reached by it.
+    pub address: Option<String>,
+    /// It is the way to other machines.
+    pub has_default_route: bool,
+    /// What it is if it is no card with a cable: `wireless`, `a bridge` or `a bond`.
+    pub not_a_card: Option<&'static str>,
+    /// Another program of ecmsk has it.
+    pub is_claimed: bool,
+    /// Who takes care of it besides: `NetworkManager` or `systemd-networkd`.
+    pub manager: Option<&'static str>,
+}
+
+impl NetCard {
+    /// The link to it.
+    pub fn link(&self) -> String {
+        format!("nic:{}", self.name)
+    }
+}
+
+impl Machine {
+    /// The network cards of Ethernet, sorted by name.
+    pub fn net_cards(&self) -> Vec<NetCard> {
+        let mut cards = self.own_cards().unwrap_or_else(|| self.cards_in_files());
+        // A thread may be in a network namespace of its own.
+        let sockets = ["/proc/thread-self/net/unix", "/proc/net/unix"].into_iter().find_map(|file| self.text(file));
+        let sockets = sockets.unwrap_or_default();
+        for card in &mut cards {
+            let claim = card.index.map(|index| format!(" {CLAIM}{index}"));
+            card.is_claimed = claim.is_some_and(|claim| sockets.lines().any(|line| line.ends_with(&claim)));
+            card.manager = card.index.and_then(|index| self.manager(index));
+            self.add_details(card);
+        }
+        cards.sort_by(|one, other| one.name.cmp(&other.name));
+        cards
+    }
+
+    /// The cards of this machine, as `nic:` sees them; `None`: it is another machine, made of files.
+    fn own_cards(&self) -> Option<Vec<NetCard>> {
+        #[cfg(any(feature = "nic", feature = "serve"))]
+        if self.root == std::path::Path::new("/") {
+            let all = crate::io::ethernet::interfaces().ok()?.into_iter().filter(|interface| interface.is_ethernet);
+            let card = |interface: crate::io::ethernet::Interface| NetCard {
+                index: Some(interface.index.into()),
+                mac_address: Some(interface.mac_address.map(|byte| format!("{byte:02x}")).join(":")),
+                is_up: interface.is_up,
+                has_carrier: interface.is_up.then_some(interface.has_carrier),
+                address: interface.address().map(|address| address.to_string()),
+                has_default_route: interface.has_default_route,
+                name: interface.name,
+                ..NetCard::default()
+            };
+            return Some(all.map(card).collect());
+        }
+        None
+    }
+
+    /// The cards that the machine's files tell of.
+    fn cards_in_files(&self) -> Vec<NetCard> {
+        let read = |file| self.text(file).unwrap_or_default();
+        let (routes, routes_v6) = (read("/proc/net/route"), read("/proc/net/ipv6_route"));
+        let defaults = [default_routes_v4(&routes), default_routes_v6(&routes_v6)].concat();
+        let addresses_v6 = read("/proc/net/if_inet6");
+        let card = |name: String| {
+            let file = |file: &str| format!("{CARDS}/{name}/{file}");
+            if self.number(&file("type")) != Some(ETHERNET) {
+                return None;
+            }
+            let flags = self.attribute(&file("flags"));
+            let flags = flags.and_then(|flags| u16::from_str_radix(flags.trim_start_matches("0x"), 16).ok());
+            Some(NetCard {
+                index: self.number(&file("ifindex")),
+                mac_address: self.attribute(&file("address")),
+                is_up: flags.is_some_and(|flags| flags & UP != 0),
+                has_carrier: self.number(&file("carrier")).map(|carrier| carrier == 1),
+                address: network(&routes, &name).or_else(|| address_v6(&addresses_v6, &name)),
+                has_default_route: defaults.contains(&name),
+                name,
+                ..NetCard::default()
+            })
+        };
+        self.names(CARDS).into_iter().filter_map(card).collect()
+    }
+
+    /// Adds what the files of a card say besides. In a network namespace they may be those of another card of that name.
+    fn add_details(&self, card: &mut NetCard) {
+        let file = |file: &str| format!("{CARDS}/{}/{file}", card.name);
+        if self.number(&file("ifindex")) != card.index {
+            return;
+        }
+        let kinds = [("wireless", "wireless"), ("phy80211", "wireless"), ("bridge", "a bridge"), ("bonding", "a bond")];
+        let kind = kinds.into_iter().find(|(folder, _)| self.has(&file(folder)));
+        let (driver, by) = (self.link_name(&file("device/driver")), self.link_name(&file("device/subsystem")));
+        let speed = self.number(&file("speed")).filter(|speed| *speed > 0);
+        (card.not_a_card, card.driver, card.by, card.speed) = (kind.map(|(_, what)| what), driver, by, speed);
+    }
+
+    /// Who takes care of a card by itself.
+    fn manager(&self, index: i64) -> Option<&'static str> {
+        let says = |file: String, no: &str| self.text(&file).is_some_and(|text| !text.lines().any(|line| line == no));
+        if says(format!("/run/NetworkManager/devices/{index}"), "managed=false") {
+            return Some("NetworkManager");
+        }
+        says(format!("/run/systemd/netif/links/{index}"), "ADMIN_STATE=unmanaged").then_some("systemd-networkd")
+    }
+
+    /// Whether this process may send and receive raw frames.
+    pub fn may_use_raw_frames(&self) -> bool {
+        self.capabilities() >> CAP_NET_RAW & 1 == 1
+    }
+
+    /// Whether the kernel is one for real time (PREEMPT_RT).
+    pub fn is_real_time_kernel(&self) -> bool {
+        self.number("/sys/kernel/realtime") == Some(1)
+    }
+
+    /// The processors that nothing is put on by itself (`isolcpus=`), such as `3` or `2-3`; `None`: there are none.
+    pub fn isolated_processors(&self) -> Option<String> {
+        self.attribute("/sys/devices/system/cpu/isolated")
+    }
+
+    /// The deepest sleep that a processor is allowed to fall into: its name, and how long it takes to wake up, us.
+    pub fn deepest_sleep(&self) -> Option<(String, i64)> {
+        const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
+        let states = self.names(STATES).into_iter().filter_map(|state| {
+            let file = |file: &str| format!("{STATES}/{state}/{file}");
+            let is_allowed = self.number(&file("disable")).unwrap_or(0) == 0;
+            let latency = self.number(&file("latency")).filter(|_| is_allowed)?;
+            Some((self.attribute(&file("name"))?, latency))
+        });
+        states.max_by_key(|(_, latency)| *latency)
+    }
+}
+
+/// The first network in the kernel's `route` that is reached by an interface; `None`: none is.
+fn network(routes: &str, name: &str) -> Option<String> {
+    let rows = routes.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
+    rows.filter(|row| row.first() == Some(&name)).find_map(|row| {
+        let number = |column: usize| row.get(column).and_then(|text| u32::from_str_radix(text, 16).ok());
+        let (network, mask) = (number(1)?, number(7)?);
+        let [a, b, c, d] = network.to_le_bytes();
+        (network != 0).then(|| format!("{a}.{b}.{c}.{d}/{}", mask.count_ones()))
+    })
+}
+
+/// The first address of an interface in the kernel's `if_inet6` that is not for its link alone; `None`: it has none.
+fn address_v6(addresses: &str, name: &str) -> Option<String> {
+    let rows = addresses.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    rows.filter(|row| row.get(5) == Some(&name) && row.get(3) != Some(&"20")).find_map(|row| {
+        let digits = u128::from_str_radix(row[0], 16).ok()?;
+        Some(std::net::Ipv6Addr::from(digits).to_string())
+    })
+}

@@ -1,0 +1,84 @@
+//! A network that an ECM-XF has.
+
+use std::time::Duration;
+
+use ecmsk::bus::errors::{self, Place};
+use ecmsk::bus::{self, FoundSlave, Network, clocks, eeprom};
+use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::ethercat::registers::{AL_CONTROL, AL_STATUS, STATION_ALIAS};
+use ecmsk::ethercat::sii::checksum;
+
+use crate::refused;
+
+fn network(link: &str) -> (Box<dyn Network>, Vec<FoundSlave>) {
+    let mut network = bus::open(link).expect("a network");
+    let found = network.scan().expect("slaves");
+    (network, found)
+}
+
+/// BUS-8.1 Slaves are numbered from 1, in virtual time, and their objects are read and written; what the chip has no command for is
+/// said.
+#[test]
+fn a_chip_is_a_network() {
+    let (mut network, slaves) = network("xf-sim:?slaves=drive,io");
+    assert!(network.is_virtual() && !network.resets_slaves() && network.frames().is_none());
+    let found: Vec<_> = slaves.iter().map(|slave| (slave.slave, slave.identity.vendor, slave.has_clock)).collect();
+    assert_eq!(found, [(1, 0x4543_4D53, true), (2, 0x4543_4D53, false)]);
+    assert_eq!(slaves[1].upstream.map(|up| (up.slave, up.port)), Some((1, 1)));
+    let speed = ObjectAddress::new(0x6099, 1);
+    network.download(1, speed, SdoScope::Entry, &[7, 0, 0, 0]).expect("it is written");
+    assert_eq!(network.upload(1, speed, SdoScope::Entry).expect("it is read"), [7, 0, 0, 0]);
+    let said = refused(network.upload(2, speed, SdoScope::Entry));
+    assert!(said.contains("slave 2, object 0x6099:1") && said.contains("does not exist"), "{said}");
+    for slave in [0, 3] {
+        let said = refused(network.upload(slave, speed, SdoScope::Entry));
+        assert!(said.contains(&format!("there is no slave {slave}, but 2 slaves")), "{said}");
+    }
+    for said in [refused(network.object_list(1)), refused(network.read_file(1, "a", 0))] {
+        assert!(said.contains("an ECM-XF has no command to") && said.contains("--link nic:eth1"), "{said}");
+    }
+    let said = refused(bus::open("xf-sim:?slaves=none").expect("a network").scan());
+    assert!(said.contains("no slave answers"), "{said}");
+}
+
+/// BUS-8.1 Registers and EEPROMs by the chip's datagrams and its own commands. BUS-6.1 Clocks, too.
+#[test]
+fn registers_eeproms_and_clocks() {
+    let (mut network, slaves) = network("xf-sim:?slaves=drive*2");
+    let mut alias = [0xEE; 2];
+    network.read(2, STATION_ALIAS, &mut alias).expect("a register");
+    assert_eq!(alias, [0; 2]);
+    let mut content = network.read_eeprom(2).expect("an EEPROM");
+    assert_eq!(content.len(), 354);
+    eeprom::check(&content).expect("it is whole");
+    content[8] = 5;
+    content[14] = checksum(content.first_chunk().expect("14 bytes"));
+    let changes = eeprom::changes(&mut *network, 2, &content).expect("they are read");
+    assert_eq!(changes.len(), 2);
+    eeprom::write(&mut *network, 2, &changes, |_| ()).expect("it is written");
+    assert_eq!(network.read_eeprom(2).expect("an EEPROM"), content);
+    let clocks = clocks::measure(&mut *network, &slaves, Duration::from_millis(100)).expect("clocks");
+    assert_eq!(clocks.iter().map(|clock| (clock.slave, clock.delay_ns)).collect::<Vec<_>>(), [(1, 0), (2, 310)]);
+    // In Init a slave takes no wrong step, and says so.
+    network.write(1, AL_CONTROL, &[8, 0]).expect("a register");
+    network.wait(Duration::from_millis(10)).expect("time");
+    let mut status = [0; 2];
+    network.read(1, AL_STATUS, &mut status).expect("a register");
+    assert_eq!(status[0], 0x11);
+}
+
+/// BUS-7.2 A bad cable is found by the chip's datagrams, too.
+#[test]
+fn a_bad_cable_behind_a_chip_is_found() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = folder.path().join("noise.ecmscript");
+    std::fs::write(&script, "at 2s noise 2 20\n").expect("it is written");
+    let (mut network, slaves) = network(&format!("xf-sim:?slaves=io*3&script={}", script.display()));
+    network.load(Duration::from_secs(3)).expect("time");
+    let counted = errors::read(&mut *network, &slaves).expect("counters");
+    let troubles = errors::judge(&slaves, &counted);
+    let [trouble] = &troubles[..] else { panic!("{troubles:?} of {counted:?}") };
+    let Place::Cable { near: Some(near), far: Some(far) } = trouble.place else { panic!("{trouble:?}") };
+    assert_eq!((near.slave, near.port, far.slave, far.port), (1, 1, 2, 0));
+    errors::clear(&mut *network, &slaves).expect("they are cleared");
+}

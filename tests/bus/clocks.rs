@@ -1,0 +1,25 @@
+//! Distributed clocks.
+
+use std::time::Duration;
+
+use ecmsk::bus::clocks;
+
+use crate::network;
+
+/// BUS-6.1 The first slave with a clock is the reference; the others are measured, those without a clock are left out. Crystals
+/// drift, and stay together.
+#[test]
+fn clocks_are_measured_against_the_reference() {
+    let (mut network, slaves) = network("io,drive*3,io");
+    let clocks = clocks::measure(&mut *network, &slaves, Duration::from_millis(500)).expect("it is measured");
+    let who: Vec<_> = clocks.iter().map(|clock| (clock.slave, clock.is_reference, clock.delay_ns)).collect();
+    assert_eq!(who, [(2, true, 0), (3, false, 310), (4, false, 620)]);
+    assert_eq!(clocks[0].ahead, None);
+    for clock in &clocks[1..] {
+        let ahead = clock.ahead.expect("it is measured");
+        assert!(ahead.is_good() && ahead.count == 50, "{ahead:?}");
+        assert!(ahead.min_ns <= ahead.mean_ns && ahead.mean_ns <= ahead.max_ns && ahead.max_ns < 0, "{ahead:?}");
+    }
+    let (mut network, slaves) = crate::network("io");
+    assert_eq!(clocks::measure(&mut *network, &slaves, Duration::from_millis(10)).expect("there is none"), []);
+}

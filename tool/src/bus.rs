@@ -1,0 +1,78 @@
+//! `ecmsk bus`: the usual look at a network, with whatever is the master of it.
+//!
+//! - `session.rs`: the network of a verb
+//! - `scan.rs`, `sdo.rs`, `sii.rs`, `foe.rs`, `dc.rs`, `errors.rs`: one verb each; `contents.rs`: an EEPROM in words
+//! - `words.rs`: states, ports and identities in words
+//! - `error.rs`: why a verb failed
+
+mod contents;
+mod dc;
+mod error;
+mod errors;
+mod foe;
+mod scan;
+mod sdo;
+mod session;
+mod sii;
+mod words;
+
+use std::process::ExitCode;
+
+use clap::Subcommand;
+
+pub use error::BusVerbError;
+use session::{NetworkArgs, Session, SlaveArgs};
+
+/// Look at a network: its slaves, their objects, EEPROMs and files, clocks, and which cable is bad
+///
+/// The link is a network card with the slaves at its end (nic:eth1), simulated slaves in virtual time (sim:), which are
+/// switched on anew for each verb, or a chip ECM-XF (xf-spi:, xf-usb:, xf-sim:). Nothing is moved: all slaves go to Init, those
+/// whose mailbox is needed to PreOP, and stay there. A network that another program runs is left alone; one that a chip
+/// runs goes on.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk bus scan --link nic:eth1
+  ecmsk bus errors --watch 60 --link nic:eth1
+  export ECMSK_LINK='sim:?slaves=drive*3,io'
+  ecmsk bus sdo dump 1
+  ecmsk bus sii read 2 --output slave2.bin"
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Scan(scan::Args),
+    Sdo(sdo::Args),
+    Sii(sii::Args),
+    Foe(foe::Args),
+    Dc(dc::Args),
+    Errors(errors::Args),
+}
+
+/// `bus scan` on a network card, for `ecmsk list --scan`.
+///
+/// # Errors
+/// [`BusVerbError`]
+pub fn scan_card(card: &str, json: bool) -> Result<(), BusVerbError> {
+    scan::show(Session::open(&format!("nic:{card}"), json)?)
+}
+
+/// # Errors
+/// [`BusVerbError`]
+pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
+    match &args.verb {
+        Verb::Scan(args) => scan::run(args).map(|()| ExitCode::SUCCESS),
+        Verb::Sdo(args) => sdo::run(args).map(|()| ExitCode::SUCCESS),
+        Verb::Sii(args) => sii::run(args).map(|()| ExitCode::SUCCESS),
+        Verb::Foe(args) => foe::run(args).map(|()| ExitCode::SUCCESS),
+        Verb::Dc(args) => dc::run(args),
+        Verb::Errors(args) => errors::run(args),
+    }
+}

@@ -1,0 +1,98 @@
+//! Why a verb that looks at a network failed.
+
+use std::io;
+use std::path::PathBuf;
+
+use ecmsk::bus::BusError;
+use ecmsk::bus::eeprom::ContentError;
+use ecmsk::link::LinkError;
+use ecmsk::link::config::{FILE_NAME, LINK_VARIABLE};
+
+use crate::link_option::ChoiceError;
+
+/// Why a verb failed. Every text ends with the next step.
+#[derive(Debug, thiserror::Error)]
+pub enum BusVerbError {
+    /// See [`crate::CliError::Output`].
+    #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
+    Output(#[from] io::Error),
+    /// The configuration of the link is invalid.
+    #[error(transparent)]
+    Choice(#[from] ChoiceError),
+    /// Nobody has named a network.
+    #[error(
+        "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1, or to \
+         try it --link 'sim:?slaves=drive*2'"
+    )]
+    NoLink,
+    /// The network or a slave.
+    #[error(transparent)]
+    // Boxed, because every error of a verb is as large as its largest variant.
+    Bus(Box<BusError>),
+    /// The command line asks for what cannot be.
+    #[error("{what}: {why}; {next}")]
+    WrongRequest {
+        /// The operation.
+        what: &'static str,
+        /// What is wrong.
+        why: String,
+        /// What to do.
+        next: String,
+    },
+    /// The value is not as long as its type.
+    #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
+    OtherSize {
+        /// Which slave, from 1.
+        slave: u8,
+        /// Which object.
+        object: String,
+        /// How many bytes it has.
+        found: usize,
+        /// How many the type has.
+        wanted: usize,
+    },
+    /// A file cannot be read.
+    #[error("cannot read {}: {source}; name another file", file.display())]
+    Read {
+        /// Which one.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file cannot be written.
+    #[error("cannot write {}: {source}; name another file with --output", file.display())]
+    Write {
+        /// Which one.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A file is not fit for an EEPROM.
+    #[error("{}: {error}", file.display())]
+    Content {
+        /// Which one.
+        file: PathBuf,
+        /// Why.
+        error: ContentError,
+    },
+    /// Nobody has confirmed that an EEPROM is written.
+    #[error("nothing was written; a wrong EEPROM makes the slave useless: look at what changes, and say --yes")]
+    NotConfirmed,
+}
+
+impl From<BusError> for BusVerbError {
+    fn from(error: BusError) -> Self {
+        Self::Bus(Box::new(error))
+    }
+}
+
+impl BusVerbError {
+    /// The exit code: 2 if the command line is wrong, otherwise 1.
+    pub fn code(&self) -> u8 {
+        match self {
+            Self::NoLink | Self::WrongRequest { .. } => crate::WRONG_COMMAND_LINE,
+            Self::Bus(error) if matches!(**error, BusError::Link(LinkError::Uri(_))) => crate::WRONG_COMMAND_LINE,
+            _ => 1,
+        }
+    }
+}

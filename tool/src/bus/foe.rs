@@ -1,0 +1,100 @@
+//! `bus foe`: the files of a slave.
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use clap::{Subcommand, ValueHint};
+use serde_json::json;
+
+use super::{BusVerbError, SlaveArgs};
+
+/// Read or write a file of a slave (FoE, in PreOP)
+///
+/// Firmware that a slave takes in bootstrap alone is refused by it: bootstrap is for its maker's own tool.
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk bus foe read 1 parameters.txt --output parameters.txt --link nic:eth1
+  ecmsk bus foe write 1 parameters.txt --link nic:eth1"
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Read a file from a slave
+    Read {
+        #[command(flatten)]
+        whose: Whose,
+        /// The name that the file has in the slave
+        name: String,
+        /// Where to write it [default: standard output]
+        #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+        output: Option<PathBuf>,
+    },
+    /// Write a file to a slave
+    Write {
+        #[command(flatten)]
+        whose: Whose,
+        /// The file
+        #[arg(value_hint = ValueHint::FilePath)]
+        file: PathBuf,
+        /// The name that it gets in the slave [default: that of FILE, without folders]
+        #[arg(long, value_name = "NAME")]
+        name: Option<String>,
+    },
+}
+
+#[derive(clap::Args)]
+struct Whose {
+    #[command(flatten)]
+    of: SlaveArgs,
+    /// The password that the slave wants to know
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    password: u32,
+}
+
+/// # Errors
+/// [`BusVerbError`]
+pub fn run(args: &Args) -> Result<(), BusVerbError> {
+    match &args.verb {
+        Verb::Read { whose, name, output } => read(whose, name, output.as_deref()),
+        Verb::Write { whose, file, name } => write(whose, file, name.as_deref()),
+    }
+}
+
+fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbError> {
+    if output.is_none() && io::stdout().is_terminal() {
+        let (why, next) = ("a file may be bytes, not for a terminal".into(), "name a file with --output".into());
+        return Err(BusVerbError::WrongRequest { what: "bus foe read", why, next });
+    }
+    let mut session = whose.of.open()?;
+    let content = session.network.read_file(whose.of.slave, name, whose.password)?;
+    let Some(file) = output else {
+        let mut out = io::stdout().lock();
+        out.write_all(&content)?;
+        return Ok(out.flush()?);
+    };
+    std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
+    let text = format!("{} bytes of {name} written to {}", content.len(), file.display());
+    let json = json!({
+        "verb": "bus foe read", "slave": whose.of.slave, "name": name, "bytes": content.len(), "file": file.display().to_string(),
+    });
+    Ok(session.reporter.result(text, &json)?)
+}
+
+fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbError> {
+    let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
+    let own = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = name.unwrap_or(&own);
+    let mut session = whose.of.open()?;
+    session.network.write_file(whose.of.slave, name, whose.password, &content)?;
+    let text = format!("slave {}: {name} written, {} bytes", whose.of.slave, content.len());
+    let json = json!({ "verb": "bus foe write", "slave": whose.of.slave, "name": name, "bytes": content.len() });
+    Ok(session.reporter.result(text, &json)?)
+}

@@ -1,0 +1,186 @@
+//! `bus scan`: the slaves of a network as a tree of cables.
+
+use std::fmt::Write as _;
+
+use ecmsk::bus::FoundSlave;
+use ecmsk::bus::errors::{self, PortErrors, SlaveErrors};
+use ecmsk::ethercat::registers::AlStatusRegister;
+use ecmsk::ethercat::sii::MailboxProtocols;
+use serde_json::{Value, json};
+
+use super::words::{behind, name, port_kind, ports, state_name, state_text};
+use super::{BusVerbError, NetworkArgs, Session};
+
+/// List the slaves as a tree: who they are, their states, their ports with what is connected and what was counted there
+///
+/// All slaves are in Init afterwards. Where each of them was before, with its AL status in words, is shown.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  ecmsk bus scan --link nic:eth1
+  ecmsk bus scan --link 'sim:?slaves=drive*2,io' --json | jq -r .name")]
+pub struct Args {
+    #[command(flatten)]
+    network: NetworkArgs,
+}
+
+/// # Errors
+/// [`BusVerbError`]
+pub fn run(args: &Args) -> Result<(), BusVerbError> {
+    show(args.network.open()?)
+}
+
+/// Shows the slaves of a network.
+///
+/// # Errors
+/// [`BusVerbError`]
+pub fn show(session: Session) -> Result<(), BusVerbError> {
+    let Session { mut network, slaves, reporter } = session;
+    let errors = if slaves.iter().all(|slave| slave.port_types == 0) {
+        reporter.note("the ports of the slaves are not known: the chip sends no datagrams for others");
+        slaves.iter().map(|slave| SlaveErrors { slave: slave.slave, ..SlaveErrors::default() }).collect()
+    } else {
+        errors::read(&mut *network, &slaves)?
+    };
+    let mut tree = Tree { slaves: &slaves, errors: &errors, text: "master\n".to_owned() };
+    tree.put(0, "");
+    let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
+    reporter.results(tree.text.trim_end(), &lines)?;
+    Ok(())
+}
+
+/// The tree as it is printed.
+struct Tree<'a> {
+    slaves: &'a [FoundSlave],
+    errors: &'a [SlaveErrors],
+    text: String,
+}
+
+impl Tree<'_> {
+    /// Prints a slave, by its place, and those behind it. The last branch goes on below its slave, others are indented.
+    fn put(&mut self, place: usize, indent: &str) {
+        let slave = &self.slaves[place];
+        let behind: Vec<usize> = (0..self.slaves.len())
+            .filter(|other| self.slaves[*other].upstream.is_some_and(|up| up.slave == slave.slave))
+            .collect();
+        let below = if behind.is_empty() { ' ' } else { '|' };
+        // Writing to a String does not fail.
+        let _ = writeln!(self.text, "{indent}+- {}  {}: {}", slave.slave, name(slave), state_text(slave.found));
+        for detail in details(self.slaves, slave, &self.errors[place]) {
+            let _ = writeln!(self.text, "{indent}{below}     {detail}");
+        }
+        let Some((last, branches)) = behind.split_last() else { return };
+        for branch in branches {
+            let port = self.slaves[*branch].upstream.map_or(0, |up| up.port);
+            let _ = writeln!(self.text, "{indent}|\\ port {port}");
+            self.put(*branch, &format!("{indent}| "));
+        }
+        self.put(*last, indent);
+    }
+}
+
+fn details(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Vec<String> {
+    let identity = slave.identity;
+    let mut lines = vec![format!(
+        "vendor 0x{:08X}, product 0x{:08X}, revision 0x{:08X}, serial {}, alias {}, station 0x{:04X}",
+        identity.vendor, identity.product, identity.revision, identity.serial, slave.alias, slave.station
+    )];
+    if let Some(error) = &slave.eeprom_error {
+        lines.push(format!("EEPROM: {error}"));
+    }
+    let protocols = protocols(slave).join(", ");
+    let clock = if slave.has_clock { "distributed clocks" } else { "no distributed clocks" };
+    let (outputs, inputs) = slave.process_bytes;
+    let mailbox = match slave.protocols {
+        None => "mailbox not known".to_owned(),
+        Some(_) if protocols.is_empty() => "no mailbox".to_owned(),
+        Some(_) => protocols,
+    };
+    lines.push(format!("{mailbox}; {clock}; {outputs} bytes out, {inputs} in"));
+    lines.extend(ports(slave).map(|port| {
+        let kind = port_kind(slave.port_types, port).unwrap_or_default();
+        let counted = counted(&errors.ports[port]);
+        let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
+        format!("port {port} ({kind}): {}{counted}", connected(slaves, slave, port))
+    }));
+    lines
+}
+
+/// What is connected to a port.
+fn connected(slaves: &[FoundSlave], slave: &FoundSlave, port: usize) -> String {
+    if port == 0 {
+        return slave.upstream.map_or("the master".to_owned(), |up| format!("slave {}, port {}", up.slave, up.port));
+    }
+    match (behind(slaves, slave.slave, port), slave.ports.has_link(port)) {
+        (Some(other), _) => format!("slave {other}"),
+        (None, true) => "a link, and nobody who answers".to_owned(),
+        (None, false) => "nothing".to_owned(),
+    }
+}
+
+/// The counters of a port that are not 0, in words.
+pub fn counted(errors: &PortErrors) -> Vec<String> {
+    let of = |count: u8, one: &str, many: &str| match count {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        errors::COUNTER_MAX => Some(format!("{count} or more {many}")),
+        _ => Some(format!("{count} {many}")),
+    };
+    let PortErrors { invalid, physical, forwarded, lost_links } = *errors;
+    let all = [
+        of(invalid, "invalid frame", "invalid frames"),
+        of(physical, "error of the physical layer", "errors of the physical layer"),
+        of(forwarded, "frame damaged before", "frames damaged before"),
+        of(lost_links, "lost link", "lost links"),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+fn protocols(slave: &FoundSlave) -> Vec<&'static str> {
+    const NAMES: [(MailboxProtocols, &str); 6] = [
+        (MailboxProtocols::AOE, "AoE"),
+        (MailboxProtocols::EOE, "EoE"),
+        (MailboxProtocols::COE, "CoE"),
+        (MailboxProtocols::FOE, "FoE"),
+        (MailboxProtocols::SOE, "SoE"),
+        (MailboxProtocols::VOE, "VoE"),
+    ];
+    let spoken = slave.protocols.unwrap_or(MailboxProtocols::NONE);
+    NAMES.into_iter().filter(|(protocol, _)| spoken.contains(*protocol)).map(|(_, name)| name).collect()
+}
+
+/// The counters of a port as JSON.
+pub fn port_json(errors: &PortErrors) -> Value {
+    json!({
+        "invalid_frames": errors.invalid, "physical_errors": errors.physical, "forwarded_errors": errors.forwarded,
+        "lost_links": errors.lost_links,
+    })
+}
+
+fn line(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Value {
+    let port = |port: usize| {
+        let mut json = port_json(&errors.ports[port]);
+        json["port"] = port.into();
+        json["kind"] = port_kind(slave.port_types, port).into();
+        json["link"] = slave.ports.has_link(port).into();
+        json["open"] = (slave.ports.communicates(port) && !slave.ports.is_closed(port)).into();
+        json["slave"] = match port {
+            0 => slave.upstream.map(|up| up.slave).into(),
+            port => behind(slaves, slave.slave, port).into(),
+        };
+        json
+    };
+    let identity = slave.identity;
+    json!({
+        "verb": "bus scan", "slave": slave.slave, "name": slave.name, "vendor_id": identity.vendor,
+        "product_code": identity.product, "revision": identity.revision, "serial_number": identity.serial,
+        "station_address": slave.station, "alias": slave.alias,
+        "found_in": state_name(slave.found.status.state()),
+        "failed": slave.found.status.contains(AlStatusRegister::ERROR),
+        "al_status": slave.found.code.0, "al_status_text": slave.found.code.text(),
+        "upstream": slave.upstream.map(|up| json!({ "slave": up.slave, "port": up.port })),
+        "ports": ports(slave).map(port).collect::<Vec<_>>(),
+        "protocols": slave.protocols.map(|_| protocols(slave)), "has_dc": slave.has_clock, "output_bytes": slave.process_bytes.0,
+        "input_bytes": slave.process_bytes.1, "eeprom_error": slave.eeprom_error,
+    })
+}

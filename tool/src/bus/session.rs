@@ -1,0 +1,86 @@
+//! The network of a verb.
+
+use ecmsk::bus::{self, BusError, FoundSlave, Network};
+use ecmsk::link::uri::LinkUri;
+
+use super::BusVerbError;
+use super::words::state_text;
+use crate::board::Reporter;
+use crate::link_option::ChosenLink;
+
+// No doc comments on either: clap would show them as the help of every verb.
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+pub struct NetworkArgs {
+    /// Network to look at: nic:INTERFACE, sim:?slaves=.. or a chip, see `ecmsk link help` [default: ECMSK_LINK, else the one of ecmsk.toml]
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse)]
+    link: Option<LinkUri>,
+
+    /// Print JSON, one object a line
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+pub struct SlaveArgs {
+    /// The slave, from 1 in the order of the cable
+    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(1..=40))]
+    pub slave: u8,
+    #[command(flatten)]
+    network: NetworkArgs,
+}
+
+impl SlaveArgs {
+    /// Opens the network, and finds that it has the slave.
+    ///
+    /// # Errors
+    /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`].
+    pub fn open(&self) -> Result<Session, BusVerbError> {
+        let session = self.network.open()?;
+        let (slave, found) = (self.slave, session.slaves.len());
+        if !session.slaves.iter().any(|found| found.slave == slave) {
+            return Err(BusError::NoSuchSlave { slave, found }.into());
+        }
+        Ok(session)
+    }
+}
+
+/// A network whose slaves were found.
+pub struct Session {
+    pub network: Box<dyn Network>,
+    pub slaves: Vec<FoundSlave>,
+    pub reporter: Reporter,
+}
+
+impl NetworkArgs {
+    /// Opens the network and finds its slaves. Says which of them were above Init, where they are no longer.
+    ///
+    /// # Errors
+    /// Nobody has named one, it does not open, or it has no slave.
+    pub fn open(&self) -> Result<Session, BusVerbError> {
+        let chosen = ChosenLink::find(self.link.as_ref())?;
+        if !chosen.is_named() {
+            return Err(BusVerbError::NoLink);
+        }
+        Session::open(&chosen.uri.to_string(), self.json)
+    }
+}
+
+impl Session {
+    /// The network of a link, as [`NetworkArgs::open`] opens it.
+    ///
+    /// # Errors
+    /// It does not open, or has no slave.
+    pub fn open(link: &str, json: bool) -> Result<Self, BusVerbError> {
+        let mut network = bus::open(link)?;
+        let slaves = network.scan()?;
+        let reporter = Reporter::new(json, network.is_virtual());
+        let resets = network.resets_slaves();
+        for slave in slaves.iter().filter(|slave| resets && slave.found.status.state().code() > 1) {
+            let found = state_text(slave.found);
+            reporter.note(format_args!("slave {} was found in {found}, and was brought to Init", slave.slave));
+        }
+        Ok(Self { network, slaves, reporter })
+    }
+}

@@ -1,0 +1,127 @@
+//! `bus sii`: the EEPROM of a slave.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Subcommand, ValueHint};
+use ecmsk::bus::eeprom::{self, Change, ContentError};
+use serde_json::json;
+
+use super::contents::{self, word_name};
+use super::{BusVerbError, Session, SlaveArgs};
+use crate::hex::hex;
+use crate::signals;
+
+/// Read or write the EEPROM of a slave (SII)
+#[derive(clap::Args)]
+#[command(
+    disable_help_subcommand = true,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  ecmsk bus sii read 2 --link nic:eth1
+  ecmsk bus sii read 2 --output slave2.bin --link nic:eth1
+  ecmsk bus sii write 2 slave2.bin --link nic:eth1         # shows what would change
+  ecmsk bus sii write 2 slave2.bin --yes --link nic:eth1"
+)]
+pub struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Show what an EEPROM says, and write it to a file
+    Read {
+        #[command(flatten)]
+        whose: SlaveArgs,
+        /// Write its bytes, up to the end of its categories, to a file
+        #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+        output: Option<PathBuf>,
+    },
+    /// Write a file into an EEPROM: what changes is shown, written and read back
+    ///
+    /// The file is checked first: its length, the checksum of its first words, its categories, and whether it is for this device.
+    /// A slave takes the new content when it is switched off and on.
+    Write {
+        #[command(flatten)]
+        whose: SlaveArgs,
+        /// The file
+        #[arg(value_hint = ValueHint::FilePath)]
+        file: PathBuf,
+        /// Write it; without this option what would change is shown alone
+        #[arg(long)]
+        yes: bool,
+        /// Write it even if it is for another vendor or product than the slave has now
+        #[arg(long)]
+        other_device: bool,
+    },
+}
+
+/// # Errors
+/// [`BusVerbError`]
+pub fn run(args: &Args) -> Result<(), BusVerbError> {
+    match &args.verb {
+        Verb::Read { whose, output } => read(whose, output.as_deref()),
+        Verb::Write { whose, file, yes, other_device } => write(whose, file, *yes, *other_device),
+    }
+}
+
+fn read(whose: &SlaveArgs, output: Option<&Path>) -> Result<(), BusVerbError> {
+    let mut session = whose.open()?;
+    let content = session.network.read_eeprom(whose.slave)?;
+    if let Some(file) = output {
+        std::fs::write(file, &content).map_err(|source| BusVerbError::Write { file: file.to_owned(), source })?;
+    }
+    let mut json = contents::json(&content);
+    json["verb"] = "bus sii read".into();
+    json["slave"] = whose.slave.into();
+    json["bytes"] = hex(&content).into();
+    json["file"] = output.map(|file| file.display().to_string()).into();
+    session.reporter.result(contents::text(&content), &json)?;
+    if let Some(file) = output {
+        session.reporter.note(format_args!("{} bytes were written to {}", content.len(), file.display()));
+    }
+    Ok(())
+}
+
+/// \[OURS] The longest file that is read: the longest EEPROM that words of 16 bits reach.
+const FILE_BYTES_MAX: usize = 2 << 16;
+
+fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Result<(), BusVerbError> {
+    let fit = |error: ContentError| BusVerbError::Content { file: file.to_owned(), error };
+    let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
+    if content.len() > FILE_BYTES_MAX {
+        return Err(fit(ContentError::Len { len: content.len() }));
+    }
+    eeprom::check(&content).map_err(fit)?;
+    let Session { mut network, reporter, .. } = whose.open()?;
+    let slave = whose.slave;
+    // An EEPROM that cannot be read is one that has to be written.
+    let present = network.read_eeprom(slave).unwrap_or_default();
+    match eeprom::check_for(&content, &present) {
+        Err(ContentError::OtherDevice { .. }) if other_device => {}
+        checked => checked.map_err(fit)?,
+    }
+    let changes = eeprom::changes(&mut *network, slave, &content)?;
+    for Change { word, from, to } in &changes {
+        let name = word_name(*word).map_or(String::new(), |name| format!("  {name}"));
+        let text = format!("word 0x{word:04X}: 0x{from:04X} -> 0x{to:04X}{name}");
+        let json = json!({
+            "verb": "bus sii write", "slave": slave, "word": word, "from": from, "to": to, "name": word_name(*word),
+        });
+        reporter.result(text, &json)?;
+    }
+    if changes.is_empty() {
+        reporter.note(format_args!("the EEPROM of slave {slave} has this content already"));
+        return Ok(());
+    }
+    if !yes {
+        return Err(BusVerbError::NotConfirmed);
+    }
+    // Half an EEPROM makes a slave useless: a signal ends this when all is written.
+    let _end_request = signals::EndRequest::watch()?;
+    eeprom::write(&mut *network, slave, &changes, |_| ())?;
+    let text = format!("slave {slave}: {} words written and read back; switch it off and on", changes.len());
+    let json = json!({ "verb": "bus sii write", "slave": slave, "written_words": changes.len() });
+    Ok(reporter.result(text, &json)?)
+}

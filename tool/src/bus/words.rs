@@ -1,0 +1,59 @@
+//! States, ports and identities in words.
+
+use ecmsk::bus::{FoundSlave, SlaveState};
+use ecmsk::ethercat::registers::{AlStatusRegister, PORTS, RequestedState};
+use ecmsk::ethercat::{AlState, AlStatus};
+
+/// The name of a state, as the tool's other verbs have it; `None`: there is none such.
+pub const fn state_name(state: RequestedState) -> Option<&'static str> {
+    match state {
+        RequestedState::State(AlState::Init) => Some("Init"),
+        RequestedState::State(AlState::PreOp) => Some("PreOP"),
+        RequestedState::State(AlState::SafeOp) => Some("SafeOP"),
+        RequestedState::State(AlState::Op) => Some("OP"),
+        RequestedState::Boot => Some("Boot"),
+        RequestedState::Unknown(_) => None,
+    }
+}
+
+/// A state with its error, e.g. `SafeOP, with AL status 0x001B (sync manager watchdog)`.
+pub fn state_text(state: SlaveState) -> String {
+    let SlaveState { status, code } = state;
+    let name = match status.state() {
+        RequestedState::Unknown(0) => "a state that is not known".to_owned(),
+        unknown @ RequestedState::Unknown(_) => format!("state 0x{:X}", unknown.code()),
+        known => state_name(known).unwrap_or_default().to_owned(),
+    };
+    match (status.contains(AlStatusRegister::ERROR), code) {
+        (false, AlStatus::NONE) => name,
+        (false, code) => format!("{name}, AL status {code}"),
+        (true, code) => format!("{name} with an error, AL status {code}"),
+    }
+}
+
+/// A name of a slave.
+pub fn name(slave: &FoundSlave) -> &str {
+    if slave.name.is_empty() { "(no name)" } else { &slave.name }
+}
+
+/// What a port is made of, by register 0x0007; `None`: it is not there.
+pub const fn port_kind(port_types: u8, port: usize) -> Option<&'static str> {
+    match port_types >> (2 * port as u8) & 0b11 {
+        2 => Some("EBUS"),
+        3 => Some("MII"),
+        _ => None,
+    }
+}
+
+/// The slave that is connected to a port, 1 to 3, of another one.
+pub fn behind(slaves: &[FoundSlave], slave: u8, port: usize) -> Option<u8> {
+    let is_there =
+        |found: &&FoundSlave| found.upstream.is_some_and(|up| up.slave == slave && usize::from(up.port) == port);
+    slaves.iter().find(is_there).map(|found| found.slave)
+}
+
+/// The numbers of the ports of a slave that are there.
+pub fn ports(slave: &FoundSlave) -> impl Iterator<Item = usize> {
+    let types = slave.port_types;
+    (0..PORTS).filter(move |port| port_kind(types, *port).is_some())
+}

@@ -1,0 +1,159 @@
+//! An object that is read or written by SDO, of a slave behind a chip or of any network: its arguments, and how its value is shown.
+
+use ecmsk::coe::SdoScope;
+use serde_json::{Value as Json, json};
+
+use crate::hex::{hex, parse_hex, spaced};
+use crate::step::object::{Object, Type, Value};
+
+/// Which object, and how.
+#[derive(Clone, clap::Args)]
+#[group(skip)]
+pub struct Transfer {
+    /// 0x6064, 0x6099:1, or a name: statusword, position_actual, homing_method ..
+    #[arg(value_name = "OBJECT[:SUB]", value_parser = Object::parse)]
+    pub object: Object,
+    /// u8, i8, u16, i16, u32, i32 [default: the object's own, where that is known]
+    #[arg(long = "type", value_name = "TYPE", value_parser = Type::parse)]
+    pub of: Option<Type>,
+    /// All sub-indices at once (complete access), as bytes
+    #[arg(long, conflicts_with = "of")]
+    pub complete: bool,
+}
+
+/// What is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Written {
+    Number(Value),
+    Bytes(Vec<u8>),
+}
+
+impl Written {
+    /// Parses a number, or bytes behind `hex:`.
+    ///
+    /// # Errors
+    /// The text is invalid; the error says what is allowed.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        match text.strip_prefix("hex:") {
+            Some(bytes) => parse_hex(bytes).map(Self::Bytes),
+            None => {
+                Value::parse(text).map(Self::Number).map_err(|allowed| format!("{allowed}, or bytes as hex:0102FF"))
+            }
+        }
+    }
+}
+
+/// A value that cannot be written.
+#[derive(Debug, PartialEq, Eq)]
+pub struct WrongValue {
+    /// What is wrong.
+    pub why: String,
+    /// What to do.
+    pub next: String,
+}
+
+/// The bytes that were read are not as many as the type has.
+#[derive(Debug, PartialEq, Eq)]
+pub struct OtherSize {
+    /// How many bytes were read.
+    pub found: usize,
+    /// How many the type has.
+    pub wanted: usize,
+}
+
+impl Transfer {
+    fn of(&self) -> Option<Type> {
+        if self.complete { None } else { self.of.or(self.object.known.map(|(_, of)| of)) }
+    }
+
+    /// One sub-index, or all.
+    pub const fn scope(&self) -> SdoScope {
+        if self.complete { SdoScope::Complete } else { SdoScope::Entry }
+    }
+
+    fn json(&self, verb: &str, slave: u8, bytes: &[u8]) -> Json {
+        json!({
+            "verb": verb, "slave": slave, "index": self.object.address.index, "sub": self.object.address.sub,
+            "complete": self.complete, "bytes": hex(bytes),
+        })
+    }
+
+    /// What was read, in words and as JSON.
+    ///
+    /// # Errors
+    /// [`OtherSize`]
+    pub fn read(&self, verb: &str, slave: u8, bytes: &[u8]) -> Result<(String, Json), OtherSize> {
+        let mut json = self.json(verb, slave, bytes);
+        let Some(of) = self.of() else { return Ok((self.untyped(bytes), json)) };
+        let wanted = of.bits() as usize / 8;
+        if bytes.len() != wanted {
+            return Err(OtherSize { found: bytes.len(), wanted });
+        }
+        let raw = number(bytes);
+        let value = of.number(raw);
+        json["type"] = of.name().into();
+        json["value"] = value.into();
+        let digits = 2 * wanted;
+        Ok((format!("{value} (0x{raw:0digits$X})"), json))
+    }
+
+    /// The bytes of an object whose type is not known, as a number or a text where they may be one.
+    fn untyped(&self, bytes: &[u8]) -> String {
+        if self.complete {
+            return spaced(bytes);
+        }
+        let object = self.object;
+        match bytes.len() {
+            1..=4 => format!("0x{0:X} ({0}); the type of {object} is not known", number(bytes)),
+            _ => match std::str::from_utf8(bytes) {
+                Ok(text) if !bytes.is_empty() && bytes.iter().all(|byte| (b' '..=b'~').contains(byte)) => {
+                    format!("{}, as a text `{text}`", spaced(bytes))
+                }
+                _ => spaced(bytes),
+            },
+        }
+    }
+
+    /// What was written, in words and as JSON.
+    pub fn written(&self, verb: &str, slave: u8, value: &Written, bytes: &[u8]) -> (String, Json) {
+        let mut json = self.json(verb, slave, bytes);
+        let text = match (value, self.of()) {
+            (Written::Number(_), Some(of)) => {
+                let value = of.number(number(bytes));
+                json["type"] = of.name().into();
+                json["value"] = value.into();
+                value.to_string()
+            }
+            _ => spaced(bytes),
+        };
+        (format!("slave {slave}: {} = {text}", self.object), json)
+    }
+
+    /// The bytes to write; `verb` is the one whose help says more.
+    ///
+    /// # Errors
+    /// [`WrongValue`]
+    pub fn encoded(&self, verb: &str, value: &Written) -> Result<Vec<u8>, WrongValue> {
+        let value = match value {
+            Written::Bytes(bytes) => return Ok(bytes.clone()),
+            Written::Number(value) => *value,
+        };
+        let wrong = |why, next: &str| WrongValue { why, next: format!("{next}, see `ecmsk {verb} --help`") };
+        match self.of() {
+            _ if self.complete => Err(wrong("all sub-indices at once are bytes".into(), "write them as hex:0102FF")),
+            None => {
+                Err(wrong(format!("the type of {} is not known", self.object), "name it with --type, e.g. --type u16"))
+            }
+            Some(of) if !of.takes(value) => Err(wrong(
+                format!("{} has the type {}, {} does not fit", self.object, of.name(), value.number),
+                "correct the value, or --type",
+            )),
+            Some(of) => Ok(value.number.to_le_bytes()[..of.bits() as usize / 8].to_vec()),
+        }
+    }
+}
+
+/// Up to 4 bytes as a number.
+fn number(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
+}

@@ -65,13 +65,9 @@ impl Dp3cl {
         self.on_ns / 1_000_000_000
     }
 
-    /// U3-00, the cycle. \[OURS] In microseconds.
+    /// U3-08, the cycle of the drive. \[OURS] In microseconds.
     pub(super) const fn cycle_us(&self) -> i64 {
         (self.cycle_ns / 1000) as i64 & 0xFFFF
     }
 
-    /// U3-04, the cycle of SYNC0. \[OURS] In microseconds; 0 without it.
-    pub(super) fn sync0_us(&self) -> i64 {
-        if self.by_sync0 { self.dc.map_or(self.cycle_us(), |(_, ns)| (ns / 1000) as i64) } else { 0 }
-    }
 }

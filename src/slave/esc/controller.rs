@@ -6,6 +6,7 @@ use super::EscSettings;
 use super::clock::{Clock, FILTERS, SPEED_START};
 use super::eeprom::Eeprom;
 use super::fmmus::{FMMUS_MAX, Fmmus};
+use super::latch_unit;
 use super::managers::Managers;
 use super::memory::Memory;
 use super::sync_unit::{SyncPulse, SyncUnit};
@@ -164,6 +165,11 @@ impl Controller {
     /// The content of the EEPROM.
     pub fn eeprom(&self) -> &[u8] {
         self.eeprom.content()
+    }
+
+    /// Puts a station alias into the EEPROM, from where it is loaded at the next power-on.
+    pub(super) fn store_alias(&mut self, alias: u16) {
+        self.eeprom.store_alias(alias);
     }
 
     /// Bytes of the memory as they stand there, without any effect. Clocks and the states of sync managers show what was read last.
@@ -398,6 +404,22 @@ impl Controller {
     /// The cycle of SYNC0, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
+    }
+
+    /// A latch input, from 0 to one less than [`LATCHES`](registers::LATCHES), has that level from the time `at` of the network on,
+    /// which is not much earlier or later than that of the newest frame. A level that it has already changes nothing; nor does an
+    /// input that there is not, or a controller without distributed clocks.
+    pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
+        if self.has_clock() && input < registers::LATCHES {
+            latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);
+        }
+    }
+
+    /// The levels of the latch inputs at power-on, bit 0 that of input 0.
+    pub(super) fn begin_latch_inputs(&mut self, levels: u8) {
+        if self.has_clock() {
+            latch_unit::set_levels(levels, &mut self.memory);
+        }
     }
 
     /// The slave's own controller takes the EEPROM, or gives it back.

@@ -12,7 +12,7 @@
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
 //! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
 //! | `eeprom.rs` | the interface to the EEPROM |
-//! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
+//! | `clock.rs`, `sync_unit.rs`, `latch_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1, latch inputs |
 //! | `watchdog.rs` | the watchdog of process data |
 //! | `slave.rs`, `slave/frames.rs` | a controller with its device: [`EscSlave`], and what it does with a frame |
 //! | `application.rs`, `checks.rs` | the AL state machine, and what it checks |
@@ -38,6 +38,7 @@ mod esi;
 mod file_server;
 mod fmmus;
 mod information;
+mod latch_unit;
 mod mailbox;
 mod managers;
 mod memory;

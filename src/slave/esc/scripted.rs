@@ -8,7 +8,7 @@ use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::esc::EscSettings;
 use crate::slave::plant::Following;
-use crate::slave::{Communication, Fault, FileStore, ManufacturerObjects, Slave, SyncEvent};
+use crate::slave::{Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -112,6 +112,14 @@ impl Slave for Scripted {
         self.device.sync_lock_limit_ns()
     }
 
+    fn latch_levels(&self) -> Option<u8> {
+        self.device.latch_levels()
+    }
+
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        self.device.tell_latch_changes(tell);
+    }
+
     fn expire_watchdog(&mut self) {
         self.device.expire_watchdog();
     }
@@ -142,6 +150,10 @@ impl Slave for Scripted {
 
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         self.device.add_manufacturer_objects(objects);
+    }
+
+    fn has_long_values(&self) -> bool {
+        self.device.has_long_values()
     }
 
     fn files(&mut self) -> Option<&mut FileStore> {

@@ -45,6 +45,8 @@ pub struct EscSlave {
     error_code: u16,
     /// There is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
     is_quiet: bool,
+    /// The device is connected to latch inputs of the controller.
+    has_latches: bool,
     /// The AL state, while the slave is quiet.
     quiet_state: AlState,
     /// How far the device is with the outputs of the newest frame.
@@ -52,8 +54,12 @@ pub struct EscSlave {
     device: Box<dyn Slave>,
     /// The newest outputs, as long as sync manager 2.
     outputs: Vec<u8>,
+    /// When outputs came that no pulse of SYNC0 has followed yet.
+    outputs_came: Option<Ns>,
     /// Room for the inputs, as long as sync manager 3.
     inputs: Vec<u8>,
+    /// The station alias of the device at its last power-on.
+    station_alias: u16,
     application: Application,
     controller: Controller,
     mailbox: Mailbox,
@@ -63,12 +69,18 @@ impl EscSlave {
     /// A slave that is switched on at `now`, with the content of its EEPROM. The device has to be in Init.
     pub fn new(device: Box<dyn Slave>, settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let has_mailbox = Sii::new(&eeprom).is_ok_and(|sii| sii.info().protocols.0 != 0);
+        let latch_levels = device.latch_levels();
+        let mut controller = Controller::new(settings, eeprom, now);
+        controller.begin_latch_inputs(latch_levels.unwrap_or(0));
         Self {
-            controller: Controller::new(settings, eeprom, now),
+            controller,
+            has_latches: latch_levels.is_some(),
+            station_alias: device.station_alias(),
             device,
             application: Application::new(has_mailbox),
             mailbox: Mailbox::default(),
             outputs: Vec::new(),
+            outputs_came: None,
             inputs: Vec::new(),
             now,
             stepped: now,
@@ -97,12 +109,19 @@ impl EscSlave {
     /// Switches the slave off and on again.
     pub fn power_on(&mut self, now: Ns) {
         self.device.restart();
+        let alias = self.device.station_alias();
+        // A device that was given another alias writes it to the EEPROM, in which a master may have put one meanwhile.
+        if std::mem::replace(&mut self.station_alias, alias) != alias {
+            self.controller.store_alias(alias);
+        }
         self.controller.power_on(now);
+        self.controller.begin_latch_inputs(self.device.latch_levels().unwrap_or(0));
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
         self.free_run = now + FREE_RUN_CYCLE_NS;
         (self.is_quiet, self.work) = (false, Work::None);
         self.outputs.clear();
+        self.outputs_came = None;
         self.inputs.clear();
     }
 
@@ -214,8 +233,11 @@ impl EscSlave {
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
-                self.device.report_sync(SyncEvent::InTime);
                 self.cycle(now, DRIVEN_NS);
+                if let Some(came) = self.outputs_came.take() {
+                    self.device.report_sync(SyncEvent::Outputs { ago_ns: now.saturating_sub(came) });
+                }
+                self.device.report_sync(SyncEvent::InTime);
             }
             if pulses > PULSES_MAX {
                 self.controller.skip_pulses(now);
@@ -249,6 +271,9 @@ impl EscSlave {
     /// Time has passed in the device: it takes its newest outputs and gives new inputs.
     #[inline]
     fn end_cycle(&mut self, now: Ns, state: AlState) {
+        if self.has_latches {
+            self.pass_latch_changes();
+        }
         if state >= AlState::SafeOp {
             let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
@@ -264,6 +289,14 @@ impl EscSlave {
         if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
             self.look_for_errors(now);
         }
+    }
+
+    /// The controller sees what the device did to its latch inputs.
+    fn pass_latch_changes(&mut self) {
+        let Self { controller, device, stepped, .. } = self;
+        device.tell_latch_changes(&mut |change| {
+            controller.set_latch_input(change.input, change.is_on, stepped.saturating_sub(change.ago_ns));
+        });
     }
 
     /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
@@ -360,6 +393,7 @@ impl EscSlave {
         let len = outputs.len().min(self.outputs.len());
         copy(&mut self.outputs[..len], &outputs[..len]);
         self.application.outputs_came = true;
+        self.outputs_came = Some(self.controller.arrival);
         !self.application.is_synchronized
     }
 

@@ -9,7 +9,8 @@
 //! - `mailbox.rs`: SDO, SDO information, emergencies
 //! - `files.rs`: bootstrap, and files by FoE
 //! - `dp3cl.rs`: a DP3CL as the network sees it
-//! - `clocks.rs`: distributed clocks
+//! - `clocks.rs`, `latches.rs`: distributed clocks; their latch inputs
+//! - `register_table.rs`: every register, its value at power-on and its access
 //! - `masters.rs`: what known masters send at their start
 //! - `bad_input.rs`: frames that nobody should send
 //! - `disturbed.rs`: two masters, masters that stop, EEPROMs written in part, FMMUs and sync managers that nobody would set
@@ -21,10 +22,12 @@ mod disturbed;
 mod dp3cl;
 mod eeprom;
 mod files;
+mod latches;
 mod logical;
 mod mailbox;
 mod managers;
 mod masters;
 mod ports;
+mod register_table;
 mod rig;
 mod states;

@@ -3,14 +3,18 @@
 use super::Controller;
 use crate::ethercat::registers::{
     self, AL_CONTROL, AL_STATUS, AlEvents, CLOCK_REGISTERS, DL_CONTROL, DL_STATUS, ECAT_EVENT, EcatEvents, FMMU,
-    FMMU_LEN, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
+    FMMU_LEN, LATCHES, LatchEdge, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
 };
 use crate::slave::esc::fmmus::{FMMUS_MAX, Fmmus};
+use crate::slave::esc::latch_unit;
 use crate::slave::esc::managers::MANAGERS_MAX;
 use crate::slave::esc::memory::ByteAccess;
 
 /// The registers of the EEPROM interface that nobody can write while it is busy or not the master's.
 const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize..registers::MII as usize;
+
+/// How many bytes the times of all edges at latch inputs have.
+const LATCH_TIMES_LEN: usize = 16 * LATCHES;
 
 /// Whether an access from `address` on touches a register of `len` bytes at `at`.
 fn touches(address: usize, accessed: usize, at: u16, len: usize) -> bool {
@@ -48,7 +52,22 @@ impl Controller {
         if touches(address, len, DL_STATUS, 2) {
             self.drop_events(EcatEvents::DL_STATUS);
         }
+        if self.has_clock() && touches(address, len, registers::LATCH_TIMES, LATCH_TIMES_LEN) {
+            self.acknowledge_latches(address, len);
+        }
         done
+    }
+
+    /// The times of edges at latch inputs were read.
+    fn acknowledge_latches(&mut self, address: usize, len: usize) {
+        for input in 0..LATCHES {
+            for edge in LatchEdge::ALL {
+                // Reading the first byte is what holds the others still.
+                if touches(address, len, registers::latch_time(input, edge), 1) {
+                    latch_unit::acknowledge(input, edge, &mut self.memory);
+                }
+            }
+        }
     }
 
     /// Puts into the memory what is counted elsewhere, if it is going to be read.
@@ -116,7 +135,7 @@ impl Controller {
                     self.managers.write_register((at - managers.start) as u16, *byte, &mut self.memory);
                 }
                 ByteAccess::Write if EEPROM_COMMANDS.contains(&at) && !eeprom_is_free => continue,
-                ByteAccess::Write if is_trigger(at) => {}
+                ByteAccess::Write if is_trigger(at) || self.is_devices_latch(at) => {}
                 ByteAccess::Write => self.memory.slice_mut(at, 1)[0] = *byte,
             }
             done = true;
@@ -125,6 +144,12 @@ impl Controller {
             self.after_write(address, data, eeprom_is_free);
         }
         done
+    }
+
+    /// Whether a byte is the control of a latch input that the slave's own controller has.
+    fn is_devices_latch(&self, at: usize) -> bool {
+        let input = at.checked_sub(usize::from(registers::LATCH_CONTROL));
+        input.is_some_and(|input| input < LATCHES && latch_unit::is_devices(input, &self.memory))
     }
 
     fn clear_counters(&mut self, at: u16) {
@@ -164,6 +189,9 @@ impl Controller {
         }
         if hits(registers::SII_CONFIGURATION, 1) && self.memory.u8(registers::SII_CONFIGURATION) & 0b10 != 0 {
             self.memory.set_u8(registers::SII_PDI_ACCESS, 0);
+        }
+        if eeprom_is_free && hits(registers::SII_CONTROL, 1) {
+            self.eeprom.written_in_part(&mut self.memory);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
             // The bit that allows a write counts in the datagram of its command alone.
@@ -218,6 +246,9 @@ impl Controller {
         }
         if hits(registers::SPEED_COUNTER_START, 2) {
             self.clock.reset_filters();
+        }
+        if hits(registers::CYCLIC_UNIT_CONTROL, 1) || hits(registers::LATCH_CONTROL, LATCHES) {
+            latch_unit::control_written(&mut self.memory);
         }
         let activation = SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION));
         let is_auto = activation.contains(SyncActivation::AUTO) && hits(registers::SYNC0_START, 8);

@@ -51,9 +51,11 @@ impl Dp3cl {
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity of the demand as objects have it, command units/s.
+    /// The velocity as objects have it, command units/s: that of the demand, or of the axis while it brakes by itself.
     pub(super) fn velocity_value(&self) -> f64 {
-        self.motion.velocity() * self.velocity_sign()
+        let velocity =
+            if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
+        velocity * self.velocity_sign()
     }
 
     pub(super) fn monitored(&self) -> Monitored {

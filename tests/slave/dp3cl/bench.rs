@@ -28,6 +28,13 @@ pub fn usual() -> Dp3cl {
     in_preop(Dp3clConfig::default())
 }
 
+/// The drive after a loss of its power, in PreOP.
+pub fn restarted(mut drive: Dp3cl) -> Dp3cl {
+    drive.restart();
+    drive.enter(AlState::PreOp).expect("a drive has a mailbox");
+    drive
+}
+
 pub fn read(drive: &mut Dp3cl, index: u16, sub: u8) -> Result<i64, AbortCode> {
     let mut value = [0; 8];
     let len = drive.read(ObjectAddress::new(index, sub), SdoScope::Entry, &mut value)?;

@@ -109,16 +109,17 @@ fn the_mode_after_homing() {
 /// DP3CL-7.3 An input without a terminal, each in turn.
 #[test]
 fn inputs_that_are_not_assigned() {
-    for (parameter, methods) in [
-        (0x2206, &[2, 18, 7, 8, 9, 10, 23, 24, 25, 26][..]),
-        (0x2207, &[1, 17, 11, 12, 13, 14, 27, 28, 29, 30]),
-        (0x2208, &[3, 4, 5, 6, 19, 20, 21, 22, 7, 14, 23, 30]),
-    ] {
-        for method in methods {
-            let mut bench = bench(config(-30_000), *method);
+    for method in METHODS {
+        let needs = |parameter| match parameter {
+            0x2206 => matches!(method, 2 | 18 | 7..=10 | 23..=26),
+            0x2207 => matches!(method, 1 | 17 | 11..=14 | 27..=30),
+            _ => matches!(method, 3..=14 | 19..=30),
+        };
+        for parameter in [0x2206, 0x2207, 0x2208] {
+            let mut bench = bench(config(-30_000), method.into());
             bench.write(parameter, 0, 0);
-            assert_eq!(home(&mut bench), None, "{parameter:04X} {method}");
-            assert_eq!(bench.shaft(), -30_000);
+            let is_refused = home(&mut bench).is_none() && bench.shaft() == -30_000;
+            assert_eq!(is_refused, needs(parameter), "{parameter:04X} {method}");
         }
     }
 }
@@ -146,6 +147,15 @@ fn errors() {
     let mut bench = bench(config(20_000), 19);
     assert_eq!(home(&mut bench), None, "the cam is on the other side");
     assert!((bench.shaft() - PLACES.limits.1).abs() < 2000, "{}", bench.shaft());
+    // While it brakes there is an error and no standstill yet.
+    let mut bench = self::bench(config(20_000), 19);
+    bench.write(0x609A, 0, 200_000);
+    bench.word = 0x1F;
+    bench.run_until(60_000, |bench| bench.bit(13));
+    assert_eq!(bits(&bench), (true, false, false));
+    assert!(bench.velocity() != 0);
+    bench.run_until(1000, |bench| bench.bit(10));
+    assert_eq!((bits(&bench), bench.velocity()), ((true, false, true), 0));
     let mut bench = self::bench(config(-30_000), 18);
     bench.word = 0x1F;
     bench.run_for(100 * MS);

@@ -52,6 +52,8 @@ fn edges() {
         (0x1100, (0x0300, [0, 0, 1005, 0]), (0x0300, [0, 0, 1005, 0])),
         (0x2100, (0x0100, [0, 0, 0, 0]), (0x0500, [0, 0, 0, 1004])),
         (0x0015, (0x0003, [33, 0, 0, 0]), (0x0003, [33, 0, 0, 0])),
+        (0x0025, (0x0001, [0; 4]), (0x0001, [0; 4])),
+        (0x1700, (0x0300, [0, 0, 33, 0]), (0x0300, [0, 0, 33, 0])),
         (0x1511, (0x0303, [105, 0, 33, 0]), (0x0303, [105, 0, 33, 0])),
         (0x0010, (0, [0; 4]), (0, [0; 4])),
     ] {
@@ -86,6 +88,24 @@ fn events() {
     assert_eq!(shown(&mut bench), (7, [105, 206, 0, 0]), "both edges");
     go(&mut bench, 0);
     assert_eq!(shown(&mut bench), (7, [205, 104, 0, 0]), "continuous");
+    // Probe 2 alike: SI2 goes on at 1005.
+    let mut second = self::bench();
+    second.probes = 0x3100;
+    go(&mut second, 1500);
+    go(&mut second, 900);
+    assert_eq!(shown(&mut second), (0x0700, [0, 0, 1005, 1004]));
+    second.probes = 0x3300;
+    go(&mut second, 1500);
+    go(&mut second, 0);
+    assert_eq!(shown(&mut second), (0x0700, [0, 0, 1005, 1004]), "continuous, at the same places");
+    second.probes = 0;
+    second.cycle();
+    assert_eq!(shown(&mut second), (0, [0, 0, 1005, 1004]));
+    // Reserved bits select nothing and show nothing.
+    let mut reserved = self::bench();
+    reserved.probes = 0xC8C8;
+    go(&mut reserved, 1500);
+    assert_eq!(shown(&mut reserved), (0, [0; 4]));
     let mut many = self::bench();
     many.probes = 0x0017;
     many.cycle();

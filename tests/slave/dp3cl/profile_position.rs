@@ -170,6 +170,29 @@ fn limits_of_speed_and_ramps() {
         bench.run_for(200 * MS);
         assert_eq!(bench.velocity(), speed, "a change during the motion is ignored");
     }
+    // The way on which it brakes from 20000 u/s: by 0x6084, or by 0x60C6 if that is less; what is written during a motion is for the next
+    // one, which bit 5 begins at once.
+    for (index, value, at_once, ms) in
+        [(0x6084, 100_000, false, 200), (0x60C6, 50_000, false, 400), (0x6084, 50_000, true, 400), (0x60C6, 20_000, true, 1000)]
+    {
+        let mut bench = bench();
+        if !at_once {
+            bench.write(index, 0, value);
+        }
+        assert!(set_point(&mut bench, 40_000, AT_ONCE));
+        bench.run_for(300 * MS);
+        assert_eq!(bench.velocity(), 20_000);
+        if at_once {
+            bench.write(index, 0, value);
+            assert!(set_point(&mut bench, 40_000, AT_ONCE));
+        } else {
+            bench.write(index, 0, 7000);
+        }
+        bench.run_until(5000, |bench| bench.velocity() < 20_000);
+        let cycles = bench.run_until(5000, |bench| bench.velocity() == 0) as i64;
+        assert!((cycles - ms).abs() < 15, "{index:04X} {at_once}: {cycles} ms");
+        assert_eq!(bench.shaft(), 40_000, "{index:04X} {at_once}");
+    }
     for (index, value, after) in [(0x6083, 100_000, 5000), (0x60C5, 20_000, 1000)] {
         let mut bench = bench();
         bench.write(index, 0, value);

@@ -73,7 +73,7 @@ use dictionary::{EntryDescription, ObjectDescription};
 use esc::EscSettings;
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
 /// The most axes that a slave has: a pulse module of two channels has two.
@@ -237,6 +237,11 @@ pub trait Slave: Send {
     /// sends no inputs meanwhile. `None`: it sends them, and waits as long as on the way to OP.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
+    }
+
+    /// Which ports of the controller in front of the slave have a link. Without this call it does not know.
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        let _ = links;
     }
 
     /// The levels of the latch inputs of the controller in front of the slave, bit 0 that of input 0; `None`: nothing of the slave is

@@ -2,7 +2,7 @@
 
 use super::{Base, Identity, Model, TEST_MEMORY, information, test_memory};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::communication::{Communication, LatchChange, SyncEvent};
 use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription, Values};
@@ -215,6 +215,10 @@ impl<M: Model> Slave for M {
 
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         Model::sync_lock_limit_ns(self)
+    }
+
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        Model::note_links(self, links);
     }
 
     fn latch_levels(&self) -> Option<u8> {

@@ -57,7 +57,17 @@ impl Dp3cl {
             power: true,
             alarm,
             run: self.base.al_state() != AlState::Init && !by_bus,
-            link: if self.exchanged || self.traffic { LinkLed::Flashing } else { LinkLed::On },
+            link_in: self.link_led(0),
+            link_out: self.link_led(1),
+        }
+    }
+
+    /// What the LED of a port shows.
+    const fn link_led(&self, port: usize) -> LinkLed {
+        match (self.links[port], self.exchanged || self.traffic) {
+            (false, _) => LinkLed::Off,
+            (true, true) => LinkLed::Flashing,
+            (true, false) => LinkLed::On,
         }
     }
 

@@ -120,6 +120,8 @@ pub struct Dp3cl {
     /// Process data were exchanged since the last step, and before it.
     exchanged: bool,
     traffic: bool,
+    /// Which ports of the controller have a link: IN, OUT.
+    links: [bool; 2],
     power_on_count: u16,
     on_ns: Ns,
     /// How long no pulses have come.
@@ -163,6 +165,7 @@ impl Dp3cl {
             clears: false,
             exchanged: false,
             traffic: false,
+            links: [true; 2],
             power_on_count: 1,
             on_ns: 0,
             without_pulses_ns: 0,

@@ -10,7 +10,7 @@ use super::timing::Timing;
 use super::touch_probe::{LastStep, TouchProbes};
 use super::{Dp3cl, objects, parameters};
 use crate::cia402::DriveState;
-use crate::ethercat::registers::{Features, RequestedState};
+use crate::ethercat::registers::{Features, PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
 use crate::slave::communication::{Communication, LatchChange, SyncEvent};
@@ -209,6 +209,10 @@ impl Model for Dp3cl {
 
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         Some(SYNC_LOCK_LIMIT_NS)
+    }
+
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        self.links = [links[0], links[1]];
     }
 
     fn latch_levels(&self) -> Option<u8> {

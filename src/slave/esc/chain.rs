@@ -164,7 +164,7 @@ impl Chain {
             for (link, child) in links.iter_mut().zip(self.places[n].children).skip(1) {
                 *link = child.is_some_and(|child| has_link(&self.places, child));
             }
-            self.places[n].slave.controller_mut().set_links(links);
+            self.places[n].slave.set_links(links);
         }
     }
 

@@ -1,7 +1,7 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
@@ -110,6 +110,10 @@ impl Slave for Scripted {
 
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         self.device.sync_lock_limit_ns()
+    }
+
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        self.device.note_links(links);
     }
 
     fn latch_levels(&self) -> Option<u8> {

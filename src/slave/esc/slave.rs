@@ -136,6 +136,12 @@ impl EscSlave {
         &mut self.controller
     }
 
+    /// Sets which ports have a link.
+    pub fn set_links(&mut self, links: [bool; PORTS]) {
+        self.controller_mut().set_links(links);
+        self.device.note_links(links);
+    }
+
     /// The device.
     pub fn device(&self) -> &dyn Slave {
         &*self.device

@@ -1,5 +1,5 @@
 //! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
-//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is what `tests/masters` shows.
+//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is also what `tests/masters` and `port/ethercat/network.rs` show.
 //!
 //! - `rig.rs`: the master
 //! - `datagrams.rs`: the commands, and frames as a whole

@@ -105,13 +105,20 @@ fn connection_leds() {
     let drive = Dp3cl::default();
     assert!(!drive.leds().run, "Init");
     let mut drive = usual();
-    assert_eq!((drive.leds().run, drive.leds().link), (true, LinkLed::On));
+    assert_eq!((drive.leds().run, drive.leds().link_in), (true, LinkLed::On));
     assert!(drive.enter(AlState::Op).is_err());
     assert!(!drive.leds().run, "E-800");
     let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
-    assert_eq!((bench.drive.leds().run, bench.drive.leds().link), (true, LinkLed::Flashing));
+    assert_eq!((bench.drive.leds().run, bench.drive.leds().link_out), (true, LinkLed::Flashing));
     bench.drive.step(MS);
-    assert_eq!(bench.drive.leds().link, LinkLed::On);
+    for (links, shown) in [
+        ([true, true, false, false], [LinkLed::On, LinkLed::On]),
+        ([true, false, false, false], [LinkLed::On, LinkLed::Off]),
+        ([false, false, false, false], [LinkLed::Off, LinkLed::Off]),
+    ] {
+        bench.drive.note_links(links);
+        assert_eq!([bench.drive.leds().link_in, bench.drive.leds().link_out], shown);
+    }
 }
 
 /// DP3CL-1.8 A missing motor is found out at power-on, with P1-00.

@@ -53,8 +53,7 @@ impl Dp3cl {
 
     /// The velocity as objects have it, command units/s: that of the demand, or of the axis while it brakes by itself.
     pub(super) fn velocity_value(&self) -> f64 {
-        let velocity =
-            if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
+        let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
         velocity * self.velocity_sign()
     }
 
@@ -71,5 +70,4 @@ impl Dp3cl {
     pub(super) const fn cycle_us(&self) -> i64 {
         (self.cycle_ns / 1000) as i64 & 0xFFFF
     }
-
 }

@@ -55,7 +55,9 @@ pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory
 
 /// The levels of the inputs.
 fn levels(memory: &Memory) -> u8 {
-    (0..LATCHES).filter(|input| status(*input, memory).contains(LatchStatus::PIN)).fold(0, |bits, input| bits | 1 << input)
+    (0..LATCHES)
+        .filter(|input| status(*input, memory).contains(LatchStatus::PIN))
+        .fold(0, |bits, input| bits | 1 << input)
 }
 
 /// The master has read the time of an edge: with an input of its own the next edge counts.
@@ -87,7 +89,8 @@ fn forget(input: usize, edge: LatchEdge, memory: &mut Memory) {
 fn show_events(memory: &mut Memory) {
     let waits = |of_device: bool, memory: &Memory| {
         let mine = (0..LATCHES).filter(|input| is_devices(*input, memory) == of_device);
-        mine.into_iter().any(|input| LatchEdge::ALL.iter().any(|edge| status(input, memory).contains(LatchStatus(edge.bit()))))
+        mine.into_iter()
+            .any(|input| LatchEdge::ALL.iter().any(|edge| status(input, memory).contains(LatchStatus(edge.bit()))))
     };
     let others = EcatEvents(memory.u16(ECAT_EVENT)).without(EcatEvents::DC_LATCH);
     let event = if waits(false, memory) { EcatEvents::DC_LATCH } else { EcatEvents::NONE };

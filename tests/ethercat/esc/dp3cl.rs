@@ -275,6 +275,9 @@ fn the_alias_is_that_of_the_eeprom() {
     for command in [[1, 2, 4, 0, 0, 0, 0x77, 0x07], [1, 2, 7, 0, 0, 0, checksum, 0]] {
         rig.write(FIRST, registers::SII_CONTROL, &command);
     }
+    // A command to load the words anew leaves the alias.
+    rig.write(FIRST, registers::SII_CONTROL, &[0, 4]);
+    assert_eq!(alias(&mut rig), 40_000);
     restart(&mut rig);
     assert_eq!(alias(&mut rig), 0x0777);
     rig.bring_to_preop(FIRST);
@@ -375,7 +378,9 @@ fn terminals_are_latch_inputs() {
     for step in 2..40 {
         send(&mut rig, 0x0F, step * 100);
     }
-    for (input, edge, place) in [(0, LatchEdge::Positive, 205), (0, LatchEdge::Negative, 1205), (1, LatchEdge::Positive, 2505)] {
+    for (input, edge, place) in
+        [(0, LatchEdge::Positive, 205), (0, LatchEdge::Negative, 1205), (1, LatchEdge::Positive, 2505)]
+    {
         let at = rig.read_u64(FIRST, latch_time(input, edge));
         assert_eq!(at, begins + place * MS / 100, "{input} {edge:?}");
     }

@@ -14,6 +14,7 @@ use super::bench::{Bench, MS};
 fn targets() {
     for cycle_ns in [MS / 2, MS, 2 * MS, 4 * MS] {
         let mut bench = Bench::in_op(Dp3clConfig::default(), 8, cycle_ns);
+        assert!(!bench.bit(12), "without power it does not follow");
         bench.enable();
         for step in 1..=100 {
             bench.target = step * 100;

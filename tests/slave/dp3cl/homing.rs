@@ -208,3 +208,44 @@ fn leaving_homing_while_it_moves() {
     bench.run_for(3 * MS);
     assert_eq!((bench.shaft() - stood, bench.read(0x6061, 0)), (100, 8));
 }
+
+/// DP3CL-7.7 Which legs are fast and which are slow: the greatest speed until home was found in each direction, negative and positive.
+#[test]
+fn speeds_of_the_legs() {
+    const FAST: i64 = 50_000;
+    const SLOW: i64 = 5_000;
+    for (method, start, negative, positive) in [
+        // Fast to the switch, slow from there to its edge and to the index pulse.
+        (1, -30_000, FAST, SLOW),
+        (17, -30_000, FAST, SLOW),
+        (2, 20_000, SLOW, FAST),
+        (18, 20_000, SLOW, FAST),
+        (19, -30_000, SLOW, FAST),
+        (21, 20_000, FAST, SLOW),
+        // Fast through the cam and back to it slowly.
+        (25, -30_000, SLOW, FAST),
+        (29, 20_000, FAST, SLOW),
+        // The first leg has the edge: fast up to it.
+        (20, -30_000, 0, FAST),
+        (24, -30_000, 0, FAST),
+        (28, 20_000, FAST, 0),
+        // On the switch, with the edge ahead: slow.
+        (19, -500, SLOW, 0),
+        (21, -500, 0, SLOW),
+        (23, -500, SLOW, 0),
+        (27, -500, 0, SLOW),
+        (33, -30_000, SLOW, 0),
+        (34, -30_000, 0, SLOW),
+    ] {
+        let mut bench = bench(config(start), method);
+        bench.write(0x609A, 0, 20_000_000);
+        bench.word = 0x1F;
+        let (mut least, mut most) = (0, 0);
+        bench.run_until(60_000, |bench| {
+            let velocity = bench.velocity();
+            (least, most) = (least.min(velocity), most.max(velocity));
+            bench.bit(12)
+        });
+        assert_eq!((-least, most), (negative, positive), "method {method} from {start}");
+    }
+}

@@ -2,8 +2,8 @@
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::AlState;
-use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
 use ecmsk::slave::dictionary::DataTypeCode;
+use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
 use ecmsk::slave::{AlStatus, DeviceFault, Fault, Slave};
 
 use super::bench::{Bench, MS, in_preop, list, read, restarted, usual, write};
@@ -35,8 +35,11 @@ fn dial_currents() {
     ];
     for (rating, currents) in tables {
         for (code, current) in (0..).zip(currents) {
-            let drive = Dp3cl::new(Dp3clConfig { dial: Dial(code), ..of(rating) });
+            let mut drive = in_preop(Dp3clConfig { dial: Dial(code), ..of(rating) });
             assert_eq!(drive.peak_ma(), current, "{rating:?} {code:03b}");
+            write(&mut drive, 0x2400, 0, 10).unwrap();
+            let expected = if code == 0 { 1000 } else { current };
+            assert_eq!(drive.peak_ma(), expected, "P4-00 counts with code 0 alone");
         }
     }
 }
@@ -63,6 +66,10 @@ fn dial_functions() {
 /// DP3CL-2.12 P7-00 is the station alias.
 #[test]
 fn station_number() {
+    for number in 1..=127 {
+        let drive = Dp3cl::new(Dp3clConfig { dial: Dial(0x80 | number), ..Dp3clConfig::default() });
+        assert_eq!(drive.station_alias(), number.into());
+    }
     let mut drive = in_preop(Dp3clConfig { dial: Dial(0x80 | 0x55), ..Dp3clConfig::default() });
     assert_eq!((read(&mut drive, 0x2700, 0), drive.station_alias()), (Ok(0x55), 0x55));
     assert_eq!(drive.peak_ma(), 7000, "the switches set no current meanwhile");

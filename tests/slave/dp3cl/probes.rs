@@ -129,3 +129,22 @@ fn forced_terminals() {
     bench.cycle();
     assert_eq!(shown(&mut bench), (0x0307, [50, 70, 70, 0]));
 }
+
+/// DP3CL-8.2 With the terminals of the factory SI1 clears alarms and SI2 is POT: both functions see the terminal of a probe.
+#[test]
+fn terminals_with_two_functions() {
+    let travel = Travel { negative_limit: None, positive_limit: Some(1005), ..Travel::for_turn(10_000) };
+    let mut bench = Bench::enabled_with(Dp3clConfig { travel, ..Dp3clConfig::default() }, 8);
+    bench.probes = 0x1111;
+    bench.cycle();
+    go(&mut bench, 1010);
+    bench.run_for(3 * MS);
+    assert_eq!((bench.read(0x60FD, 0) & 0b011, shown(&mut bench)), (0b010, (0x0301, [0, 0, 1005, 0])));
+    let fault = ecmsk::slave::DeviceFault { code: 0x3220, resettable: true };
+    bench.drive.apply_fault(Fault::Alarm { axis: 0, fault });
+    bench.run_for(5 * MS);
+    assert!(bench.drive.alarm().is_some());
+    bench.drive.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0b0011)) });
+    bench.run_for(5 * MS);
+    assert_eq!((bench.drive.alarm(), bench.read(0x60B9, 0)), (None, 0x0303));
+}

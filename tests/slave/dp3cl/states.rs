@@ -183,6 +183,13 @@ fn synchronization() {
     assert_eq!(drive.alarm(), None);
     drive.report_sync(SyncEvent::Deviation);
     has_alarm(&mut drive, Dp3clAlarm::SyncDeviation, AlState::SafeOp, (0x002C, 0xFF50, 0x10));
+    // 0x10F1:2 is how many.
+    let mut drive = in_op();
+    drive.write(ecmsk::coe::ObjectAddress::new(0x10F1, 2), ecmsk::coe::SdoScope::Entry, &[2, 0]).unwrap();
+    drive.report_sync(SyncEvent::Deviation);
+    assert_eq!(drive.alarm(), None);
+    drive.report_sync(SyncEvent::Deviation);
+    assert_eq!(drive.alarm(), Some(Dp3clAlarm::SyncDeviation));
     let mut free = Bench::in_op(Dp3clConfig::default(), 8, MS).drive;
     free.report_sync(SyncEvent::LockLost);
     assert_eq!((free.alarm(), free.state()), (None, AlState::Op), "it does not run by SYNC0");

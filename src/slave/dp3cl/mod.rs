@@ -190,6 +190,7 @@ impl Dp3cl {
         if config.variants.without_index {
             axis.stick(Input::Index, Some(false));
         }
+        // [OURS] No position is kept without power.
         axis.set_position(0);
         axis
     }

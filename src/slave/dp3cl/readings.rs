@@ -45,7 +45,7 @@ impl Dp3cl {
         self.demand_value().wrapping_sub(self.actual_value())
     }
 
-    /// A position in command units as counts of the encoder, P4-01 of them a turn.
+    /// A position in command units as counts of the encoder, P4-01 of them a turn: 0x6063 and 0x60FC \[OURS].
     pub(super) fn as_increments(&self, position: i64) -> i64 {
         let turn = i128::from(self.memory.subdivision());
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64

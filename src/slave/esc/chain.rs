@@ -172,6 +172,10 @@ impl Chain {
     ///
     /// \[OURS] A frame whose datagrams do not fit into it has no effect but in the error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
+        if self.route.back_ns.is_none() {
+            // What loses frames may be a port that is open for a time.
+            self.advance(now);
+        }
         let mut route = std::mem::take(&mut self.route);
         if !route.is_current {
             let is_reached = !self.places.is_empty() && has_link(&self.places, 0);
@@ -220,6 +224,7 @@ impl Chain {
     /// Time passes up to `now` in all slaves that have power.
     pub fn advance(&mut self, now: Ns) {
         self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
+        self.route.is_current &= !self.places.iter().any(|place| place.slave.ports_have_changed());
     }
 }
 

@@ -18,6 +18,9 @@ use crate::ethercat::registers::{
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Communication, SyncManagerSettings};
 
+/// How long ports are as DL control says with its bit 1 \[OURS: the data sheets say about a second], ns.
+const TEMPORARY_NS: Ns = 1_000_000_000;
+
 /// What has happened to a controller since its device looked.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ControllerEvents {
@@ -60,6 +63,9 @@ pub struct Controller {
     opened: [bool; PORTS],
     /// Which ports are open.
     open: [bool; PORTS],
+    /// Bits 8 to 15 of DL control as they are when they are not for a second alone, and when that second ends.
+    permanent_loops: u8,
+    temporary_until: Option<Ns>,
     /// How many bytes of the reset sequence have come.
     reset_progress: usize,
     /// Room for the bytes of a datagram while they are combined.
@@ -86,6 +92,8 @@ impl Controller {
             links: [false; PORTS],
             opened: [true; PORTS],
             open: [false; PORTS],
+            permanent_loops: 0,
+            temporary_until: None,
             reset_progress: 0,
             scratch: Vec::with_capacity(2048),
             settings,
@@ -121,6 +129,7 @@ impl Controller {
         let exists = |port: &usize| settings.ports[*port] >= 2;
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, DlControl::with_auto_loop);
         memory.set_u32(DL_CONTROL, control.0);
+        (self.permanent_loops, self.temporary_until) = (memory.u8(DL_CONTROL + 1), None);
         memory.set_u16(AL_CONTROL, AlState::Init as u16);
         memory.set_u16(AL_STATUS, AlState::Init as u16);
         memory.set_u32(registers::AL_EVENT_MASK, 0x00FF_FF0F);
@@ -206,6 +215,25 @@ impl Controller {
         }
     }
 
+    /// DL control was written: how its ports are, for good or for a second.
+    fn control_loops(&mut self) {
+        let is_temporary = self.memory.u32(DL_CONTROL) & DlControl::TEMPORARY != 0;
+        self.temporary_until = is_temporary.then(|| self.arrival + TEMPORARY_NS);
+        if !is_temporary {
+            self.permanent_loops = self.memory.u8(DL_CONTROL + 1);
+        }
+        self.opened = self.links;
+        self.show_links();
+    }
+
+    /// Ports that were set for a second are as before.
+    fn end_temporary_loops(&mut self) {
+        let control = self.memory.u32(DL_CONTROL) & !DlControl::TEMPORARY;
+        self.memory.set_u32(DL_CONTROL, control);
+        self.memory.set_u8(DL_CONTROL + 1, self.permanent_loops);
+        self.show_links();
+    }
+
     fn show_links(&mut self) {
         let exists = self.settings.ports.map(|port| port >= 2);
         let open = std::array::from_fn(|port| exists[port] && self.opens(port));
@@ -274,6 +302,9 @@ impl Controller {
             self.events.watchdog = true;
             self.raise_for_device(AlEvents::WATCHDOG);
         }
+        if self.temporary_until.take_if(|due| *due <= now).is_some() {
+            self.end_temporary_loops();
+        }
     }
 
     /// Time passes up to `now`, before which the controller does nothing by itself.
@@ -288,10 +319,10 @@ impl Controller {
         self.watchdog.due().is_none_or(|due| now < due)
     }
 
-    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, or a pulse
-    /// comes.
+    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, a pulse comes,
+    /// or ports are as before.
     pub(super) fn has_something_ahead(&self) -> bool {
-        self.eeprom.due().is_some() || self.sync.is_running()
+        self.eeprom.due().is_some() || self.sync.is_running() || self.temporary_until.is_some()
     }
 
     /// Whether a frame has written registers that make the device do something, or that change when something happens next.
@@ -310,9 +341,9 @@ impl Controller {
         self.memory.set_u32(AL_EVENT, left.0);
     }
 
-    /// When the watchdog expires or the EEPROM is done next. `None`: nothing of that is to come.
+    /// When the watchdog expires, the EEPROM is done or ports are as before next. `None`: nothing of that is to come.
     pub(super) fn next_due(&self) -> Option<Ns> {
-        [self.watchdog.due(), self.eeprom.due()].into_iter().flatten().min()
+        [self.watchdog.due(), self.eeprom.due(), self.temporary_until].into_iter().flatten().min()
     }
 
     /// When the next pulse comes, as far as the clock can tell.

@@ -100,6 +100,41 @@ fn loops_are_controlled() {
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
 }
 
+/// ECAT-9.13 With bit 1 of DL control the ports are as written for a second, and then as before: one that is closed opens, and one that
+/// is open without a link, so that all frames are lost, closes.
+#[test]
+fn loops_for_a_second() {
+    let mut rig = Rig::drives(3);
+    let set = |rig: &mut Rig, bits: u32| {
+        let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | bits << 10 | DlControl::TEMPORARY;
+        rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
+    };
+    let count = |rig: &mut Rig| rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc;
+    set(&mut rig, 3);
+    rig.now += 900 * MS;
+    assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (1, 0x5631));
+    rig.now += 100 * MS;
+    // The frame in which the time is over takes the old way.
+    count(&mut rig);
+    assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (3, 0x5A31));
+    let control = DlControl::POWER_ON.0 & 0xFFFF_F0FF;
+    assert_eq!(rig.read_u32(FIRST, registers::DL_CONTROL) & 0xFFFF_0FFF, control & 0xFFFF_0FFF);
+
+    rig.chain.connect(1, false);
+    set_open(&mut rig);
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+    rig.now += 900 * MS;
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+    rig.now += 100 * MS;
+    assert_eq!(count(&mut rig), 1);
+}
+
+/// Port 1 of the first slave is open for a second, whatever its link; the frame that says so is back before.
+fn set_open(rig: &mut Rig) {
+    let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | 2 << 10 | DlControl::TEMPORARY;
+    rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
+}
+
 /// ECAT-9.9 A second branch is visited by ports 3, 1, 2 in this order.
 #[test]
 fn branches_are_visited_in_the_order_of_ports() {

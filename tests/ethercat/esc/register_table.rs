@@ -88,7 +88,7 @@ const TABLE: &[(u16, usize, Option<&[u8]>, Write)] = &[
     (0x0935, 1, Some(&[0x0C]), Kept),
     (0x0936, 1, Some(&[0]), Kept),
     (0x0980, 1, Some(&[0]), Kept),
-    (0x0981, 1, Some(&[0]), Kept),
+    (0x0981, 1, Some(&[0]), Taken),
     (0x0982, 2, Some(&[0xE8, 0x03]), No),
     (0x0984, 1, Some(&[0]), No),
     (0x098E, 1, Some(&[0]), No),

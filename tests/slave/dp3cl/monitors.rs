@@ -105,13 +105,7 @@ fn ratings() {
 fn the_moment_of_an_alarm() {
     let mut drive = usual();
     drive.step(70_000_000 * MS);
-    let mut bench = Bench { drive, cycle_ns: MS, word: 0, target: 0, probes: 0 };
-    bench.write(0x6060, 0, 8);
-    bench.drive.set_sync_managers(8, 19);
-    for state in [AlState::SafeOp, AlState::Op] {
-        bench.enter(state).unwrap();
-    }
-    bench.run_for(150 * MS);
+    let mut bench = Bench::of(drive, 8, MS);
     bench.enable();
     // The shaft is held; 50 u each ms are 300 rpm, and 30 of them are 50 u after an electric turn of 200 u.
     assert!(bench.drive.apply_fault(Fault::Jam { axis: 0, jammed: true }));

@@ -364,13 +364,7 @@ fn after_restart() {
     write(&mut drive, 0x2001, 0, 2000).unwrap();
     write(&mut drive, 0x2002, 0, 7).unwrap();
     let speed = |drive: Dp3cl| {
-        let mut bench = Bench { drive, cycle_ns: MS, word: 0, target: 0, probes: 0 };
-        bench.write(0x6060, 0, 8);
-        bench.drive.set_sync_managers(8, 19);
-        for state in [AlState::SafeOp, AlState::Op] {
-            bench.enter(state).unwrap();
-        }
-        bench.run_for(150 * MS);
+        let mut bench = Bench::of(drive, 8, MS);
         bench.enable();
         for step in 1..=5 {
             bench.target = step * 100;

@@ -224,7 +224,8 @@ impl Chain {
     /// Time passes up to `now` in all slaves that have power.
     pub fn advance(&mut self, now: Ns) {
         self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
-        self.route.is_current &= !self.places.iter().any(|place| place.slave.ports_have_changed());
+        let has_changed = |visit: &Visit| self.places[visit.place].slave.ports_have_changed();
+        self.route.is_current &= !self.route.visits.iter().any(has_changed);
     }
 }
 

@@ -14,7 +14,7 @@ mod sii;
 mod sync_manager;
 
 pub use al::{AlControl, AlEvents, AlStatusRegister, AlStatusWithCode, EcatEvents, RequestedState};
-pub use clock::{Features, SyncActivation, SystemTimeDifference};
+pub use clock::{Features, LATCHES, LatchEdge, LatchStatus, SyncActivation, SystemTimeDifference};
 pub use fmmu::{FMMU_LEN, Fmmu, FmmuDirections};
 pub use link::{DlControl, DlStatus, LoopControl, PORTS};
 pub use map::*;

@@ -39,8 +39,8 @@ pub const MAILBOX_WORD: u16 = 0x18;
 pub const CATEGORIES_WORD: u16 = 0x40;
 /// Bytes of what has fixed places.
 pub const SII_INFO_LEN: usize = 2 * CATEGORIES_WORD as usize;
-/// How many bytes the checksum covers.
-const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
+/// How many of the first bytes the checksum covers, which stands behind them.
+pub const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
 
 /// CRC-8 with the polynomial 0x07 and 0xFF at the start; check value 0xFB.
 const ALGORITHM: Algorithm<u8> =

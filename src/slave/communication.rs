@@ -33,14 +33,30 @@ impl SyncManagerSettings {
 /// What a controller tells its device of the synchronization, while it runs by SYNC0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncEvent {
-    /// A cycle began in time.
+    /// A cycle began in time: the device has just done its work of it.
     InTime,
+    /// Outputs came since the last cycle, the newest ones so long before this one, ns.
+    Outputs {
+        /// How long before, ns.
+        ago_ns: Ns,
+    },
     /// A cycle began too early or too late.
     Deviation,
     /// The clock of the device was not synchronized within the time that it has for that.
     NotLocked,
     /// The clock of the device is not synchronized any more.
     LockLost,
+}
+
+/// A change at a latch input of a controller that its device has caused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LatchChange {
+    /// The input, from 0.
+    pub input: usize,
+    /// Whether it went on.
+    pub is_on: bool,
+    /// How long before the end of the device's last step, ns.
+    pub ago_ns: Ns,
 }
 
 /// The registers of a controller that concern the device behind it.

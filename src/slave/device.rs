@@ -11,7 +11,7 @@ mod test_memory;
 
 use super::al::ApplicationLayer;
 use super::axis::Axis;
-use super::communication::{Communication, SyncEvent};
+use super::communication::{Communication, LatchChange, SyncEvent};
 use super::dictionary::{Object, Values};
 use super::esc::EscSettings;
 use super::files::FileStore;
@@ -21,7 +21,7 @@ use super::plant::Following;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
 pub(super) use as_slave::fall;
@@ -245,6 +245,21 @@ pub trait Model: Send + Sized + 'static {
     /// As [`Slave::sync_lock_limit_ns`](super::Slave::sync_lock_limit_ns).
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
+    }
+
+    /// As [`Slave::note_links`](super::Slave::note_links).
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        let _ = links;
+    }
+
+    /// As [`Slave::latch_levels`](super::Slave::latch_levels).
+    fn latch_levels(&self) -> Option<u8> {
+        None
+    }
+
+    /// As [`Slave::tell_latch_changes`](super::Slave::tell_latch_changes).
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        let _ = tell;
     }
 
     /// Process data pass.

@@ -51,7 +51,7 @@ pub mod process_data;
 pub mod state_machine;
 pub mod switches;
 
-pub use communication::{Communication, SyncEvent, SyncManagerSettings};
+pub use communication::{Communication, LatchChange, SyncEvent, SyncManagerSettings};
 pub use dp3cl::{Dp3cl, Dp3clConfig};
 pub use drive::{Drive, DriveConfig, DriveKind};
 pub use fault::Fault;
@@ -73,7 +73,7 @@ use dictionary::{EntryDescription, ObjectDescription};
 use esc::EscSettings;
 use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
 
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
 /// The most axes that a slave has: a pulse module of two channels has two.
@@ -239,6 +239,22 @@ pub trait Slave: Send {
         None
     }
 
+    /// Which ports of the controller in front of the slave have a link. Without this call it does not know.
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        let _ = links;
+    }
+
+    /// The levels of the latch inputs of the controller in front of the slave, bit 0 that of input 0; `None`: nothing of the slave is
+    /// connected to them, and [`Self::tell_latch_changes`] tells nothing.
+    fn latch_levels(&self) -> Option<u8> {
+        None
+    }
+
+    /// Tells each change at the latch inputs during the last [step](Self::step), once.
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        let _ = tell;
+    }
+
     /// The watchdog of outputs in the controller in front of the slave has expired, which runs from the first outputs on: the
     /// slave leaves OP.
     fn expire_watchdog(&mut self) {
@@ -282,6 +298,11 @@ pub trait Slave: Send {
     /// effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         let _ = objects;
+    }
+
+    /// Whether a value of the slave may be too long for one message of its mailbox, so that masters need segments.
+    fn has_long_values(&self) -> bool {
+        true
     }
 
     /// The files of the slave; `None`: it has none, and no bootstrap.

@@ -50,6 +50,41 @@ bits! {
         /// Bit 7: a pulse at once, for debugging.
         DEBUG_PULSE = 1 << 7;
     }
+
+    /// Status of a latch input, 0x09AE and 0x09AF.
+    LatchStatus(u8) {
+        /// Bit 0: a positive edge was kept in the single mode, and its time was not read yet.
+        POSITIVE = 1 << 0;
+        /// Bit 1: the same of a negative edge.
+        NEGATIVE = 1 << 1;
+        /// Bit 2: the level of the input.
+        PIN = 1 << 2;
+    }
+}
+
+/// How many latch inputs a controller has.
+pub const LATCHES: usize = 2;
+
+/// An edge of a latch input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LatchEdge {
+    /// The input goes on.
+    Positive,
+    /// The input goes off.
+    Negative,
+}
+
+impl LatchEdge {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Positive, Self::Negative];
+
+    /// Its bit in the control of an input, 0x09A8 and 0x09A9, where it selects the single mode, and in [`LatchStatus`].
+    pub const fn bit(self) -> u8 {
+        match self {
+            Self::Positive => LatchStatus::POSITIVE.0,
+            Self::Negative => LatchStatus::NEGATIVE.0,
+        }
+    }
 }
 
 /// System time difference, 0x092C: how far a clock is from the one that is distributed.

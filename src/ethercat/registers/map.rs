@@ -1,6 +1,6 @@
 //! Where the registers are, how long they are, and what a write from the network does to them.
 
-use super::{FMMU_LEN, PORTS, SYNC_MANAGER_LEN};
+use super::{FMMU_LEN, LATCHES, LatchEdge, PORTS, SYNC_MANAGER_LEN};
 
 /// What a write from the network does to a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -150,8 +150,12 @@ map! {
     SYNC0_CYCLE = 0x09A0, 4, Write, "SYNC0 cycle time";
     /// In ns: from a pulse of SYNC0 to that of SYNC1.
     SYNC1_CYCLE = 0x09A4, 4, Write, "SYNC1 cycle time";
+    /// One byte for each latch input: bit 0 its positive, bit 1 its negative edge; 1: of several edges the first one counts until its
+    /// time is read, 0: each does.
     LATCH_CONTROL = 0x09A8, 2, Write, "latch control";
+    /// One byte for each latch input, see [`LatchStatus`](super::LatchStatus).
     LATCH_STATUS = 0x09AE, 2, Read, "latch status";
+    /// See [`latch_time`].
     LATCH_TIMES = 0x09B0, 32, Read, "latch times";
     EVENT_TIMES = 0x09F0, 16, Read, "sync manager event times";
     /// Inputs and outputs of controllers without a processor.
@@ -196,6 +200,15 @@ pub const fn sync_manager_pdi_control(n: u8) -> u16 {
 /// Address of the receive time of a port, 0..=3.
 pub const fn receive_time(port: u8) -> u16 {
     RECEIVE_TIMES + 4 * port as u16
+}
+
+/// Address of the system time, 8 bytes, of an edge of a latch input, 0..[`LATCHES`].
+pub const fn latch_time(input: usize, edge: LatchEdge) -> u16 {
+    let edge = match edge {
+        LatchEdge::Positive => 0,
+        LatchEdge::Negative => 8,
+    };
+    LATCH_TIMES + 16 * (input % LATCHES) as u16 + edge
 }
 
 /// The register that has the byte at `address`; `None`: no register of [`MAP`].

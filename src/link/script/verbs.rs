@@ -143,8 +143,8 @@ const VERBS: &[Verb] = &[
     Verb {
         name: "io",
         form: "SLAVE[.CHANNEL] inputs BITS|walk TIME",
-        meaning: "digital inputs of an io or hsp are forced, instead of being wired to the outputs: to BITS, bit k is \
-                  input k, or one after the other for TIME each",
+        meaning: "digital inputs of an io or hsp are forced, instead of being wired to the outputs, and SI1 to SI4 of a \
+                  dp3cl: to BITS, bit k is input k, or one after the other for TIME each",
         lasts: true,
         read: |line| {
             let (slave, channel) = line.channel()?;

@@ -130,7 +130,7 @@ fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS};
+    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS, LATCH_TIMES};
     use crate::ethercat::{
         Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
     };
@@ -273,6 +273,29 @@ mod tests {
         assert_eq!(states(&wire), [(preop, AlStatus::NONE); 2]);
         wire.wait(30);
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
+    }
+
+    /// DP3CL-8.5 A script that forces a terminal of a DP3CL makes edges at the latch inputs of its controller.
+    #[test]
+    fn a_script_makes_edges() {
+        let mut wire = Wire::new("dp3cl", "at 5ms io 1 inputs 1 for 10ms\n");
+        wire.wait(30);
+        let times = wire.send(Command::Aprd, u32::from(LATCH_TIMES) << 16, &[0; 32]).expect("it answers").0;
+        let times: Vec<Ns> = times.as_chunks().0.iter().map(|time| Ns::from_le_bytes(*time)).collect();
+        assert!((4 * MS..=6 * MS).contains(&times[0]) && (14 * MS..=16 * MS).contains(&times[1]), "{times:?}");
+        assert_eq!(times[2..], [0, 0]);
+    }
+
+    /// ECAT-8.13 Each frame of a master has one answer at most, and none comes by itself: as many answers as frames, but for those that
+    /// are lost.
+    #[test]
+    fn s40_each_frame_is_answered_once() {
+        let mut wire = Wire::new("drive*2", "at 500ms cut 1 for 100ms\n");
+        let answers = (0..1000).filter(|_| {
+            wire.wait(1);
+            wire.count().is_some()
+        });
+        assert_eq!(answers.count(), 900);
     }
 
     /// ECAT-15.2 SDOs take as much longer as a script wants.

@@ -2,9 +2,9 @@
 
 use super::{Base, Identity, Model, TEST_MEMORY, information, test_memory};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
-use crate::slave::communication::{Communication, SyncEvent};
+use crate::slave::communication::{Communication, LatchChange, SyncEvent};
 use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription, Values};
 use crate::slave::esc::EscSettings;
 use crate::slave::files::FileStore;
@@ -217,6 +217,18 @@ impl<M: Model> Slave for M {
         Model::sync_lock_limit_ns(self)
     }
 
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        Model::note_links(self, links);
+    }
+
+    fn latch_levels(&self) -> Option<u8> {
+        Model::latch_levels(self)
+    }
+
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        Model::tell_latch_changes(self, tell);
+    }
+
     fn expire_watchdog(&mut self) {
         let state = self.base().al_state();
         if state == AlState::Op || M::WATCHDOG_IN_SAFEOP && state == AlState::SafeOp {
@@ -261,6 +273,10 @@ impl<M: Model> Slave for M {
 
     fn add_manufacturer_objects(&mut self, manufacturer: ManufacturerObjects) {
         self.base_mut().manufacturer = Some(Box::new(manufacturer));
+    }
+
+    fn has_long_values(&self) -> bool {
+        M::TEST_MEMORY || self.base().manufacturer.is_some()
     }
 
     fn files(&mut self) -> Option<&mut FileStore> {

@@ -83,7 +83,8 @@ pub struct Dp3clConfig {
     pub rating: Rating,
     /// Where the shaft stands at power-on, command units.
     pub position: i64,
-    /// Its switches and end stops along the travel, in command units.
+    /// Its switches and end stops along the travel, in command units. \[OURS] An index pulse comes once a turn, at the place that
+    /// [`Travel::index`] says.
     pub travel: Travel,
     /// The sensor that is wired to each of SI1 to SI4; `None`: none is.
     pub wiring: [Option<Input>; 4],

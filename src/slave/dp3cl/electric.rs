@@ -8,6 +8,9 @@ use crate::cia402::DriveState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::AlStatus;
 
+/// The unit of P0-12, ns. \[OURS] The manual prints none: a millisecond.
+const HOLDING_DELAY_UNIT_NS: Ns = 1_000_000;
+
 impl Dp3cl {
     /// The auto tuning at power-on, P1-00, finds out whether there is a motor.
     pub(super) fn test_at_power_on(&mut self) {
@@ -57,7 +60,17 @@ impl Dp3cl {
             power: true,
             alarm,
             run: self.base.al_state() != AlState::Init && !by_bus,
-            link: if self.exchanged || self.traffic { LinkLed::Flashing } else { LinkLed::On },
+            link_in: self.link_led(0),
+            link_out: self.link_led(1),
+        }
+    }
+
+    /// What the LED of a port shows.
+    const fn link_led(&self, port: usize) -> LinkLed {
+        match (self.links[port], self.exchanged || self.traffic) {
+            (false, _) => LinkLed::Off,
+            (true, true) => LinkLed::Flashing,
+            (true, false) => LinkLed::On,
         }
     }
 
@@ -73,13 +86,13 @@ impl Dp3cl {
     }
 
     /// The current in the motor, mA: none while the power stage is off; while no pulses come for the time of P0-12 that of
-    /// P0-08, unless SW4 keeps it full; otherwise that of P0-05. \[OURS] P0-12 is in ms.
+    /// P0-08, unless SW4 keeps it full; otherwise that of P0-05.
     pub fn motor_ma(&self) -> u32 {
         if !self.has_current() {
             return 0;
         }
         let values = &self.base.values;
-        let delay_ns = Ns::from(values.get(parameters::HOLDING_DELAY)) * 1_000_000;
+        let delay_ns = Ns::from(values.get(parameters::HOLDING_DELAY)) * HOLDING_DELAY_UNIT_NS;
         let holds = self.without_pulses_ns >= delay_ns && !self.config.dial.holds_full_current();
         let percent = if holds { parameters::HOLDING_CURRENT } else { parameters::RUNNING_CURRENT };
         self.peak_ma() * u32::from(values.get(percent)) / 100

@@ -15,7 +15,9 @@ pub enum RedLed {
 /// The green LED of a port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LinkLed {
-    /// There is a link, and no traffic. \[OURS] The drive here does not know of a cable that is cut.
+    /// There is no link.
+    Off,
+    /// There is a link, and no traffic. \[OURS] On a network without controllers there always is a link.
     #[default]
     On,
     /// There is traffic.
@@ -32,6 +34,8 @@ pub struct Dp3clLeds {
     /// LED 1 and LED 3, yellow: the connection is normal. \[OURS] That is so in PreOP, SafeOP and OP without an alarm of the
     /// EtherCAT side.
     pub run: bool,
-    /// LED 2 and LED 4, green: the links.
-    pub link: LinkLed,
+    /// LED 4, L/A IN, green: the link to the slave before, or to the master.
+    pub link_in: LinkLed,
+    /// LED 2, L/A OUT, green: the link to the slave behind.
+    pub link_out: LinkLed,
 }

@@ -8,7 +8,7 @@
 //! | `parameters.rs`, `monitors.rs` | parameters P0 to P8 and commands F0; monitors U0 to U4 |
 //! | `motion.rs`, `profile.rs`, `set_points.rs` | the modes of operation; ramps; the handshake of profile position |
 //! | `inputs.rs`, `touch_probe.rs`, `leds.rs` | inputs and outputs, touch probes, LEDs |
-//! | `electric.rs`, `readings.rs` | supply, current, outputs; what objects show of the motion |
+//! | `electric.rs`, `readings.rs`, `timing.rs` | supply, current, outputs; what objects show of the motion, and of the cycle |
 //! | `model.rs` | how time passes in it, its faults, and what it says to changes of its AL state |
 //! | `alarms.rs`, `startup.rs` | the alarms E-8xx, and the checks before a change of the AL state |
 //!
@@ -33,6 +33,7 @@ mod profile;
 mod readings;
 mod set_points;
 mod startup;
+mod timing;
 mod touch_probe;
 
 use super::axis::Axis;
@@ -46,7 +47,8 @@ use alarms::{AlarmRecord, Alarms};
 use inputs::Pins;
 use motion::Motion;
 use parameters::Memory;
-use touch_probe::TouchProbes;
+use timing::Timing;
+use touch_probe::{LastStep, TouchProbes};
 
 pub use alarms::Dp3clAlarm;
 pub use config::{Dp3clConfig, Dp3clVariants, Rating};
@@ -112,16 +114,20 @@ pub struct Dp3cl {
     commands: [bool; 3],
     /// SI1 and SI2 at the end of the last cycle.
     seen_pins: [bool; 2],
+    last_step: LastStep,
     /// The input that clears alarms was on.
     clears: bool,
     /// Process data were exchanged since the last step, and before it.
     exchanged: bool,
     traffic: bool,
+    /// Which ports of the controller have a link: IN, OUT.
+    links: [bool; 2],
     power_on_count: u16,
     on_ns: Ns,
     /// How long no pulses have come.
     without_pulses_ns: Ns,
     cycle_ns: Ns,
+    timing: Timing,
     communication: Option<Communication>,
     /// Bits 0 to 2 of register 0x0981, and the cycle of SYNC0.
     dc: Option<(u8, Ns)>,
@@ -155,13 +161,16 @@ impl Dp3cl {
             jammed_at: None,
             commands: [false; 3],
             seen_pins: [false; 2],
+            last_step: LastStep::default(),
             clears: false,
             exchanged: false,
             traffic: false,
+            links: [true; 2],
             power_on_count: 1,
             on_ns: 0,
             without_pulses_ns: 0,
             cycle_ns: 0,
+            timing: Timing::default(),
             communication: None,
             dc: None,
             by_sync0: false,
@@ -181,6 +190,7 @@ impl Dp3cl {
         if config.variants.without_index {
             axis.stick(Input::Index, Some(false));
         }
+        // [OURS] No position is kept without power.
         axis.set_position(0);
         axis
     }

@@ -6,13 +6,14 @@ use super::alarms::Dp3clAlarm;
 use super::inputs::Pins;
 use super::motion::Motion;
 use super::startup::{self, SafeOpSettings};
-use super::touch_probe::TouchProbes;
+use super::timing::Timing;
+use super::touch_probe::{LastStep, TouchProbes};
 use super::{Dp3cl, objects, parameters};
 use crate::cia402::DriveState;
-use crate::ethercat::registers::{Features, RequestedState};
+use crate::ethercat::registers::{Features, PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
-use crate::slave::communication::{Communication, SyncEvent};
+use crate::slave::communication::{Communication, LatchChange, SyncEvent};
 use crate::slave::device::{self, Base, Model};
 use crate::slave::dictionary::Object;
 use crate::slave::esc::EscSettings;
@@ -85,13 +86,13 @@ impl Model for Dp3cl {
     fn step_axes(&mut self, dt_ns: Ns) {
         let from = self.axis.plant().position();
         self.read_inputs(dt_ns);
-        self.probe_forced();
+        let forced = self.probe_forced();
         let shown = self.shaft_position_now();
         self.run_modes(dt_ns);
         let to = self.axis.plant().position();
-        if self.jammed_at.is_none() {
-            self.probe(from, to);
-        }
+        let moved_to = if self.jammed_at.is_none() { to } else { from };
+        self.probe(from, moved_to);
+        self.last_step = LastStep { from, to: moved_to, ns: dt_ns, forced };
         self.shown = shown;
         self.seen_pins = self.probe_pins();
         if self.axis.machine().fault().is_none() {
@@ -110,6 +111,13 @@ impl Model for Dp3cl {
 
     fn note_exchange(&mut self) {
         self.exchanged = true;
+        // With SYNC0 a controller says when outputs and pulses came; without one both come with the exchange.
+        if !self.by_sync0 || self.communication.is_none() {
+            self.timing.note_outputs(self.on_ns);
+        }
+        if self.by_sync0 && self.communication.is_none() {
+            self.timing.note_sync0(self.on_ns);
+        }
     }
 
     fn shaft(&self, axis: usize) -> Option<i64> {
@@ -168,8 +176,11 @@ impl Model for Dp3cl {
         }
     }
 
-    fn state_changed(&mut self, _from: AlState) {
+    fn state_changed(&mut self, from: AlState) {
         use DriveState::{OperationEnabled, QuickStopActive};
+        if from == AlState::PreOp {
+            self.timing = Timing::default();
+        }
         if matches!(self.axis.machine().state(), OperationEnabled | QuickStopActive) {
             self.raise(Dp3clAlarm::ChangeWhileEnabled);
         }
@@ -200,6 +211,18 @@ impl Model for Dp3cl {
         Some(SYNC_LOCK_LIMIT_NS)
     }
 
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        self.links = [links[0], links[1]];
+    }
+
+    fn latch_levels(&self) -> Option<u8> {
+        Some(self.probe_pins().into_iter().rev().fold(0, |levels, is_on| levels << 1 | u8::from(is_on)))
+    }
+
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        self.tell_terminal_changes(tell);
+    }
+
     fn report_sync(&mut self, event: SyncEvent) {
         self.synchronization(event);
     }
@@ -214,10 +237,12 @@ impl Model for Dp3cl {
         (self.motion, self.probes, self.shown) = (Motion::new(), TouchProbes::default(), position);
         (self.commands, self.exchanged, self.clears) = Default::default();
         (self.on_ns, self.without_pulses_ns, self.deviations) = (0, 0, 0);
+        (self.timing, self.cycle_ns) = (Timing::default(), 0);
         (self.communication, self.dc, self.by_sync0) = (None, None, false);
         self.power_on_count = self.power_on_count.saturating_add(1);
         self.rewire();
         self.test_at_power_on();
+        (self.seen_pins, self.last_step) = (self.probe_pins(), LastStep::default());
     }
 }
 
@@ -228,6 +253,11 @@ impl Dp3cl {
         let alarm = match event {
             SyncEvent::InTime => {
                 self.deviations = 0;
+                self.timing.note_sync0(self.on_ns);
+                return;
+            }
+            SyncEvent::Outputs { ago_ns } => {
+                self.timing.note_outputs(self.on_ns.saturating_sub(ago_ns));
                 return;
             }
             SyncEvent::Deviation => {

@@ -101,8 +101,13 @@ impl Dp3cl {
         self.supervise(dt_ns);
     }
 
+    /// Whether the modes of operation move the axis: it has power, and does not brake by itself.
+    pub(super) fn is_in_control(&self) -> bool {
+        self.axis.follows() && self.axis.machine().power() == Power::Follow
+    }
+
     fn run_slice(&mut self, ns: Ns) {
-        let in_control = self.axis.follows() && self.axis.machine().power() == Power::Follow;
+        let in_control = self.is_in_control();
         let next_mode = Dp3clMode::from_code(self.motion.requested).filter(|mode| *mode != self.motion.active);
         match next_mode {
             None if in_control => self.move_demand(ns),

@@ -89,7 +89,7 @@ pub(super) const SOFTWARE_LIMITS: Limits = Limits { min: slot(OBJECTS, 0x607D, 1
 /// is taken as 1, so that every motion ends.
 pub(super) fn settings(values: &Values) -> Settings {
     let ramp = |slot: Slot<u32>| values.get(slot).max(1);
-    // The offset is a position of objects, and home one of the shaft.
+    // The offset is a position of objects, and home one of the shaft. [OURS] At home 0x6064 becomes the offset, with its sign.
     let reversed = values.get(POLARITY) & 1 << 7 != 0;
     let offset = values.get(HOME_OFFSET);
     Settings {
@@ -278,10 +278,11 @@ const CONTROL: &[Row] = &[
     // [OURS] An open loop drive does not measure torque.
     Row::i16(0x6077, 0, "Torque actual value").tx(),
     Row::i16(0x6078, 0, "Current actual value").tx().live(current_permille),
+    // [OURS] In mV.
     Row::u32(0x6079, 0, "DC link voltage").tx().live(|drive| drive.config.supply_mv.into()),
 ];
 
-/// 0x6078, 0.1 % of the peak current.
+/// 0x6078, 0.1 % \[OURS] of the peak current.
 fn current_permille(drive: &Dp3cl) -> i64 {
     i64::from(drive.motor_ma()) * 1000 / i64::from(drive.peak_ma().max(1))
 }
@@ -321,6 +322,7 @@ const MOTION: &[Row] = &[
     Row::u8(0x6092, 0, "Feed constant").default(2),
     Row::u32(0x6092, 1, "Feed").rw().live(|drive| drive.base.values.get(SUBDIVISION).into()).setter(set_feed),
     Row::u32(0x6092, 2, "Shaft revolutions").rw().default(1),
+    // [OURS] What the manual has and the maker's description does not, 0x6093, 0x60C0 and 0x60C1, is there and cannot be mapped.
     Row::u8(0x6093, 0, "Position factor").default(2),
     Row::u32(0x6093, 1, "Numerator").rw(),
     Row::u32(0x6093, 2, "Divisor").rw(),
@@ -366,6 +368,7 @@ const HOMING_AND_OFFSETS: &[Row] = &[
     Row::u32(0x60C6, 0, "Max deceleration").rw().rx().default(1_000_000),
     Row::u16(0x60E0, 0, "Positive torque limit").rw().rx(),
     Row::u16(0x60E1, 0, "Negative torque limit").rw().rx(),
+    // [OURS] It can be mapped and is ignored: relative targets are added to the last one.
     Row::u16(0x60F2, 0, "Positioning option code").rw().rx(),
 ];
 

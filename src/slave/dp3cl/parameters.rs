@@ -257,6 +257,7 @@ pub(super) const PARAMETER_ROWS: &[Row] = &[
     Row::u16(0x2702, 0, "P7-02").rw().backup(),
     Row::u16(0x2703, 0, "P7-03").rw().backup(),
     Row::u16(0x2704, 0, "P7-04").rw().backup(),
+    // [OURS] Sampling channels are addresses, so that the digits that the manual prints are hexadecimal.
     Row::u16(0x2800, 0, "P8-00 Sampling channel 1").rw().backup().default(0x8001),
     Row::u16(0x2801, 0, "P8-01 Sampling channel 2").rw().backup().default(0x8003),
     Row::u16(0x2802, 0, "P8-02 Sampling channel 3").rw().backup(),

@@ -45,15 +45,16 @@ impl Dp3cl {
         self.demand_value().wrapping_sub(self.actual_value())
     }
 
-    /// A position in command units as counts of the encoder, P4-01 of them a turn.
+    /// A position in command units as counts of the encoder, P4-01 of them a turn: 0x6063 and 0x60FC \[OURS].
     pub(super) fn as_increments(&self, position: i64) -> i64 {
         let turn = i128::from(self.memory.subdivision());
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity of the demand as objects have it, command units/s.
+    /// The velocity as objects have it, command units/s: that of the demand, or of the axis while it brakes by itself.
     pub(super) fn velocity_value(&self) -> f64 {
-        self.motion.velocity() * self.velocity_sign()
+        let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
+        velocity * self.velocity_sign()
     }
 
     pub(super) fn monitored(&self) -> Monitored {
@@ -65,13 +66,8 @@ impl Dp3cl {
         self.on_ns / 1_000_000_000
     }
 
-    /// U3-00, the cycle. \[OURS] In microseconds.
+    /// U3-08, the cycle of the drive. \[OURS] In microseconds.
     pub(super) const fn cycle_us(&self) -> i64 {
         (self.cycle_ns / 1000) as i64 & 0xFFFF
-    }
-
-    /// U3-04, the cycle of SYNC0. \[OURS] In microseconds; 0 without it.
-    pub(super) fn sync0_us(&self) -> i64 {
-        if self.by_sync0 { self.dc.map_or(self.cycle_us(), |(_, ns)| (ns / 1000) as i64) } else { 0 }
     }
 }

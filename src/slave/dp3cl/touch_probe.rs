@@ -2,6 +2,11 @@
 //! are the positions.
 
 use super::Dp3cl;
+use crate::ethercat::Ns;
+use crate::slave::communication::LatchChange;
+
+/// How many probes there are.
+pub(super) const PROBES: usize = 2;
 
 /// Bits of 0x60B8 of probe 1; those of probe 2 are 8 higher.
 const ENABLE: u16 = 1 << 0;
@@ -72,10 +77,22 @@ impl Probe {
     }
 }
 
+/// What happened to the shaft and to SI1 and SI2 during the last step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LastStep {
+    /// Where the shaft was when it began, and when it ended, counts.
+    pub(super) from: i64,
+    pub(super) to: i64,
+    /// How long it took.
+    pub(super) ns: Ns,
+    /// The levels that SI1 and SI2 have got without the shaft.
+    pub(super) forced: [Option<bool>; PROBES],
+}
+
 /// The two probes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TouchProbes {
-    probes: [Probe; 2],
+    probes: [Probe; PROBES],
     /// 0x60B8 as it was written.
     function: u16,
 }
@@ -119,7 +136,7 @@ impl TouchProbes {
 impl Dp3cl {
     /// The shaft has moved from one count to another: the probes store the positions of the edges between.
     pub(super) fn probe(&mut self, from: i64, to: i64) {
-        for probe in 0..2 {
+        for probe in 0..PROBES {
             let Some(signal) = self.probes.signal(probe) else { continue };
             let mut at = from;
             for _ in 0..EDGES_MAX {
@@ -135,13 +152,37 @@ impl Dp3cl {
         }
     }
 
-    /// A terminal that is forced has changed since the last cycle, while the shaft stands at a count.
-    pub(super) fn probe_forced(&mut self) {
+    /// A terminal that is forced has changed since the last cycle, while the shaft stands at a count: the levels of those that have.
+    pub(super) fn probe_forced(&mut self) -> [Option<bool>; PROBES] {
         let at = self.shaft_position_now();
+        let mut changed = [None; PROBES];
         for (probe, was) in self.seen_pins.into_iter().enumerate() {
             let is = self.pins.is_on(probe, at);
-            if is != was && self.probes.signal(probe) == Some(Signal::Input) {
+            if is == was {
+                continue;
+            }
+            changed[probe] = Some(is);
+            if self.probes.signal(probe) == Some(Signal::Input) {
                 self.store(probe, is, at);
+            }
+        }
+        changed
+    }
+
+    /// Tells the changes at SI1 and SI2 during the last step, once. \[OURS] SI1 is latch input 0 of the controller, SI2 is 1; the
+    /// shaft moves evenly during a step, and a terminal that is forced changes when the step begins.
+    pub(super) fn tell_terminal_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        let LastStep { from, to, ns, forced } = std::mem::take(&mut self.last_step);
+        for (input, forced) in forced.into_iter().enumerate() {
+            if let Some(is_on) = forced {
+                tell(LatchChange { input, is_on, ago_ns: ns });
+            }
+            let mut at = from;
+            for _ in 0..EDGES_MAX {
+                let Some(next) = self.pins.next_change(input, at, to) else { break };
+                let left = u128::from(to.abs_diff(next)) * u128::from(ns) / u128::from(to.abs_diff(from).max(1));
+                tell(LatchChange { input, is_on: self.pins.is_on(input, next), ago_ns: left as Ns });
+                at = next;
             }
         }
     }
@@ -151,7 +192,7 @@ impl Dp3cl {
         self.probes.edge(probe, rises, position as i32);
     }
 
-    pub(super) fn probe_pins(&self) -> [bool; 2] {
+    pub(super) fn probe_pins(&self) -> [bool; PROBES] {
         [0, 1].map(|pin| self.pins.is_on(pin, self.shaft_position_now()))
     }
 }

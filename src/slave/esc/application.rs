@@ -216,8 +216,8 @@ impl Application {
             }
             self.show(AlStatusRegister::of(self.shown_state()), AlStatus::NONE, controller);
         }
-        if control.contains(AlControl::REQUEST_ID) {
-            let id = AlStatus(controller.settings().device_id);
+        let id = AlStatus(controller.settings().device_id);
+        if control.contains(AlControl::REQUEST_ID) && id != AlStatus::NONE {
             self.show(self.status.with(AlStatusRegister::ID_LOADED), id, controller);
         } else if self.status.contains(AlStatusRegister::ID_LOADED) {
             self.show(self.status.without(AlStatusRegister::ID_LOADED), AlStatus::NONE, controller);

@@ -187,7 +187,7 @@ impl Chain {
             if let Some((_, port)) = self.ring.filter(|(place, _)| *place == n) {
                 links[port] = self.places[n].is_powered;
             }
-            self.places[n].slave.controller_mut().set_links(links);
+            self.places[n].slave.set_links(links);
         }
     }
 
@@ -205,6 +205,10 @@ impl Chain {
     /// is closed: from there back the slaves work on it, unless it has turned so before (ETG.1000.4, "circulating frame").
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         let place = usize::from(end == CableEnd::Last);
+        if self.routes[place].exit.is_none() {
+            // What loses frames may be a port that is open for a time.
+            self.advance(now);
+        }
         let mut route = std::mem::take(&mut self.routes[place]);
         if !route.is_current {
             let is_reached = !self.places.is_empty() && has_link(&self.places, 0);
@@ -262,6 +266,10 @@ impl Chain {
     /// Time passes up to `now` in all slaves that have power.
     pub fn advance(&mut self, now: Ns) {
         self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
+        let has_changed = |visit: &Visit| self.places[visit.place].slave.ports_have_changed();
+        if self.routes.iter().any(|route| route.visits.iter().any(has_changed)) {
+            self.forget_routes();
+        }
     }
 }
 

@@ -89,6 +89,11 @@ impl Clock {
         self.local.wrapping_add(self.offset)
     }
 
+    /// The system time at another time of the network nearby, ns.
+    pub(super) fn system_at(&self, at: Ns) -> u64 {
+        self.local_at(at).wrapping_add(self.offset)
+    }
+
     /// The system time as the network reads it: less the delay from the reference, ns.
     pub(super) const fn system_for_network(&self) -> u64 {
         self.system().wrapping_sub(self.delay as u64)

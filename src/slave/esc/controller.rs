@@ -1,11 +1,13 @@
 //! The controller of a slave without its device: registers, RAM, and what an access to them does.
 
 mod accesses;
+mod ports;
 
 use super::EscSettings;
 use super::clock::{Clock, FILTERS, SPEED_START};
 use super::eeprom::Eeprom;
 use super::fmmus::{FMMUS_MAX, Fmmus};
+use super::latch_unit;
 use super::managers::Managers;
 use super::memory::Memory;
 use super::sync_unit::{SyncPulse, SyncUnit};
@@ -59,6 +61,9 @@ pub struct Controller {
     opened: [bool; PORTS],
     /// Which ports are open.
     open: [bool; PORTS],
+    /// Bits 8 to 15 of DL control as they are when they are not for a second alone, and when that second ends.
+    permanent_loops: u8,
+    temporary_until: Option<Ns>,
     /// How many bytes of the reset sequence have come.
     reset_progress: usize,
     /// Room for the bytes of a datagram while they are combined.
@@ -85,6 +90,8 @@ impl Controller {
             links: [false; PORTS],
             opened: [true; PORTS],
             open: [false; PORTS],
+            permanent_loops: 0,
+            temporary_until: None,
             reset_progress: 0,
             scratch: Vec::with_capacity(2048),
             settings,
@@ -121,6 +128,7 @@ impl Controller {
         let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
         memory.set_u32(DL_CONTROL, control.0);
+        (self.permanent_loops, self.temporary_until) = (memory.u8(DL_CONTROL + 1), None);
         memory.set_u16(AL_CONTROL, AlState::Init as u16);
         memory.set_u16(AL_STATUS, AlState::Init as u16);
         memory.set_u32(registers::AL_EVENT_MASK, 0x00FF_FF0F);
@@ -167,52 +175,14 @@ impl Controller {
         self.eeprom.content()
     }
 
+    /// Puts a station alias into the EEPROM, from where it is loaded at the next power-on.
+    pub(super) fn store_alias(&mut self, alias: u16) {
+        self.eeprom.store_alias(alias);
+    }
+
     /// Bytes of the memory as they stand there, without any effect. Clocks and the states of sync managers show what was read last.
     pub fn peek(&self, address: u16, len: usize) -> &[u8] {
         self.memory.slice(address.into(), len)
-    }
-
-    /// Sets which ports have a link.
-    pub fn set_links(&mut self, links: [bool; PORTS]) {
-        for (port, link) in links.into_iter().enumerate() {
-            if self.links[port] && !link {
-                self.memory.count(registers::LOST_LINKS + port as u16);
-                self.opened[port] = false;
-            }
-        }
-        if self.links != links {
-            self.links = links;
-            self.show_links();
-        }
-    }
-
-    /// Whether a frame leaves by a port, or comes back at once.
-    pub const fn is_open(&self, port: usize) -> bool {
-        self.open[port]
-    }
-
-    /// Whether a port that is there is open, by its loop control and its link.
-    fn opens(&self, port: usize) -> bool {
-        match DlControl(self.memory.u32(DL_CONTROL)).loop_control(port) {
-            LoopControl::Auto => self.links[port],
-            LoopControl::AutoClose => self.links[port] && self.opened[port],
-            LoopControl::Open => true,
-            LoopControl::Closed => false,
-        }
-    }
-
-    fn show_links(&mut self) {
-        let exists = self.settings.ports.map(|port| port >= 2);
-        let open = std::array::from_fn(|port| exists[port] && self.opens(port));
-        self.ports_have_changed |= open != self.open;
-        self.open = open;
-        let before = DlStatus(self.memory.u16(DL_STATUS));
-        let status = (0..PORTS)
-            .fold(before, |status, port| status.with_port(port, self.links[port] && exists[port], !self.open[port]));
-        if status != before {
-            self.memory.set_u16(DL_STATUS, status.0);
-            self.raise(EcatEvents::DL_STATUS);
-        }
     }
 
     /// A frame came in at a port with a wrong check sequence.
@@ -274,6 +244,9 @@ impl Controller {
             self.events.watchdog = true;
             self.raise_for_device(AlEvents::WATCHDOG);
         }
+        if self.temporary_until.take_if(|due| *due <= now).is_some() {
+            self.end_temporary_loops();
+        }
     }
 
     /// Time passes up to `now`, before which the controller does nothing by itself.
@@ -288,10 +261,10 @@ impl Controller {
         self.watchdog.due().is_none_or(|due| now < due)
     }
 
-    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, or a pulse
-    /// comes.
+    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, a pulse comes,
+    /// or ports are as before.
     pub(super) fn has_something_ahead(&self) -> bool {
-        self.eeprom.due().is_some() || self.sync.is_running()
+        self.eeprom.due().is_some() || self.sync.is_running() || self.temporary_until.is_some()
     }
 
     /// Whether a frame has written registers that make the device do something, or that change when something happens next.
@@ -310,9 +283,9 @@ impl Controller {
         self.memory.set_u32(AL_EVENT, left.0);
     }
 
-    /// When the watchdog expires or the EEPROM is done next. `None`: nothing of that is to come.
+    /// When the watchdog expires, the EEPROM is done or ports are as before next. `None`: nothing of that is to come.
     pub(super) fn next_due(&self) -> Option<Ns> {
-        [self.watchdog.due(), self.eeprom.due()].into_iter().flatten().min()
+        [self.watchdog.due(), self.eeprom.due(), self.temporary_until].into_iter().flatten().min()
     }
 
     /// When the next pulse comes, as far as the clock can tell.
@@ -404,6 +377,22 @@ impl Controller {
     /// The cycle of SYNC0, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
+    }
+
+    /// A latch input, from 0 to one less than [`LATCHES`](registers::LATCHES), has that level from the time `at` of the network on,
+    /// which is not much earlier or later than that of the newest frame. A level that it has already changes nothing; nor does an
+    /// input that there is not, or a controller without distributed clocks.
+    pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
+        if self.has_clock() && input < registers::LATCHES {
+            latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);
+        }
+    }
+
+    /// The levels of the latch inputs at power-on, bit 0 that of input 0.
+    pub(super) fn begin_latch_inputs(&mut self, levels: u8) {
+        if self.has_clock() {
+            latch_unit::set_levels(levels, &mut self.memory);
+        }
     }
 
     /// The slave's own controller takes the EEPROM, or gives it back.

@@ -3,7 +3,7 @@
 use super::memory::Memory;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{self, SII_ADDRESS, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
-use crate::ethercat::sii::{Sii, SiiInfo};
+use crate::ethercat::sii::{CHECKED_LEN, Sii, SiiInfo, checksum};
 
 /// The bits of the control word that a master can set.
 const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8);
@@ -11,6 +11,9 @@ const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8)
 const COMMAND_ERRORS: SiiControl = SiiControl(SiiControl::COMMAND_ERROR.0 | SiiControl::WRITE_ENABLE_ERROR.0);
 /// The bits that say whether the first words were loaded.
 const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | SiiControl::NOT_LOADED.0);
+
+/// Where the station alias stands: word 4.
+const ALIAS: usize = 8;
 
 /// The EEPROM and its interface.
 #[derive(Clone, Debug)]
@@ -40,6 +43,17 @@ impl Eeprom {
         info
     }
 
+    /// Puts a station alias into word 4, with the checksum that fits. An EEPROM whose checksum is wrong stays as it is.
+    pub(super) fn store_alias(&mut self, alias: u16) {
+        if !Sii::new(&self.content).is_ok_and(|sii| sii.has_right_checksum()) {
+            return;
+        }
+        self.content[ALIAS..ALIAS + 2].copy_from_slice(&alias.to_le_bytes());
+        if let Some(first) = self.content.first_chunk::<CHECKED_LEN>() {
+            self.content[CHECKED_LEN] = checksum(first);
+        }
+    }
+
     fn fixed_bits(&self) -> SiiControl {
         let reads = if self.reads_8_bytes { SiiControl::READS_8_BYTES } else { SiiControl::NONE };
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
@@ -48,6 +62,13 @@ impl Eeprom {
     /// Whether a master may write the interface now.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
+    }
+
+    /// A master has written the lower byte of the control word alone, of which it can change one bit.
+    pub(super) fn written_in_part(&mut self, memory: &mut Memory) {
+        let written = SiiControl(memory.u16(SII_CONTROL));
+        let kept = SiiControl(written.0 & (0xFF00 | SiiControl::WRITE_ENABLE.0));
+        memory.set_u16(SII_CONTROL, (kept | self.fixed_bits()).0);
     }
 
     /// A master has written the control word. True: the words for the registers have to be loaded again.

@@ -85,7 +85,7 @@ fn write(device: &dyn Slave, settings: &EscSettings, eeprom: &[u8]) -> Result<St
             lines(format!("    </{tag}>"));
         }
     }
-    lines(mailbox(&general, info.protocols));
+    lines(mailbox(&general, info.protocols, device.has_long_values()));
     if sii.category(CategoryKind::DcModes).is_some() {
         for mode in sii.category(CategoryKind::DcModes).iter().flat_map(|category| category.dc_modes()) {
             lines(format!(
@@ -136,15 +136,18 @@ fn type_name(code: u8, bits: u8) -> String {
     }
 }
 
-fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols) -> String {
+/// What the mailbox can do. \[OURS] A device without a value that is too long for one message does without segments, as the maker's
+/// description of the DP3CL says.
+fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool) -> String {
     let flag = |bit| u8::from(general.coe.contains(bit));
     let files = if protocols.contains(MailboxProtocols::FOE) { "<FoE/>" } else { "" };
     format!(
-        "    <Mailbox><CoE SdoInfo=\"{}\" PdoAssign=\"{}\" PdoConfig=\"{}\" CompleteAccess=\"{}\" SegmentedSdo=\"1\"/>{files}</Mailbox>",
+        "    <Mailbox><CoE SdoInfo=\"{}\" PdoAssign=\"{}\" PdoConfig=\"{}\" CompleteAccess=\"{}\" SegmentedSdo=\"{}\"/>{files}</Mailbox>",
         flag(CoeDetails::SDO_INFO),
         flag(CoeDetails::PDO_ASSIGN),
         flag(CoeDetails::PDO_CONFIG),
-        flag(CoeDetails::COMPLETE_ACCESS)
+        flag(CoeDetails::COMPLETE_ACCESS),
+        u8::from(has_segments)
     )
 }
 

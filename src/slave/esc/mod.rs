@@ -6,15 +6,15 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `settings.rs` | what kind of controller it is: [`EscSettings`] |
-//! | `controller.rs` | the [`Controller`]: its parts, its ports, its events |
+//! | `controller.rs`, `controller/ports.rs` | the [`Controller`]: its parts, its events; its ports |
 //! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
 //! | `memory.rs` | its memory, and which bytes the network may write |
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
 //! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
 //! | `eeprom.rs` | the interface to the EEPROM |
-//! | `clock.rs`, `sync_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1 |
+//! | `clock.rs`, `sync_unit.rs`, `latch_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1, latch inputs |
 //! | `watchdog.rs` | the watchdog of process data |
-//! | `slave.rs`, `slave/frames.rs` | a controller with its device: [`EscSlave`], and what it does with a frame |
+//! | `slave.rs`, `slave/frames.rs`, `slave/cycle.rs` | a controller with its device: [`EscSlave`], what it does with a frame, and how its device works |
 //! | `application.rs`, `checks.rs` | the AL state machine, and what it checks |
 //! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox with its repeat, SDO, SDO information, emergencies, files |
 //! | `description.rs` | the EEPROM of a device |
@@ -38,6 +38,7 @@ mod esi;
 mod file_server;
 mod fmmus;
 mod information;
+mod latch_unit;
 mod mailbox;
 mod managers;
 mod memory;

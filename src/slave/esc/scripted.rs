@@ -1,14 +1,14 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::esc::EscSettings;
 use crate::slave::plant::Following;
-use crate::slave::{Communication, Fault, FileStore, ManufacturerObjects, Slave, SyncEvent};
+use crate::slave::{Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -112,6 +112,18 @@ impl Slave for Scripted {
         self.device.sync_lock_limit_ns()
     }
 
+    fn note_links(&mut self, links: [bool; PORTS]) {
+        self.device.note_links(links);
+    }
+
+    fn latch_levels(&self) -> Option<u8> {
+        self.device.latch_levels()
+    }
+
+    fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
+        self.device.tell_latch_changes(tell);
+    }
+
     fn expire_watchdog(&mut self) {
         self.device.expire_watchdog();
     }
@@ -142,6 +154,10 @@ impl Slave for Scripted {
 
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         self.device.add_manufacturer_objects(objects);
+    }
+
+    fn has_long_values(&self) -> bool {
+        self.device.has_long_values()
     }
 
     fn files(&mut self) -> Option<&mut FileStore> {

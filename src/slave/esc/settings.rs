@@ -36,7 +36,7 @@ pub struct EscSettings {
     pub local_time_ns: u64,
     /// By how much the crystal is too fast, parts per billion; negative: too slow.
     pub drift_ppb: i32,
-    /// The device's identification, which a master asks for by AL control.
+    /// The device's identification, which a master asks for by AL control; 0: it has none, and does not answer that.
     pub device_id: u16,
     /// How long a change of the AL state takes.
     pub state_change_ns: Ns,

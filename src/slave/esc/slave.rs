@@ -1,5 +1,6 @@
 //! A controller with its device: what the device does after a frame has passed, and while time passes.
 
+mod cycle;
 mod frames;
 
 use super::application::{Application, Change, active_len};
@@ -7,7 +8,7 @@ use super::mailbox::Mailbox;
 use super::managers::ManagerEvents;
 use super::memory::copy;
 use super::{Controller, DescriptionError, EscSettings, SyncPulse, eeprom_of};
-use crate::coe::{Emergency, ObjectAddress};
+use crate::coe::Emergency;
 use crate::ethercat::registers::{Features, PORTS, RequestedState, SyncActivation};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, Ns};
@@ -15,18 +16,14 @@ use crate::slave::{Slave, SyncEvent};
 
 use frames::Work;
 
+pub use cycle::ERROR_CYCLE_NS;
+
 /// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
 /// \[OURS] How long after outputs, or after SYNC0, a device waits for the next ones before it works by itself, ns.
 pub const DRIVEN_NS: Ns = 20_000_000;
-/// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
-pub const ERROR_CYCLE_NS: Ns = 10_000_000;
 /// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
 const PULSES_MAX: u32 = 10_000;
-/// The error code and the error register of a device, which emergencies carry.
-const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::cia402::ERROR_CODE, 0);
-const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
-
 /// A slave as the network sees it: a controller, and a device behind it.
 ///
 /// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave is quiet then, and
@@ -45,6 +42,8 @@ pub struct EscSlave {
     error_code: u16,
     /// There is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
     is_quiet: bool,
+    /// The device is connected to latch inputs of the controller.
+    has_latches: bool,
     /// The AL state, while the slave is quiet.
     quiet_state: AlState,
     /// How far the device is with the outputs of the newest frame.
@@ -52,8 +51,12 @@ pub struct EscSlave {
     device: Box<dyn Slave>,
     /// The newest outputs, as long as sync manager 2.
     outputs: Vec<u8>,
+    /// When outputs came that no pulse of SYNC0 has followed yet.
+    outputs_came: Option<Ns>,
     /// Room for the inputs, as long as sync manager 3.
     inputs: Vec<u8>,
+    /// The station alias of the device at its last power-on.
+    station_alias: u16,
     application: Application,
     controller: Controller,
     mailbox: Mailbox,
@@ -63,12 +66,18 @@ impl EscSlave {
     /// A slave that is switched on at `now`, with the content of its EEPROM. The device has to be in Init.
     pub fn new(device: Box<dyn Slave>, settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let has_mailbox = Sii::new(&eeprom).is_ok_and(|sii| sii.info().protocols.0 != 0);
+        let latch_levels = device.latch_levels();
+        let mut controller = Controller::new(settings, eeprom, now);
+        controller.begin_latch_inputs(latch_levels.unwrap_or(0));
         Self {
-            controller: Controller::new(settings, eeprom, now),
+            controller,
+            has_latches: latch_levels.is_some(),
+            station_alias: device.station_alias(),
             device,
             application: Application::new(has_mailbox),
             mailbox: Mailbox::default(),
             outputs: Vec::new(),
+            outputs_came: None,
             inputs: Vec::new(),
             now,
             stepped: now,
@@ -97,12 +106,19 @@ impl EscSlave {
     /// Switches the slave off and on again.
     pub fn power_on(&mut self, now: Ns) {
         self.device.restart();
+        let alias = self.device.station_alias();
+        // A device that was given another alias writes it to the EEPROM, in which a master may have put one meanwhile.
+        if std::mem::replace(&mut self.station_alias, alias) != alias {
+            self.controller.store_alias(alias);
+        }
         self.controller.power_on(now);
+        self.controller.begin_latch_inputs(self.device.latch_levels().unwrap_or(0));
         self.application = Application::new(self.application.has_mailbox);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
         self.free_run = now + FREE_RUN_CYCLE_NS;
         (self.is_quiet, self.work) = (false, Work::None);
         self.outputs.clear();
+        self.outputs_came = None;
         self.inputs.clear();
     }
 
@@ -115,6 +131,12 @@ impl EscSlave {
     pub const fn controller_mut(&mut self) -> &mut Controller {
         self.is_quiet = false;
         &mut self.controller
+    }
+
+    /// Sets which ports have a link.
+    pub fn set_links(&mut self, links: [bool; PORTS]) {
+        self.controller_mut().set_links(links);
+        self.device.note_links(links);
     }
 
     /// The device.
@@ -214,8 +236,11 @@ impl EscSlave {
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
-                self.device.report_sync(SyncEvent::InTime);
                 self.cycle(now, DRIVEN_NS);
+                if let Some(came) = self.outputs_came.take() {
+                    self.device.report_sync(SyncEvent::Outputs { ago_ns: now.saturating_sub(came) });
+                }
+                self.device.report_sync(SyncEvent::InTime);
             }
             if pulses > PULSES_MAX {
                 self.controller.skip_pulses(now);
@@ -226,66 +251,6 @@ impl EscSlave {
         }
         self.react(now);
         pulses
-    }
-
-    /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
-    /// in `next_ns`.
-    fn cycle(&mut self, now: Ns, next_ns: Ns) {
-        let passed = self.pass_time(now, next_ns);
-        if passed > 0 {
-            self.device.step(passed);
-        }
-        self.end_cycle(now, self.state());
-    }
-
-    /// How much time has to pass in the device up to `now`. Without a reason it works again in `next_ns`.
-    fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
-        self.free_run = now + next_ns;
-        let passed = now.saturating_sub(self.stepped);
-        self.stepped += passed;
-        passed
-    }
-
-    /// Time has passed in the device: it takes its newest outputs and gives new inputs.
-    #[inline]
-    fn end_cycle(&mut self, now: Ns, state: AlState) {
-        if state >= AlState::SafeOp {
-            let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
-            self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
-            if !self.waits_for_lock() {
-                let Controller { managers, memory, .. } = &mut self.controller;
-                managers.put(self.application.managers.inputs, &self.inputs, memory);
-            }
-        }
-        if self.device.state() != state {
-            self.application.follow(&mut self.controller, &*self.device);
-            self.is_quiet = false;
-        }
-        if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
-            self.look_for_errors(now);
-        }
-    }
-
-    /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
-    fn waits_for_lock(&self) -> bool {
-        let Application { is_synchronized, sync_came, .. } = self.application;
-        is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()
-    }
-
-    #[inline(never)]
-    fn look_for_errors(&mut self, now: Ns) {
-        if !self.controller.settings().emergencies || self.state() == AlState::Init {
-            return;
-        }
-        self.looked = now;
-        let Ok(code) = self.device.upload(ERROR_CODE) else { return };
-        let code = code.bits as u16;
-        if code != self.error_code {
-            self.error_code = code;
-            let register = self.device.upload(ERROR_REGISTER).map_or(0, |register| register.bits as u8);
-            self.mailbox.raise(Emergency { code, register, data: [0; 5] });
-            self.is_quiet = false;
-        }
     }
 
     /// What the device does at once, after a frame or when time has passed.
@@ -360,6 +325,7 @@ impl EscSlave {
         let len = outputs.len().min(self.outputs.len());
         copy(&mut self.outputs[..len], &outputs[..len]);
         self.application.outputs_came = true;
+        self.outputs_came = Some(self.controller.arrival);
         !self.application.is_synchronized
     }
 

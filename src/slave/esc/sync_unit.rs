@@ -11,6 +11,9 @@ pub enum SyncPulse {
     Sync1,
 }
 
+/// How far ahead a start time may be if the near future is the nearer one, ns.
+const NEAR_FUTURE_NS: i64 = 1 << 31;
+
 /// The unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SyncUnit {
@@ -21,6 +24,8 @@ pub(super) struct SyncUnit {
     next1: Option<u64>,
     cycle0_ns: u32,
     delay1_ns: u32,
+    /// The start time was not in the near future.
+    is_out_of_range: bool,
     /// SYNC0 and SYNC1 have had a pulse since the activation.
     fired: [bool; 2],
 }
@@ -41,9 +46,14 @@ impl SyncUnit {
             return;
         }
         if !was_running {
-            // A start in the past comes with the next turn of the counter, which nobody waits for.
-            let is_future = !is_reached(start, now);
-            self.next0 = is_future.then_some(start);
+            let ahead = start.wrapping_sub(now).cast_signed();
+            let range = if activation.contains(SyncActivation::NEAR_FUTURE) { NEAR_FUTURE_NS } else { i64::MAX };
+            self.is_out_of_range = !(1..range).contains(&ahead);
+            self.next0 = match activation.contains(SyncActivation::CHECK_START) && self.is_out_of_range {
+                true => Some(now),
+                // A start in the past comes with the next turn of the counter, which nobody waits for.
+                false => (ahead > 0).then_some(start),
+            };
             self.next1 = self.next0.map(|first| first.wrapping_add(self.delay1_ns.into()));
             self.fired = [false; 2];
         }
@@ -112,10 +122,10 @@ impl SyncUnit {
         (self.next0, self.next1)
     }
 
-    /// Register 0x0984: which first pulses are still to come.
+    /// Register 0x0984: which first pulses are still to come, and whether the start time was out of range.
     pub(super) fn pending(&self) -> u8 {
         let zero = self.next0.is_some() && !self.fired[0];
         let one = self.gives_sync1() && self.next1.is_some() && !self.fired[1];
-        u8::from(zero) | u8::from(one) << 1
+        u8::from(zero) | u8::from(one) << 1 | u8::from(self.is_out_of_range) << 2
     }
 }

@@ -194,7 +194,11 @@ fn s39_sync0_begins_at_its_start_time() {
     activate(&mut rig, past, 1_000_000, 3);
     rig.now += 100 * MS;
     assert_eq!(rig.read_u8(FIRST, registers::SYNC0_STATUS), 0);
-    assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 0);
+    assert_eq!(
+        rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS),
+        4,
+        "none is pending, and the start was in the past"
+    );
 }
 
 /// ECAT-13.3 With a cycle of 0 there is one pulse; SYNC1 follows SYNC0 by its own time.
@@ -219,6 +223,87 @@ fn s39_one_pulse_and_sync1() {
     // Its period is that of SYNC0, as often as it fits into the delay, and once more.
     assert_eq!(rig.read_u64(FIRST, registers::SYNC1_NEXT), start + 1_200_000 + 2 * MS);
     assert_eq!(rig.read_u8(FIRST, registers::SYNC1_STATUS), 1);
+}
+
+/// ECAT-13.9 The start time is judged: bit 2 of 0x0984 tells one that is not in the near future, which bit 6 of the activation makes 2.1 s;
+/// with bit 5 SYNC0 comes at once then.
+#[test]
+fn the_start_time_is_judged() {
+    for (after, activation, out_of_range, comes_at_once) in [
+        (MS as i64 * 10, 0x03, false, false),
+        (MS as i64 * 10, 0x63, false, false),
+        (-1, 0x03, true, false),
+        (-1, 0x23, true, true),
+        (MS as i64 * 5000, 0x03, false, false),
+        (MS as i64 * 5000, 0x23, false, false),
+        (MS as i64 * 5000, 0x43, true, false),
+        (MS as i64 * 5000, 0x63, true, true),
+        (MS as i64 * 2000, 0x63, false, false),
+    ] {
+        let mut rig = Rig::new([drive(EscSettings::default())]);
+        rig.give_stations();
+        let start = (rig.now + 4 * rig.pause).wrapping_add_signed(after);
+        activate(&mut rig, start, 1_000_000, activation);
+        rig.pause = 10;
+        let status = rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS);
+        assert_eq!(status & 4 != 0, out_of_range, "{after} {activation:02X}");
+        let came = rig.read_u8(FIRST, registers::SYNC0_STATUS);
+        assert_eq!(came == 1, comes_at_once, "{after} {activation:02X}");
+    }
+}
+
+/// ECAT-13.9 Bit 3: the unit runs once the last byte of the start time was written. Bit 4: that is the fourth one, and the upper four come
+/// from the clock. Bit 7: one pulse at once, and the bit reads 0.
+#[test]
+fn further_bits_of_the_activation() {
+    let mut rig = Rig::new([drive(EscSettings { local_time_ns: 7 << 32, ..EscSettings::default() })]);
+    rig.give_stations();
+    rig.write(FIRST, registers::SYNC0_CYCLE, &1_000_000_u32.to_le_bytes());
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0x0A]);
+    let start = (7 << 32) + rig.now + 50 * MS;
+    rig.write(FIRST, registers::SYNC0_START, &start.to_le_bytes()[..7]);
+    assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [0x0A]);
+    rig.write(FIRST, registers::SYNC0_START, &start.to_le_bytes());
+    assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [0x0B]);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start);
+
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0x1A]);
+    let start = start + 20 * MS;
+    rig.write(FIRST, registers::SYNC0_START + 4, &[0xFF; 4]);
+    rig.write(FIRST, registers::SYNC0_START, &start.to_le_bytes()[..4]);
+    assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [0x1B]);
+    assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start);
+
+    for (activation, statuses) in [(0x80, [0, 0]), (0x82, [1, 0]), (0x86, [1, 1])] {
+        let mut rig = Rig::new([drive(EscSettings::default())]);
+        rig.give_stations();
+        rig.write(FIRST, registers::SYNC_ACTIVATION, &[activation]);
+        assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [activation & 0x7F]);
+        assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), statuses);
+    }
+    // A controller that is not enhanced knows bits 0 to 2.
+    let features = registers::Features::CLOCK | registers::Features::CLOCK_64_BITS;
+    let mut rig = Rig::new([drive(EscSettings { features, ..EscSettings::default() })]);
+    rig.give_stations();
+    rig.write(FIRST, registers::SYNC_ACTIVATION, &[0xFA]);
+    assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [0x02]);
+    assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), [0, 0]);
+}
+
+/// ECAT-13.9 With bit 0 of 0x0980 the unit belongs to the slave's own controller: what sets it is not written by the master.
+#[test]
+fn a_unit_of_the_slaves_own_controller() {
+    let mut rig = Rig::new([drive(EscSettings::default())]);
+    rig.give_stations();
+    rig.write(FIRST, registers::CYCLIC_UNIT_CONTROL, &[1]);
+    let start = soon(&rig, 10 * MS);
+    for (address, value) in
+        [(registers::SYNC0_START, start), (registers::SYNC0_CYCLE, 1_000_000), (registers::SYNC_ACTIVATION, 3)]
+    {
+        let len = if address == registers::SYNC_ACTIVATION { 1 } else { 8 };
+        rig.write(FIRST, address, &value.to_le_bytes()[..len]);
+        assert_eq!(rig.read(FIRST, address, len), vec![0; len], "0x{address:04X}");
+    }
 }
 
 /// An IO module behind a controller with clocks, which it does not have by itself.

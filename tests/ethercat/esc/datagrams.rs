@@ -207,8 +207,28 @@ fn s10_events_come_with_every_datagram() {
     assert_eq!(irq(&mut rig), 0);
     rig.chain.connect(1, false);
     assert_eq!(irq(&mut rig), 0x0004, "the first slave has lost a link");
+    rig.write(FIRST, registers::AL_CONTROL, &[0x12, 0]);
+    assert_eq!(irq(&mut rig), 0x000C);
+    rig.al_status(FIRST);
     rig.read(FIRST, registers::DL_STATUS, 2);
     assert_eq!(irq(&mut rig), 0);
+    // Two slaves at once, each with its own.
+    rig.chain.connect(1, true);
+    rig.read(FIRST, registers::DL_STATUS, 2);
+    rig.write(FIRST, registers::AL_CONTROL, &[0x12, 0]);
+    assert_eq!(irq(&mut rig), 0x000C, "AL status of the first slave, DL status of the second one");
+}
+
+/// ECAT-8.12 The bit "circulating" of a datagram comes back as it was, and such a datagram is worked on as any other: the port by
+/// which a frame comes to a slave has a link.
+#[test]
+fn a_circulating_datagram_passes() {
+    let mut rig = Rig::drives(2);
+    for circulating in [false, true] {
+        let header = DatagramHeader { circulating, ..DatagramHeader::register(Command::Brd, 3, 0, registers::TYPE) };
+        let answer = rig.frame(&[(header, &[0])]).remove(0);
+        assert_eq!((answer.wkc, answer.header.circulating), (2, circulating));
+    }
 }
 
 /// ECAT-8.11 A frame whose datagrams do not fit into it has no effect, and each slave counts it; one that is not of EtherCAT is

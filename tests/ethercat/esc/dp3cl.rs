@@ -1,15 +1,21 @@
 //! A DP3CL as the network sees it: its controller, its mailbox, and the alarms that only a controller can cause.
 
-use ecmsk::ethercat::registers::{self, SmControl, SyncManager};
+use ecmsk::ethercat::mailbox::{MailboxFault, MailboxMessage, MailboxProtocol};
+use ecmsk::ethercat::registers::{self, LatchEdge, SmControl, SyncManager, latch_time};
+use ecmsk::ethercat::sii::{CategoryKind, FmmuUsage, MailboxProtocols, Sii};
 use ecmsk::ethercat::{AlState, AlStatus, Command};
-use ecmsk::slave::esc::EscSlave;
-use ecmsk::slave::{Dp3cl, Dp3clConfig, Slave};
+use ecmsk::slave::esc::{EscSlave, esi_of};
+use ecmsk::slave::{Dp3cl, Dp3clConfig, Drive, DriveConfig, Fault, HomeSwitch, Input, InputPattern, Slave, Travel};
 
 use super::rig::{FIRST, INPUTS, MS, OUTPUTS, Rig};
 
 /// A DP3CL behind its own controller, in Init.
 fn rig() -> Rig {
-    let device = Box::new(Dp3cl::new(Dp3clConfig::default()));
+    rig_of(Dp3clConfig::default())
+}
+
+fn rig_of(config: Dp3clConfig) -> Rig {
+    let device = Box::new(Dp3cl::new(config));
     let settings = device.controller_settings();
     let mut rig = Rig::new([EscSlave::describe(device, settings, 0).expect("it can be described")]);
     rig.give_stations();
@@ -38,6 +44,13 @@ fn registers_of_the_manual() {
         (0x0151, &[0x66]),
     ] {
         assert_eq!(rig.read(FIRST, address, value.len()), value, "0x{address:04X}");
+    }
+    // [STD] values of the watchdogs, which the manual does not print.
+    for (address, value) in [(0x0400, 0x09C2), (0x0410, 0x03E8), (0x0420, 0x03E8)] {
+        assert_eq!(rig.read_u16(FIRST, address), value, "0x{address:04X}");
+    }
+    for (address, len) in [(0x0440, 1), (0x0442, 1), (0x0443, 1), (0x0981, 1), (0x0984, 1), (0x098E, 1), (0x09A0, 4)] {
+        assert_eq!(rig.read(FIRST, address, len), vec![0; len], "0x{address:04X}");
     }
     // 3 FMMUs and 4 sync managers, and no more.
     assert_eq!(rig.one(Command::Fprd, FIRST, registers::fmmu(3), &[0]).wkc, 0);
@@ -173,4 +186,218 @@ fn no_emergencies() {
     assert_eq!(rig.coe(FIRST, &[0, 0x20, 0x40, 0x3F, 0x60, 0, 0, 0, 0, 0])[6..8], [0x50, 0xFF]);
     rig.now += 50 * MS;
     assert_eq!(rig.collect(FIRST), None);
+}
+
+/// Reads an object of at most 4 bytes.
+fn upload(rig: &mut Rig, index: u16, sub: u8) -> u32 {
+    let [low, high] = index.to_le_bytes();
+    let answer = rig.coe(FIRST, &[0, 0x20, 0x40, low, high, sub, 0, 0, 0, 0]);
+    assert_eq!(answer[1], 0x30, "{index:04X}:{sub} {answer:X?}");
+    let bytes = 4 - usize::from(answer[2] >> 2 & 3);
+    answer[6..6 + bytes].iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
+}
+
+/// Writes an object of 1, 2 or 4 bytes.
+fn download(rig: &mut Rig, index: u16, sub: u8, value: &[u8]) {
+    let [low, high] = index.to_le_bytes();
+    let mut data = vec![0, 0x20, 0x23 | (4 - value.len() as u8) << 2, low, high, sub];
+    data.extend(value);
+    data.resize(10, 0);
+    assert_eq!(rig.coe(FIRST, &data)[2], 0x60, "{index:04X}:{sub}");
+}
+
+/// DP3CL-5.22 Its mailbox knows CoE alone; it has no identification to ask for, and no bootstrap.
+#[test]
+fn what_it_does_not_have() {
+    let mut rig = rig();
+    assert_eq!(rig.request(FIRST, 0x03), (0x11, AlStatus::BOOT_UNSUPPORTED), "E-802");
+    assert_eq!(rig.request(FIRST, 0x11), (0x01, AlStatus::NONE));
+    rig.bring_to_preop(FIRST);
+    assert_eq!(rig.request(FIRST, 0x22), (0x02, AlStatus::NONE));
+    let others = [MailboxProtocol::Eoe, MailboxProtocol::Foe, MailboxProtocol::Soe, MailboxProtocol::Voe];
+    for protocol in others {
+        let message = rig.message(protocol, &[1, 2, 3, 4, 5, 6]);
+        rig.post(FIRST, &message);
+        let answer = rig.collect(FIRST).expect("an answer");
+        let answer = MailboxMessage::decode(&answer).expect("a message");
+        assert_eq!(answer.header.protocol, MailboxProtocol::Error, "{protocol:?}");
+        assert_eq!(MailboxFault::decode(answer.data), Ok(MailboxFault::UNSUPPORTED_PROTOCOL), "{protocol:?}");
+    }
+}
+
+/// DP3CL-1.12 Its EEPROM has the sync managers, FMMUs and mailbox of the maker's slave description, and its ESI file says what that
+/// says of the mailbox.
+#[test]
+fn eeprom_and_esi_of_the_maker() {
+    let rig = rig();
+    let eeprom = rig.chain.slave(0).controller().eeprom();
+    let sii = Sii::new(eeprom).expect("an EEPROM");
+    assert_eq!((eeprom.len(), sii.info().protocols), (2048, MailboxProtocols::COE));
+    let managers = sii.category(CategoryKind::SyncManagers).expect("some").sync_managers();
+    let managers: Vec<_> = managers.map(|manager| (manager.start, manager.len, manager.control.0)).collect();
+    // The lengths of the process data are those of the mapping at power-on.
+    assert_eq!(managers, [(0x1000, 128, 0x26), (0x1080, 128, 0x22), (0x1100, 8, 0x64), (0x1400, 19, 0x20)]);
+    let usages: Vec<_> = sii.category(CategoryKind::Fmmus).expect("some").fmmus().collect();
+    assert_eq!(usages[..3], [FmmuUsage::Outputs, FmmuUsage::Inputs, FmmuUsage::MailboxState]);
+    let modes: Vec<_> = sii.category(CategoryKind::DcModes).expect("one").dc_modes().collect();
+    assert_eq!(modes[0].assign_activate, 0x0300);
+    let mut device = Dp3cl::default();
+    let settings = device.controller_settings();
+    let esi = esi_of(&mut device, &settings).expect("it can be described");
+    let mailbox = "SdoInfo=\"1\" PdoAssign=\"1\" PdoConfig=\"1\" CompleteAccess=\"0\" SegmentedSdo=\"0\"";
+    assert!(esi.contains(mailbox), "{esi}");
+    assert!(esi.contains("Physics=\"YY\""), "two ports of MII");
+    let mut drive = Drive::new(DriveConfig::default());
+    let settings = drive.controller_settings();
+    assert!(esi_of(&mut drive, &settings).expect("it can be described").contains("SegmentedSdo=\"1\""));
+}
+
+/// DP3CL-2.12 P7-00 that was saved is the alias of the controller after the next power-on, and one that a master has written into the
+/// EEPROM stays until P7-00 is another one.
+#[test]
+fn the_alias_is_that_of_the_eeprom() {
+    let mut rig = rig();
+    let alias = |rig: &mut Rig| rig.read_u16(FIRST, registers::STATION_ALIAS);
+    let restart = |rig: &mut Rig| {
+        rig.chain.power(0, false, rig.now);
+        rig.chain.power(0, true, rig.now);
+        rig.give_stations();
+    };
+    rig.bring_to_preop(FIRST);
+    download(&mut rig, 0x2700, 0, &40_000_u16.to_le_bytes());
+    download(&mut rig, 0x4002, 0, &[1]);
+    assert_eq!(alias(&mut rig), 0);
+    restart(&mut rig);
+    assert_eq!(alias(&mut rig), 40_000);
+    let mut first: [u8; 14] = rig.chain.slave(0).controller().eeprom()[..14].try_into().expect("14 bytes");
+    first[8..10].copy_from_slice(&[0x77, 0x07]);
+    let checksum = ecmsk::ethercat::sii::checksum(&first);
+    for command in [[1, 2, 4, 0, 0, 0, 0x77, 0x07], [1, 2, 7, 0, 0, 0, checksum, 0]] {
+        rig.write(FIRST, registers::SII_CONTROL, &command);
+    }
+    // A command to load the words anew leaves the alias.
+    rig.write(FIRST, registers::SII_CONTROL, &[0, 4]);
+    assert_eq!(alias(&mut rig), 40_000);
+    restart(&mut rig);
+    assert_eq!(alias(&mut rig), 0x0777);
+    rig.bring_to_preop(FIRST);
+    download(&mut rig, 0x2700, 0, &[5, 0]);
+    download(&mut rig, 0x4002, 0, &[1]);
+    restart(&mut rig);
+    assert_eq!(alias(&mut rig), 5);
+}
+
+/// DP3CL-5.16 An alarm of the bus has two ends: AL control acknowledges the error of the AL status, and F0-00 clears the alarm; neither
+/// does the other one's part.
+#[test]
+fn two_things_to_acknowledge() {
+    for acknowledge_first in [true, false] {
+        let mut rig = rig();
+        rig.bring_to_preop(FIRST);
+        assert_eq!(rig.request(FIRST, 0x08), (0x12, AlStatus::INVALID_CHANGE), "E-800");
+        rig.now += 20 * MS;
+        assert_eq!((upload(&mut rig, 0x603F, 0), upload(&mut rig, 0x3100, 0)), (0xFF50, 800));
+        for acknowledge in [acknowledge_first, !acknowledge_first] {
+            if acknowledge {
+                assert_eq!(rig.request(FIRST, 0x12), (0x02, AlStatus::NONE));
+            } else {
+                download(&mut rig, 0x4000, 0, &[1]);
+            }
+            rig.now += 20 * MS;
+            let has_alarm = acknowledge == acknowledge_first && acknowledge_first;
+            assert_eq!(upload(&mut rig, 0x603F, 0) != 0, has_alarm);
+            let has_error = acknowledge == acknowledge_first && !acknowledge_first;
+            assert_eq!(rig.al_status(FIRST).0 & 0x10 != 0, has_error);
+        }
+    }
+}
+
+/// DP3CL-2.10 U3 behind a controller: outputs 300 us before each SYNC0 of 1 ms, but once.
+#[test]
+fn monitors_of_the_cycle() {
+    let mut rig = with_sync0(20, 0x03);
+    rig.reach(FIRST, AlState::SafeOp);
+    let start = rig.read_u64(FIRST, registers::SYNC0_START);
+    for n in 0..40 {
+        let before = if n == 20 { 500_000 } else { 300_000 };
+        rig.now = start + n * MS - before - rig.pause;
+        assert_eq!(rig.logical(Command::Lrw, 0, &[0; 27]).wkc, 3);
+        if n == 5 {
+            // It goes to OP after its first pulses; the frames of that take some time.
+            rig.write(FIRST, registers::AL_CONTROL, &[8, 0]);
+        }
+    }
+    rig.now = start + 39 * MS + 100_000;
+    assert_eq!(rig.al_status(FIRST), (0x08, AlStatus::NONE));
+    let u3: Vec<u32> = (0x3300..=0x330B).map(|index| upload(&mut rig, index, 0)).collect();
+    assert_eq!([0, 2, 3].map(|n| u3[n]), [1000, 1200, 800], "PDI period");
+    assert_eq!([4, 6, 7].map(|n| u3[n]), [1000; 3], "Sync0 period");
+    assert_eq!([9, 10, 11].map(|n| u3[n]), [300, 500, 300], "PDI to Sync0");
+    assert_eq!(u3[8], 1000, "ECAT timer period");
+    // The reads take time, in which SYNC0 goes on: both times are taken of one moment.
+    let since = (u3[5] as u16).wrapping_sub(u3[1] as u16);
+    assert_eq!((since % 1000, u3[5] / 1000 >= 39), (300, true), "{u3:?}");
+}
+
+/// DP3CL-8.5 SI1 and SI2 are the latch inputs of the controller: the times of their edges are those at which the shaft was there, and
+/// those at which a terminal was forced.
+#[test]
+fn terminals_are_latch_inputs() {
+    let travel = Travel {
+        negative_limit: None,
+        positive_limit: Some(2_505),
+        home: Some(HomeSwitch::Cam { first: 205, last: 1_204 }),
+        ..Travel::for_turn(10_000)
+    };
+    let wiring = [Some(Input::Home), Some(Input::PositiveLimit), None, None];
+    let mut rig = rig_of(Dp3clConfig { travel, wiring, ..Dp3clConfig::default() });
+    rig.bring_to_preop(FIRST);
+    for parameter in [0x2205, 0x2206, 0x2207, 0x2208] {
+        download(&mut rig, parameter, 0, &[0, 0]);
+    }
+    download(&mut rig, 0x6060, 0, &[8]);
+    rig.set_process_data(FIRST, 0);
+    rig.reach(FIRST, AlState::SafeOp);
+    rig.write(FIRST, registers::LATCH_CONTROL, &[3, 1]);
+    let send = |rig: &mut Rig, word: u8, target: i32| {
+        let mut image = [0; 27];
+        image[0] = word;
+        image[2..6].copy_from_slice(&target.to_le_bytes());
+        rig.now = (rig.now / MS + 1) * MS - rig.pause;
+        assert_eq!(rig.logical(Command::Lrw, 0, &image).wkc, 3);
+        rig.now
+    };
+    send(&mut rig, 0, 0);
+    rig.reach(FIRST, AlState::Op);
+    for word in [0x06, 0x07, 0x0F] {
+        (0..150).for_each(|_| assert!(send(&mut rig, word, 0) > 0));
+    }
+    assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [0, 0]);
+    // 100 u each ms: the frame that brings a target begins the way to it, and the next one ends it.
+    let begins = send(&mut rig, 0x0F, 100);
+    for step in 2..40 {
+        send(&mut rig, 0x0F, step * 100);
+    }
+    for (input, edge, place) in
+        [(0, LatchEdge::Positive, 205), (0, LatchEdge::Negative, 1205), (1, LatchEdge::Positive, 2505)]
+    {
+        let at = rig.read_u64(FIRST, latch_time(input, edge));
+        assert_eq!(at, begins + place * MS / 100, "{input} {edge:?}");
+    }
+    // Reading has acknowledged them; SI2 is still on.
+    assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [0, 4]);
+    let force = |bits| Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(bits)) };
+    let before = rig.now;
+    rig.chain.slave_mut(0).device_mut().apply_fault(force(0b01));
+    send(&mut rig, 0x0F, 3900);
+    let at = rig.read_u64(FIRST, latch_time(0, LatchEdge::Positive));
+    assert!((before - MS..=before + MS).contains(&at), "{at} {before}");
+    assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [4, 0]);
+    // After power-on the levels are there, without an edge.
+    rig.chain.power(0, false, rig.now);
+    rig.chain.power(0, true, rig.now);
+    rig.give_stations();
+    rig.now += 20 * MS;
+    assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [0, 4]);
+    assert_eq!(rig.read_u64(FIRST, latch_time(1, LatchEdge::Positive)), 0);
 }

@@ -4,7 +4,10 @@ use ecmsk::ethercat::Command;
 use ecmsk::ethercat::mailbox::MailboxProtocol;
 use ecmsk::ethercat::registers::{self, Fmmu, FmmuDirections, SmControl, SmStatus, SyncManager};
 
-use super::rig::{FIRST, Rig};
+use ecmsk::slave::esc::EscSettings;
+use ecmsk::slave::{Io, IoConfig};
+
+use super::rig::{FIRST, INPUTS, MS, OUTPUTS, Rig};
 
 const UPLOAD_VENDOR: [u8; 10] = [0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0];
 const UPLOAD_PRODUCT: [u8; 10] = [0, 0x20, 0x40, 0x18, 0x10, 2, 0, 0, 0, 0];
@@ -128,6 +131,29 @@ fn s25_three_buffers_never_refuse() {
     rig.write(FIRST, 0x1100, &vec![0x66; outputs.into()]);
     let ended = SmStatus(status(&mut rig));
     assert!(ended.last_buffer() != before && !ended.contains(SmStatus::WRITING));
+}
+
+/// ECAT-10.8 What a reader gets is whole and the newest, also while the next buffer is being written; the outputs of an IO module
+/// come back as its inputs.
+#[test]
+fn s25_a_reader_gets_the_newest_whole_buffer() {
+    let io = super::rig::slave(Box::new(Io::new(IoConfig::default())), EscSettings::default());
+    let mut rig = Rig::new([io]);
+    rig.give_stations();
+    rig.bring_to_op(FIRST, 0);
+    let inputs = |rig: &mut Rig| rig.read(FIRST, INPUTS, 2);
+    for n in 1..100 {
+        // Two writes, the second one in two parts, of which the first makes no difference yet.
+        rig.write(FIRST, OUTPUTS, &[n, n]);
+        rig.now += 25 * MS;
+        assert_eq!(inputs(&mut rig), [n, n]);
+        rig.write(FIRST, OUTPUTS, &[!n]);
+        rig.now += 25 * MS;
+        assert_eq!(inputs(&mut rig), [n, n]);
+        rig.write(FIRST, OUTPUTS + 1, &[!n]);
+        rig.now += 25 * MS;
+        assert_eq!(inputs(&mut rig), [!n, !n]);
+    }
 }
 
 /// ECAT-10.8 Before anything was written a reader gets what the memory has.

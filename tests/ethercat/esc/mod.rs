@@ -1,5 +1,5 @@
 //! Slave controllers around simulated slaves, with a master that sends single datagrams, in virtual time. The statements of the
-//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is what `tests/masters` shows.
+//! checklist that these tests show stand in their names, `s07` for number 7; number 40 is also what `tests/masters` and `port/ethercat/network.rs` show.
 //!
 //! - `rig.rs`: the master
 //! - `datagrams.rs`: the commands, and frames as a whole
@@ -9,7 +9,8 @@
 //! - `mailbox.rs`: SDO, SDO information, emergencies
 //! - `files.rs`: bootstrap, and files by FoE
 //! - `dp3cl.rs`: a DP3CL as the network sees it
-//! - `clocks.rs`: distributed clocks
+//! - `clocks.rs`, `latches.rs`: distributed clocks; their latch inputs
+//! - `register_table.rs`: every register, its value at power-on and its access
 //! - `masters.rs`: what known masters send at their start
 //! - `bad_input.rs`: frames that nobody should send
 //! - `disturbed.rs`: two masters, masters that stop, EEPROMs written in part, FMMUs and sync managers that nobody would set
@@ -21,11 +22,13 @@ mod disturbed;
 mod dp3cl;
 mod eeprom;
 mod files;
+mod latches;
 mod logical;
 mod mailbox;
 mod managers;
 mod masters;
 mod noise;
 mod ports;
+mod register_table;
 mod rig;
 mod states;

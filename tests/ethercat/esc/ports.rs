@@ -1,10 +1,14 @@
 //! Cables and power.
 
-use ecmsk::ethercat::registers::{self, DlControl};
-use ecmsk::ethercat::{AlState, CableEnd, Command, DatagramHeader, Frame, FrameHeader, FrameWriter};
-use ecmsk::slave::esc::{EscSettings, FrameFate};
+use std::sync::{Arc, Mutex};
 
-use super::rig::{FIRST, MS, Rig, drive};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::ethercat::registers::{self, DlControl};
+use ecmsk::ethercat::{AlState, CableEnd, Command, DatagramHeader, Frame, FrameHeader, FrameWriter, Ns};
+use ecmsk::slave::esc::{EscSettings, EscSlave, FrameFate};
+use ecmsk::slave::{AlStatus, Slave};
+
+use super::rig::{FIRST, MS, Rig, SOURCE, drive};
 
 /// ECAT-9.1 DL status tells an inner slave from the last one; a slave that is cut off is not counted any more, and the one
 /// before it has closed its port.
@@ -94,6 +98,41 @@ fn loops_are_controlled() {
     set(&mut rig, 2);
     rig.chain.connect(1, false);
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+}
+
+/// ECAT-9.15 With bit 1 of DL control the ports are as written for a second, and then as before: one that is closed opens, and one that
+/// is open without a link, so that all frames are lost, closes.
+#[test]
+fn loops_for_a_second() {
+    let mut rig = Rig::drives(3);
+    let set = |rig: &mut Rig, bits: u32| {
+        let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | bits << 10 | DlControl::TEMPORARY;
+        rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
+    };
+    let count = |rig: &mut Rig| rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc;
+    set(&mut rig, 3);
+    rig.now += 900 * MS;
+    assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (1, 0x5631));
+    rig.now += 100 * MS;
+    // The frame in which the time is over takes the old way.
+    count(&mut rig);
+    assert_eq!((count(&mut rig), rig.read_u16(FIRST, registers::DL_STATUS)), (3, 0x5A31));
+    let control = DlControl::POWER_ON.0 & 0xFFFF_F0FF;
+    assert_eq!(rig.read_u32(FIRST, registers::DL_CONTROL) & 0xFFFF_0FFF, control & 0xFFFF_0FFF);
+
+    rig.chain.connect(1, false);
+    set_open(&mut rig);
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+    rig.now += 900 * MS;
+    assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
+    rig.now += 100 * MS;
+    assert_eq!(count(&mut rig), 1);
+}
+
+/// Port 1 of the first slave is open for a second, whatever its link; the frame that says so is back before.
+fn set_open(rig: &mut Rig) {
+    let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | 2 << 10 | DlControl::TEMPORARY;
+    rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
 }
 
 /// ECAT-9.9 A second branch is visited by ports 3, 1, 2 in this order.
@@ -212,4 +251,96 @@ fn a_frame_from_the_last_end_turns_where_the_cable_is_cut() {
     rig.chain.connect_second(None);
     assert_eq!(send(&mut rig, First, false), (Some(true), First, 4, false));
     assert_eq!(send(&mut rig, Last, false).0, None);
+}
+
+/// A device that remembers which ports have a link.
+struct Linked(Arc<Mutex<[bool; 4]>>);
+
+impl Slave for Linked {
+    fn name(&self) -> &str {
+        "linked"
+    }
+
+    fn state(&self) -> AlState {
+        AlState::Init
+    }
+
+    fn enter(&mut self, _: AlState) -> Result<(), AlStatus> {
+        Ok(())
+    }
+
+    fn read(&mut self, _: ObjectAddress, _: SdoScope, _: &mut [u8]) -> Result<usize, AbortCode> {
+        Err(AbortCode::NO_OBJECT)
+    }
+
+    fn write(&mut self, _: ObjectAddress, _: SdoScope, _: &[u8]) -> Result<(), AbortCode> {
+        Err(AbortCode::NO_OBJECT)
+    }
+
+    fn note_links(&mut self, links: [bool; 4]) {
+        *self.0.lock().expect("no panic") = links;
+    }
+
+    fn exchange(&mut self, _: Option<&[u8]>, _: &mut [u8]) {}
+
+    fn step(&mut self, _: Ns) {}
+}
+
+/// ECAT-9.1 A device is told which ports of its controller have a link, and when that changes.
+#[test]
+fn a_device_knows_its_links() {
+    let links: [Arc<Mutex<[bool; 4]>>; 2] = [Arc::default(), Arc::default()];
+    let slave = |links: &Arc<Mutex<[bool; 4]>>| {
+        EscSlave::new(Box::new(Linked(links.clone())), EscSettings::default(), Vec::new(), 0)
+    };
+    let mut rig = Rig::new(links.each_ref().map(slave));
+    let seen = || links.each_ref().map(|links| *links.lock().expect("no panic"));
+    assert_eq!(seen(), [[true, true, false, false], [true, false, false, false]]);
+    rig.chain.connect(1, false);
+    assert_eq!(seen(), [[true, false, false, false], [false; 4]]);
+    rig.chain.connect(1, true);
+    rig.chain.power(1, false, rig.now);
+    assert_eq!(seen()[0], [true, false, false, false]);
+}
+
+/// ECAT-8.13 Every frame comes back once: within 1 ms in the time of the network, however long the cable is, or it is lost for good.
+#[test]
+fn s40_each_frame_comes_back_once_and_in_time() {
+    let mut rig = Rig::drives(40);
+    let mut returned = 0;
+    for n in 0..40 {
+        rig.bring_to_op(FIRST + n, u32::from(n) * 16);
+    }
+    for turn in 0..300 {
+        // The cable to the master is cut, and later one in the middle.
+        match turn {
+            100 => rig.chain.connect(0, false),
+            120 => rig.chain.connect(0, true),
+            200 => rig.chain.connect(20, false),
+            220 => rig.chain.connect(20, true),
+            _ => {}
+        }
+        let mut bytes = lrw(640);
+        let sent = rig.now + rig.pause;
+        match rig.raw(&mut bytes) {
+            FrameFate::Returned(back) => {
+                returned += 1;
+                assert!(back >= sent && back - sent < MS, "turn {turn}: {} ns", back - sent);
+                assert_eq!(bytes[6] & 2, 2, "it has passed the slaves");
+            }
+            fate => {
+                assert_eq!((fate, (100..120).contains(&turn)), (FrameFate::Lost, true), "turn {turn}");
+                assert_eq!(bytes, lrw(640), "a lost frame is not touched, and nothing of it comes later");
+            }
+        }
+    }
+    assert_eq!(returned, 280);
+}
+
+/// A frame with outputs and inputs of so many bytes.
+fn lrw(len: usize) -> Vec<u8> {
+    let mut buffer = [0; 1514];
+    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
+    frame.push(DatagramHeader::new(Command::Lrw, 1, 0), &vec![0; len]).expect("room");
+    frame.finish().to_vec()
 }

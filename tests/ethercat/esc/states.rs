@@ -3,7 +3,7 @@
 use ecmsk::ethercat::registers::{self, SmControl, SyncManager};
 use ecmsk::ethercat::{AlState, AlStatus, Command};
 use ecmsk::slave::esc::{EscSettings, OP_WAIT_NS};
-use ecmsk::slave::{Dp3cl, Dp3clConfig};
+use ecmsk::slave::{Dp3cl, Dp3clConfig, Io};
 
 use super::rig::{FIRST, INPUTS, MAILBOX, MS, OUTPUTS, Rig, drive, slave};
 
@@ -67,6 +67,10 @@ fn s27_wrong_requests_have_their_codes() {
         assert_eq!(rig.request(FIRST, control), (0x11, code), "0x{control:02X}");
         assert_eq!(rig.request(FIRST, 0x01), (0x01, AlStatus::NONE), "Init without the bit that acknowledges");
     }
+    // A device without files has no bootstrap.
+    let mut io = Rig::new([slave(Box::new(Io::default()), EscSettings::default())]);
+    io.give_stations();
+    assert_eq!(io.request(FIRST, 0x03), (0x11, AlStatus::BOOT_UNSUPPORTED));
     rig.bring_to_preop(FIRST);
     assert_eq!(rig.request(FIRST, 0x08), (0x12, AlStatus::INVALID_CHANGE));
     assert_eq!(rig.request(FIRST, 0x13), (0x12, AlStatus::INVALID_CHANGE), "bootstrap is entered from Init alone");
@@ -241,6 +245,10 @@ fn the_identification_is_told() {
     rig.bring_to_preop(FIRST);
     assert_eq!(rig.request(FIRST, 0x22), (0x22, AlStatus(0x1234)));
     assert_eq!(rig.request(FIRST, 0x02), (0x02, AlStatus::NONE));
+    // One without an identification does not answer.
+    let mut rig = Rig::drives(1);
+    rig.bring_to_preop(FIRST);
+    assert_eq!(rig.request(FIRST, 0x22), (0x02, AlStatus::NONE));
 }
 
 /// ECAT-11.10 A device that judges its registers by itself answers with its own code, and may fall further back: a DP3CL in OP

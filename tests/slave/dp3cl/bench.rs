@@ -28,6 +28,13 @@ pub fn usual() -> Dp3cl {
     in_preop(Dp3clConfig::default())
 }
 
+/// The drive after a loss of its power, in PreOP.
+pub fn restarted(mut drive: Dp3cl) -> Dp3cl {
+    drive.restart();
+    drive.enter(AlState::PreOp).expect("a drive has a mailbox");
+    drive
+}
+
 pub fn read(drive: &mut Dp3cl, index: u16, sub: u8) -> Result<i64, AbortCode> {
     let mut value = [0; 8];
     let len = drive.read(ObjectAddress::new(index, sub), SdoScope::Entry, &mut value)?;
@@ -57,7 +64,11 @@ pub fn list(drive: &mut Dp3cl, index: u16, items: &[u32]) -> Result<(), AbortCod
 impl Bench {
     /// A drive in OP in that mode of operation, its power stage off.
     pub fn in_op(config: Dp3clConfig, mode: i64, cycle_ns: Ns) -> Self {
-        let mut drive = in_preop(config);
+        Self::of(in_preop(config), mode, cycle_ns)
+    }
+
+    /// A drive in PreOP, with the process data of power-on, brought to OP in that mode of operation.
+    pub fn of(mut drive: Dp3cl, mode: i64, cycle_ns: Ns) -> Self {
         write(&mut drive, 0x6060, 0, mode).expect("any mode can be written");
         drive.set_sync_managers(8, 19);
         for state in [AlState::SafeOp, AlState::Op] {

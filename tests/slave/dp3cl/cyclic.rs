@@ -14,6 +14,7 @@ use super::bench::{Bench, MS};
 fn targets() {
     for cycle_ns in [MS / 2, MS, 2 * MS, 4 * MS] {
         let mut bench = Bench::in_op(Dp3clConfig::default(), 8, cycle_ns);
+        assert!(!bench.bit(12), "without power it does not follow");
         bench.enable();
         for step in 1..=100 {
             bench.target = step * 100;
@@ -36,6 +37,28 @@ fn targets_wrap() {
         bench.cycle();
     }
     assert_eq!(bench.shaft(), 1100 << 21);
+}
+
+/// DP3CL-6.9 The following error in CSP: over the window for longer than the time, each time anew; a window of the greatest value is off.
+#[test]
+fn following_error() {
+    let jam = |jammed| Fault::Jam { axis: 0, jammed };
+    for window in [100, u32::MAX] {
+        let mut bench = Bench::enabled(8);
+        bench.write(0x6065, 0, window.into());
+        bench.write(0x6066, 0, 30);
+        assert!(bench.drive.apply_fault(jam(true)));
+        bench.target = 101;
+        bench.run_for(25 * MS);
+        bench.target = 0;
+        bench.run_for(5 * MS);
+        bench.target = 101;
+        bench.run_for(30 * MS);
+        assert!(!bench.bit(13), "{window}");
+        bench.run_for(5 * MS);
+        assert_eq!((bench.bit(13), bench.read(0x60F4, 0)), (window == 100, 101), "{window}");
+        assert_eq!(bench.state(), Some(DriveState::OperationEnabled));
+    }
 }
 
 /// DP3CL-6.15 An axis that moves stops on the quick-stop ramp before its mode changes; a drive that is off changes at once.

@@ -109,16 +109,17 @@ fn the_mode_after_homing() {
 /// DP3CL-7.3 An input without a terminal, each in turn.
 #[test]
 fn inputs_that_are_not_assigned() {
-    for (parameter, methods) in [
-        (0x2206, &[2, 18, 7, 8, 9, 10, 23, 24, 25, 26][..]),
-        (0x2207, &[1, 17, 11, 12, 13, 14, 27, 28, 29, 30]),
-        (0x2208, &[3, 4, 5, 6, 19, 20, 21, 22, 7, 14, 23, 30]),
-    ] {
-        for method in methods {
-            let mut bench = bench(config(-30_000), *method);
+    for method in METHODS {
+        let needs = |parameter| match parameter {
+            0x2206 => matches!(method, 2 | 18 | 7..=10 | 23..=26),
+            0x2207 => matches!(method, 1 | 17 | 11..=14 | 27..=30),
+            _ => matches!(method, 3..=14 | 19..=30),
+        };
+        for parameter in [0x2206, 0x2207, 0x2208] {
+            let mut bench = bench(config(-30_000), method.into());
             bench.write(parameter, 0, 0);
-            assert_eq!(home(&mut bench), None, "{parameter:04X} {method}");
-            assert_eq!(bench.shaft(), -30_000);
+            let is_refused = home(&mut bench).is_none() && bench.shaft() == -30_000;
+            assert_eq!(is_refused, needs(parameter), "{parameter:04X} {method}");
         }
     }
 }
@@ -146,6 +147,15 @@ fn errors() {
     let mut bench = bench(config(20_000), 19);
     assert_eq!(home(&mut bench), None, "the cam is on the other side");
     assert!((bench.shaft() - PLACES.limits.1).abs() < 2000, "{}", bench.shaft());
+    // While it brakes there is an error and no standstill yet.
+    let mut bench = self::bench(config(20_000), 19);
+    bench.write(0x609A, 0, 200_000);
+    bench.word = 0x1F;
+    bench.run_until(60_000, |bench| bench.bit(13));
+    assert_eq!(bits(&bench), (true, false, false));
+    assert!(bench.velocity() != 0);
+    bench.run_until(1000, |bench| bench.bit(10));
+    assert_eq!((bits(&bench), bench.velocity()), ((true, false, true), 0));
     let mut bench = self::bench(config(-30_000), 18);
     bench.word = 0x1F;
     bench.run_for(100 * MS);
@@ -197,4 +207,45 @@ fn leaving_homing_while_it_moves() {
     let stood = bench.shaft();
     bench.run_for(3 * MS);
     assert_eq!((bench.shaft() - stood, bench.read(0x6061, 0)), (100, 8));
+}
+
+/// DP3CL-7.7 Which legs are fast and which are slow: the greatest speed until home was found in each direction, negative and positive.
+#[test]
+fn speeds_of_the_legs() {
+    const FAST: i64 = 50_000;
+    const SLOW: i64 = 5_000;
+    for (method, start, negative, positive) in [
+        // Fast to the switch, slow from there to its edge and to the index pulse.
+        (1, -30_000, FAST, SLOW),
+        (17, -30_000, FAST, SLOW),
+        (2, 20_000, SLOW, FAST),
+        (18, 20_000, SLOW, FAST),
+        (19, -30_000, SLOW, FAST),
+        (21, 20_000, FAST, SLOW),
+        // Fast through the cam and back to it slowly.
+        (25, -30_000, SLOW, FAST),
+        (29, 20_000, FAST, SLOW),
+        // The first leg has the edge: fast up to it.
+        (20, -30_000, 0, FAST),
+        (24, -30_000, 0, FAST),
+        (28, 20_000, FAST, 0),
+        // On the switch, with the edge ahead: slow.
+        (19, -500, SLOW, 0),
+        (21, -500, 0, SLOW),
+        (23, -500, SLOW, 0),
+        (27, -500, 0, SLOW),
+        (33, -30_000, SLOW, 0),
+        (34, -30_000, 0, SLOW),
+    ] {
+        let mut bench = bench(config(start), method);
+        bench.write(0x609A, 0, 20_000_000);
+        bench.word = 0x1F;
+        let (mut least, mut most) = (0, 0);
+        bench.run_until(60_000, |bench| {
+            let velocity = bench.velocity();
+            (least, most) = (least.min(velocity), most.max(velocity));
+            bench.bit(12)
+        });
+        assert_eq!((-least, most), (negative, positive), "method {method} from {start}");
+    }
 }

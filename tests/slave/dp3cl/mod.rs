@@ -1,13 +1,16 @@
 //! The simulated DP3CL as its manual describes it.
 //!
-//! `bench.rs` is a drive with a master; `objects`, `parameters` and `process_data` are what SDOs see, `states` and `startup` its AL
-//! states and alarms, `profile_position`, `profile_velocity`, `cyclic` and `limits` its modes, `homing`, `probes` and `terminals`
-//! the rest.
+//! `bench.rs` is a drive with a master; `objects`, `parameters`, `monitors` and `process_data` are what SDOs see, `states`, `startup` and
+//! `alarms` its AL states and alarms, `profile_position`, `profile_velocity`, `cyclic` and `option_codes` its modes, `homing`, `probes` and
+//! `terminals` the rest.
 
+mod alarms;
 mod bench;
 mod cyclic;
 mod homing;
+mod monitors;
 mod objects;
+mod option_codes;
 mod page;
 mod parameters;
 mod probes;

@@ -90,11 +90,13 @@ const TABLE: &[(u16, u8, usize, bool, Pdo, i64)] = &[
     (0x6092, 1, 4, true, No, 10_000),
     (0x6092, 2, 4, true, No, 1),
     (0x6093, 1, 4, true, No, 0),
+    (0x6093, 2, 4, true, No, 0),
     (0x6098, 0, 1, true, Rx, 35),
     (0x6099, 1, 4, true, Rx, 50_000),
     (0x6099, 2, 4, true, Rx, 5000),
     (0x609A, 0, 4, true, Rx, 1_000_000),
     (0x60A4, 1, 4, true, No, 0),
+    (0x60A4, 2, 4, true, No, 0),
     (0x60B0, 0, 4, true, Rx, 0),
     (0x60B1, 0, 4, true, Rx, 0),
     (0x60B2, 0, 2, true, Rx, 0),
@@ -258,4 +260,109 @@ fn position_at_power_on() {
     bench.drive.restart();
     bench.drive.enter(ecmsk::ethercat::AlState::PreOp).unwrap();
     assert_eq!((bench.position(), bench.shaft()), (0, 19_300));
+}
+
+/// DP3CL-3.1 The data types of the manual and of the maker's slave description: those that are signed, those of one byte, and all
+/// others.
+#[test]
+fn types() {
+    const SIGNED: &[u16] = &[
+        0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6060, 0x6061, 0x6062, 0x6063, 0x6064, 0x606B, 0x606C, 0x6071, 0x6074,
+        0x6077, 0x6078, 0x607A, 0x607B, 0x607C, 0x607D, 0x6086, 0x6088, 0x6098, 0x60B0, 0x60B1, 0x60B2, 0x60BA, 0x60BB,
+        0x60BC, 0x60BD, 0x60C0, 0x60F4, 0x60FA, 0x60FC, 0x60FF,
+    ];
+    let drive = usual();
+    for (index, sub, bytes, ..) in TABLE.iter().copied() {
+        let is_signed = SIGNED.contains(&index) || (index, sub) == (0x60C2, 2);
+        let data_type = match (bytes, is_signed) {
+            (1, true) => 2,
+            (2, true) => 3,
+            (_, true) => 4,
+            (1, false) => 5,
+            (2, false) => 6,
+            (_, false) => 7,
+        };
+        let entry = drive.describe_entry(ObjectAddress::new(index, sub)).unwrap();
+        assert_eq!(entry.data_type.0, data_type, "{index:04X}:{sub}");
+    }
+    // Every object from 0x6000 on is in the table.
+    let known = |index: &u16| TABLE.iter().any(|(known, ..)| known == index);
+    let objects = drive.object_list(ecmsk::coe::ObjectListType::All);
+    assert!(objects.iter().filter(|index| **index >= 0x6000).all(known));
+}
+
+/// DP3CL-3.12 The start-up commands of the maker's slave description are taken in PreOP, and another period than that of SYNC0 raises
+/// nothing.
+#[test]
+fn start_up_commands() {
+    let mut drive = usual();
+    for (index, sub, value) in [(0x6060, 0, 8), (0x60C2, 1, 1), (0x60C2, 2, -3)] {
+        assert_eq!(write(&mut drive, index, sub, value), Ok(()), "{index:04X}:{sub}");
+    }
+    write(&mut drive, 0x60C2, 1, 20).unwrap();
+    drive.set_sync_managers(8, 19);
+    drive.set_sync_cycle(Some(MS));
+    drive.enter(ecmsk::ethercat::AlState::SafeOp).unwrap();
+    assert_eq!((drive.alarm(), read(&mut drive, 0x60C2, 1)), (None, Ok(20)));
+}
+
+/// DP3CL-3.13 What is stored only has no effect, and linear ramps are the only profile.
+#[test]
+fn stored_only() {
+    let mut bench = Bench::enabled(3);
+    let mut plain = Bench::enabled(3);
+    for bench in [&mut bench, &mut plain] {
+        bench.write(0x60FF, 0, 600);
+    }
+    for (index, sub, value) in [
+        (0x6071, 0, 500),
+        (0x6072, 0, 1),
+        (0x6087, 0, 3),
+        (0x6088, 0, 1),
+        (0x6091, 1, 7),
+        (0x6093, 1, 9),
+        (0x60A4, 1, 1),
+        (0x60A4, 2, 2),
+        (0x60B1, 0, 5000),
+        (0x60B2, 0, 50),
+        (0x60C0, 0, 1),
+        (0x60C1, 1, 4),
+        (0x60E0, 0, 1),
+        (0x60E1, 0, 1),
+        (0x60F2, 0, 0x00C0),
+        (0x60FE, 1, 0x0001_0001),
+        (0x60FE, 2, 0xFFFF_FFFF_u32.cast_signed().into()),
+        (0x2101, 0, 1),
+        (0x2102, 0, 1),
+        (0x210D, 0, 100),
+        (0x200B, 0, 2),
+        (0x2301, 0, 0),
+    ] {
+        bench.write(index, sub, value);
+        assert_eq!(bench.read(index, sub), value, "{index:04X}:{sub}");
+    }
+    for bench in [&mut bench, &mut plain] {
+        bench.run_for(200 * MS);
+    }
+    assert_eq!((bench.shaft(), bench.velocity()), (plain.shaft(), plain.velocity()));
+    assert_eq!((bench.drive.outputs(), bench.status()), (plain.drive.outputs(), plain.status()));
+    for value in [-1, 1] {
+        assert!(write(&mut bench.drive, 0x6086, 0, value).is_err(), "{value}");
+    }
+}
+
+/// DP3CL-3.14 0x6078 is the current in 0.1 % of the peak current, 0x60FA the velocity in u/s, 0x6079 the supply in mV; there is no torque.
+#[test]
+fn readings() {
+    let mut bench = Bench::enabled(3);
+    bench.write(0x2005, 0, 80);
+    bench.write(0x60FF, 0, -600);
+    bench.run_for(200 * MS);
+    let shown = [0x6078, 0x60FA, 0x606C, 0x606B, 0x6074, 0x6077].map(|index| match index {
+        0x60FA | 0x606C | 0x606B => bench.read(index, 0),
+        _ => i64::from(bench.read(index, 0) as u16 as i16),
+    });
+    assert_eq!(shown, [800, -10_000, -10_000, -600, 0, 0]);
+    bench.drive.set_supply(24_000);
+    assert_eq!(bench.read(0x6079, 0), 24_000);
 }

@@ -1,21 +1,15 @@
-//! Parameters, monitors and commands of a DP3CL, its dial switch and its LEDs.
+//! Parameters and commands of a DP3CL, its dial switch and its LEDs.
 
-use ecmsk::coe::AbortCode;
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::AlState;
-use ecmsk::ethercat::registers::RequestedState;
+use ecmsk::slave::dictionary::DataTypeCode;
 use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
 use ecmsk::slave::{AlStatus, DeviceFault, Fault, Slave};
 
-use super::bench::{Bench, MS, in_preop, list, read, usual, write};
+use super::bench::{Bench, MS, in_preop, list, read, restarted, usual, write};
 
 fn of(rating: Rating) -> Dp3clConfig {
     Dp3clConfig { rating, ..Dp3clConfig::default() }
-}
-
-fn restarted(mut drive: Dp3cl) -> Dp3cl {
-    drive.restart();
-    drive.enter(AlState::PreOp).unwrap();
-    drive
 }
 
 /// DP3CL-1.2 The peak current of each rating.
@@ -41,8 +35,11 @@ fn dial_currents() {
     ];
     for (rating, currents) in tables {
         for (code, current) in (0..).zip(currents) {
-            let drive = Dp3cl::new(Dp3clConfig { dial: Dial(code), ..of(rating) });
+            let mut drive = in_preop(Dp3clConfig { dial: Dial(code), ..of(rating) });
             assert_eq!(drive.peak_ma(), current, "{rating:?} {code:03b}");
+            write(&mut drive, 0x2400, 0, 10).unwrap();
+            let expected = if code == 0 { 1000 } else { current };
+            assert_eq!(drive.peak_ma(), expected, "P4-00 counts with code 0 alone");
         }
     }
 }
@@ -69,6 +66,10 @@ fn dial_functions() {
 /// DP3CL-2.12 P7-00 is the station alias.
 #[test]
 fn station_number() {
+    for number in 1..=127 {
+        let drive = Dp3cl::new(Dp3clConfig { dial: Dial(0x80 | number), ..Dp3clConfig::default() });
+        assert_eq!(drive.station_alias(), number.into());
+    }
     let mut drive = in_preop(Dp3clConfig { dial: Dial(0x80 | 0x55), ..Dp3clConfig::default() });
     assert_eq!((read(&mut drive, 0x2700, 0), drive.station_alias()), (Ok(0x55), 0x55));
     assert_eq!(drive.peak_ma(), 7000, "the switches set no current meanwhile");
@@ -99,6 +100,10 @@ fn red_led() {
     }
     assert_eq!(drive.enter(AlState::Op), Err(AlStatus(0x0011)));
     assert_eq!(drive.leds().alarm, RedLed::On);
+    drive.step(10 * MS);
+    write(&mut drive, 0x4000, 0, 1).unwrap();
+    drive.step(10 * MS);
+    assert_eq!((drive.leds().alarm, drive.alarm()), (RedLed::Off, None), "it was cleared");
 }
 
 /// DP3CL-1.7 The LEDs of the connection.
@@ -107,13 +112,20 @@ fn connection_leds() {
     let drive = Dp3cl::default();
     assert!(!drive.leds().run, "Init");
     let mut drive = usual();
-    assert_eq!((drive.leds().run, drive.leds().link), (true, LinkLed::On));
+    assert_eq!((drive.leds().run, drive.leds().link_in), (true, LinkLed::On));
     assert!(drive.enter(AlState::Op).is_err());
     assert!(!drive.leds().run, "E-800");
     let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
-    assert_eq!((bench.drive.leds().run, bench.drive.leds().link), (true, LinkLed::Flashing));
+    assert_eq!((bench.drive.leds().run, bench.drive.leds().link_out), (true, LinkLed::Flashing));
     bench.drive.step(MS);
-    assert_eq!(bench.drive.leds().link, LinkLed::On);
+    for (links, shown) in [
+        ([true, true, false, false], [LinkLed::On, LinkLed::On]),
+        ([true, false, false, false], [LinkLed::On, LinkLed::Off]),
+        ([false, false, false, false], [LinkLed::Off, LinkLed::Off]),
+    ] {
+        bench.drive.note_links(links);
+        assert_eq!([bench.drive.leds().link_in, bench.drive.leds().link_out], shown);
+    }
 }
 
 /// DP3CL-1.8 A missing motor is found out at power-on, with P1-00.
@@ -200,6 +212,43 @@ fn groups() {
     }
 }
 
+/// DP3CL-2.1 Parameters are of 16 bits without a sign, as are most monitors; commands are BOOL.
+#[test]
+fn types() {
+    let drive = usual();
+    let types = |range: std::ops::RangeInclusive<u16>, expected: DataTypeCode| {
+        for index in range {
+            let entry = drive.describe_entry(ObjectAddress::new(index, 0)).unwrap();
+            assert_eq!(entry.data_type, expected, "{index:04X}");
+        }
+    };
+    for group in [
+        0x2000..=0x2013,
+        0x2100..=0x210E,
+        0x2200..=0x2213,
+        0x2300..=0x2309,
+        0x2400..=0x2409,
+        0x2500..=0x250E,
+        0x2600..=0x260E,
+        0x2700..=0x2704,
+        0x2800..=0x281A,
+        0x3002..=0x3017,
+        0x301C..=0x301C,
+        0x301F..=0x3031,
+        0x3100..=0x3100,
+        0x310D..=0x311D,
+        0x3200..=0x3213,
+        0x3300..=0x330B,
+        0x3400..=0x3409,
+    ] {
+        types(group, DataTypeCode(6));
+    }
+    for group in [0x3000..=0x3001, 0x3018..=0x301B, 0x301D..=0x301E, 0x3101..=0x310C] {
+        types(group, DataTypeCode(3));
+    }
+    types(0x4000..=0x4002, DataTypeCode(1));
+}
+
 /// DP3CL-2.2 Ranges and defaults as printed.
 /// DP3CL-2.3 Parameters that cannot be written.
 #[test]
@@ -229,14 +278,30 @@ fn ranges() {
         (0x2700, 0, 65_535, 0),
         (0x2800, 0, 65_535, 0x8001),
         (0x2801, 0, 65_535, 0x8003),
+        (0x2802, 0, 65_535, 0),
+        (0x2803, 0, 65_535, 0),
         (0x2804, 0, 65_535, 0x8002),
         (0x2805, 0, 65_535, 0x8004),
+        (0x2806, 0, 65_535, 0),
+        (0x2807, 0, 65_535, 0),
         (0x2808, 0, 65_535, 0x1008),
         (0x2809, 0, 65_535, 0x1009),
+        (0x280A, 0, 65_535, 0),
+        (0x280B, 0, 65_535, 0),
+        (0x280C, 0, 65_535, 0),
+        (0x280D, 0, 65_535, 0),
+        (0x280E, 0, 65_535, 0),
+        (0x280F, 0, 65_535, 0),
         (0x2810, 0, 8, 1),
         (0x2811, 1, 65_535, 36),
         (0x2812, 0, 65_535, 1024),
+        (0x2813, 0, 65_535, 0),
+        (0x2814, 0, 65_535, 0),
+        (0x2815, 0, 65_535, 0),
+        (0x2816, 0, 65_535, 0),
         (0x2817, 0, 100, 100),
+        (0x2818, 0, 1, 0),
+        (0x2819, 0, 1, 0),
         (0x281A, 0, 1, 0),
     ] {
         assert_eq!(read(&mut drive, index, 0), Ok(default), "{index:04X}");
@@ -274,6 +339,13 @@ fn saving() {
     let mut drive = restarted(drive);
     assert_eq!(read(&mut drive, 0x2005, 0), Ok(77), "1 after 1 does not save");
     assert_eq!(read(&mut drive, 0x6081, 0), Ok(0), "no parameter");
+    write(&mut drive, 0x2005, 0, 60).unwrap();
+    for value in [1, 0, 1] {
+        write(&mut drive, 0x4002, 0, value).unwrap();
+        write(&mut drive, 0x2005, 0, 50 + value).unwrap();
+    }
+    let mut drive = restarted(drive);
+    assert_eq!(read(&mut drive, 0x2005, 0), Ok(50), "1 after 0 saves again");
     write(&mut drive, 0x4001, 0, 1).unwrap();
     assert_eq!(read(&mut drive, 0x2005, 0), Ok(100));
     assert_eq!(read(&mut restarted(drive), 0x2005, 0), Ok(100));
@@ -292,13 +364,7 @@ fn after_restart() {
     write(&mut drive, 0x2001, 0, 2000).unwrap();
     write(&mut drive, 0x2002, 0, 7).unwrap();
     let speed = |drive: Dp3cl| {
-        let mut bench = Bench { drive, cycle_ns: MS, word: 0, target: 0, probes: 0 };
-        bench.write(0x6060, 0, 8);
-        bench.drive.set_sync_managers(8, 19);
-        for state in [AlState::SafeOp, AlState::Op] {
-            bench.enter(state).unwrap();
-        }
-        bench.run_for(150 * MS);
+        let mut bench = Bench::of(drive, 8, MS);
         bench.enable();
         for step in 1..=5 {
             bench.target = step * 100;
@@ -311,64 +377,4 @@ fn after_restart() {
     write(&mut drive, 0x4002, 0, 1).unwrap();
     let drive = restarted(drive);
     assert_eq!((drive.filter_time(), speed(drive)), (7, (30_000, 800)));
-}
-
-/// DP3CL-2.8 U0 shows the motion.
-/// DP3CL-2.10 U2 and U3 show the device and its cycle.
-#[test]
-fn monitors() {
-    let mut bench = Bench::enabled_with(Dp3clConfig { serial: 0x0002_0003, ..Dp3clConfig::default() }, 8);
-    for step in 1..=250 {
-        bench.target = step * 100;
-        bench.cycle();
-    }
-    for (index, value) in [
-        (0x3001, 600),
-        (0x300A, 25_000),
-        (0x300B, 0),
-        (0x300D, 0),
-        (0x3012, 5000),
-        (0x3013, 0),
-        (0x3014, 2),
-        (0x3015, 0),
-        (0x3020, 36),
-        (0x301F, 7000),
-        (0x3200, 1),
-        (0x3203, 705),
-        (0x320C, 3),
-        (0x320D, 2),
-        (0x3300, 1000),
-    ] {
-        assert_eq!(bench.read(index, 0), value, "{index:04X}");
-    }
-    let (a, b) = (bench.read(0x301A, 0) as u16 as i16, bench.read(0x301B, 0) as u16 as i16);
-    let vector = f64::from(a).hypot(f64::from(b));
-    assert!((vector - 7000.0).abs() < 50.0, "{a} {b}");
-    for step in (-500..250).rev() {
-        bench.target = step * 100;
-        bench.cycle();
-    }
-    let words = [0x300A, 0x300B, 0x300C, 0x300D].map(|index| bench.read(index, 0));
-    assert_eq!(words, [50_000, 0, 0, 0x8000], "minus 50000");
-    bench.run_for(62_000 * MS);
-    assert_eq!((bench.read(0x320A, 0), bench.read(0x320B, 0)), (1, 3));
-    let mut drive = restarted(bench.drive);
-    assert_eq!((read(&mut drive, 0x3200, 0), read(&mut drive, 0x320A, 0)), (Ok(2), Ok(0)));
-}
-
-/// DP3CL-2.9 U1 shows the alarms.
-#[test]
-fn alarm_monitors() {
-    let mut drive = usual();
-    assert_eq!([0x3100, 0x3109, 0x310A].map(|index| read(&mut drive, index, 0)), [Ok(0); 3]);
-    for _ in 0..2 {
-        assert_eq!(drive.enter(AlState::Op), Err(AlStatus(0x0011)));
-        assert_eq!(drive.request_state(RequestedState::from_code(7)), Err(AlStatus(0x0012)));
-    }
-    let shown = [0x3100, 0x3109, 0x310A, 0x310B, 0x310C, 0x310D].map(|index| read(&mut drive, index, 0));
-    assert_eq!(shown, [801, 4, 800, 801, 800, 0].map(Ok));
-    assert_eq!(read(&mut drive, 0x3104, 0), Ok(36));
-    let mut drive = restarted(drive);
-    let shown = [0x3100, 0x3109, 0x310A].map(|index| read(&mut drive, index, 0));
-    assert_eq!(shown, [0, 0, 800].map(Ok));
 }

@@ -52,6 +52,8 @@ fn edges() {
         (0x1100, (0x0300, [0, 0, 1005, 0]), (0x0300, [0, 0, 1005, 0])),
         (0x2100, (0x0100, [0, 0, 0, 0]), (0x0500, [0, 0, 0, 1004])),
         (0x0015, (0x0003, [33, 0, 0, 0]), (0x0003, [33, 0, 0, 0])),
+        (0x0025, (0x0001, [0; 4]), (0x0001, [0; 4])),
+        (0x1700, (0x0300, [0, 0, 33, 0]), (0x0300, [0, 0, 33, 0])),
         (0x1511, (0x0303, [105, 0, 33, 0]), (0x0303, [105, 0, 33, 0])),
         (0x0010, (0, [0; 4]), (0, [0; 4])),
     ] {
@@ -86,6 +88,24 @@ fn events() {
     assert_eq!(shown(&mut bench), (7, [105, 206, 0, 0]), "both edges");
     go(&mut bench, 0);
     assert_eq!(shown(&mut bench), (7, [205, 104, 0, 0]), "continuous");
+    // Probe 2 alike: SI2 goes on at 1005.
+    let mut second = self::bench();
+    second.probes = 0x3100;
+    go(&mut second, 1500);
+    go(&mut second, 900);
+    assert_eq!(shown(&mut second), (0x0700, [0, 0, 1005, 1004]));
+    second.probes = 0x3300;
+    go(&mut second, 1500);
+    go(&mut second, 0);
+    assert_eq!(shown(&mut second), (0x0700, [0, 0, 1005, 1004]), "continuous, at the same places");
+    second.probes = 0;
+    second.cycle();
+    assert_eq!(shown(&mut second), (0, [0, 0, 1005, 1004]));
+    // Reserved bits select nothing and show nothing.
+    let mut reserved = self::bench();
+    reserved.probes = 0xC8C8;
+    go(&mut reserved, 1500);
+    assert_eq!(shown(&mut reserved), (0, [0; 4]));
     let mut many = self::bench();
     many.probes = 0x0017;
     many.cycle();
@@ -108,4 +128,23 @@ fn forced_terminals() {
     bench.drive.apply_fault(force(0b10));
     bench.cycle();
     assert_eq!(shown(&mut bench), (0x0307, [50, 70, 70, 0]));
+}
+
+/// DP3CL-8.2 With the terminals of the factory SI1 clears alarms and SI2 is POT: both functions see the terminal of a probe.
+#[test]
+fn terminals_with_two_functions() {
+    let travel = Travel { negative_limit: None, positive_limit: Some(1005), ..Travel::for_turn(10_000) };
+    let mut bench = Bench::enabled_with(Dp3clConfig { travel, ..Dp3clConfig::default() }, 8);
+    bench.probes = 0x1111;
+    bench.cycle();
+    go(&mut bench, 1010);
+    bench.run_for(3 * MS);
+    assert_eq!((bench.read(0x60FD, 0) & 0b011, shown(&mut bench)), (0b010, (0x0301, [0, 0, 1005, 0])));
+    let fault = ecmsk::slave::DeviceFault { code: 0x3220, resettable: true };
+    bench.drive.apply_fault(Fault::Alarm { axis: 0, fault });
+    bench.run_for(5 * MS);
+    assert!(bench.drive.alarm().is_some());
+    bench.drive.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0b0011)) });
+    bench.run_for(5 * MS);
+    assert_eq!((bench.drive.alarm(), bench.read(0x60B9, 0)), (None, 0x0303));
 }

@@ -111,3 +111,58 @@ fn images() {
     assert_eq!(read(&mut drive, 0x6098, 0), Ok(17), "a method that is not supported is not taken");
     assert_eq!((read(&mut drive, 0x60FE, 1), read(&mut drive, 0x6040, 0)), (Ok(0x1234_5678), Ok(6)));
 }
+
+/// DP3CL-4.2, DP3CL-4.6 The example that the manual prints: four entries, 9 bytes.
+#[test]
+fn the_example_of_the_manual() {
+    let mut drive = usual();
+    let entries = [0x6040_0010, 0x6060_0008, 0x607A_0020, 0x60B8_0010];
+    assert_eq!(list(&mut drive, 0x1600, &entries), Ok(()));
+    for (sub, entry) in (1..).zip(entries.into_iter().chain([0; 20])) {
+        assert_eq!(read(&mut drive, 0x1600, sub), Ok(entry.into()), "{sub}");
+    }
+    drive.set_sync_managers(9, 19);
+    for state in [AlState::SafeOp, AlState::Op] {
+        drive.enter(state).unwrap();
+    }
+    drive.exchange(Some(&[6, 0, 1, 0x44, 0x33, 0x22, 0x11, 0x13, 0]), &mut [0; 19]);
+    let written = [0x6040, 0x6060, 0x607A, 0x60B8].map(|index| read(&mut drive, index, 0));
+    assert_eq!(written, [6, 1, 0x1122_3344, 0x13].map(Ok));
+    // What an SDO writes of it is overwritten by the next process data.
+    write(&mut drive, 0x607A, 0, 77).unwrap();
+    assert_eq!(read(&mut drive, 0x607A, 0), Ok(77));
+    drive.exchange(Some(&[6, 0, 1, 0x44, 0x33, 0x22, 0x11, 0x13, 0]), &mut [0; 19]);
+    assert_eq!(read(&mut drive, 0x607A, 0), Ok(0x1122_3344));
+}
+
+/// DP3CL-4.1, DP3CL-4.4 Each table of power-on goes to SafeOP with the length of its entries, 0x1603 with all 24 bytes.
+#[test]
+fn each_table_of_power_on() {
+    for (table, len) in [(0x1600, 8), (0x1601, 19), (0x1602, 15), (0x1603, 24)] {
+        let mut drive = usual();
+        list(&mut drive, 0x1C12, &[table]).unwrap();
+        drive.set_sync_managers(len, 19);
+        assert_eq!(drive.enter(AlState::SafeOp), Ok(()), "{table:04X}");
+    }
+    for (table, len) in [(0x1A00, 19), (0x1A01, 10), (0x1A02, 10), (0x1A03, 10)] {
+        let mut drive = usual();
+        list(&mut drive, 0x1C13, &[table]).unwrap();
+        drive.set_sync_managers(8, len);
+        assert_eq!(drive.enter(AlState::SafeOp), Ok(()), "{table:04X}");
+    }
+}
+
+/// DP3CL-4.3 Tables and assignments are written in PreOP alone, and entries while the count is 0.
+#[test]
+fn when_tables_are_written() {
+    let mut drive = usual();
+    assert!(write(&mut drive, 0x1600, 1, 0x6040_0010).is_err(), "the count is 3");
+    assert!(write(&mut drive, 0x1C12, 1, 0x1601).is_err(), "the count is 1");
+    drive.set_sync_managers(8, 19);
+    for state in [AlState::SafeOp, AlState::Op] {
+        drive.enter(state).unwrap();
+        for index in [0x1600, 0x1603, 0x1A00, 0x1C12, 0x1C13] {
+            assert_eq!(write(&mut drive, index, 0, 0), Err(AbortCode(0x0800_0022)), "{index:04X} {state:?}");
+        }
+    }
+}

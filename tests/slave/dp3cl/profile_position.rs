@@ -125,6 +125,8 @@ fn a_set_point_at_once() {
 #[test]
 fn relative_targets() {
     let mut bench = bench();
+    // The positioning option code, which could say otherwise, is stored only.
+    bench.write(0x60F2, 0, 0x0002);
     assert!(set_point(&mut bench, 4000, RELATIVE));
     arrive(&mut bench);
     assert!(set_point(&mut bench, -500, RELATIVE));
@@ -169,6 +171,32 @@ fn limits_of_speed_and_ramps() {
         bench.write(0x607F, 0, 1000);
         bench.run_for(200 * MS);
         assert_eq!(bench.velocity(), speed, "a change during the motion is ignored");
+    }
+    // The way on which it brakes from 20000 u/s: by 0x6084, or by 0x60C6 if that is less; what is written during a motion is for the next
+    // one, which bit 5 begins at once.
+    for (index, value, at_once, ms) in [
+        (0x6084, 100_000, false, 200),
+        (0x60C6, 50_000, false, 400),
+        (0x6084, 50_000, true, 400),
+        (0x60C6, 20_000, true, 1000),
+    ] {
+        let mut bench = bench();
+        if !at_once {
+            bench.write(index, 0, value);
+        }
+        assert!(set_point(&mut bench, 40_000, AT_ONCE));
+        bench.run_for(300 * MS);
+        assert_eq!(bench.velocity(), 20_000);
+        if at_once {
+            bench.write(index, 0, value);
+            assert!(set_point(&mut bench, 40_000, AT_ONCE));
+        } else {
+            bench.write(index, 0, 7000);
+        }
+        bench.run_until(5000, |bench| bench.velocity() < 20_000);
+        let cycles = bench.run_until(5000, |bench| bench.velocity() == 0) as i64;
+        assert!((cycles - ms).abs() < 15, "{index:04X} {at_once}: {cycles} ms");
+        assert_eq!(bench.shaft(), 40_000, "{index:04X} {at_once}");
     }
     for (index, value, after) in [(0x6083, 100_000, 5000), (0x60C5, 20_000, 1000)] {
         let mut bench = bench();

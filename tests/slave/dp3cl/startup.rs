@@ -149,6 +149,24 @@ fn synchronization_types() {
             assert_eq!(read(&mut drive, index, sub), Ok(value), "{index:04X}:{sub}");
         }
     }
+    for (sub, is_writable) in [
+        (1, true),
+        (2, false),
+        (4, false),
+        (5, false),
+        (6, false),
+        (8, true),
+        (9, false),
+        (10, true),
+        (11, false),
+        (12, false),
+        (32, false),
+    ] {
+        for index in [0x1C32, 0x1C33] {
+            let value = read(&mut drive, index, sub).unwrap();
+            assert_eq!(write(&mut drive, index, sub, value).is_ok(), is_writable, "{index:04X}:{sub}");
+        }
+    }
     let refused = Err(AlStatus(0x0028));
     let free = changed(|c| c.dc_activation = 0);
     for (types, with_sync0, without) in [

@@ -1,6 +1,7 @@
 //! The alarms of a DP3CL that come with a change of the AL state or end one, and how alarms are cleared.
 
 use ecmsk::cia402::DriveState;
+use ecmsk::coe::AbortCode;
 use ecmsk::ethercat::AlState;
 use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig};
@@ -40,11 +41,105 @@ fn invalid_changes() {
     }
 }
 
+/// DP3CL-5.2 Every change there is: IP, PI, PS, SP, SO, OS, SI, OP, OI, and to the same state; the others are E-800.
+#[test]
+fn changes() {
+    use AlState::{Init, Op, PreOp, SafeOp};
+    const STATES: [AlState; 4] = [Init, PreOp, SafeOp, Op];
+    for from in STATES {
+        for to in STATES {
+            let mut drive = Dp3cl::default();
+            drive.step(200 * MS);
+            for state in STATES.into_iter().filter(|state| *state > Init && *state <= from) {
+                drive.set_sync_managers(8, 19);
+                drive.enter(state).unwrap();
+            }
+            drive.set_sync_managers(8, 19);
+            let exists = to <= from || to == from.above();
+            let answer = drive.enter(to);
+            let expected = if exists { Ok(()) } else { Err(AlStatus(0x0011)) };
+            assert_eq!((answer, drive.state()), (expected, if exists { to } else { from }), "{from:?} {to:?}");
+            assert_eq!(drive.alarm(), (!exists).then_some(Dp3clAlarm::InvalidChange), "{from:?} {to:?}");
+        }
+    }
+}
+
+/// DP3CL-5.23 In Init no object is read, in PreOP objects are; inputs come in SafeOP and OP, and outputs are taken in OP alone.
+#[test]
+fn what_each_state_allows() {
+    let mut drive = Dp3cl::default();
+    drive.step(200 * MS);
+    assert_eq!(read(&mut drive, 0x6041, 0), Err(AbortCode::TIMEOUT), "there is no mailbox");
+    drive.enter(AlState::PreOp).unwrap();
+    let status = read(&mut drive, 0x6041, 0).unwrap();
+    drive.set_sync_managers(8, 19);
+    let outputs = [0x06, 0, 1, 0, 0, 0, 0x11, 0];
+    for (state, is_taken) in [(AlState::SafeOp, false), (AlState::Op, true)] {
+        drive.enter(state).unwrap();
+        let mut inputs = [0xEE; 19];
+        drive.exchange(Some(&outputs), &mut inputs);
+        assert_eq!(i64::from(u16::from_le_bytes([inputs[2], inputs[3]])), status, "{state:?}");
+        for (index, value) in [(0x6040, 0x06), (0x607A, 1), (0x60B8, 0x11)] {
+            assert_eq!(read(&mut drive, index, 0), Ok(if is_taken { value } else { 0 }), "{state:?} {index:04X}");
+        }
+    }
+}
+
+/// DP3CL-6.19 The bits of the statusword that no mode has, in each state on the way to Operation enabled and in Fault.
+#[test]
+fn statuswords() {
+    let mut bench = Bench::in_op(Dp3clConfig::default(), 3, MS);
+    for (word, bits, name) in [
+        (0x00, 0x0240, "Switch on disabled"),
+        (0x06, 0x0221, "Ready to switch on"),
+        (0x07, 0x0223, "Switched on"),
+        (0x0F, 0x0227, "Operation enabled"),
+        (0x02, 0x0240, "Switch on disabled"),
+    ] {
+        bench.word = word;
+        bench.run_for(200 * MS);
+        // Bit 4 says whether the power stage has a voltage, bit 5 is 1 but in a quick stop; bits 10, 12 and 13 are those of the mode.
+        let status = bench.status().0;
+        let own = if bits & 0x40 != 0 { 0x4F } else { 0x6F };
+        assert_eq!(status & (0xCB80 | own), bits, "{name}: {status:04X}");
+        assert_eq!(status & 0x0010, 0x0010, "{name}: {status:04X}");
+    }
+    bench.write(0x605A, 0, 6);
+    bench.enable();
+    bench.word = 0x02;
+    bench.run_for(50 * MS);
+    assert_eq!(bench.status().0 & 0xCBEF, 0x0207, "Quick stop active");
+    bench.drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3220, resettable: true } });
+    bench.run_for(50 * MS);
+    assert_eq!(bench.status().0 & 0xCBCF, 0x0208, "Fault");
+}
+
+/// DP3CL-6.19 Bits 9 to 15 of the controlword do nothing.
+#[test]
+fn reserved_bits_of_the_controlword() {
+    for mode in [1, 3, 6, 8] {
+        let mut benches = [Bench::enabled(mode), Bench::enabled(mode)];
+        for (bench, reserved) in benches.iter_mut().zip([0, 0xFE00]) {
+            bench.write(0x6081, 0, 5000);
+            bench.write(0x60FF, 0, 300);
+            for word in [0x0F, 0x1F, 0x0F, 0x07, 0x0F] {
+                bench.word = word | reserved;
+                bench.target += 50;
+                bench.run_for(30 * MS);
+            }
+        }
+        let [without, with] = benches.each_ref().map(|bench| (bench.status(), bench.shaft()));
+        assert_eq!(without, with, "mode {mode}");
+        assert!(mode == 6 || without.1 != 0, "mode {mode}: it has moved");
+    }
+}
+
 /// DP3CL-5.3 E-801: Init, PreOP and SafeOP stay, OP falls to SafeOP.
 /// DP3CL-5.4 E-802: always Init.
 #[test]
 fn states_that_do_not_exist() {
-    for (code, alarm, status) in [(7, Dp3clAlarm::UnknownState, 0x0012), (3, Dp3clAlarm::Bootstrap, 0x0013)] {
+    let unknown = [0, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15].map(|code| (code, Dp3clAlarm::UnknownState, 0x0012));
+    for (code, alarm, status) in unknown.into_iter().chain([(3, Dp3clAlarm::Bootstrap, 0x0013)]) {
         for state in [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op] {
             let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
             bench.enter(state).unwrap();
@@ -88,6 +183,13 @@ fn synchronization() {
     assert_eq!(drive.alarm(), None);
     drive.report_sync(SyncEvent::Deviation);
     has_alarm(&mut drive, Dp3clAlarm::SyncDeviation, AlState::SafeOp, (0x002C, 0xFF50, 0x10));
+    // 0x10F1:2 is how many.
+    let mut drive = in_op();
+    drive.write(ecmsk::coe::ObjectAddress::new(0x10F1, 2), ecmsk::coe::SdoScope::Entry, &[2, 0]).unwrap();
+    drive.report_sync(SyncEvent::Deviation);
+    assert_eq!(drive.alarm(), None);
+    drive.report_sync(SyncEvent::Deviation);
+    assert_eq!(drive.alarm(), Some(Dp3clAlarm::SyncDeviation));
     let mut free = Bench::in_op(Dp3clConfig::default(), 8, MS).drive;
     free.report_sync(SyncEvent::LockLost);
     assert_eq!((free.alarm(), free.state()), (None, AlState::Op), "it does not run by SYNC0");
@@ -137,6 +239,20 @@ fn modes() {
     }
 }
 
+/// DP3CL-5.14 Each mode that the drive does not have, torque, cyclic velocity and interpolation among them; those that it has are none.
+#[test]
+fn each_mode() {
+    for mode in i8::MIN..=i8::MAX {
+        let mut bench = Bench::in_op(Dp3clConfig::default(), mode.into(), MS);
+        for word in [0x06, 0x07, 0x0F] {
+            bench.word = word;
+            bench.run_for(50 * MS);
+        }
+        let has_mode = matches!(mode, 1 | 3 | 6 | 8);
+        assert_eq!(bench.drive.alarm(), (!has_mode).then_some(Dp3clAlarm::Mode), "{mode}");
+    }
+}
+
 /// DP3CL-5.15 E-882: the change is made.
 #[test]
 fn changes_while_enabled() {
@@ -145,6 +261,13 @@ fn changes_while_enabled() {
         assert_eq!(bench.enter(state), Ok(()));
         has_alarm(&mut bench.drive, Dp3clAlarm::ChangeWhileEnabled, state, (0, 0xFF58, 0x80));
     }
+    let mut bench = Bench::enabled(8);
+    bench.write(0x605A, 0, 6);
+    bench.word = 0x02;
+    bench.run_for(50 * MS);
+    assert_eq!(bench.state(), Some(DriveState::QuickStopActive));
+    assert_eq!(bench.enter(AlState::SafeOp), Ok(()));
+    has_alarm(&mut bench.drive, Dp3clAlarm::ChangeWhileEnabled, AlState::SafeOp, (0, 0xFF58, 0x80));
     let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
     assert_eq!((bench.enter(AlState::SafeOp), bench.drive.alarm()), (Ok(()), None), "it is not enabled");
 }

@@ -37,6 +37,7 @@ fn inputs() {
     assert_eq!(inputs_at(300, &[(0x2206, 0x12)]), 0, "POT inverted");
     assert_eq!(inputs_at(0, &[(0x2206, 0x12)]), 0b010);
     assert_eq!(inputs_at(50, &[(0x2206, 4), (0x2207, 4)]), 0b111, "all three at SI4");
+    assert_eq!((inputs_at(-101, &[(0x2207, 0x13)]), inputs_at(0, &[(0x2207, 0x13)])), (0, 0b001), "NOT inverted");
     assert_eq!(inputs_at(55, &[(0x2208, 0x14)]), 0);
     assert_eq!(inputs_at(61, &[(0x2208, 0x14)]), 0b100, "on both sides of the cam");
     for unassigned in [0, 5, 15, 0x10, 0x15] {
@@ -44,6 +45,32 @@ fn inputs() {
     }
     assert_eq!(inputs_at(300, &[(0x2206, 1)]), 0, "nothing is wired to SI1");
     assert_eq!(inputs_at(300, &[(0x2206, 0x11)]), 0b010);
+}
+
+/// DP3CL-9.2 P2-05: an alarm is cleared when its terminal goes on, or off if it is inverted, and not while it stays.
+#[test]
+fn the_terminal_that_clears_alarms() {
+    let force = |bits| Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(bits)) };
+    for (parameter, levels, clears) in [
+        (0x01, [0b0000, 0b0001], true),
+        (0x01, [0b0001, 0b0001], false),
+        (0x01, [0b0001, 0b0000], false),
+        (0x11, [0b0001, 0b0000], true),
+        (0x11, [0b0000, 0b0001], false),
+        (0x04, [0b0000, 0b1000], true),
+        (0x04, [0b0000, 0b0001], false),
+        (0x00, [0b0000, 0b1111], false),
+    ] {
+        let mut bench = Bench::in_op(config(), 8, MS);
+        bench.write(0x2205, 0, parameter);
+        bench.drive.apply_fault(force(levels[0]));
+        bench.run_for(5 * MS);
+        bench.drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3220, resettable: true } });
+        bench.run_for(5 * MS);
+        bench.drive.apply_fault(force(levels[1]));
+        bench.run_for(5 * MS);
+        assert_eq!(bench.drive.alarm().is_none(), clears, "{parameter:02X} {levels:?}");
+    }
 }
 
 /// DP3CL-9.3 Alarm and brake at ERR and BRK.

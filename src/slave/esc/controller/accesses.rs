@@ -3,14 +3,22 @@
 use super::Controller;
 use crate::ethercat::registers::{
     self, AL_CONTROL, AL_STATUS, AlEvents, CLOCK_REGISTERS, DL_CONTROL, DL_STATUS, ECAT_EVENT, EcatEvents, FMMU,
-    FMMU_LEN, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
+    FMMU_LEN, LATCHES, LatchEdge, PORTS, RAM, SYNC_MANAGER, SYNC_MANAGER_LEN, SiiControl, SyncActivation,
 };
 use crate::slave::esc::fmmus::{FMMUS_MAX, Fmmus};
+use crate::slave::esc::latch_unit;
 use crate::slave::esc::managers::MANAGERS_MAX;
 use crate::slave::esc::memory::ByteAccess;
+use crate::slave::esc::sync_unit::SyncPulse;
 
 /// The registers of the EEPROM interface that nobody can write while it is busy or not the master's.
 const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize..registers::MII as usize;
+
+/// Bit 0 of [`CYCLIC_UNIT_CONTROL`](registers::CYCLIC_UNIT_CONTROL): the unit for SYNC is that of the slave's own controller.
+const SYNC_OWNED_BY_DEVICE: u8 = 1 << 0;
+
+/// How many bytes the times of all edges at latch inputs have.
+const LATCH_TIMES_LEN: usize = 16 * LATCHES;
 
 /// Whether an access from `address` on touches a register of `len` bytes at `at`.
 fn touches(address: usize, accessed: usize, at: u16, len: usize) -> bool {
@@ -48,7 +56,22 @@ impl Controller {
         if touches(address, len, DL_STATUS, 2) {
             self.drop_events(EcatEvents::DL_STATUS);
         }
+        if self.has_clock() && touches(address, len, registers::LATCH_TIMES, LATCH_TIMES_LEN) {
+            self.acknowledge_latches(address, len);
+        }
         done
+    }
+
+    /// The times of edges at latch inputs were read.
+    fn acknowledge_latches(&mut self, address: usize, len: usize) {
+        for input in 0..LATCHES {
+            for edge in LatchEdge::ALL {
+                // Reading the first byte is what holds the others still.
+                if touches(address, len, registers::latch_time(input, edge), 1) {
+                    latch_unit::acknowledge(input, edge, &mut self.memory);
+                }
+            }
+        }
     }
 
     /// Puts into the memory what is counted elsewhere, if it is going to be read.
@@ -116,7 +139,7 @@ impl Controller {
                     self.managers.write_register((at - managers.start) as u16, *byte, &mut self.memory);
                 }
                 ByteAccess::Write if EEPROM_COMMANDS.contains(&at) && !eeprom_is_free => continue,
-                ByteAccess::Write if is_trigger(at) => {}
+                ByteAccess::Write if is_trigger(at) || self.is_devices_unit(at) => {}
                 ByteAccess::Write => self.memory.slice_mut(at, 1)[0] = *byte,
             }
             done = true;
@@ -125,6 +148,24 @@ impl Controller {
             self.after_write(address, data, eeprom_is_free);
         }
         done
+    }
+
+    /// Whether a byte sets the unit for SYNC or a latch input, and that belongs to the slave's own controller.
+    fn is_devices_unit(&self, at: usize) -> bool {
+        let Ok(at) = u16::try_from(at) else { return false };
+        match at {
+            registers::SYNC_ACTIVATION => self.is_sync_the_devices(),
+            _ if (registers::SYNC0_START..registers::SYNC1_NEXT).contains(&at) => self.is_sync_the_devices(),
+            _ if (registers::SYNC0_CYCLE..registers::LATCH_CONTROL).contains(&at) => self.is_sync_the_devices(),
+            _ => at
+                .checked_sub(registers::LATCH_CONTROL)
+                .map(usize::from)
+                .is_some_and(|input| input < LATCHES && latch_unit::is_devices(input, &self.memory)),
+        }
+    }
+
+    fn is_sync_the_devices(&self) -> bool {
+        self.memory.u8(registers::CYCLIC_UNIT_CONTROL) & SYNC_OWNED_BY_DEVICE != 0
     }
 
     fn clear_counters(&mut self, at: u16) {
@@ -149,8 +190,7 @@ impl Controller {
             self.reset_byte(self.memory.u8(registers::RESET_ECAT));
         }
         if hits(DL_CONTROL, 4) {
-            self.opened = self.links;
-            self.show_links();
+            self.control_loops();
         }
         if hits(AL_CONTROL, 2) {
             self.events.al_control = true;
@@ -164,6 +204,9 @@ impl Controller {
         }
         if hits(registers::SII_CONFIGURATION, 1) && self.memory.u8(registers::SII_CONFIGURATION) & 0b10 != 0 {
             self.memory.set_u8(registers::SII_PDI_ACCESS, 0);
+        }
+        if eeprom_is_free && hits(registers::SII_CONTROL, 1) {
+            self.eeprom.written_in_part(&mut self.memory);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
             // The bit that allows a write counts in the datagram of its command alone.
@@ -219,15 +262,47 @@ impl Controller {
         if hits(registers::SPEED_COUNTER_START, 2) {
             self.clock.reset_filters();
         }
-        let activation = SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION));
-        let is_auto = activation.contains(SyncActivation::AUTO) && hits(registers::SYNC0_START, 8);
+        if hits(registers::CYCLIC_UNIT_CONTROL, 1) || hits(registers::LATCH_CONTROL, LATCHES) {
+            latch_unit::control_written(&mut self.memory);
+        }
+        let activation = self.written_activation(hits(registers::SYNC_ACTIVATION, 1));
+        let extends = activation.contains(SyncActivation::EXTEND_START);
+        if extends && hits(registers::SYNC0_START + 3, 1) {
+            self.extend_start();
+        }
+        let last_of_start = if extends { registers::SYNC0_START + 3 } else { registers::SYNC0_START + 7 };
+        let is_auto = activation.contains(SyncActivation::AUTO) && hits(last_of_start, 1);
         if hits(registers::SYNC_ACTIVATION, 1) || is_auto {
             let activation = if is_auto { activation | SyncActivation::ACTIVATE } else { activation };
+            self.memory.set_u8(registers::SYNC_ACTIVATION, activation.0);
             let cycles = (self.sync0_cycle_ns(), self.memory.u32(registers::SYNC1_CYCLE));
             let start = self.memory.u64(registers::SYNC0_START);
             self.sync.activate(activation, start, self.clock.system(), cycles);
             self.events.sync_changed = true;
         }
+    }
+
+    /// The activation of the unit for SYNC, of which a controller that is not enhanced knows three bits. `is_new`: it was just
+    /// written, and may ask for a pulse at once, which the device takes no notice of \[OURS].
+    fn written_activation(&mut self, is_new: bool) -> SyncActivation {
+        let written = SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION));
+        if !self.settings.features.contains(registers::Features::ENHANCED_SYNC) {
+            return SyncActivation(written.0 & 0b111);
+        }
+        if is_new && written.contains(SyncActivation::DEBUG_PULSE) {
+            let signals = [(SyncActivation::SYNC0, SyncPulse::Sync0), (SyncActivation::SYNC1, SyncPulse::Sync1)];
+            for (_, pulse) in signals.into_iter().filter(|(signal, _)| written.contains(*signal)) {
+                self.show_pulse(pulse);
+            }
+        }
+        written.without(SyncActivation::DEBUG_PULSE)
+    }
+
+    /// A start time of 32 bits gets the upper ones that bring it nearest to now \[OURS].
+    fn extend_start(&mut self) {
+        let now = self.clock.system();
+        let ahead = self.memory.u32(registers::SYNC0_START).wrapping_sub(now as u32).cast_signed();
+        self.memory.set_u64(registers::SYNC0_START, now.wrapping_add_signed(ahead.into()));
     }
 
     fn latch_receive_times(&mut self) {

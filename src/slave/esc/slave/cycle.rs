@@ -1,0 +1,86 @@
+//! A device works: time passes in it, it takes outputs and gives inputs; and what its controller and the mailbox learn of it then.
+
+use super::EscSlave;
+use crate::coe::{Emergency, ObjectAddress};
+use crate::ethercat::{AlState, Ns};
+use crate::slave::esc::Controller;
+use crate::slave::esc::application::Application;
+
+/// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
+pub const ERROR_CYCLE_NS: Ns = 10_000_000;
+/// The error code and the error register of a device, which emergencies carry.
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::cia402::ERROR_CODE, 0);
+const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
+
+impl EscSlave {
+    /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
+    /// in `next_ns`.
+    pub(super) fn cycle(&mut self, now: Ns, next_ns: Ns) {
+        let passed = self.pass_time(now, next_ns);
+        if passed > 0 {
+            self.device.step(passed);
+        }
+        self.end_cycle(now, self.state());
+    }
+
+    /// How much time has to pass in the device up to `now`. Without a reason it works again in `next_ns`.
+    pub(super) fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
+        self.free_run = now + next_ns;
+        let passed = now.saturating_sub(self.stepped);
+        self.stepped += passed;
+        passed
+    }
+
+    /// Time has passed in the device: it takes its newest outputs and gives new inputs.
+    #[inline]
+    pub(super) fn end_cycle(&mut self, now: Ns, state: AlState) {
+        if self.has_latches {
+            self.pass_latch_changes();
+        }
+        if state >= AlState::SafeOp {
+            let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
+            self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
+            if !self.waits_for_lock() {
+                let Controller { managers, memory, .. } = &mut self.controller;
+                managers.put(self.application.managers.inputs, &self.inputs, memory);
+            }
+        }
+        if self.device.state() != state {
+            self.application.follow(&mut self.controller, &*self.device);
+            self.is_quiet = false;
+        }
+        if now.saturating_sub(self.looked) >= ERROR_CYCLE_NS {
+            self.look_for_errors(now);
+        }
+    }
+
+    /// The controller sees what the device did to its latch inputs.
+    fn pass_latch_changes(&mut self) {
+        let Self { controller, device, stepped, .. } = self;
+        device.tell_latch_changes(&mut |change| {
+            controller.set_latch_input(change.input, change.is_on, stepped.saturating_sub(change.ago_ns));
+        });
+    }
+
+    /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
+    fn waits_for_lock(&self) -> bool {
+        let Application { is_synchronized, sync_came, .. } = self.application;
+        is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()
+    }
+
+    #[inline(never)]
+    fn look_for_errors(&mut self, now: Ns) {
+        if !self.controller.settings().emergencies || self.state() == AlState::Init {
+            return;
+        }
+        self.looked = now;
+        let Ok(code) = self.device.upload(ERROR_CODE) else { return };
+        let code = code.bits as u16;
+        if code != self.error_code {
+            self.error_code = code;
+            let register = self.device.upload(ERROR_REGISTER).map_or(0, |register| register.bits as u8);
+            self.mailbox.raise(Emergency { code, register, data: [0; 5] });
+            self.is_quiet = false;
+        }
+    }
+}

@@ -3,11 +3,11 @@
 use super::ServeError;
 use crate::engine::Script as _;
 use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
-use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns};
-use crate::link::script::{RunningScript, Script};
+use crate::ethercat::{AlState, AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
+use crate::link::script::{RunningScript, Script, ScriptOrigin};
 use crate::link::simulated_slaves;
-use crate::slave::Slave;
 use crate::slave::cable::Cable;
+use crate::slave::{AXES_MAX, AxisFault, Slave};
 use crate::slave::esc::{CabledChain, Chain, EscSlave, FrameFate};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
@@ -16,6 +16,8 @@ pub struct Network {
     script: Option<RunningScript>,
     /// The states that were told of the slaves.
     told: Vec<(RequestedState, AlStatus)>,
+    /// The faults that were told of the axes of each slave.
+    told_faults: Vec<[Option<AxisFault>; AXES_MAX]>,
     /// What has happened that nobody has taken yet.
     lines: Vec<String>,
 }
@@ -29,8 +31,9 @@ impl Network {
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
         let told = vec![(RequestedState::State(AlState::Init), AlStatus::NONE); slaves.chain().len()];
+        let told_faults = vec![[None; AXES_MAX]; told.len()];
         let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
-        Ok(Self { slaves, script, told, lines: Vec::new() })
+        Ok(Self { slaves, script, told, told_faults, lines: Vec::new() })
     }
 
     /// The cable, for faults.
@@ -48,15 +51,26 @@ impl Network {
         Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
     }
 
-    /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
-    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend. Once the
-    /// frame is on its way, [`Self::look`] has to follow.
-    pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
+    /// There is a cable at that end of the slaves, or none any more. At the beginning there is one at the first end alone.
+    pub fn connect(&mut self, end: CableEnd, is_connected: bool) {
+        match end {
+            CableEnd::First => self.slaves.connect_first(is_connected),
+            CableEnd::Last => self.slaves.connect_second(is_connected),
+        }
+    }
+
+    /// A frame of `len` bytes comes at that end at `now` and is changed in place; how many bytes come back, padded with zeros to
+    /// those that Ethernet has at least, for which there has to be room, and at which end. `None`: it does not come back. Times
+    /// have to ascend. Once the frame is on its way, [`Self::look`] has to follow.
+    pub fn answer(&mut self, end: CableEnd, frame: &mut [u8], len: usize, now: Ns) -> Option<(usize, CableEnd)> {
+        if let Some(script) = &mut self.script {
+            script.begin(ScriptOrigin::Frame, now);
+        }
         self.run_script(now);
-        let fate = self.slaves.process(&mut frame[..len], now);
+        let (fate, end) = self.slaves.process_from(end, &mut frame[..len], now);
         let padded = len.max(FRAME_LEN_MIN);
         frame[len..padded].fill(0);
-        matches!(fate, FrameFate::Returned(_)).then_some(padded)
+        matches!(fate, FrameFate::Returned(_)).then_some((padded, end))
     }
 
     /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
@@ -69,6 +83,12 @@ impl Network {
         self.run_script(now);
         self.slaves.advance(now);
         self.tell_states(|_| true);
+        self.tell_faults();
+        if let Some(script) = &mut self.script
+            && self.told.iter().any(|(state, _)| *state == RequestedState::State(AlState::Op))
+        {
+            script.begin(ScriptOrigin::Op, now);
+        }
     }
 
     /// The lines on what has happened since the last call.
@@ -97,6 +117,29 @@ impl Network {
                 self.told[n..end].fill(state);
             }
             n = end.max(n + 1);
+        }
+    }
+
+    /// Makes lines of the faults of axes that have come or gone.
+    fn tell_faults(&mut self) {
+        for (n, told) in self.told_faults.iter_mut().enumerate() {
+            let device = self.slaves.chain().slave(n).device();
+            for (axis, told) in told.iter_mut().enumerate() {
+                let fault = device.fault(axis);
+                let before = std::mem::replace(told, fault);
+                if fault == before {
+                    continue;
+                }
+                let who = match device.shaft(1) {
+                    None => format!("slave {}", n + 1),
+                    Some(_) => format!("slave {}.{}", n + 1, axis + 1),
+                };
+                self.lines.extend(match (before, fault) {
+                    (_, Some(AxisFault { code, meaning })) => Some(format!("{who}: alarm 0x{code:04X} ({meaning})")),
+                    (Some(AxisFault { code, .. }), None) => Some(format!("{who}: alarm 0x{code:04X} is cleared")),
+                    (None, None) => None,
+                });
+            }
         }
     }
 }
@@ -180,9 +223,10 @@ mod tests {
             let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
             frame[len..].fill(0xEE);
             self.now += 1000;
-            let padded = self.network.answer(&mut frame, len, self.now);
+            let back = self.network.answer(CableEnd::First, &mut frame, len, self.now);
             self.network.look();
-            let padded = padded?;
+            let (padded, end) = back?;
+            assert_eq!(end, CableEnd::First);
             self.lines.extend(self.network.take_lines());
             assert_eq!((padded, frame[6]), (len.max(FRAME_LEN_MIN), 0x12));
             assert!(frame[len..padded].iter().all(|byte| *byte == 0), "padded with zeros");
@@ -246,7 +290,7 @@ mod tests {
         }
         let all = Some(4);
         assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
-        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose` at 30")), "{:?}", wire.lines);
+        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose 2` at 30")), "{:?}", wire.lines);
     }
 
     /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.

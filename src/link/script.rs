@@ -62,8 +62,8 @@ use crate::fieldbus::Ns;
 use crate::files::read_small;
 use crate::slave::cable::Cable;
 
-pub use run::{RunningScript, ScriptOrigin};
 pub(super) use run::undo_all;
+pub use run::{RunningScript, ScriptOrigin};
 pub(super) use verbs::help;
 
 /// The largest file that is read, in bytes \[OURS].
@@ -108,8 +108,9 @@ impl Script {
                 file: path.display().to_string(),
                 line: step.line,
                 column: 1,
-                message: "times of a board count from when the link was opened; `from` is for `ecmsk serve ethercat` alone"
-                    .to_owned(),
+                message:
+                    "times of a board count from when the link was opened; `from` is for `ecmsk serve ethercat` alone"
+                        .to_owned(),
             }),
             None => Ok(script),
         }

@@ -27,7 +27,14 @@ pub(super) struct Masters {
 impl Masters {
     /// No master is there; the interface before the first slave has that name.
     pub(super) fn new(interface: String, begin: Instant) -> Self {
-        Self { interface, asks: Some(begin + FIRST_FRAME), last_frame: None, source: None, other: None, is_other_told: false }
+        Self {
+            interface,
+            asks: Some(begin + FIRST_FRAME),
+            last_frame: None,
+            source: None,
+            other: None,
+            is_other_told: false,
+        }
     }
 
     /// A frame of a master has come at `now`: what is to be told. `source`: the one of a frame that came before the first slave.
@@ -97,10 +104,7 @@ mod tests {
         assert_eq!(masters.note(Some(&[ONE[0] | 2, 1, 1, 1, 1, 1]), at(30)), None);
         assert_eq!(masters.note(Some(&OTHER), at(40)), None, "it may be the next one");
         let said = masters.note(Some(&ONE), at(50)).expect("it is told");
-        assert!(
-            said.contains("another master") && said.contains("01:01:01:01:01:01 and 10:20:30:40:50:60"),
-            "{said}"
-        );
+        assert!(said.contains("another master") && said.contains("01:01:01:01:01:01 and 10:20:30:40:50:60"), "{said}");
         assert_eq!(masters.note(Some(&OTHER), at(60)), None, "once");
         assert_eq!(masters.note(Some(&ONE), at(70)), None, "once");
         assert_eq!(masters.pass(at(2000)), None);

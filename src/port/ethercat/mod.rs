@@ -81,7 +81,9 @@ pub enum ServeError {
     #[error("cannot record to {}: {source}; name another file with --record or leave it out", file.display())]
     Record { file: PathBuf, source: io::Error },
     /// Both ends of the cable are the same interface.
-    #[error("{interface} is the interface at both ends; with --second name the one at the other end of the cable, or leave it out")]
+    #[error(
+        "{interface} is the interface at both ends; with --second name the one at the other end of the cable, or leave it out"
+    )]
     SameInterface { interface: String },
     /// An interface is gone while it was served.
     #[error(

@@ -7,8 +7,8 @@ use crate::ethercat::{AlState, AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
 use crate::link::script::{RunningScript, Script, ScriptOrigin};
 use crate::link::simulated_slaves;
 use crate::slave::cable::Cable;
-use crate::slave::{AXES_MAX, AxisFault, Slave};
 use crate::slave::esc::{CabledChain, Chain, EscSlave, FrameFate};
+use crate::slave::{AXES_MAX, AxisFault, Slave};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
@@ -291,6 +291,64 @@ mod tests {
         let all = Some(4);
         assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
         assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose 2` at 30")), "{:?}", wire.lines);
+    }
+
+    /// ECAT-15.20 An alarm is told with its code and its words when it comes, when another one takes its place, and when it is gone; a
+    /// module of two axes with the axis.
+    #[test]
+    fn alarms_are_told() {
+        let script = "at 10ms alarm 1 0x7500\nat 20ms alarm 1 0x8611\nat 30ms alarm 3.2 0x7500\nat 40ms alarm 2 0x3220\nat 50ms lose 2 for 5ms\n";
+        let mut wire = Wire::new("drive,dp3cl,hsp2", script);
+        wire.wait(60);
+        let alarms: Vec<&String> = wire.lines.iter().filter(|line| line.starts_with("slave")).collect();
+        assert_eq!(
+            alarms,
+            [
+                "slave 1: alarm 0x7500 (communication)",
+                "slave 1: alarm 0x8611 (following error)",
+                "slave 3.2: alarm 0x7500 (communication)",
+                "slave 2: alarm 0x3220 (under voltage)",
+                "slave 2: alarm 0x3220 is cleared",
+            ]
+        );
+        assert!(
+            wire.lines.iter().any(|line| line.starts_with("script, line 1: `alarm 1 0x7500` at 10")),
+            "{:?}",
+            wire.lines
+        );
+    }
+
+    /// ECAT-15.24 Below `from frame` times count from the first frame, below `from op` from when the first slave is in OP.
+    #[test]
+    fn a_script_waits_for_the_master() {
+        let script =
+            "from op\nat 10ms alarm 1 0x7500\nfrom frame\nat 10ms cut 2 for 10ms\nfrom start\nat 5ms mute 2 for 5ms\n";
+        let mut wire = Wire::new("io,drive", &script.replace("alarm 1", "alarm 2"));
+        let scripted = |wire: &Wire| wire.lines.iter().filter(|line| line.starts_with("script")).count();
+        wire.wait(50);
+        assert_eq!(scripted(&wire), 2, "{:?}", wire.lines);
+        assert_eq!(wire.count(), Some(2));
+        wire.wait(5);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(2), 2));
+        wire.wait(6);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(1), 3));
+        wire.wait(100);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(2), 4), "nobody is in OP");
+        // An `io` without process data in use comes to OP by its states alone, with sync managers as its EEPROM has them.
+        assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
+        let outputs = [0x00, 0x11, 0x02, 0x00, 0x64, 0, 1, 0, 0x80, 0x11, 0x02, 0x00, 0x20, 0, 1, 0];
+        assert_eq!(wire.send(Command::Apwr, 0x0810 << 16, &outputs).map(|(_, counter)| counter), Some(1));
+        for state in [2, 4] {
+            wire.send(Command::Apwr, u32::from(AL_CONTROL) << 16, &[state, 0]);
+            wire.wait(2);
+        }
+        wire.send(Command::Apwr, 0x1100 << 16, &[0, 0]);
+        wire.send(Command::Apwr, u32::from(AL_CONTROL) << 16, &[8, 0]);
+        wire.wait(5);
+        assert!(wire.lines.iter().any(|line| line == "slave 1 is in OP"), "{:?}", wire.lines);
+        assert_eq!(scripted(&wire), 4);
+        wire.wait(11);
+        assert_eq!(scripted(&wire), 5, "{:?}", wire.lines);
     }
 
     /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.

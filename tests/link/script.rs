@@ -258,6 +258,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
     assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 1000 us");
 }
 
+/// ECAT-15.24 On a board a line that waits for a master is refused.
 /// LINK-6 A wrong script is found before anything moves: the board is not opened, and its name stays free.
 #[test]
 fn a_wrong_file_opens_nothing() {

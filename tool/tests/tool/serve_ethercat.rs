@@ -50,6 +50,14 @@ fn what_serve_ethercat_refuses() {
     }
 }
 
+/// TOOL-192 The page has the whole program, so that whoever has the page alone can run it.
+#[test]
+fn the_page_has_the_master_of_the_example() {
+    let read = |file| std::fs::read_to_string(support::root().join(file)).expect("a file");
+    let program = format!("```python\n{}```\n", read("examples/python/own_master.py"));
+    assert!(read("docs/SLAVES.md").ends_with(&program));
+}
+
 /// A pair of interfaces is made, then the words are run.
 const IN_NAMESPACE: &str =
     "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
@@ -152,6 +160,7 @@ mod needs_pysoem {
                 "no `{line}`: {said}"
             );
         }
+        assert!(!said.contains("alarm"), "{said}");
         let recorded = std::fs::read(&recording).expect("the recording");
         assert!(
             recorded.len() > 100_000 && recorded.starts_with(&[0x0A, 0x0D, 0x0D, 0x0A]),

@@ -239,7 +239,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
     let counted = allocation_counter::measure(|| assert_eq!(reports(&mut board, 20), 17));
     assert_eq!(counted.count_total, 0, "a script allocates nothing once it runs: {counted:?}");
     let zero = board.now() - 20 * MS;
-    let scripted = |after, line, verb, ended| {
+    let scripted = |after, line, verb, ended: bool| {
         let slave = (verb == "cut" && !ended).then_some(1);
         Event::Scripted { at: zero + after * MS, line, verb, slave, code: None, ended }
     };

@@ -351,6 +351,22 @@ mod tests {
         assert_eq!(scripted(&wire), 5, "{:?}", wire.lines);
     }
 
+    /// ECAT-15.25 Without a link before the first slave no frame comes back, and a cut at the same place ends by itself.
+    #[test]
+    fn a_dead_link_is_no_cut() {
+        let mut wire = Wire::new("io*2", "at 10ms cut 1 for 20ms\n");
+        let mut counted = Vec::new();
+        for is_connected in [true, true, false, true, false, true] {
+            wire.network.connect(CableEnd::First, is_connected);
+            counted.push(wire.count());
+            wire.wait(10);
+        }
+        assert_eq!(counted, [Some(2), None, None, Some(2), None, Some(2)]);
+        wire.network.connect(CableEnd::Last, true);
+        wire.network.connect(CableEnd::Last, false);
+        assert_eq!(wire.count(), Some(2), "frames turn at the last slave again");
+    }
+
     /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.
     #[test]
     fn a_script_refuses_states() {

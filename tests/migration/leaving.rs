@@ -31,8 +31,8 @@ fn leave(machine: &mut Machine, waiting: i32) -> (i32, Controlword, usize) {
     let sent: Vec<_> = machine.log.take().iter().filter_map(|row| row[0]).map(|took| took.axes[0]).collect();
     let last = sent.iter().filter(|axis| axis.target > 0).map(|axis| axis.target).max().unwrap_or_default();
     let left_out = (1..=last).filter(|target| !sent.iter().any(|axis| axis.target == *target)).count();
-    let off = sent.iter().filter(|axis| axis.controlword.0 & 0x000F != 0);
-    (last, off.last().map_or(Controlword::default(), |axis| axis.controlword), left_out)
+    let mut off = sent.iter().filter(|axis| axis.controlword.0 & 0x000F != 0);
+    (last, off.next_back().map_or(Controlword::default(), |axis| axis.controlword), left_out)
 }
 
 /// XF-20.16 NIC-2.6 SV_OFF behind the end of a motion, and SET_STATE to a lower state at once: on every bus the targets are sent and the

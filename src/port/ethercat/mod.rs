@@ -6,11 +6,13 @@
 //! - `mod.rs`: [`Server`], its options and errors
 //! - `masters.rs`: which masters send frames
 //! - `network.rs`: the slaves with what a script does to them; time is an argument
+//! - `told.rs`: what is told of the slaves
 //! - `service.rs`: the thread
 
 mod masters;
 mod network;
 mod service;
+mod told;
 
 use std::io;
 use std::path::PathBuf;

@@ -1,23 +1,20 @@
 //! The slaves on a cable, and what a script does to them. Time is an argument; nothing here knows the network interface.
 
 use super::ServeError;
+use super::told::Told;
 use crate::engine::Script as _;
-use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
-use crate::ethercat::{AlState, AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
+use crate::ethercat::{AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
 use crate::link::script::{RunningScript, Script, ScriptOrigin};
 use crate::link::simulated_slaves;
+use crate::slave::Slave;
 use crate::slave::cable::Cable;
-use crate::slave::esc::{CabledChain, Chain, EscSlave, FrameFate};
-use crate::slave::{AXES_MAX, AxisFault, Slave};
+use crate::slave::esc::{CabledChain, Chain, FrameFate};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
     slaves: CabledChain,
     script: Option<RunningScript>,
-    /// The states that were told of the slaves.
-    told: Vec<(RequestedState, AlStatus)>,
-    /// The faults that were told of the axes of each slave.
-    told_faults: Vec<[Option<AxisFault>; AXES_MAX]>,
+    told: Told,
     /// What has happened that nobody has taken yet.
     lines: Vec<String>,
 }
@@ -30,10 +27,9 @@ impl Network {
     /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
-        let told = vec![(RequestedState::State(AlState::Init), AlStatus::NONE); slaves.chain().len()];
-        let told_faults = vec![[None; AXES_MAX]; told.len()];
+        let told = Told::new(slaves.chain().len());
         let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
-        Ok(Self { slaves, script, told, told_faults, lines: Vec::new() })
+        Ok(Self { slaves, script, told, lines: Vec::new() })
     }
 
     /// The cable, for faults.
@@ -75,17 +71,17 @@ impl Network {
 
     /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
     pub fn look(&mut self) {
-        self.tell_states(|(_, code)| code != AlStatus::NONE);
+        self.told.look_at_states(self.slaves.chain(), |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.run_script(now);
         self.slaves.advance(now);
-        self.tell_states(|_| true);
-        self.tell_faults();
+        self.told.look_at_states(self.slaves.chain(), |_| true, &mut self.lines);
+        self.told.look_at_faults(self.slaves.chain(), &mut self.lines);
         if let Some(script) = &mut self.script
-            && self.told.iter().any(|(state, _)| *state == RequestedState::State(AlState::Op))
+            && self.told.has_op()
         {
             script.begin(ScriptOrigin::Op, now);
         }
@@ -103,81 +99,17 @@ impl Network {
             script.run(now, &mut |event| lines.push(event.to_string()));
         }
     }
-
-    /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
-    fn tell_states(&mut self, which: impl Fn((RequestedState, AlStatus)) -> bool) {
-        let mut n = 0;
-        while n < self.told.len() {
-            let state = state_of(self.slaves.chain().slave(n));
-            let is_alike =
-                |n: &usize| which(state) && self.told[*n] != state && state_of(self.slaves.chain().slave(*n)) == state;
-            let end = (n..self.told.len()).find(|n| !is_alike(n)).unwrap_or(self.told.len());
-            if end > n {
-                self.lines.push(line_of(n, end, state));
-                self.told[n..end].fill(state);
-            }
-            n = end.max(n + 1);
-        }
-    }
-
-    /// Makes lines of the faults of axes that have come or gone.
-    fn tell_faults(&mut self) {
-        for (n, told) in self.told_faults.iter_mut().enumerate() {
-            let device = self.slaves.chain().slave(n).device();
-            for (axis, told) in told.iter_mut().enumerate() {
-                let fault = device.fault(axis);
-                let before = std::mem::replace(told, fault);
-                if fault == before {
-                    continue;
-                }
-                let who = match device.shaft(1) {
-                    None => format!("slave {}", n + 1),
-                    Some(_) => format!("slave {}.{}", n + 1, axis + 1),
-                };
-                self.lines.extend(match (before, fault) {
-                    (_, Some(AxisFault { code, meaning })) => Some(format!("{who}: alarm 0x{code:04X} ({meaning})")),
-                    (Some(AxisFault { code, .. }), None) => Some(format!("{who}: alarm 0x{code:04X} is cleared")),
-                    (None, None) => None,
-                });
-            }
-        }
-    }
-}
-
-/// The AL state of a slave and why it is there; 0: as the master wanted.
-fn state_of(slave: &EscSlave) -> (RequestedState, AlStatus) {
-    let code = slave.controller().peek(AL_STATUS_CODE, 2);
-    let code = code.try_into().map_or(0, u16::from_le_bytes);
-    (slave.shown_state(), AlStatus(code))
-}
-
-/// The line on the slaves from the place `first` to the one before `end`.
-fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) -> String {
-    let who = match end - first {
-        1 => format!("slave {} is", first + 1),
-        _ => format!("slaves {} to {end} are", first + 1),
-    };
-    let state = match state {
-        RequestedState::Boot => "BOOT",
-        RequestedState::State(AlState::PreOp) => "PreOP",
-        RequestedState::State(AlState::SafeOp) => "SafeOP",
-        RequestedState::State(AlState::Op) => "OP",
-        _ => "Init",
-    };
-    match code {
-        AlStatus::NONE => format!("{who} in {state}"),
-        code => format!("{who} in {state} with AL status {code}"),
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS};
+    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS, RequestedState};
     use crate::ethercat::{
-        Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
+        AlState, Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
     };
     use crate::link::slaves;
+    use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
     /// Sync managers 0 and 1, as the EEPROM of the slaves has them.

@@ -81,6 +81,7 @@ impl EndRequest {
     }
 
     /// What ends [`Self::wait_unless_ended`] from another thread.
+    #[cfg(target_os = "linux")]
     pub fn ender(&self) -> impl Fn() + Send + Sync + 'static {
         let handle = self.0.handle();
         move || handle.close()

@@ -99,7 +99,7 @@ mod bench {
         }
         master.exchange(&cyclic);
         master.assert_enabled();
-        server.stop();
+        server.stop().expect("it has not ended by itself");
     }
 
     fn ip(arguments: &[&str]) {
@@ -110,6 +110,7 @@ mod bench {
     fn serve(interface: &str) -> Server {
         Server::start(Options {
             interface: interface.to_owned(),
+            second: None,
             slaves: slaves::parse(&format!("drive*{DRIVES}")).expect("a list"),
             script: None,
             record: None,
@@ -117,6 +118,7 @@ mod bench {
             drift_ppm: 0,
             real_time: RealTime::default(),
             tell: Arc::new(|_| {}),
+            failed: Arc::new(|| {}),
         })
         .expect("the slaves are served")
     }

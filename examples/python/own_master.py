@@ -47,5 +47,7 @@ for control in (0x80, 0x06, 0x07, 0x0F):  # fault reset, then up to Operation en
 for step in range(1, 501):
     statuswords, positions = cycle(0x0F, [target + 10 * step for target in targets])
 print("statuswords", *map(hex, statuswords), "positions", *positions)
+for _ in range(100):
+    cycle(0, positions)  # off first: a DP3CL that is enabled when OP is left has an alarm
 master.state = pysoem.INIT_STATE
 master.write_state()

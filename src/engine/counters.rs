@@ -293,6 +293,10 @@ pub enum Event {
         line: u32,
         /// The verb of the line.
         verb: &'static str,
+        /// The slave, from 1; `None`: it happened to the cable or to the board.
+        slave: Option<u8>,
+        /// The error code, AL status code or abort code that the slave shows from now on.
+        code: Option<u32>,
         /// The time of the line is over, and its effect has ended.
         ended: bool,
     },
@@ -336,9 +340,16 @@ impl fmt::Display for Event {
                     _ => Ok(()),
                 }
             }
-            Self::Scripted { at, line, verb, ended } => {
+            Self::Scripted { at, line, verb, slave, code, ended } => {
                 let end = if *ended { "the end of " } else { "" };
-                write!(f, "script, line {line}: {end}`{verb}` at {} us", at / 1000)
+                write!(f, "script, line {line}: {end}`{verb}")?;
+                if let Some(slave) = slave {
+                    write!(f, " {slave}")?;
+                }
+                if let Some(code) = code {
+                    write!(f, " 0x{code:04X}")?;
+                }
+                write!(f, "` at {} us", at / 1000)
             }
             Self::Incomplete { at, bytes } => write!(
                 f,

@@ -41,7 +41,7 @@ impl RealTime {
             });
             if let Err(e) = set {
                 warnings.push(format!(
-                    "priority={priority} was refused ({e}): cycles may be late; allow it with `ulimit -r {priority}` or CAP_SYS_NICE"
+                    "a priority of {priority} was refused ({e}): cycles may be late; allow it with `ulimit -r {priority}` or CAP_SYS_NICE"
                 ));
             }
         }

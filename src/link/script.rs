@@ -10,6 +10,9 @@
 //! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
 //! ```
 //!
+//! Where there is no board but slaves on a network interface, times count from the start of the server, or, below a line
+//! `from frame` or `from op`, from the first frame of a master or from when the first slave is in OP ([`ScriptOrigin`]).
+//!
 //! `ecmsk link help` lists every verb. The lines call [`Cable`] and [`BoardHandle`], as a test in Rust does. The file is
 //! read when the link is opened; if it is invalid, the link does not open. Each line is carried out at the beginning of
 //! the first cycle at or after its time, on the virtual clock and on the real one, and logged with the board's time.
@@ -59,8 +62,8 @@ use crate::fieldbus::Ns;
 use crate::files::read_small;
 use crate::slave::cable::Cable;
 
-pub use run::RunningScript;
 pub(super) use run::undo_all;
+pub use run::{RunningScript, ScriptOrigin};
 pub(super) use verbs::help;
 
 /// The largest file that is read, in bytes \[OURS].
@@ -71,7 +74,7 @@ const FILE_BYTES_MAX: u64 = 1 << 20;
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ScriptError {
     /// The file cannot be read.
-    #[error("cannot read the script {file}: {message}; name another file with script= or leave it out")]
+    #[error("cannot read the script {file}: {message}; name another file or leave it out")]
     Unreadable { file: String, message: String },
     /// A line does not follow the syntax, or names something that this network does not have.
     #[error("{file}, line {line}, column {column}: {message}; {WHERE_TO_LOOK}")]
@@ -99,11 +102,31 @@ pub struct Script {
 }
 
 impl Script {
-    /// Reads the script in the file `path` for a network of these slaves.
+    /// Reads the script in the file `path` for a board with a network of these slaves. Its times count from when the link was
+    /// opened; a line that waits for something else is refused.
     ///
     /// # Errors
     /// [`ScriptError`].
     pub fn load(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let script = Self::load_for_network(path, slaves)?;
+        match script.steps.iter().find(|step| step.from != ScriptOrigin::Start) {
+            Some(step) => Err(ScriptError::Line {
+                file: path.display().to_string(),
+                line: step.line,
+                column: 1,
+                message:
+                    "times of a board count from when the link was opened; `from` is for `ecmsk serve ethercat` alone"
+                        .to_owned(),
+            }),
+            None => Ok(script),
+        }
+    }
+
+    /// The same for a network without a board: lines may wait for [`RunningScript::begin`].
+    ///
+    /// # Errors
+    /// [`ScriptError`].
+    pub(super) fn load_for_network(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let file = path.display().to_string();
         let unreadable = |message: String| ScriptError::Unreadable { file: file.clone(), message };
         let read = read_small(path, FILE_BYTES_MAX).map_err(|error| unreadable(error.to_string()))?;
@@ -133,10 +156,11 @@ impl Script {
     /// [`ScriptError::Line`].
     pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
         let mut steps = Vec::new();
+        let mut from = ScriptOrigin::Start;
         // Editors on Windows begin a file with a byte order mark.
         let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
         for (line, text) in (1..).zip(text.lines()) {
-            verbs::parse_line(line, text, slaves, &mut steps).map_err(|(column, message)| {
+            verbs::parse_line(line, text, slaves, &mut from, &mut steps).map_err(|(column, message)| {
                 let (file, message) = (file.to_owned(), visible(&message));
                 ScriptError::Line { file, line, column, message }
             })?;
@@ -165,6 +189,6 @@ impl Script {
 
     /// Starts the script on a board and its network. Its times count from `now`, the board's time.
     pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> RunningScript {
-        RunningScript::new(self.steps, network, board, now)
+        RunningScript::new(&self.steps, network, board, now)
     }
 }

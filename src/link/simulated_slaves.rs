@@ -39,7 +39,7 @@ pub fn build(slaves: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, SimulatedSlave
 /// # Errors
 /// [`SimulatedSlavesError`].
 pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlavesError> {
-    let script = Script::load(path, slaves)?;
+    let script = Script::load_for_network(path, slaves)?;
     match script.of_board() {
         Some((line, verb)) => Err(SimulatedSlavesError::NoBoard { file: path.display().to_string(), line, verb }),
         None => Ok(script),

@@ -110,7 +110,7 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
         };
         slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, manufacturer_objects }, count));
         if slaves.len() > SLAVES_MAX {
-            return Err(too_many(SlotSize::Bytes12));
+            return Err(format!("allowed: at most {SLAVES_MAX} slaves"));
         }
     }
     Ok(slaves)
@@ -183,7 +183,13 @@ fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
 
 fn parse_count(item: &str, count: &str) -> Result<usize, String> {
     let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=SLAVES_MAX).contains(n));
-    number.ok_or_else(|| format!("in `{item}`, allowed: a whole number from 1 to {SLAVES_MAX} after the *"))
+    number.ok_or_else(|| match count.split_once(':') {
+        Some((count, parts)) => format!(
+            "in `{item}`, the number stands last; allowed: {}:{parts}*{count}",
+            item.split('*').next().unwrap_or_default()
+        ),
+        None => format!("in `{item}`, allowed: a whole number from 1 to {SLAVES_MAX} after the *"),
+    })
 }
 
 fn kinds() -> String {

@@ -184,6 +184,11 @@ impl fmt::Display for TravelSpec {
     }
 }
 
+/// What is along the way of an axis of which nothing is said.
+const USUAL: &str = "Of what is not given there is the usual:\n  \
+                     step, dp3cl, hsp, hsp2   :limits@-100000..100000:home@-2500..2500:index@0, 10000 counts a turn\n  \
+                     drive                    :limits@-1310720..1310720:home@-32768..32768:index@0, 131072 counts a turn\n";
+
 /// The parts, for `ecmsk link help`.
 pub(super) fn help() -> String {
     let mut text = String::from(
@@ -193,6 +198,7 @@ pub(super) fn help() -> String {
     for Part { word, form, meaning, .. } in &PARTS {
         text.push_str(&format!("  :{word}@{form}\n      {meaning}\n"));
     }
+    text.push_str(USUAL);
     text
 }
 
@@ -216,4 +222,38 @@ fn unless_none<T>(text: &str, read: impl FnOnce(&str) -> Option<T>) -> Option<Op
 
 fn or_none(value: Option<impl fmt::Display>) -> String {
     value.map_or_else(|| NONE.to_owned(), |value| value.to_string())
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
+
+    /// LINK-6 The help says which switches an axis has of which nothing is said.
+    #[test]
+    fn the_help_says_what_is_usual() {
+        let hsp = HspConfig::default().travels;
+        let travels = [
+            ("drive", DriveConfig::default().travel),
+            ("step", DriveConfig::stepper().travel),
+            ("dp3cl", Dp3clConfig::default().travel),
+            ("hsp,", hsp[0]),
+            ("hsp2", hsp[1]),
+        ];
+        for (kind, travel) in travels {
+            let row = USUAL.lines().find(|row| row.contains(kind) && row.contains('@')).expect(kind);
+            let parts = row.split(" :").nth(1).and_then(|parts| parts.split(", ").next()).expect(row);
+            let said = TravelSpec::parse(parts).expect(parts);
+            let range = |from, to| Some(Some(PositionRange { from: Some(from), to: Some(to) }));
+            let Travel { negative_limit: Some(negative), positive_limit: Some(positive), index: Some(index), .. } =
+                travel
+            else {
+                panic!("{travel:?}")
+            };
+            let Some(HomeSwitch::Cam { first, last }) = travel.home else { panic!("{travel:?}") };
+            assert_eq!(said.limits, range(negative, positive), "{kind}");
+            assert_eq!(said.home, range(first, last), "{kind}");
+            assert_eq!(said.index, Some(Some(index)), "{kind}");
+        }
+    }
 }

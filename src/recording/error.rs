@@ -58,6 +58,15 @@ pub enum RecordError {
         /// The file.
         name: String,
     },
+    /// It is a recording of Ethernet frames.
+    #[error(
+        "{name} holds Ethernet frames, as `ecmsk serve ethercat` records them, and not the recording of a board; Wireshark and tshark \
+         show them"
+    )]
+    OfNetwork {
+        /// The file.
+        name: String,
+    },
     /// There is USB traffic, and none of a board.
     #[error(
         "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"

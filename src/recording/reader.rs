@@ -5,6 +5,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use pcap_file::DataLink;
+
 use super::devices::{self, Cut, Devices, Seen, Skipped};
 use super::ending::Lacks;
 use super::error::RecordError;
@@ -206,10 +208,14 @@ impl<R: Read> Recording<R> {
     /// A file that was read to its end without a frame.
     fn check(&mut self) -> Result<(), RecordError> {
         let name = self.name.clone();
+        let of_network = format!("{:?}", DataLink::ETHERNET);
         let of_chip = format!("{:?}", formats::exchange::LINK_TYPE);
         match self.others.take() {
             Some(found) if found.contains(&of_chip) => Err(RecordError::OfChip { name }),
             Some(found) if found.is_empty() => Err(RecordError::NoUsb { name, found: "no interface".to_owned() }),
+            Some(found) if found.iter().all(|link_type| *link_type == of_network) => {
+                Err(RecordError::OfNetwork { name })
+            }
             Some(found) => Err(RecordError::NoUsb { name, found: found.join(", ") }),
             None if self.frames > 0 || self.is_recording => Ok(()),
             None => {

@@ -21,6 +21,7 @@ use super::plant::Following;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
+use crate::cia402::error_name;
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
@@ -269,6 +270,12 @@ pub trait Model: Send + Sized + 'static {
     /// The true position of the shaft of an axis (from 0), counts; `None`: the device has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.axes().get(axis).map(|axis| axis.plant().position())
+    }
+
+    /// What the present fault of an axis (from 0) means, whose error code this is.
+    fn fault_meaning(&self, axis: usize, code: u16) -> &'static str {
+        let _ = axis;
+        error_name(code)
     }
 
     /// The device is switched off, and on again: the AL state is Init.

@@ -5,6 +5,15 @@ use super::lines::InputPattern;
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 
+/// A fault that an axis has, for people who look at it from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisFault {
+    /// The error code, 0x603F.
+    pub code: u16,
+    /// What is wrong, in the words of the device: by its manual, or by CiA 402.
+    pub meaning: &'static str,
+}
+
 /// A fault inside a device, or its end. Axes and channels are numbered from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {

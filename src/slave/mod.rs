@@ -54,7 +54,7 @@ pub mod switches;
 pub use communication::{Communication, LatchChange, SyncEvent, SyncManagerSettings};
 pub use dp3cl::{Dp3cl, Dp3clConfig};
 pub use drive::{Drive, DriveConfig, DriveKind};
-pub use fault::Fault;
+pub use fault::{AxisFault, Fault};
 pub use files::FileStore;
 pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
@@ -322,6 +322,12 @@ pub trait Slave: Send {
 
     /// The true position of the shaft of an axis (from 0), counts; `None`: the slave has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
+        let _ = axis;
+        None
+    }
+
+    /// The fault of an axis (from 0), from when it comes until it is cleared; `None`: there is none, or no such axis.
+    fn fault(&self, axis: usize) -> Option<AxisFault> {
         let _ = axis;
         None
     }

@@ -89,7 +89,7 @@ struct Once(bool);
 impl Script for Once {
     fn run(&mut self, at: Ns, note: &mut dyn FnMut(Event)) {
         if !std::mem::replace(&mut self.0, true) {
-            note(Event::Scripted { at, line: 7, verb: "full", ended: true });
+            note(Event::Scripted { at, line: 7, verb: "full", slave: None, code: None, ended: true });
         }
     }
 
@@ -107,5 +107,5 @@ fn a_script_is_noted() {
     let at = host.board.next_cycle();
     host.cycles(3);
     let events: Vec<_> = host.board.engine().events_since(mark).collect();
-    assert_eq!(events, [Event::Scripted { at, line: 7, verb: "full", ended: true }]);
+    assert_eq!(events, [Event::Scripted { at, line: 7, verb: "full", slave: None, code: None, ended: true }]);
 }

@@ -246,7 +246,10 @@ fn an_error_says_where_and_what_to_do() {
     assert_eq!(no_interface, RecordError::NoUsb { name: name.clone(), found: "no interface".to_owned() });
     let network = error_of(&[section(order), interface(order, 105, &[]), interface(order, 1, &[])].concat());
     assert_eq!(network, RecordError::NoUsb { name, found: "IEEE802_11, ETHERNET".to_owned() });
-    for error in [unknown, differ, no_interface, network] {
+    let of_network = error_of(&[section(order), interface(order, 1, &[])].concat());
+    assert_eq!(of_network, RecordError::OfNetwork { name: "x.pcapng".to_owned() });
+    assert!(of_network.to_string().contains("`ecmsk serve ethercat`"), "{of_network}");
+    for error in [unknown, differ, no_interface, network, of_network] {
         assert!(error.to_string().starts_with("x.pcapng ") && error.to_string().contains("record"), "{error}");
     }
 

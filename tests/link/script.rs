@@ -239,7 +239,10 @@ fn a_script_in_rust_does_what_the_handles_do() {
     let counted = allocation_counter::measure(|| assert_eq!(reports(&mut board, 20), 17));
     assert_eq!(counted.count_total, 0, "a script allocates nothing once it runs: {counted:?}");
     let zero = board.now() - 20 * MS;
-    let scripted = |after, line, verb, ended| Event::Scripted { at: zero + after * MS, line, verb, ended };
+    let scripted = |after, line, verb, ended: bool| {
+        let slave = (verb == "cut" && !ended).then_some(1);
+        Event::Scripted { at: zero + after * MS, line, verb, slave, code: None, ended }
+    };
     assert_eq!(
         board.engine().events_since(events).collect::<Vec<_>>(),
         [
@@ -251,8 +254,11 @@ fn a_script_in_rust_does_what_the_handles_do() {
     );
     let event = scripted(3, 2, "cut", true).to_string();
     assert_eq!(event, format!("script, line 2: the end of `cut` at {} us", (zero + 3 * MS) / 1000));
+    let alarm = Event::Scripted { at: MS, line: 1, verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false };
+    assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 1000 us");
 }
 
+/// ECAT-15.24 On a board a line that waits for a master is refused.
 /// LINK-6 A wrong script is found before anything moves: the board is not opened, and its name stays free.
 #[test]
 fn a_wrong_file_opens_nothing() {
@@ -268,7 +274,10 @@ fn a_wrong_file_opens_nothing() {
     let missing = support::out_dir().join("missing.ecmscript");
     let error = open(&missing).expect_err("no file").to_string();
     assert!(error.starts_with(&format!("cannot read the script {}: ", missing.display())), "{error}");
-    assert!(error.ends_with("; name another file with script= or leave it out"), "{error}");
+    assert!(error.ends_with("; name another file or leave it out"), "{error}");
+    let waits = file("waits", "at 1s heal\nfrom op\nat 1s heal\n");
+    let error = open(&waits).expect_err("it waits for OP").to_string();
+    assert!(error.contains("line 3") && error.contains("`from` is for `ecmsk serve ethercat` alone"), "{error}");
     open(&support::out_dir()).expect_err("a folder");
     let bytes = support::out_dir().join("bytes.ecmscript");
     fs::write(&bytes, [0xFF, 0xFE]).expect("a file");

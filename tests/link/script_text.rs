@@ -71,13 +71,16 @@ fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
     const LASTING: &str = "cut, noise, mute, refuse, sdo-delay, sdo-abort, lose, stick, jam, io, silent, full";
     const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
     for (text, line, column, message) in [
-        ("\n  alram 1 0x7500", 2, 3, format!("`alram` is no verb; did you mean `alarm`? allowed: at, end, {VERBS}")),
-        ("explode", 1, 1, format!("`explode` is no verb; allowed: at, end, {VERBS}")),
+        ("\n  alram 1 0x7500", 2, 3, format!("`alram` is no verb; did you mean `alarm`? allowed: at, end, from, {VERBS}")),
+        ("explode", 1, 1, format!("`explode` is no verb; allowed: at, end, from, {VERBS}")),
         ("at", 1, 3, "TIME is missing; allowed: at TIME VERB ..".into()),
         ("at 2.5 heal", 1, 4, format!("`2.5` is no time; allowed: {TIMES}")),
         ("at 1001h heal", 1, 4, format!("`1001h` is no time; allowed: {TIMES}")),
         ("at 1s", 1, 6, format!("VERB is missing; allowed: {VERBS}")),
         ("at 1s end", 1, 10, format!("VERB is missing; allowed: {LASTING}")),
+        ("from", 1, 5, "start|frame|op is missing; allowed: from start|frame|op".into()),
+        ("from fame", 1, 6, "`fame` is no moment; did you mean `frame`? allowed: start, frame, op".into()),
+        ("from op 2s", 1, 9, "`2s` is too much; allowed: from start|frame|op".into()),
         ("end alarm 1", 1, 5, format!("`alarm` is no verb that `end` ends; allowed: {LASTING}")),
         ("end muet 1", 1, 5, format!("`muet` is no verb that `end` ends; did you mean `mute`? allowed: {LASTING}")),
         ("end refuse", 1, 11, "SLAVE is missing; allowed: end refuse SLAVE".into()),
@@ -140,7 +143,7 @@ fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
         ("io 3 walk 5", 1, 11, format!("`5` is no time; allowed: {TIMES}")),
         ("io 3 walk 0ms", 1, 11, "`0ms` is no TIME; allowed: a time that is longer than 0".into()),
         ("end io", 1, 7, "SLAVE is missing; allowed: end io SLAVE[.CHANNEL]".into()),
-        ("# ä\nä 1", 2, 1, format!("`ä` is no verb; allowed: at, end, {VERBS}")),
+        ("# ä\nä 1", 2, 1, format!("`ä` is no verb; allowed: at, end, from, {VERBS}")),
         ("silent ä x", 1, 8, "`ä` is too much; allowed: silent [for TIME]".into()),
     ] {
         let error = Script::parse("my.ecmscript", text, &slaves("drive*2,io")).expect_err(text);

@@ -263,6 +263,7 @@ fn a_board_takes_40_slaves_or_30() {
     assert_eq!(sim("sim:?slot=16&slaves=drive*30").slaves.len(), 30);
     refused("sim:?slaves=", &["key `slaves`", "a network without one is slaves=none"]);
     assert_eq!(sim("sim:?slaves=none").slaves.len(), 0);
+    refused("sim:?slaves=drive*2:limits@-1..1", &["the number stands last", "drive:limits@-1..1*2"]);
     refused("sim:?slaves=drive*40,drive", &["`slaves`", "`drive*40,drive`", "at most 40 slaves"]);
     refused("sim:?slot=16&slaves=drive*31", &["`slaves`", "`drive*31`", "at most 30 slaves with slot=16"]);
     refused("sim:?slaves=drive*31&slot=16", &["`slaves`", "`drive*31`", "at most 30 slaves with slot=16"]);

@@ -295,7 +295,7 @@ fn a_refused_real_time_priority_is_a_warning() {
     link.close();
     let late = link.lateness().expect("on the real clock");
     assert!(late.cycles >= 20, "{late:?}");
-    let told = lines_with(&["priority=200", "refused", "ulimit -r 200"]);
+    let told = lines_with(&["a priority of 200", "refused", "ulimit -r 200"]);
     assert!(!told.is_empty(), "{:?}", lines_with(&[]));
 }
 

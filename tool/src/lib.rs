@@ -71,7 +71,8 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do, with --json as an object of `error` and `exit_code`
   2    the command line is wrong
-  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once
+  130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once;
+       `serve`, which nothing else ends, has 0 then
   compare
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   replay

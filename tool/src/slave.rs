@@ -43,7 +43,7 @@ struct Of {
     kind: SlaveSpec,
 
     /// Where to write it [default: standard output]
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Option<PathBuf>,
 }
 

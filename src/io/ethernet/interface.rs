@@ -33,6 +33,12 @@ pub enum InterfaceError {
          these frames; name another interface{}", insist.map(|with| format!(", or insist with {with}")).unwrap_or_default()
     )]
     DefaultRoute { name: String, insist: Option<&'static str> },
+    /// Another master or other slaves of this project have it.
+    #[error(
+        "the network interface {name} is used by another program of ecmsk on this machine; end that program, or name another \
+         interface"
+    )]
+    InUse { name: String },
     /// This program may not use raw frames.
     #[error(
         "raw frames on {name} need the capability CAP_NET_RAW, which this program does not have; give it to it: sudo setcap \

@@ -6,6 +6,7 @@ use std::mem::size_of;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 
 use rustix::io::Errno;
+use rustix::net::netdevice::index_to_name_inlined;
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
 
 use super::interface::{Interface, InterfaceError};
@@ -13,6 +14,18 @@ use super::interface::{Interface, InterfaceError};
 /// A socket of one network interface.
 pub struct Socket {
     fd: OwnedFd,
+    index: u32,
+}
+
+/// What is at the other end of the cable of an interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkState {
+    /// Somebody.
+    Up,
+    /// Nobody, or the interface is switched off.
+    Down,
+    /// The interface itself is gone.
+    Gone,
 }
 
 impl Socket {
@@ -65,7 +78,27 @@ impl Socket {
                 ),
             ]
         };
-        if results.contains(&-1) { Err(io::Error::last_os_error()) } else { Ok(Self { fd }) }
+        let index = u32::try_from(index).map_err(|_| io::Error::from(Errno::NODEV))?;
+        if results.contains(&-1) { Err(io::Error::last_os_error()) } else { Ok(Self { fd, index }) }
+    }
+
+    /// Whether there is a link. The interface may have another name by now.
+    pub fn link_state(&self) -> LinkState {
+        let Ok(name) = index_to_name_inlined(&self.fd, self.index) else { return LinkState::Gone };
+        // SAFETY: all bytes of the structure may be zero.
+        let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
+        // The name has its end within the bytes of the structure.
+        for (to, from) in request.ifr_name.iter_mut().zip(name.as_bytes()) {
+            *to = *from as libc::c_char;
+        }
+        // SAFETY: the call reads the name and writes the flags, both in a structure of that type.
+        let result = unsafe { libc::ioctl(self.fd.as_raw_fd(), libc::SIOCGIFFLAGS, &raw mut request) };
+        if result == -1 {
+            return LinkState::Gone;
+        }
+        // SAFETY: the call has succeeded, and so has written the flags.
+        let flags = unsafe { request.ifr_ifru.ifru_flags };
+        if i32::from(flags) & libc::IFF_RUNNING != 0 { LinkState::Up } else { LinkState::Down }
     }
 
     /// Takes a frame; its length, which is that of the frame even if it has no room in `frame`. `None`: there is none.

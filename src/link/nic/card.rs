@@ -1,14 +1,12 @@
 //! The frames and the clock of a network card, and of two.
 
-use std::os::linux::net::SocketAddrExt;
-use std::os::unix::net::{SocketAddr, UnixListener};
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
 use crate::fieldbus::nic::{CardPair, NicWires};
-use crate::io::ethernet::{self, DefaultRoute, Interface, InterfaceError, MacAddress, Socket};
+use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress, Socket};
 use crate::link::LinkError;
 use crate::link::uri::{LinkUri, UriError};
 use crate::master::{FrameBuffer, Wire, WireDown};
@@ -24,7 +22,7 @@ pub(crate) struct Card {
     source: MacAddress,
     begin: Instant,
     /// Nobody else on this machine has the card while this is open.
-    _claim: UnixListener,
+    _claim: Claim,
 }
 
 impl Card {
@@ -48,9 +46,16 @@ impl Card {
     /// [`LinkError::NoBoard`]: the interface cannot be used, or another master is there; [`LinkError::InUse`]: another program
     /// on this machine has it.
     pub(super) fn open(interface: &str, link: &str) -> Result<Self, LinkError> {
-        let refused = |error: InterfaceError| LinkError::NoBoard { name: link.to_owned(), reason: error.to_string() };
+        let refused = |error: InterfaceError| match error {
+            InterfaceError::InUse { .. } => LinkError::InUse {
+                name: link.to_owned(),
+                by: " by another program of ecmsk on this machine".into(),
+                instead: "end that program, or share its board by `ecmsk serve tcp`",
+            },
+            error => LinkError::NoBoard { name: link.to_owned(), reason: error.to_string() },
+        };
         let interface = ethernet::check(interface, DefaultRoute::Refused { insist: None }).map_err(refused)?;
-        let claim = claim(&interface, link)?;
+        let claim = Claim::new(&interface).map_err(refused)?;
         let socket = Socket::open(&interface, ETHERTYPE).map_err(refused)?;
         let mut source = interface.mac_address;
         source[0] &= !PASSED;
@@ -89,21 +94,6 @@ impl Card {
             self.wait(end);
         }
     }
-}
-
-/// Claims a card for this process: an abstract socket of that name, which is of this network namespace, and is gone with
-/// the process.
-fn claim(interface: &Interface, link: &str) -> Result<UnixListener, LinkError> {
-    let name = format!("ecmsk/nic/{}", interface.index);
-    let failed = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::AddrInUse => LinkError::InUse {
-            name: link.to_owned(),
-            by: " by another program of ecmsk on this machine".into(),
-            instead: "end that program, or share its board by `ecmsk serve tcp`",
-        },
-        _ => LinkError::Io { what: format!("claim the network card of `{link}`"), message: error.to_string() },
-    };
-    SocketAddr::from_abstract_name(name).and_then(|address| UnixListener::bind_addr(&address)).map_err(failed)
 }
 
 impl Wire for Card {

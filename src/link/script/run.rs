@@ -63,6 +63,30 @@ impl ScriptAction {
         matches!(self, Self::Noise(_))
     }
 
+    /// The slave to which it happens, from 1; `None`: to the cable or to the board.
+    const fn slave(self) -> Option<u8> {
+        match self {
+            Self::Fault { slave, .. }
+            | Self::Mute { slave, .. }
+            | Self::Refuse { slave, .. }
+            | Self::SdoDelay { slave, .. }
+            | Self::SdoAbort { slave, .. }
+            | Self::Lose { slave, .. } => Some(slave),
+            Self::Cut(Some(before)) => Some(before + 1),
+            Self::Noise(_) | Self::Cut(None) | Self::Silent(_) | Self::Full(_) | Self::Inputs(_) => None,
+        }
+    }
+
+    /// The error code, AL status code or abort code that the slave shows.
+    fn code(self) -> Option<u32> {
+        match self {
+            Self::Fault { fault: Fault::Alarm { fault, .. }, .. } => Some(fault.code.into()),
+            Self::Refuse { state: Some((_, status)), .. } => Some(status.0.into()),
+            Self::SdoAbort { abort: Some((_, code)), .. } => Some(code.0),
+            _ => None,
+        }
+    }
+
     fn apply(self, network: &Cable, board: &BoardHandle) {
         match self {
             Self::Fault { slave, fault } => network.apply_fault(slave, fault),
@@ -89,10 +113,26 @@ impl ScriptAction {
     }
 }
 
+/// From when the times of lines count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScriptOrigin {
+    /// The start of the script: when the link was opened, or the server was started.
+    Start,
+    /// The first frame of a master.
+    Frame,
+    /// When the first slave is in OP.
+    Op,
+}
+
+impl ScriptOrigin {
+    const ALL: [Self; 3] = [Self::Start, Self::Frame, Self::Op];
+}
+
 /// One action of a script and its time. A line with `for` has two steps: its action, and the one that undoes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Step {
-    /// Nanoseconds of the board's time since the link was opened.
+    pub(super) from: ScriptOrigin,
+    /// Nanoseconds after that.
     pub(super) at: Ns,
     /// The number of the line in the file, from 1.
     pub(super) line: u32,
@@ -102,34 +142,56 @@ pub(super) struct Step {
     pub(super) ended: bool,
 }
 
-/// A script that is being carried out on a board and its network.
-pub struct RunningScript {
+/// The steps whose times count from the same moment.
+struct Part {
     steps: Vec<Step>,
     /// The index of the first step that has not been carried out.
     next: usize,
-    /// The board's time from which the times of the steps count.
-    zero: Ns,
+    /// The time from which the times of the steps count; `None`: it has not come yet.
+    zero: Option<Ns>,
+}
+
+/// A script that is being carried out on a board and its network.
+pub struct RunningScript {
+    /// In the order of [`ScriptOrigin`].
+    parts: [Part; 3],
     network: Cable,
     board: BoardHandle,
 }
 
 impl RunningScript {
-    pub(super) const fn new(steps: Vec<Step>, network: Cable, board: BoardHandle, zero: Ns) -> Self {
-        Self { steps, next: 0, zero, network, board }
+    /// `steps` are in the order of their times.
+    pub(super) fn new(steps: &[Step], network: Cable, board: BoardHandle, zero: Ns) -> Self {
+        let parts = ScriptOrigin::ALL.map(|origin| Part {
+            steps: steps.iter().filter(|step| step.from == origin).cloned().collect(),
+            next: 0,
+            zero: (origin == ScriptOrigin::Start).then_some(zero),
+        });
+        Self { parts, network, board }
+    }
+
+    /// What lines wait for has come at `now`: their times count from then on. It comes once; later ones change nothing.
+    pub fn begin(&mut self, origin: ScriptOrigin, now: Ns) {
+        self.parts[origin as usize].zero.get_or_insert(now);
     }
 }
 
 impl engine::Script for RunningScript {
     fn run(&mut self, now: Ns, done: &mut dyn FnMut(Event)) {
-        while let Some(step) = self.steps.get(self.next).filter(|step| self.zero.saturating_add(step.at) <= now) {
-            step.action.apply(&self.network, &self.board);
-            done(Event::Scripted { at: now, line: step.line, verb: step.verb, ended: step.ended });
-            self.next += 1;
+        for Part { steps, next, zero } in &mut self.parts {
+            let Some(zero) = *zero else { continue };
+            while let Some(step) = steps.get(*next).filter(|step| zero.saturating_add(step.at) <= now) {
+                step.action.apply(&self.network, &self.board);
+                let Step { line, verb, ended, .. } = *step;
+                let (slave, code) = (step.action.slave(), step.action.code());
+                done(Event::Scripted { at: now, line, verb, slave, code, ended });
+                *next += 1;
+            }
         }
     }
 
     fn is_over(&self) -> bool {
-        self.next == self.steps.len()
+        self.parts.iter().all(|part| part.next == part.steps.len())
     }
 }
 

@@ -4,7 +4,7 @@
 use std::num::NonZeroU16;
 
 use super::reader::Reader;
-use super::run::{ScriptAction, Step};
+use super::run::{ScriptAction, ScriptOrigin, Step};
 use super::words::{LineError, Word, Words, number, time};
 use crate::link::slaves::SlaveSpec;
 use crate::slave::cable::Noise;
@@ -21,6 +21,10 @@ struct Verb {
     /// Reads the operands, which after `end` are fewer ([`Reader::ends`]).
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
+
+/// The moments from which times count, by the word behind `from`.
+const ORIGINS: [(&str, ScriptOrigin); 3] =
+    [("start", ScriptOrigin::Start), ("frame", ScriptOrigin::Frame), ("op", ScriptOrigin::Op)];
 
 const VERBS: &[Verb] = &[
     Verb {
@@ -181,6 +185,9 @@ pub(crate) fn help() -> String {
         "A script (script=FILE) is one event a line, at board time since the link was opened; # begins a comment:\n\n    \
          [at TIME] VERB .. [for TIME]      for example  at 3s cut 2 for 500ms\n    \
          [at TIME] end VERB [SLAVE]        takes back what lasts\n\n\
+         For slaves on a network interface (`ecmsk serve ethercat`) times count from its start, and below a line\n\n    \
+         from frame                        from the first frame of a master\n    \
+         from op                           from when the first slave is in OP\n\n\
          Times are numbers with us, ms, s, min or h. Warnings and the summary have board time since its power came on, which is \
          more\nby the time of its boot. Verbs:\n",
     );
@@ -197,9 +204,19 @@ fn form(verb: &Verb) -> String {
 }
 
 /// Adds the steps of one line: none for an empty line, two for a line with `for`, otherwise one.
-pub(super) fn parse_line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mut Vec<Step>) -> Result<(), LineError> {
+pub(super) fn parse_line(
+    line: u32,
+    text: &str,
+    slaves: &[SlaveSpec],
+    from: &mut ScriptOrigin,
+    steps: &mut Vec<Step>,
+) -> Result<(), LineError> {
     let mut words = Words::of(text);
     if words.peek().is_none() {
+        return Ok(());
+    }
+    if words.take("from") {
+        *from = origin(&mut words)?;
         return Ok(());
     }
     let at = if words.take("at") { time(&mut words, "at TIME VERB ..")? } else { 0 };
@@ -223,9 +240,19 @@ pub(super) fn parse_line(line: u32, text: &str, slaves: &[SlaveSpec], steps: &mu
     if let Some(word) = words.next() {
         return Err(word.wrong("too much", &form));
     }
-    steps.push(Step { at, line, verb: verb.name, action, ended: ends });
-    steps.extend(end.map(|at| Step { at, line, verb: verb.name, action: action.undo(), ended: true }));
+    let step = Step { from: *from, at, line, verb: verb.name, action, ended: ends };
+    steps.push(step.clone());
+    steps.extend(end.map(|at| Step { at, action: action.undo(), ended: true, ..step }));
     Ok(())
+}
+
+/// Reads what stands behind `from`.
+fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
+    let form = format!("from {}", ORIGINS.map(|(name, _)| name).join("|"));
+    let word = words.need("start|frame|op", &form)?;
+    let found = ORIGINS.iter().find(|(name, _)| *name == word.text).map(|(_, origin)| *origin);
+    let origin = found.ok_or_else(|| word.unknown("moment", &ORIGINS.map(|(name, _)| name)))?;
+    words.next().map_or(Ok(origin), |word| Err(word.wrong("too much", &form)))
 }
 
 /// The names of all verbs, or of those that `end` can end.
@@ -237,7 +264,7 @@ fn unknown_verb(word: Word, ends: bool) -> LineError {
     if ends {
         word.unknown("verb that `end` ends", &names(true))
     } else {
-        let mut known = vec!["at", "end"];
+        let mut known = vec!["at", "end", "from"];
         known.extend(names(false));
         word.unknown("verb", &known)
     }

@@ -4,11 +4,15 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`Server`], its options and errors
+//! - `masters.rs`: which masters send frames
 //! - `network.rs`: the slaves with what a script does to them; time is an argument
+//! - `told.rs`: what is told of the slaves
 //! - `service.rs`: the thread
 
+mod masters;
 mod network;
 mod service;
+mod told;
 
 use std::io;
 use std::path::PathBuf;
@@ -18,23 +22,27 @@ use std::time::Instant;
 pub use crate::io::ethernet::InterfaceError;
 pub use network::Network;
 
+use super::log_limit::LogLimit;
 use super::notes::{Notes, Teller};
 use super::serving::{Serving, Shared};
 use crate::engine::RealTime;
 use crate::ethercat::ETHERTYPE;
-use crate::io::ethernet::{self, DefaultRoute, Socket};
+use crate::io::ethernet::{self, Claim, DefaultRoute, Socket};
 use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
 use crate::slave::cable::Cable;
 use crate::slave::esc::UndescribedError;
-use service::Service;
+use masters::Masters;
+use service::{Failure, Port, Service};
 
 /// How slaves are served.
 #[derive(Clone)]
 pub struct Options {
     /// The network interface.
     pub interface: String,
+    /// A second one at the other end of the cable, which closes a ring while it has a link.
+    pub second: Option<String>,
     /// The slaves in the order of the cable.
     pub slaves: Vec<SlaveSpec>,
     /// By how much the crystals of the slaves are too fast or too slow at most, parts per million: the first one is too fast by that
@@ -51,6 +59,8 @@ pub struct Options {
     /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
     /// take in time are dropped, and their number is reported to it.
     pub tell: Arc<dyn Fn(&str) + Send + Sync>,
+    /// Called in the thread of the slaves when it has ended by itself; [`Server::stop`] says why.
+    pub failed: Arc<dyn Fn() + Send + Sync>,
 }
 
 /// Why slaves cannot be served.
@@ -72,6 +82,17 @@ pub enum ServeError {
     /// The recording cannot be made.
     #[error("cannot record to {}: {source}; name another file with --record or leave it out", file.display())]
     Record { file: PathBuf, source: io::Error },
+    /// Both ends of the cable are the same interface.
+    #[error(
+        "{interface} is the interface at both ends; with --second name the one at the other end of the cable, or leave it out"
+    )]
+    SameInterface { interface: String },
+    /// An interface is gone while it was served.
+    #[error(
+        "the network interface {interface} is gone, and so the slaves are reached no more; make it again, then start the server \
+         again"
+    )]
+    Gone { interface: String },
     /// The system did not provide a thread or another resource.
     #[error("{what}: {source}; free some memory, files or threads, then start it again")]
     System { what: &'static str, source: io::Error },
@@ -81,6 +102,7 @@ pub enum ServeError {
 pub struct Server {
     cable: Cable,
     serving: Serving,
+    failure: Failure,
 }
 
 impl Server {
@@ -97,12 +119,7 @@ impl Server {
         let script = script.map(|path| simulated_slaves::script(path, &options.slaves)).transpose()?;
         let network = Network::new(simulated_slaves::build(&options.slaves)?, script, options.drift_ppm)?;
         let cable = network.cable().clone();
-        let default_route = match options.allow_default_route {
-            true => DefaultRoute::Allowed,
-            false => DefaultRoute::Refused { insist: Some("--force") },
-        };
-        let interface = ethernet::check(&options.interface, default_route)?;
-        let socket = Socket::open(&interface, ETHERTYPE)?;
+        let ports = ports(&options)?;
         let record = |file: PathBuf| {
             let name = format!("ethercat:{}", options.interface);
             NetworkRecording::begin(&file, name, 0).map_err(|source| ServeError::Record { file, source })
@@ -112,10 +129,31 @@ impl Server {
         let shared = Shared::new().map_err(system("make a waker"))?;
         let notes = Notes::default();
         let teller = Teller::of_lines(&notes, options.tell).map_err(system("start the thread of the log"))?;
-        let service = Service::new(options.interface, network, socket, recording, begin, Arc::clone(&shared), notes);
-        let real_time = options.real_time;
-        let serving = Serving::start("ecmsk-ethercat", shared, teller, move || service.run(real_time));
-        Ok(Self { cable, serving: serving.map_err(system("start the thread of the slaves"))? })
+        let service = Service {
+            network,
+            ports,
+            recording,
+            begin,
+            shared: Arc::clone(&shared),
+            notes,
+            log_limit: LogLimit::default(),
+            masters: Masters::new(options.interface, begin),
+            next_tick: begin,
+            next_look: begin,
+            told_ring: None,
+            answered: 0,
+            lost: 0,
+        };
+        let failure = Failure::default();
+        let (real_time, failed, reason) = (options.real_time, options.failed, Arc::clone(&failure));
+        let run = move || {
+            service.run(real_time, &reason);
+            if reason.lock().is_some() {
+                failed();
+            }
+        };
+        let serving = Serving::start("ecmsk-ethercat", shared, teller, run);
+        Ok(Self { cable, serving: serving.map_err(system("start the thread of the slaves"))?, failure })
     }
 
     /// The cable of the slaves, for faults.
@@ -129,7 +167,31 @@ impl Server {
     }
 
     /// Ends the server: the slaves answer no more, and the recording is complete.
-    pub fn stop(self) {
+    ///
+    /// # Errors
+    /// [`ServeError::Gone`]: it has ended before, by itself.
+    pub fn stop(self) -> Result<(), ServeError> {
         drop(self.serving);
+        self.failure.lock().take().map_or(Ok(()), Err)
     }
+}
+
+/// Opens the interfaces at the ends of the cable, and claims them.
+fn ports(options: &Options) -> Result<Vec<Port>, ServeError> {
+    let default_route = match options.allow_default_route {
+        true => DefaultRoute::Allowed,
+        false => DefaultRoute::Refused { insist: Some("--force") },
+    };
+    if options.second.as_ref() == Some(&options.interface) {
+        return Err(ServeError::SameInterface { interface: options.interface.clone() });
+    }
+    let port = |(name, is_connected): (&String, bool)| {
+        let interface = ethernet::check(name, default_route)?;
+        let claim = Claim::new(&interface)?;
+        let socket = Socket::open(&interface, ETHERTYPE)?;
+        Ok(Port { interface: name.clone(), socket, _claim: claim, is_connected, last_frame: None })
+    };
+    // So it is with a new network. Whether the second one has a link is asked for at once.
+    let second = options.second.as_ref().map(|name| (name, false));
+    std::iter::once((&options.interface, true)).chain(second).map(port).collect()
 }

@@ -1,21 +1,20 @@
 //! The slaves on a cable, and what a script does to them. Time is an argument; nothing here knows the network interface.
 
 use super::ServeError;
+use super::told::Told;
 use crate::engine::Script as _;
-use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
-use crate::ethercat::{AlState, AlStatus, FRAME_LEN_MIN, Frame, Ns};
-use crate::link::script::{RunningScript, Script};
+use crate::ethercat::{AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
+use crate::link::script::{RunningScript, Script, ScriptOrigin};
 use crate::link::simulated_slaves;
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
-use crate::slave::esc::{CabledChain, Chain, EscSlave, FrameFate};
+use crate::slave::esc::{CabledChain, Chain, FrameFate};
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
     slaves: CabledChain,
     script: Option<RunningScript>,
-    /// The states that were told of the slaves.
-    told: Vec<(RequestedState, AlStatus)>,
+    told: Told,
     /// What has happened that nobody has taken yet.
     lines: Vec<String>,
 }
@@ -28,7 +27,7 @@ impl Network {
     /// [`ServeError::Description`]: a device does not say what belongs into its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, script: Option<Script>, drift_ppm: u16) -> Result<Self, ServeError> {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
-        let told = vec![(RequestedState::State(AlState::Init), AlStatus::NONE); slaves.chain().len()];
+        let told = Told::new(slaves.chain().len());
         let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
         Ok(Self { slaves, script, told, lines: Vec::new() })
     }
@@ -48,27 +47,44 @@ impl Network {
         Frame::decode(frame).is_ok_and(|frame| frame.datagrams().is_some())
     }
 
-    /// A frame of `len` bytes comes at `now` and is changed in place; how many bytes come back, padded with zeros to those that
-    /// Ethernet has at least, for which there has to be room. `None`: it does not come back. Times have to ascend. Once the
-    /// frame is on its way, [`Self::look`] has to follow.
-    pub fn answer(&mut self, frame: &mut [u8], len: usize, now: Ns) -> Option<usize> {
+    /// There is a cable at that end of the slaves, or none any more. At the beginning there is one at the first end alone.
+    pub fn connect(&mut self, end: CableEnd, is_connected: bool) {
+        match end {
+            CableEnd::First => self.slaves.connect_first(is_connected),
+            CableEnd::Last => self.slaves.connect_second(is_connected),
+        }
+    }
+
+    /// A frame of `len` bytes comes at that end at `now` and is changed in place; how many bytes come back, padded with zeros to
+    /// those that Ethernet has at least, for which there has to be room, and at which end. `None`: it does not come back. Times
+    /// have to ascend. Once the frame is on its way, [`Self::look`] has to follow.
+    pub fn answer(&mut self, end: CableEnd, frame: &mut [u8], len: usize, now: Ns) -> Option<(usize, CableEnd)> {
+        if let Some(script) = &mut self.script {
+            script.begin(ScriptOrigin::Frame, now);
+        }
         self.run_script(now);
-        let fate = self.slaves.process(&mut frame[..len], now);
+        let (fate, end) = self.slaves.process_from(end, &mut frame[..len], now);
         let padded = len.max(FRAME_LEN_MIN);
         frame[len..padded].fill(0);
-        matches!(fate, FrameFate::Returned(_)).then_some(padded)
+        matches!(fate, FrameFate::Returned(_)).then_some((padded, end))
     }
 
     /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
     pub fn look(&mut self) {
-        self.tell_states(|(_, code)| code != AlStatus::NONE);
+        self.told.look_at_states(self.slaves.chain(), |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.run_script(now);
         self.slaves.advance(now);
-        self.tell_states(|_| true);
+        self.told.look_at_states(self.slaves.chain(), |_| true, &mut self.lines);
+        self.told.look_at_faults(self.slaves.chain(), &mut self.lines);
+        if let Some(script) = &mut self.script
+            && self.told.has_op()
+        {
+            script.begin(ScriptOrigin::Op, now);
+        }
     }
 
     /// The lines on what has happened since the last call.
@@ -83,58 +99,17 @@ impl Network {
             script.run(now, &mut |event| lines.push(event.to_string()));
         }
     }
-
-    /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
-    fn tell_states(&mut self, which: impl Fn((RequestedState, AlStatus)) -> bool) {
-        let mut n = 0;
-        while n < self.told.len() {
-            let state = state_of(self.slaves.chain().slave(n));
-            let is_alike =
-                |n: &usize| which(state) && self.told[*n] != state && state_of(self.slaves.chain().slave(*n)) == state;
-            let end = (n..self.told.len()).find(|n| !is_alike(n)).unwrap_or(self.told.len());
-            if end > n {
-                self.lines.push(line_of(n, end, state));
-                self.told[n..end].fill(state);
-            }
-            n = end.max(n + 1);
-        }
-    }
-}
-
-/// The AL state of a slave and why it is there; 0: as the master wanted.
-fn state_of(slave: &EscSlave) -> (RequestedState, AlStatus) {
-    let code = slave.controller().peek(AL_STATUS_CODE, 2);
-    let code = code.try_into().map_or(0, u16::from_le_bytes);
-    (slave.shown_state(), AlStatus(code))
-}
-
-/// The line on the slaves from the place `first` to the one before `end`.
-fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) -> String {
-    let who = match end - first {
-        1 => format!("slave {} is", first + 1),
-        _ => format!("slaves {} to {end} are", first + 1),
-    };
-    let state = match state {
-        RequestedState::Boot => "BOOT",
-        RequestedState::State(AlState::PreOp) => "PreOP",
-        RequestedState::State(AlState::SafeOp) => "SafeOP",
-        RequestedState::State(AlState::Op) => "OP",
-        _ => "Init",
-    };
-    match code {
-        AlStatus::NONE => format!("{who} in {state}"),
-        code => format!("{who} in {state} with AL status {code}"),
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS, LATCH_TIMES};
+    use crate::ethercat::registers::{AL_CONTROL, AL_STATUS, LATCH_TIMES, RequestedState};
     use crate::ethercat::{
-        Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
+        AlState, Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
     };
     use crate::link::slaves;
+    use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;
     /// Sync managers 0 and 1, as the EEPROM of the slaves has them.
@@ -180,9 +155,10 @@ mod tests {
             let len = FRAME_HEADER_LEN + DATAGRAM_OVERHEAD + data.len();
             frame[len..].fill(0xEE);
             self.now += 1000;
-            let padded = self.network.answer(&mut frame, len, self.now);
+            let back = self.network.answer(CableEnd::First, &mut frame, len, self.now);
             self.network.look();
-            let padded = padded?;
+            let (padded, end) = back?;
+            assert_eq!(end, CableEnd::First);
             self.lines.extend(self.network.take_lines());
             assert_eq!((padded, frame[6]), (len.max(FRAME_LEN_MIN), 0x12));
             assert!(frame[len..padded].iter().all(|byte| *byte == 0), "padded with zeros");
@@ -246,7 +222,81 @@ mod tests {
         }
         let all = Some(4);
         assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
-        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose` at 30")), "{:?}", wire.lines);
+        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose 2` at 30")), "{:?}", wire.lines);
+    }
+
+    /// ECAT-15.20 An alarm is told with its code and its words when it comes, when another one takes its place, and when it is gone; a
+    /// module of two axes with the axis.
+    #[test]
+    fn alarms_are_told() {
+        let script = "at 10ms alarm 1 0x7500\nat 20ms alarm 1 0x8611\nat 30ms alarm 3.2 0x7500\nat 40ms alarm 2 0x3220\nat 50ms lose 2 for 5ms\n";
+        let mut wire = Wire::new("drive,dp3cl,hsp2", script);
+        wire.wait(60);
+        let alarms: Vec<&String> = wire.lines.iter().filter(|line| line.starts_with("slave")).collect();
+        assert_eq!(
+            alarms,
+            [
+                "slave 1: alarm 0x7500 (communication)",
+                "slave 1: alarm 0x8611 (following error)",
+                "slave 3.2: alarm 0x7500 (communication)",
+                "slave 2: alarm 0x3220 (under voltage)",
+                "slave 2: alarm 0x3220 is cleared",
+            ]
+        );
+        assert!(
+            wire.lines.iter().any(|line| line.starts_with("script, line 1: `alarm 1 0x7500` at 10")),
+            "{:?}",
+            wire.lines
+        );
+    }
+
+    /// ECAT-15.24 Below `from frame` times count from the first frame, below `from op` from when the first slave is in OP.
+    #[test]
+    fn a_script_waits_for_the_master() {
+        let script =
+            "from op\nat 10ms alarm 1 0x7500\nfrom frame\nat 10ms cut 2 for 10ms\nfrom start\nat 5ms mute 2 for 5ms\n";
+        let mut wire = Wire::new("io,drive", &script.replace("alarm 1", "alarm 2"));
+        let scripted = |wire: &Wire| wire.lines.iter().filter(|line| line.starts_with("script")).count();
+        wire.wait(50);
+        assert_eq!(scripted(&wire), 2, "{:?}", wire.lines);
+        assert_eq!(wire.count(), Some(2));
+        wire.wait(5);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(2), 2));
+        wire.wait(6);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(1), 3));
+        wire.wait(100);
+        assert_eq!((wire.count(), scripted(&wire)), (Some(2), 4), "nobody is in OP");
+        // An `io` without process data in use comes to OP by its states alone, with sync managers as its EEPROM has them.
+        assert_eq!(wire.send(Command::Apwr, 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
+        let outputs = [0x00, 0x11, 0x02, 0x00, 0x64, 0, 1, 0, 0x80, 0x11, 0x02, 0x00, 0x20, 0, 1, 0];
+        assert_eq!(wire.send(Command::Apwr, 0x0810 << 16, &outputs).map(|(_, counter)| counter), Some(1));
+        for state in [2, 4] {
+            wire.send(Command::Apwr, u32::from(AL_CONTROL) << 16, &[state, 0]);
+            wire.wait(2);
+        }
+        wire.send(Command::Apwr, 0x1100 << 16, &[0, 0]);
+        wire.send(Command::Apwr, u32::from(AL_CONTROL) << 16, &[8, 0]);
+        wire.wait(5);
+        assert!(wire.lines.iter().any(|line| line == "slave 1 is in OP"), "{:?}", wire.lines);
+        assert_eq!(scripted(&wire), 4);
+        wire.wait(11);
+        assert_eq!(scripted(&wire), 5, "{:?}", wire.lines);
+    }
+
+    /// ECAT-15.25 Without a link before the first slave no frame comes back, and a cut at the same place ends by itself.
+    #[test]
+    fn a_dead_link_is_no_cut() {
+        let mut wire = Wire::new("io*2", "at 10ms cut 1 for 20ms\n");
+        let mut counted = Vec::new();
+        for is_connected in [true, true, false, true, false, true] {
+            wire.network.connect(CableEnd::First, is_connected);
+            counted.push(wire.count());
+            wire.wait(10);
+        }
+        assert_eq!(counted, [Some(2), None, None, Some(2), None, Some(2)]);
+        wire.network.connect(CableEnd::Last, true);
+        wire.network.connect(CableEnd::Last, false);
+        assert_eq!(wire.count(), Some(2), "frames turn at the last slave again");
     }
 
     /// ECAT-15.2 A state that a script refuses is refused with its code, which is told; a slave that lost its power is in Init.

@@ -1,15 +1,18 @@
-//! The thread that has the slaves and the socket.
+//! The thread that has the slaves and the sockets.
 
 use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
+use super::ServeError;
+use super::masters::Masters;
 use super::network::Network;
 use crate::engine::RealTime;
-use crate::ethercat::{FRAME_LEN_MAX, Ns};
-use crate::io::ethernet::Socket;
+use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
+use crate::io::ethernet::{Claim, LinkState, Socket};
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
 use crate::port::log_limit::LogLimit;
@@ -20,63 +23,60 @@ use crate::port::serving::Shared;
 const TICK: Duration = Duration::from_millis(5);
 /// The pause after the interface has failed. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// Without a frame for this long the master is gone. \[OURS]
-const SILENCE: Duration = Duration::from_secs(2);
+/// How often the interfaces are asked for their links. \[OURS]
+const LINK_PERIOD: Duration = Duration::from_millis(100);
+
+/// An interface at an end of the slaves.
+pub(super) struct Port {
+    pub(super) interface: String,
+    pub(super) socket: Socket,
+    /// Nobody else of ours has the interface meanwhile.
+    pub(super) _claim: Claim,
+    /// The slaves are told that there is a cable.
+    pub(super) is_connected: bool,
+    /// When the last frame came.
+    pub(super) last_frame: Option<Instant>,
+}
+
+/// Why the thread has ended by itself.
+pub(super) type Failure = Arc<Mutex<Option<ServeError>>>;
 
 pub(super) struct Service {
-    interface: String,
-    network: Network,
-    socket: Socket,
-    recording: Option<NetworkRecording>,
-    begin: Instant,
-    shared: Arc<Shared>,
-    notes: Notes<String>,
-    log_limit: LogLimit,
-    /// When the last frame of a master came; `None`: no master is there.
-    last_frame: Option<Instant>,
-    next_tick: Instant,
-    answered: u64,
-    lost: u64,
+    pub(super) network: Network,
+    /// The interfaces at the first end and, for a ring, at the last one.
+    pub(super) ports: Vec<Port>,
+    pub(super) recording: Option<NetworkRecording>,
+    pub(super) begin: Instant,
+    pub(super) shared: Arc<Shared>,
+    pub(super) notes: Notes<String>,
+    pub(super) log_limit: LogLimit,
+    pub(super) masters: Masters,
+    pub(super) next_tick: Instant,
+    pub(super) next_look: Instant,
+    /// Whether a whole ring was told; `None`: nothing was.
+    pub(super) told_ring: Option<bool>,
+    pub(super) answered: u64,
+    pub(super) lost: u64,
 }
 
 impl Service {
-    pub fn new(
-        interface: String,
-        network: Network,
-        socket: Socket,
-        recording: Option<NetworkRecording>,
-        begin: Instant,
-        shared: Arc<Shared>,
-        notes: Notes<String>,
-    ) -> Self {
-        Self {
-            interface,
-            network,
-            socket,
-            recording,
-            begin,
-            shared,
-            notes,
-            log_limit: LogLimit::default(),
-            last_frame: None,
-            next_tick: begin,
-            answered: 0,
-            lost: 0,
-        }
-    }
-
-    pub fn run(mut self, real_time: RealTime) {
+    /// Serves until it is to stop, or until an interface is gone; then `failure` says so.
+    pub(super) fn run(mut self, real_time: RealTime, failure: &Failure) {
         real_time.apply().into_iter().for_each(|line| self.notes.tell(line));
         // One byte more than a frame has shows one that is longer.
         let mut frame = [0; FRAME_LEN_MAX + 1];
         while !self.shared.is_stopping() {
             self.wait();
-            if let Err(error) = self.answer_all(&mut frame) {
-                self.interface_failed(&error);
-            }
+            self.answer_all(&mut frame);
             let now = Instant::now();
             if now >= self.next_tick {
                 self.tick(now);
+            }
+            if now >= self.next_look
+                && let Some(interface) = self.look_at_links(now)
+            {
+                *failure.lock() = Some(ServeError::Gone { interface });
+                break;
             }
         }
         let Self { answered, lost, .. } = self;
@@ -96,42 +96,66 @@ impl Service {
     fn wait(&mut self) {
         let limit = self.next_tick.saturating_duration_since(Instant::now());
         let limit = Timespec::try_from(limit).ok();
-        let mut fds =
-            [PollFd::new(&self.socket, PollFlags::IN), PollFd::new(self.shared.waker.waited(), PollFlags::IN)];
+        let [Some(first), Some(last)] = [self.ports.first(), self.ports.last()] else { return };
+        let sockets = [&first.socket, &last.socket].map(|socket| PollFd::new(socket, PollFlags::IN));
+        let [first, last] = sockets;
+        let mut fds = [first, last, PollFd::new(self.shared.waker.waited(), PollFlags::IN)];
         // If the wait fails, the calls after it report the error.
         let _ = poll(&mut fds, limit.as_ref());
     }
 
-    /// Answers the frames that have come, until it is time for a tick.
-    fn answer_all(&mut self, frame: &mut [u8]) -> io::Result<()> {
-        while let Some(len) = self.socket.take(frame)? {
-            // A longer frame is none of Ethernet.
-            if len <= FRAME_LEN_MAX {
-                self.answer(frame, len);
+    /// Answers the frames that have come, those of both ends in turn, until it is time for a tick.
+    fn answer_all(&mut self, frame: &mut [u8]) {
+        let mut has_come = true;
+        while has_come {
+            has_come = false;
+            for (n, end) in CableEnd::BOTH.into_iter().enumerate().take(self.ports.len()) {
+                match self.ports[n].socket.take(frame) {
+                    Ok(None) => {}
+                    Ok(Some(len)) => {
+                        has_come = true;
+                        // A longer frame is none of Ethernet.
+                        if len <= FRAME_LEN_MAX {
+                            self.answer(end, frame, len);
+                        }
+                    }
+                    Err(error) => {
+                        self.interface_failed(n, &error);
+                        self.next_tick = Instant::now() + RETRY_PAUSE;
+                        std::thread::sleep(RETRY_PAUSE);
+                    }
+                }
             }
             if Instant::now() >= self.next_tick {
                 break;
             }
         }
-        Ok(())
     }
 
-    fn answer(&mut self, frame: &mut [u8], len: usize) {
+    fn answer(&mut self, end: CableEnd, frame: &mut [u8], len: usize) {
         if !Network::is_masters(&frame[..len]) {
             return;
         }
         let came = Instant::now();
         let now = self.time_of(came);
         self.record(Dir::Write, now, &frame[..len]);
-        if self.last_frame.replace(came).is_none() {
-            self.notes.tell(format!("a master is there on {}", self.interface));
+        let source = (end == CableEnd::First).then(|| &frame[6..]);
+        if let Some(line) = self.masters.note(source, came) {
+            self.notes.tell(line);
         }
-        match self.network.answer(frame, len, now) {
+        let port = &mut self.ports[end as usize];
+        port.last_frame = Some(came);
+        if !port.is_connected {
+            // The frame is faster than the question for the link.
+            port.is_connected = true;
+            self.network.connect(end, true);
+        }
+        match self.network.answer(end, frame, len, now) {
             None => self.lost += 1,
-            Some(len) => {
+            Some((len, end)) => {
                 self.answered += 1;
-                if let Err(error) = self.socket.send(&frame[..len]) {
-                    self.interface_failed(&error);
+                if let Err(error) = self.ports[end as usize].socket.send(&frame[..len]) {
+                    self.interface_failed(end as usize, &error);
                 }
                 self.record(Dir::Read, self.now(), &frame[..len]);
             }
@@ -154,19 +178,47 @@ impl Service {
         for line in lines {
             self.tell_limited("lines on states", &line, now);
         }
-        if self.last_frame.is_some_and(|last| now.duration_since(last) >= SILENCE) {
-            self.last_frame = None;
-            self.notes.tell(format!("no frame has come for {} s: the master is gone", SILENCE.as_secs()));
-        }
+        self.masters.pass(now).into_iter().for_each(|line| self.notes.tell(line));
         self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));
     }
 
-    fn interface_failed(&mut self, error: &io::Error) {
-        let now = Instant::now();
-        let line = format!("the network interface {} fails: {error}", self.interface);
-        self.tell_limited("the network interface fails", &line, now);
-        self.next_tick = now + RETRY_PAUSE;
-        std::thread::sleep(RETRY_PAUSE);
+    /// Asks the interfaces for their links; the one that is gone. In a ring slaves turn frames round where a card is dead; with
+    /// one interface alone a dead cable and no frame are the same.
+    fn look_at_links(&mut self, now: Instant) -> Option<String> {
+        self.next_look = now + LINK_PERIOD;
+        let is_ring = self.ports.len() > 1;
+        for (port, end) in self.ports.iter_mut().zip(CableEnd::BOTH) {
+            let state = port.socket.link_state();
+            if state == LinkState::Gone {
+                return Some(port.interface.clone());
+            }
+            let has_frames = port.last_frame.is_some_and(|last| now.saturating_duration_since(last) < LINK_PERIOD);
+            let is_connected = state == LinkState::Up || has_frames;
+            if is_ring && is_connected != std::mem::replace(&mut port.is_connected, is_connected) {
+                self.network.connect(end, is_connected);
+            }
+        }
+        self.tell_ring(now);
+        None
+    }
+
+    fn tell_ring(&mut self, now: Instant) {
+        let [first, second] = &*self.ports else { return };
+        let is_whole = first.is_connected && second.is_connected;
+        if self.told_ring.replace(is_whole) == Some(is_whole) {
+            return;
+        }
+        let dead = if first.is_connected { second } else { first };
+        let line = match is_whole {
+            true => format!("{} and {} close a ring", first.interface, second.interface),
+            false => format!("no ring: {} has no link", dead.interface),
+        };
+        self.tell_limited("lines on the ring", &line, now);
+    }
+
+    fn interface_failed(&mut self, port: usize, error: &io::Error) {
+        let line = format!("the network interface {} fails: {error}", self.ports[port].interface);
+        self.tell_limited("the network interface fails", &line, Instant::now());
     }
 
     /// Tells a line that masters can cause as often as they like.

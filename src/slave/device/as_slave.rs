@@ -11,7 +11,7 @@ use crate::slave::files::FileStore;
 use crate::slave::manufacturer::ManufacturerObjects;
 use crate::slave::plant::Following;
 use crate::slave::process_data::{self, Pdo, Plan};
-use crate::slave::{AlStatus, Fault, Slave};
+use crate::slave::{AlStatus, AxisFault, Fault, Slave};
 
 fn lose_outputs<M: Model>(device: &mut M) {
     device.axes_mut().iter_mut().for_each(|axis| axis.machine_mut().lose_master());
@@ -293,6 +293,11 @@ impl<M: Model> Slave for M {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         Model::shaft(self, axis)
+    }
+
+    fn fault(&self, axis: usize) -> Option<AxisFault> {
+        let code = self.axes().get(axis)?.machine().fault()?.code;
+        Some(AxisFault { code, meaning: self.fault_meaning(axis, code) })
     }
 }
 

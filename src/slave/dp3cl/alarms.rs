@@ -92,6 +92,34 @@ impl Dp3clAlarm {
         self as u16 & 0x7FFF
     }
 
+    /// What the alarm means, for people, with its number.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::InvalidChange => "an AL state was requested that cannot follow the present one, E-800",
+            Self::UnknownState => "an AL state was requested that does not exist, E-801",
+            Self::Bootstrap => "bootstrap was requested, E-802",
+            Self::NotSynchronized => "not synchronised with SYNC0 within 1 s, E-803",
+            Self::Watchdog => "no outputs came within the time of the watchdog, E-804",
+            Self::PhaseLost => "the synchronisation with SYNC0 was lost, E-806",
+            Self::SyncDeviation => "SYNC0 came too early or too late in several cycles, E-807",
+            Self::SyncCycle => "the cycle of SYNC0 is none of 0.5, 1, 2 and 4 ms, E-810",
+            Self::MailboxSyncManager => "a sync manager of the mailbox is set wrongly, E-811",
+            Self::WatchdogTime => "the time of the watchdog is less than two cycles, E-814",
+            Self::DcActivation => "register 0x0981 has neither SYNC0 alone nor nothing on, E-815",
+            Self::SyncType => "the synchronisation types 0x1C32:1 and 0x1C33:1 do not fit, E-816",
+            Self::OutputSyncManager => "sync manager 2 is not set as the outputs are mapped, E-817",
+            Self::InputSyncManager => "sync manager 3 is not set as the inputs are mapped, E-817",
+            Self::InputsTooLong => "the inputs that are mapped are too long, E-850",
+            Self::OutputsTooLong => "the outputs that are mapped are too long, E-851",
+            Self::Mode => "enabled without a mode in 0x6060 that the drive has, E-881",
+            Self::ChangeWhileEnabled => "a change of the AL state while enabled, E-882",
+            Self::OverCurrent => "over current or short circuit",
+            Self::OverVoltage => "over voltage",
+            Self::UnderVoltage => "under voltage",
+            Self::OpenMotor => "no motor",
+        }
+    }
+
     /// The AL status code that comes with the alarm; 0: the AL state has no part in it.
     pub const fn al_status(self) -> AlStatus {
         match self {

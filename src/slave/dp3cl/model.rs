@@ -9,7 +9,7 @@ use super::startup::{self, SafeOpSettings};
 use super::timing::Timing;
 use super::touch_probe::{LastStep, TouchProbes};
 use super::{Dp3cl, objects, parameters};
-use crate::cia402::DriveState;
+use crate::cia402::{DriveState, error_name};
 use crate::ethercat::registers::{Features, PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;
@@ -122,6 +122,12 @@ impl Model for Dp3cl {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         (axis == 0).then(|| self.shaft_position_now())
+    }
+
+    fn fault_meaning(&self, _axis: usize, code: u16) -> &'static str {
+        // Several alarms share a code.
+        let alarm = self.alarms.present().filter(|alarm| alarm.error_code() == code);
+        alarm.map_or(error_name(code), Dp3clAlarm::meaning)
     }
 
     fn apply_fault(&mut self, fault: Fault) -> bool {

@@ -33,6 +33,8 @@ pub struct CabledChain {
     reach: u8,
     /// The slaves that answer.
     answering: SlaveSet,
+    /// The cable from the card to the first slave is whole, as far as the card knows.
+    has_first: bool,
     /// The cable from the last slave to a second card is whole.
     is_ring: bool,
     /// How many frames have passed a cable that damages some, and whether the next one is damaged on its way back.
@@ -68,6 +70,7 @@ impl CabledChain {
             answering: SlaveSet::first(slaves.len() as u8),
             chain: Chain::line(slaves),
             reach: cable.reach(),
+            has_first: true,
             is_ring: false,
             cable,
             passed: 0,
@@ -160,6 +163,13 @@ impl CabledChain {
         self.chain.process_from(end, frame, now)
     }
 
+    /// Connects the card before the first slave, or takes it away. The [`Cable`] may be cut there, too.
+    pub fn connect_first(&mut self, is_connected: bool) {
+        if is_connected != std::mem::replace(&mut self.has_first, is_connected) && !self.chain.is_empty() {
+            self.chain.connect(0, is_connected && self.reach != 0);
+        }
+    }
+
     /// Connects a second card to port 1 of the last slave, or takes it away.
     pub fn connect_second(&mut self, is_connected: bool) {
         let is_connected = is_connected && !self.chain.is_empty();
@@ -184,7 +194,9 @@ impl CabledChain {
         let last = chain.len() as u8;
         let reach = self.cable.reach();
         if reach != std::mem::replace(&mut self.reach, reach) {
-            (1..=last).for_each(|slave| chain.connect(place(slave), place(slave) != usize::from(reach)));
+            let has_first = self.has_first;
+            let is_whole = |place: usize| place != usize::from(reach) && (place > 0 || has_first);
+            (1..=last).for_each(|slave| chain.connect(place(slave), is_whole(place(slave))));
         }
         for slave in self.cable.take_powered_off().iter().filter(|slave| *slave <= last) {
             chain.power(place(slave), false, now);

@@ -8,7 +8,7 @@ use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::esc::EscSettings;
 use crate::slave::plant::Following;
-use crate::slave::{Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
+use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
 pub(super) struct Scripted {
@@ -174,5 +174,9 @@ impl Slave for Scripted {
 
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.device.shaft(axis)
+    }
+
+    fn fault(&self, axis: usize) -> Option<AxisFault> {
+        self.device.fault(axis)
     }
 }

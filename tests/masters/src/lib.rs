@@ -19,6 +19,10 @@ use parking_lot::Mutex;
 pub const MASTER: &str = "veth0";
 /// The interface of the slaves.
 pub const SLAVES: &str = "veth1";
+/// The second interface of the master of a ring.
+pub const SECOND_MASTER: &str = "veth2";
+/// The second interface of the slaves of a ring.
+pub const SECOND_SLAVES: &str = "veth3";
 /// The version of pysoem, as `xtask/src/wheel.rs` has it.
 const PYSOEM: &str = "pysoem-1.1.13.d";
 
@@ -47,7 +51,22 @@ impl Rig {
     /// As [`Self::new`].
     pub fn with_drift(list: &str, name: &str, drift_ppm: u16) -> Self {
         unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
-        make_interfaces();
+        make_interfaces([MASTER, SLAVES]);
+        Self::begin(list, name, drift_ppm, None)
+    }
+
+    /// The same slaves with a second pair of interfaces at the other end of their cable.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn ring(list: &str, name: &str) -> Self {
+        unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
+        make_interfaces([MASTER, SLAVES]);
+        make_interfaces([SECOND_MASTER, SECOND_SLAVES]);
+        Self::begin(list, name, 0, Some(SECOND_SLAVES))
+    }
+
+    fn begin(list: &str, name: &str, drift_ppm: u16, second: Option<&str>) -> Self {
         let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
         std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
         // Otherwise it would be kept as another file.
@@ -56,6 +75,7 @@ impl Rig {
         let said = Arc::new(Mutex::new(Vec::new()));
         let options = Options {
             interface: SLAVES.to_owned(),
+            second: second.map(str::to_owned),
             slaves: slaves.clone(),
             drift_ppm,
             script: None,
@@ -67,6 +87,7 @@ impl Rig {
                 let said = Arc::clone(&said);
                 move |line| said.lock().push(line.to_owned())
             }),
+            failed: Arc::new(|| {}),
         };
         let server = Server::start(options).expect("the slaves are served");
         Self { server, slaves, said, recording }
@@ -128,7 +149,7 @@ impl Rig {
 
     /// Ends the server; the lines that it has said.
     pub fn end(self) -> Vec<String> {
-        self.server.stop();
+        self.server.stop().expect("it has not ended by itself");
         Arc::try_unwrap(self.said).map_or_else(|said| said.lock().clone(), Mutex::into_inner)
     }
 }
@@ -149,11 +170,11 @@ pub fn dissect(recording: &Path, said: &[String]) {
     assert_eq!(packets("_ws.malformed"), 0, "{}", recording.display());
 }
 
-fn make_interfaces() {
+fn make_interfaces([one, other]: [&str; 2]) {
     for arguments in [
-        &["link", "add", MASTER, "type", "veth", "peer", "name", SLAVES][..],
-        &["link", "set", MASTER, "up"],
-        &["link", "set", SLAVES, "up"],
+        &["link", "add", one, "type", "veth", "peer", "name", other][..],
+        &["link", "set", one, "up"],
+        &["link", "set", other, "up"],
     ] {
         support::succeed(Command::new("ip").args(arguments));
     }

@@ -5,7 +5,7 @@ use ecmsk::coe::AbortCode;
 use ecmsk::ethercat::AlState;
 use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig};
-use ecmsk::slave::{AlStatus, DeviceFault, Fault, InputPattern, Slave, SyncEvent};
+use ecmsk::slave::{AlStatus, AxisFault, DeviceFault, Fault, InputPattern, Slave, SyncEvent};
 
 use super::bench::{Bench, MS, read, usual};
 
@@ -270,6 +270,32 @@ fn changes_while_enabled() {
     has_alarm(&mut bench.drive, Dp3clAlarm::ChangeWhileEnabled, AlState::SafeOp, (0, 0xFF58, 0x80));
     let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
     assert_eq!((bench.enter(AlState::SafeOp), bench.drive.alarm()), (Ok(()), None), "it is not enabled");
+}
+
+/// ECAT-15.20 Alarms that share an error code are told apart by their words, which name the number of the manual.
+#[test]
+fn alarms_have_words() {
+    for alarm in Dp3clAlarm::ALL {
+        let number = alarm.meaning().split("E-").nth(1).map(|number| number.parse().expect("a number"));
+        assert_eq!(number, (alarm.number() >= 800).then_some(alarm.number()), "{alarm:?}");
+    }
+    let shown = |bench: &Bench| bench.drive.fault(0).map(|AxisFault { code, meaning }| (code, meaning));
+    let mut without_mode = Bench::in_op(Dp3clConfig::default(), 0, MS);
+    assert_eq!(shown(&without_mode), None);
+    for word in [0x06, 0x07, 0x0F] {
+        without_mode.word = word;
+        without_mode.run_for(50 * MS);
+    }
+    assert_eq!(shown(&without_mode), Some((0xFF58, Dp3clAlarm::Mode.meaning())));
+    let mut changed = Bench::enabled(8);
+    assert_eq!(changed.enter(AlState::SafeOp), Ok(()));
+    assert_eq!(shown(&changed), Some((0xFF58, Dp3clAlarm::ChangeWhileEnabled.meaning())));
+    assert_eq!(changed.drive.fault(1), None, "it has one axis");
+    changed.drive.restart();
+    assert_eq!(shown(&changed), None);
+    let fault = DeviceFault { code: 0x7500, resettable: true };
+    assert!(changed.drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+    assert_eq!(shown(&changed), Some((0x7500, "communication")), "not one of its own");
 }
 
 /// DP3CL-5.16 Three ways to clear an alarm, and alarms that need a restart.

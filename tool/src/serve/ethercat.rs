@@ -17,16 +17,22 @@ use crate::{CliError, signals, stderr};
 /// It answers the EtherCAT frames that come to the interface, as slaves at the other end of its cable would: registers,
 /// EEPROM, states, mailbox, process data, distributed clocks. A pair of virtual interfaces in a network namespace is
 /// enough: docs/SLAVES.md. Standard output says what is served, standard error what happens to the slaves. It needs the
-/// capability CAP_NET_RAW, or root. Ctrl-C and SIGTERM end it.
+/// capability CAP_NET_RAW, or root. Ctrl-C and SIGTERM end it, with exit code 0; it fails when its interface is deleted.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   sudo ecmsk serve ethercat --on veth1 --slaves 'drive*2,dp3cl,io'
-  sudo ecmsk serve ethercat --on veth1 --slaves 'drive*2' --script faults.ecmscript --record run.pcapng")]
+  sudo ecmsk serve ethercat --on veth1 --slaves 'drive*2' --script faults.ecmscript --record run.pcapng
+  sudo ecmsk serve ethercat --on veth1 --second veth3 --slaves 'drive*3'")]
 pub struct Args {
     /// Network interface: of Ethernet, up, without an address
     #[arg(long, value_name = "INTERFACE")]
     on: String,
+
+    /// Second network interface, at the other end of the cable: while it has a link it closes a ring, so that a master with two
+    /// cards goes on when a cable is cut
+    #[arg(long, value_name = "INTERFACE")]
+    second: Option<String>,
 
     /// The slaves in the order of the cable, as in a sim: link, see `ecmsk link help`
     #[arg(long, value_name = "LIST", value_parser = slave_list)]
@@ -36,11 +42,12 @@ pub struct Args {
     #[arg(long, value_name = "PPM", default_value_t = 0, value_parser = clap::value_parser!(u16).range(0..=1000))]
     drift: u16,
 
-    /// Events that happen to the slaves at their times, one a line, see `ecmsk link help`; those of a board are refused
+    /// Events that happen to the slaves at their times, one a line, see `ecmsk link help`; those of a board are refused. Times
+    /// count from the start of the server, or from a master's first frame or OP (`from frame`, `from op`)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     script: Option<PathBuf>,
 
-    /// Record every frame and its answer, for Wireshark; a recording that is there is kept as FILE.1
+    /// Record every frame and its answer, for Wireshark; a recording that is there becomes FILE.1, whose former content is lost
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     record: Option<PathBuf>,
 
@@ -61,6 +68,9 @@ struct SlaveList {
 }
 
 fn slave_list(text: &str) -> Result<SlaveList, String> {
+    if text.is_empty() {
+        return Err("no slave is to be served; name some, e.g. 'drive*2,io'".to_owned());
+    }
     Ok(SlaveList { words: text.to_owned(), slaves: slaves::parse(text)? })
 }
 
@@ -70,8 +80,10 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
     stderr::queue().map_err(system("start the thread of standard error"))?;
     let SlaveList { words, slaves } = args.slaves.clone();
+    let ender = end_request.ender();
     let options = Options {
         interface: args.on.clone(),
+        second: args.second.clone(),
         slaves,
         drift_ppm: args.drift,
         script: args.script.clone(),
@@ -79,12 +91,16 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         allow_default_route: args.force,
         real_time: RealTime { priority: args.priority, cpu: None, lock_memory: false },
         tell: Arc::new(|line| say("serve", &line)),
+        failed: Arc::new(ender),
     };
     let server = Server::start(options)?;
-    super::announce(format!("answering EtherCAT on {}; serving {words}\n", args.on))?;
-    let signal = end_request.wait();
+    let second = args.second.as_ref().map(|second| format!(" and {second}")).unwrap_or_default();
+    super::announce(format!("answering EtherCAT on {}{second}; serving {words}\n", args.on))?;
+    let signal = end_request.wait_unless_ended();
     server.flush();
-    say("serve", &format_args!("stopped by {signal}"));
-    server.stop();
+    if let Some(signal) = signal {
+        say("serve", &format_args!("stopped by {signal}"));
+    }
+    server.stop()?;
     Ok(ExitCode::SUCCESS)
 }

@@ -76,12 +76,24 @@ impl EndRequest {
     }
 
     /// Waits for the first signal; returns its name.
-    pub fn wait(mut self) -> &'static str {
-        match self.0.forever().next() {
-            Some(SIGTERM) => "SIGTERM",
-            Some(SIGHUP) => "SIGHUP",
+    pub fn wait(self) -> &'static str {
+        self.wait_unless_ended().unwrap_or("SIGINT")
+    }
+
+    /// What ends [`Self::wait_unless_ended`] from another thread.
+    #[cfg(target_os = "linux")]
+    pub fn ender(&self) -> impl Fn() + Send + Sync + 'static {
+        let handle = self.0.handle();
+        move || handle.close()
+    }
+
+    /// Waits for the first signal; returns its name. `None`: [`Self::ender`] was called before one came.
+    pub fn wait_unless_ended(mut self) -> Option<&'static str> {
+        self.0.forever().next().map(|signal| match signal {
+            SIGTERM => "SIGTERM",
+            SIGHUP => "SIGHUP",
             _ => "SIGINT",
-        }
+        })
     }
 }
 

@@ -14,6 +14,15 @@ fn what_serve_ethercat_refuses() {
     let wrong = run(&["--on", "lo", "--slaves", "drive*2,lathe"]);
     assert_eq!(wrong.code, Some(2), "{wrong:?}");
     assert!(wrong.err.contains("kind `lathe` is unknown") && wrong.err.contains("dp3cl"), "{wrong:?}");
+    for (list, says) in [
+        ("", "no slave is to be served; name some"),
+        ("drive*40,io", "at most 40 slaves"),
+        ("dp3cl*2:limits@-1..1", "dp3cl:limits@-1..1*2"),
+    ] {
+        let wrong = run(&["--on", "lo", "--slaves", list]);
+        assert_eq!(wrong.code, Some(2), "{wrong:?}");
+        assert!(wrong.err.contains(says) && !wrong.err.contains("slot="), "{wrong:?}");
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let script = folder.path().join("a.ecmscript");
     std::fs::write(&script, "at 1s cut 2\nat 2s silent for 20ms\n").expect("it is written");
@@ -24,6 +33,11 @@ fn what_serve_ethercat_refuses() {
             &["--on", "lo", "--slaves", "drive*2", "--script", script],
             &["line 2: `silent` happens to a board", "take the line out"],
         ),
+        (
+            &["--on", "lo", "--slaves", "drive", "--script", "nofile"],
+            &["cannot read the script nofile", "name another file"],
+        ),
+        (&["--on", "lo", "--second", "lo", "--slaves", "drive"], &["lo is the interface at both ends", "--second"]),
         (&["--on", "lo", "--slaves", "drive"], &["lo is no Ethernet", "name another one"]),
         (
             &["--on", "veth-none", "--slaves", "drive"],
@@ -36,6 +50,70 @@ fn what_serve_ethercat_refuses() {
     }
 }
 
+/// TOOL-192 The page has the whole program, so that whoever has the page alone can run it.
+#[test]
+fn the_page_has_the_master_of_the_example() {
+    let read = |file| std::fs::read_to_string(support::root().join(file)).expect("a file");
+    let program = format!("```python\n{}```\n", read("examples/python/own_master.py"));
+    assert!(read("docs/SLAVES.md").ends_with(&program));
+}
+
+/// A pair of interfaces is made, then the words are run.
+const IN_NAMESPACE: &str =
+    "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
+
+/// In a network namespace of the test's own.
+mod needs_network_namespace {
+    use std::io::{BufRead, BufReader, Read};
+    use std::process::{Command, Stdio};
+
+    use super::IN_NAMESPACE;
+    use crate::common::{Ran, ecmsk};
+
+    fn inside(server: u32, words: &[&str]) -> Command {
+        let mut command = Command::new("nsenter");
+        command.arg(format!("--net=/proc/{server}/ns/net")).args(words);
+        command
+    }
+
+    /// ECAT-15.21 A second server on an interface is refused, as a master of ours is. ECAT-15.23 A server whose interface is deleted
+    /// ends with exit code 1 and says so. TOOL-190 The recording is one of Ethernet frames, which verbs for those of boards say.
+    #[test]
+    fn an_interface_has_one_server_which_ends_with_it() {
+        let recording = support::out_dir().join("served_alone.pcapng");
+        let _ = std::fs::remove_file(&recording);
+        let tool = ecmsk([] as [&str; 0]);
+        let mut server = Command::new("unshare");
+        server.args(["--net", "sh", "-c", IN_NAMESPACE, "sh"]).arg(tool.get_program());
+        server.args(["serve", "ethercat", "--on", "veth1", "--slaves", "io", "--record"]).arg(&recording);
+        let mut server = server.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("unshare");
+        let mut line = String::new();
+        BufReader::new(server.stdout.as_mut().expect("a pipe")).read_line(&mut line).expect("it says what it serves");
+        let mut second = inside(server.id(), &[]);
+        second.arg(tool.get_program()).args(["serve", "ethercat", "--on", "veth1", "--slaves", "io"]);
+        let second: Ran = second.output().expect("nsenter").into();
+        assert_eq!((second.code, second.out.as_str()), (Some(1), ""), "{second:?}");
+        assert!(second.err.contains("veth1 is used by another program of ecmsk"), "{second:?}");
+        let mut link = inside(server.id(), &[]);
+        link.arg(tool.get_program()).args(["info", "--link", "nic:veth1"]);
+        let link: Ran = link.output().expect("nsenter").into();
+        assert!(link.code == Some(1) && link.err.contains("by another program of ecmsk"), "{link:?}");
+
+        support::succeed(&mut inside(server.id(), &["ip", "link", "del", "veth0"]));
+        let mut said = String::new();
+        server.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+        assert_eq!(server.wait().expect("it ends").code(), Some(1), "{said}");
+        let last = said.lines().last().expect("a line");
+        assert!(
+            last.starts_with("error: the network interface veth1 is gone") && last.contains("start the server"),
+            "{said}"
+        );
+        let dumped: Ran = ecmsk(["dump", recording.to_str().expect("UTF-8")]).output().expect("the tool starts").into();
+        assert_eq!(dumped.code, Some(1), "{dumped:?}");
+        assert!(dumped.err.contains("`ecmsk serve ethercat`") && dumped.err.contains("Wireshark"), "{dumped:?}");
+    }
+}
+
 /// In a network namespace of the test's own.
 mod needs_pysoem {
     use std::io::{BufRead, BufReader, Read};
@@ -43,11 +121,8 @@ mod needs_pysoem {
 
     use rustix::process::{Pid, Signal, kill_process};
 
+    use super::IN_NAMESPACE;
     use crate::common::ecmsk;
-
-    /// A pair of interfaces is made, then the words are run.
-    const IN_NAMESPACE: &str =
-        "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && exec \"$@\"";
 
     /// TOOL-191 What is served on standard output, what happens to slaves on standard error; a signal ends it, and the recording is
     /// whole then. TOOL-192 examples/python/own_master.py moves two DP3CL.
@@ -85,6 +160,7 @@ mod needs_pysoem {
                 "no `{line}`: {said}"
             );
         }
+        assert!(!said.contains("alarm"), "{said}");
         let recorded = std::fs::read(&recording).expect("the recording");
         assert!(
             recorded.len() > 100_000 && recorded.starts_with(&[0x0A, 0x0D, 0x0D, 0x0A]),

@@ -45,7 +45,7 @@ fn what_slave_refuses() {
     let list = run(&["esi", "drive*2"]);
     assert_eq!(list.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&list.stderr).contains("allowed: one kind of slave"));
-    let unwritable = run(&["sii", "io", "--output", "/no/such/folder/io.bin"]);
+    let unwritable = run(&["sii", "io", "-o", "/no/such/folder/io.bin"]);
     assert_eq!(unwritable.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&unwritable.stderr).contains("name another file with --output"));
 }

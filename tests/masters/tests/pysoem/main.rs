@@ -103,10 +103,13 @@ mod needs_pysoem {
         run("drive,dp3cl", "sdo");
     }
 
-    /// ECAT-15.7 An alarm sends an emergency, and a fault reset another one.
+    /// ECAT-15.7 An alarm sends an emergency, and a fault reset another one. ECAT-15.20 The server tells both.
     #[test]
     fn an_alarm_sends_an_emergency() {
-        run("drive*2", "emergency");
+        let said = run("drive*2", "emergency");
+        for line in ["slave 2: alarm 0x7500 (communication)", "slave 2: alarm 0x7500 is cleared"] {
+            assert!(said.iter().any(|said| said == line), "no `{line}`: {said:?}");
+        }
     }
 
     /// ECAT-15.8 A master that stops finds its slaves in SafeOP with code 0x001B; without the watchdog they stay in OP.
@@ -147,10 +150,13 @@ mod needs_pysoem {
     }
 
     /// ECAT-15.19 Another master on the same wire that reads disturbs nobody; when it takes the slaves to Init pysoem sees that and
-    /// brings them back.
+    /// brings them back. ECAT-15.22 The server says once that there are two.
     #[test]
     fn two_masters_on_one_wire() {
         let said = run("drive*2", "two");
+        let others = said.iter().filter(|line| line.contains("another master sends frames to veth1, too: "));
+        let others: Vec<&String> = others.collect();
+        assert!(others.len() == 1 && others[0].contains("10:20:30:40:50:60"), "{said:?}");
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
 

@@ -1,0 +1,127 @@
+//! Which masters send frames: whether one is there, and whether another one is. Time is an argument.
+
+use std::time::{Duration, Instant};
+
+use crate::ethercat::FrameHeader;
+use crate::io::ethernet::MacAddress;
+
+/// Without a frame for this long the master is gone. \[OURS]
+const SILENCE: Duration = Duration::from_secs(2);
+/// Without any frame for this long after the start, it is asked where the master is. \[OURS]
+const FIRST_FRAME: Duration = Duration::from_secs(10);
+
+/// The masters at the interfaces of a server.
+pub(super) struct Masters {
+    interface: String,
+    /// When it is asked where the master is; `None`: it has been, or a frame has come.
+    asks: Option<Instant>,
+    /// When the last frame came; `None`: no master is there.
+    last_frame: Option<Instant>,
+    /// The source of the first frame of the master that is there.
+    source: Option<MacAddress>,
+    /// Another source, since then.
+    other: Option<MacAddress>,
+    is_other_told: bool,
+}
+
+impl Masters {
+    /// No master is there; the interface before the first slave has that name.
+    pub(super) fn new(interface: String, begin: Instant) -> Self {
+        Self {
+            interface,
+            asks: Some(begin + FIRST_FRAME),
+            last_frame: None,
+            source: None,
+            other: None,
+            is_other_told: false,
+        }
+    }
+
+    /// A frame of a master has come at `now`: what is to be told. `source`: the one of a frame that came before the first slave.
+    /// One master may send from several sources at the two ends of a ring.
+    pub(super) fn note(&mut self, source: Option<&[u8]>, now: Instant) -> Option<String> {
+        self.asks = None;
+        let comes = self.last_frame.replace(now).is_none();
+        if let Some(&[first, ref rest @ ..]) = source.and_then(<[u8]>::first_chunk::<6>) {
+            let mut source = [first & !FrameHeader::PASSED_A_SLAVE; 6];
+            source[1..].copy_from_slice(rest);
+            if let Some(line) = self.compare(source) {
+                return Some(line);
+            }
+        }
+        comes.then(|| format!("a master is there on {}", self.interface))
+    }
+
+    /// Two masters take turns; one that follows another does not.
+    fn compare(&mut self, source: MacAddress) -> Option<String> {
+        let first = *self.source.get_or_insert(source);
+        if source != first {
+            self.other = Some(source);
+            return None;
+        }
+        let other = self.other.filter(|_| !self.is_other_told)?;
+        self.is_other_told = true;
+        let [first, other] = [first, other].map(|address| address.map(|byte| format!("{byte:02X}")).join(":"));
+        Some(format!(
+            "another master sends frames to {}, too: {first} and {other}; the slaves obey both, so stop one of them",
+            self.interface
+        ))
+    }
+
+    /// Time passes up to `now`: what is to be told.
+    pub(super) fn pass(&mut self, now: Instant) -> Option<String> {
+        if self.last_frame.is_some_and(|last| now.saturating_duration_since(last) >= SILENCE) {
+            (self.last_frame, self.source, self.other, self.is_other_told) = (None, None, None, false);
+            return Some(format!("no frame has come for {} s: the master is gone", SILENCE.as_secs()));
+        }
+        self.asks.take_if(|asks| now >= *asks)?;
+        Some(format!(
+            "no frame has come to {} within {} s; is the master at the other end of its cable (of a pair of interfaces: on the \
+             other one), and is that end switched on?",
+            self.interface,
+            FIRST_FRAME.as_secs()
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ONE: [u8; 6] = [0x01, 1, 1, 1, 1, 1];
+    const OTHER: [u8; 6] = [0x10, 0x20, 0x30, 0x40, 0x50, 0x60];
+
+    /// ECAT-15.22 A master that comes and one that is gone are told; another one that sends at the same time is told once, with both
+    /// addresses; one that follows another is no other one.
+    #[test]
+    fn masters_come_and_go_and_two_are_told() {
+        let begin = Instant::now();
+        let at = |ms| begin + Duration::from_millis(ms);
+        let mut masters = Masters::new("veth1".into(), begin);
+        assert_eq!(masters.note(Some(&ONE), at(10)).as_deref(), Some("a master is there on veth1"));
+        assert_eq!(masters.note(Some(&ONE), at(20)), None);
+        // The bit that slaves set is no other address.
+        assert_eq!(masters.note(Some(&[ONE[0] | 2, 1, 1, 1, 1, 1]), at(30)), None);
+        assert_eq!(masters.note(Some(&OTHER), at(40)), None, "it may be the next one");
+        let said = masters.note(Some(&ONE), at(50)).expect("it is told");
+        assert!(said.contains("another master") && said.contains("01:01:01:01:01:01 and 10:20:30:40:50:60"), "{said}");
+        assert_eq!(masters.note(Some(&OTHER), at(60)), None, "once");
+        assert_eq!(masters.note(Some(&ONE), at(70)), None, "once");
+        assert_eq!(masters.pass(at(2000)), None);
+        assert_eq!(masters.pass(at(2070)).as_deref(), Some("no frame has come for 2 s: the master is gone"));
+        assert_eq!(masters.pass(at(20_000)), None, "a master was there");
+        assert_eq!(masters.note(Some(&OTHER), at(20_010)).as_deref(), Some("a master is there on veth1"));
+        assert_eq!(masters.note(None, at(20_020)), None, "at the other end of a ring a master has another source");
+    }
+
+    /// ECAT-15.22 Where no frame comes at all, it is asked once where the master is.
+    #[test]
+    fn a_master_that_does_not_come_is_asked_for() {
+        let begin = Instant::now();
+        let mut masters = Masters::new("veth1".into(), begin);
+        assert_eq!(masters.pass(begin + Duration::from_millis(9_999)), None);
+        let said = masters.pass(begin + FIRST_FRAME).expect("it is asked");
+        assert!(said.starts_with("no frame has come to veth1 within 10 s; is the master at the other end"), "{said}");
+        assert_eq!(masters.pass(begin + 3 * FIRST_FRAME), None, "once");
+    }
+}

@@ -125,7 +125,8 @@ pub trait Network {
     /// [`BusError::Information`]
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
-    /// The content of a slave's EEPROM from its first word to the end of its categories.
+    /// The content of a slave's EEPROM from its first word to the end of its categories; with our own master as the last scan has
+    /// found it.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]

@@ -44,8 +44,11 @@ impl SimulatedWires {
     }
 }
 
+/// Slaves that were just switched on, and the script of what happens to them.
+type Scripted = (Vec<Box<dyn Slave>>, Option<RunningScript>);
+
 /// The slaves of a link with simulated ones, and the script of what happens to them, which has begun.
-fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<(Vec<Box<dyn Slave>>, Option<RunningScript>), BusError> {
+fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<Scripted, BusError> {
     let options = SimOptions::from_uri(uri)?;
     let refused = |error: SimulatedSlavesError| match error {
         SimulatedSlavesError::Objects(error) => LinkError::from(error),

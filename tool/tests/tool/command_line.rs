@@ -102,10 +102,12 @@ fn every_shell_gets_completions_of_verbs_and_options() {
 #[test]
 #[cfg(target_os = "linux")]
 fn completions_work_in_bash() {
-    let script = "eval \"$1\"; COMP_WORDS=(ecmsk du); COMP_CWORD=1; _ecmsk ecmsk du ecmsk; echo ${COMPREPLY[*]};
+    let script = "source \"$1\"; COMP_WORDS=(ecmsk du); COMP_CWORD=1; _ecmsk ecmsk du ecmsk; echo ${COMPREPLY[*]};
         COMP_WORDS=(ecmsk dump --kin); COMP_CWORD=2; _ecmsk ecmsk --kin dump; echo ${COMPREPLY[*]}";
-    let completions = run(["completions", "bash"]).expect_quiet();
-    let bash = std::process::Command::new("bash").args(["-c", script, "bash", &completions]).output();
+    let folder = tempfile::tempdir().expect("a folder");
+    let completions = folder.path().join("completions");
+    std::fs::write(&completions, run(["completions", "bash"]).expect_quiet()).expect("a file");
+    let bash = std::process::Command::new("bash").args(["-c", script, "bash"]).arg(&completions).output();
     assert_eq!(Ran::from(bash.expect("bash starts")).expect_quiet(), "dump\n--kinds\n");
 }
 

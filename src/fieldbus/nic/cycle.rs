@@ -103,17 +103,22 @@ impl<W: NicWires> NicBus<W> {
 
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
-        for slave in self.all().iter() {
-            let n = usize::from(slave) - 1;
-            let is_missing = self.state(slave).is_none_or(|state| state < self.stations[n].commanded);
-            if is_missing && !self.lost.contains(slave) {
-                self.lost.insert(slave);
-                self.lost_from[n] = self.short_from;
-            } else if !is_missing && self.stations[n].commanded < AlState::SafeOp {
-                self.lost.remove(slave);
-                self.lost_from[n] = None;
+        let Self { master, stations, lost, lost_from, short_from, found, .. } = self;
+        master.look_at_statuses(|slave, status| {
+            if slave > *found {
+                return;
             }
-        }
+            let n = usize::from(slave) - 1;
+            let state = Some(status).filter(|status| status.is_present).and_then(|status| status.state());
+            let is_missing = state.is_none_or(|state| state < stations[n].commanded);
+            if is_missing && !lost.contains(slave) {
+                lost.insert(slave);
+                lost_from[n] = *short_from;
+            } else if !is_missing && stations[n].commanded < AlState::SafeOp {
+                lost.remove(slave);
+                lost_from[n] = None;
+            }
+        });
     }
 
     fn tell(&self, inputs: &mut Inputs) {

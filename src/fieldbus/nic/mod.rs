@@ -173,7 +173,10 @@ impl<W: NicWires> NicBus<W> {
     /// engine.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
-        self.turn();
+        // With nothing under way the cycle itself takes what has come: each look at a card is a call of the system.
+        if !self.has_runner || self.is_working() {
+            self.turn();
+        }
         if self.has_runner {
             return;
         }
@@ -277,6 +280,9 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
             return;
         }
         self.has_runner = true;
+        if !self.is_working() {
+            return;
+        }
         let end = self.wires.now().saturating_add(until.saturating_sub(now));
         self.turn();
         while self.is_working() && self.wires.now() < end {

@@ -313,6 +313,14 @@ impl Master {
         self.bus.with(|shared| (1..).zip(&shared.live).for_each(|(slave, live)| look(slave, &live.status)));
     }
 
+    /// What these slaves add to the expected working counter of a cycle, as far as they are in SafeOP or OP for all that is known.
+    pub fn working_counter_of(&self, slaves: SlaveSet) -> u16 {
+        if slaves.is_empty() {
+            return 0;
+        }
+        self.process.expected(slaves.intersection(self.bus.with(|shared| shared.active)))
+    }
+
     /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is none.
     pub fn reference_clock(&self) -> Option<u8> {
         self.bus.with(|shared| shared.clocks.reference(shared.missing))

@@ -6,8 +6,10 @@ use std::hint::black_box;
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::Fieldbus;
+use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::fieldbus::xf::XfBusOptions;
+use ecmsk::master::Settings;
 use ecmsk::sk::{
     DriveResponse, Frame, MasterCommand, MasterResponse, MasterState, Motion, SlaveCommand, SlaveKind, SlotSize,
     StateByte,
@@ -100,6 +102,15 @@ pub fn drives_in_op_behind_xf(n: usize) -> Board {
     board_in_op_over(drives(n), |bus| {
         let (slaves, handle) = bus.into_parts();
         Box::new(xf_bus_reached_by(slaves, handle, XfBusOptions::DEFAULT))
+    })
+}
+
+/// The same behind slave controllers that our own master reaches, as on a network card.
+pub fn drives_in_op_on_wires(n: usize) -> Board {
+    board_in_op_over(drives(n), |bus| {
+        let (slaves, handle) = bus.into_parts();
+        let wires = ChainWires::new(slaves, handle).expect("drives have an EEPROM");
+        Box::new(NicBus::new(wires, Settings::default()))
     })
 }
 

@@ -1,9 +1,13 @@
 //! A bare socket for the frames of a network interface.
 
+#![allow(dead_code, reason = "each bench takes what it needs")]
+
 use std::ffi::CString;
 use std::mem::size_of;
 use std::os::fd::{AsRawFd, OwnedFd};
+use std::time::Duration;
 
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
 
 use ecmsk::ethercat::ETHERTYPE;
@@ -39,6 +43,35 @@ impl Interface {
         let bound = unsafe { libc::bind(socket.as_raw_fd(), (&raw const address).cast(), len) };
         assert_eq!(bound, 0, "{}", std::io::Error::last_os_error());
         Self { socket }
+    }
+
+    /// Opens it to look at the frames that come, each with the time at which the kernel got it. A wait for one ends after
+    /// 100 ms.
+    ///
+    /// # Panics
+    /// The system refuses it.
+    pub fn open_stamped(name: &str) -> Self {
+        let interface = Self::open(name);
+        set_socket_timeout(&interface.socket, Timeout::Recv, Some(Duration::from_millis(100))).expect("a limit");
+        // From this first question on frames get their times when they come.
+        let _ = interface.stamp();
+        interface
+    }
+
+    /// Waits for a frame; its time, ns. `None`: none has come for a while.
+    pub fn take_stamped(&self, frame: &mut [u8]) -> Option<u64> {
+        recv(&self.socket, frame, RecvFlags::empty()).ok()?;
+        self.stamp()
+    }
+
+    /// The time of the newest frame, ns; `None`: there has been none.
+    fn stamp(&self) -> Option<u64> {
+        /// SIOCGSTAMPNS, include/uapi/asm-generic/sockios.h.
+        const TIME_STAMP: u64 = 0x8907;
+        let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        // SAFETY: the call writes a value of that type, which lives until it returns.
+        let told = unsafe { libc::ioctl(self.socket.as_raw_fd(), TIME_STAMP, &raw mut time) };
+        (told == 0).then_some(time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64)
     }
 
     /// Sends a frame.

@@ -195,7 +195,7 @@ impl Board {
     }
 
     /// The length of a cycle, ns.
-    pub(super) fn period_ns(&self) -> Ns {
+    pub const fn period_ns(&self) -> Ns {
         self.engine.period_ns()
     }
 
@@ -204,8 +204,8 @@ impl Board {
         self.bus.catches_up()
     }
 
-    /// The runner was late, and has left out that many cycles.
-    pub(super) const fn leave_out(&mut self, cycles: u64) {
+    /// The runner was late, and has left out that many cycles: the board's time does not include them.
+    pub const fn leave_out(&mut self, cycles: u64) {
         self.engine.note_left_out(cycles);
     }
 

@@ -141,8 +141,8 @@ pub struct Counters {
     pub sdo_repeated: u64,
     /// Cycles that made no report because a bus that takes outputs ahead has lost their answers.
     pub answers_lost: u64,
-    /// Sets of outputs that a bus which takes outputs ahead had taken and has given up: what they held was not sent for all
-    /// that is known.
+    /// Sets of outputs that a bus had taken and has given up: what they held was not sent for all that is known, or some slave has
+    /// missed it and nobody knows which one.
     pub outputs_lost: u64,
     /// Cycles that were left out because the machine was too late for them, on a bus whose cycles are not caught up on: what moves
     /// has stood still for so long.

@@ -65,8 +65,8 @@ impl OutputsHistory {
     }
 }
 
-/// How many sets are remembered with the slaves that they have a command for, at least, on a bus that names lost slaves late: it
-/// may be busy with another one for a second, and a cycle takes 250 us. \[OURS]
+/// How many sets are remembered with the slaves that they have a command for, at least: a bus may name lost slaves late, as it may
+/// be busy with another one for a second, and a cycle takes 250 us. \[OURS]
 const COMMANDED_SETS: usize = 4096;
 
 /// The slaves that a command carried by a set is for, of more sets than have a record: a slave may be named long after it
@@ -77,7 +77,7 @@ pub(super) struct CommandedHistory(Vec<SlaveSet>);
 impl CommandedHistory {
     /// Room for more sets than that many, which have a record. Allocates once.
     pub(super) fn new(records: usize) -> Self {
-        Self(vec![SlaveSet::EMPTY; if records > 2 { records + COMMANDED_SETS } else { records }])
+        Self(vec![SlaveSet::EMPTY; records + COMMANDED_SETS])
     }
 
     /// How many sets it remembers.

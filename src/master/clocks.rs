@@ -21,6 +21,8 @@ const START_NS: u64 = 100_000_000;
 const NEAR_NS: i64 = 10_000;
 /// \[OURS] How long the master waits for that; then the signals begin all the same.
 const NEAR_MAX_NS: Ns = 1_000_000_000;
+/// \[OURS] A clock that is further away from the reference than that, ns, is set anew.
+const FAR_NS: i64 = 1_000_000;
 const NEAR_POLL_NS: Ns = 2_000_000;
 /// The value of the speed counter start that all known masters write; a write makes the filters begin anew.
 const SPEED_START: u16 = 0x1000;
@@ -237,14 +239,17 @@ pub(super) async fn start_sync(
         return Ok(());
     }
     stop_sync(bus, slave, station).await?;
-    if bus.with(|shared| !shared.clocks.set.contains(slave)) {
+    let (is_set, is_reference) =
+        bus.with(|shared| (shared.clocks.set.contains(slave), shared.clocks.reference(shared.missing) == Some(slave)));
+    // One that has missed the frame by which it was set never comes near.
+    if !is_set || !is_reference && difference_ns(bus, station).await?.abs() > FAR_NS {
         set(bus, [slave].into_iter().collect()).await?;
     }
     let Some(SyncSignals { assign_activate, cycle_ns, shift_ns, sync1_ns }) = sync.filter(|sync| sync.cycle_ns > 0)
     else {
         return Ok(());
     };
-    wait_until_near(bus, station).await?;
+    wait_until_near(bus, slave, station).await?;
     let mut cycles = [0; 8];
     cycles[..4].copy_from_slice(&cycle_ns.to_le_bytes());
     cycles[4..].copy_from_slice(&sync1_ns.to_le_bytes());
@@ -257,11 +262,20 @@ pub(super) async fn start_sync(
     bus.write(station, CYCLIC_UNIT_CONTROL, &assign_activate.to_le_bytes()).await
 }
 
-async fn wait_until_near(bus: &Bus, station: u16) -> Result<(), Unanswered> {
+/// By how much the clock of a slave is ahead of the reference.
+async fn difference_ns(bus: &Bus, station: u16) -> Result<i64, Unanswered> {
+    let difference = SystemTimeDifference(u32::from_le_bytes(bus.read(station, SYSTEM_TIME_DIFFERENCE).await?));
+    Ok(difference.ahead_ns())
+}
+
+async fn wait_until_near(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     let until = bus.now().saturating_add(NEAR_MAX_NS);
     loop {
-        let difference = SystemTimeDifference(u32::from_le_bytes(bus.read(station, SYSTEM_TIME_DIFFERENCE).await?));
-        if difference.ahead_ns().abs() < NEAR_NS || bus.now() >= until {
+        // The reference follows nobody, and shows by how much it was away from the one before it.
+        if bus.with(|shared| shared.clocks.reference(shared.missing) == Some(slave)) {
+            return Ok(());
+        }
+        if difference_ns(bus, station).await?.abs() < NEAR_NS || bus.now() >= until {
             return Ok(());
         }
         bus.sleep(NEAR_POLL_NS).await;

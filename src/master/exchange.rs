@@ -239,6 +239,11 @@ impl Exchange {
         }
     }
 
+    /// A frame is on the way.
+    pub(super) fn is_flying(&self) -> bool {
+        self.flights.iter().any(|flight| flight.is_used)
+    }
+
     /// A frame with datagrams beside the cycle is on the way, or some are queued.
     pub(super) fn is_acyclic_flying(&self) -> bool {
         self.flights.iter().any(|flight| flight.is_used && !flight.is_cyclic)

@@ -209,9 +209,14 @@ impl Master {
         bus.with(|shared| {
             shared.now = shared.now.max(now);
             for _ in 0..RECEIVED_MAX {
+                let was_awaited = shared.exchange.is_flying();
                 let Some(len) = wire.receive(buffer) else { break };
                 let bytes = &buffer[..len.min(buffer.len())];
                 shared.exchange.receive(bytes, |number, datagram| process.receive(number, datagram));
+                // That was the last answer. What else may have come is none, and is taken the next time.
+                if was_awaited && !shared.exchange.is_flying() {
+                    break;
+                }
             }
             shared.exchange.expire(now);
             let until = process.sent_at().saturating_add(shared.settings.frame_timeout_ns);
@@ -304,6 +309,19 @@ impl Master {
     /// The present condition of a slave, from 1; `None`: there is none with that number.
     pub fn status(&self, slave: u8) -> Option<SlaveStatus> {
         self.bus.with(|shared| shared.live_mut(slave).map(|live| live.status))
+    }
+
+    /// Calls `look` with the present condition of each slave that the last scan has found, in the order of their numbers.
+    pub fn look_at_statuses(&self, mut look: impl FnMut(u8, &SlaveStatus)) {
+        self.bus.with(|shared| (1..).zip(&shared.live).for_each(|(slave, live)| look(slave, &live.status)));
+    }
+
+    /// What these slaves add to the expected working counter of a cycle, as far as they are in SafeOP or OP for all that is known.
+    pub fn working_counter_of(&self, slaves: SlaveSet) -> u16 {
+        if slaves.is_empty() {
+            return 0;
+        }
+        self.process.expected(slaves.intersection(self.bus.with(|shared| shared.active)))
     }
 
     /// The slave with the reference clock, from 1: the first one with distributed clocks that answers; `None`: there is none.

@@ -80,6 +80,8 @@ pub struct CycleDone {
     pub present: Option<u16>,
     /// All slaves are in OP, and none has an error.
     pub all_in_op: bool,
+    /// The AL status of all slaves that the frame has passed, the bits of all together.
+    pub states: u16,
     /// The time of the reference clock when the frame passed it, ns.
     pub reference_time: Option<u64>,
     /// When the next cycle should be sent to keep the pace that was set, ns of the master's clock; `None`: no pace is set, or no
@@ -297,6 +299,14 @@ impl ProcessData {
         self.is_lrw_off = !is_used;
     }
 
+    /// What these slaves add to the working counter of a cycle.
+    pub(super) fn expected(&self, slaves: SlaveSet) -> u16 {
+        let of = |(n, segment): (usize, &Segment)| {
+            segment.slaves.intersection(slaves).iter().map(|slave| self.counts(slave, n)).sum::<u16>()
+        };
+        self.segments.iter().enumerate().map(of).sum()
+    }
+
     /// Sends the frames of a cycle. The one before has ended. `clock`: the datagram that brings the time to all clocks.
     pub(super) fn send(
         &mut self,
@@ -352,6 +362,7 @@ impl ProcessData {
                 let op = RequestedState::State(crate::ethercat::AlState::Op).code();
                 self.cycle.present = Some(datagram.working_counter);
                 self.cycle.all_in_op = datagram.data == [op, 0];
+                self.cycle.states = datagram.data.first_chunk().map_or(0, |bytes| u16::from_le_bytes(*bytes));
             }
             number => self.receive_segment(usize::from(number - SEGMENTS), datagram),
         }

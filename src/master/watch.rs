@@ -10,7 +10,7 @@ use crate::ethercat::registers::{
     SII_CONFIGURATION, STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
 };
 use crate::ethercat::sii::SiiIdentity;
-use crate::ethercat::{AlState, Command, Ns, SlaveSet};
+use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns, SlaveSet};
 
 /// \[OURS] The station address that a slave has while it is not known which one it is.
 const UNKNOWN_STATION: u16 = 0x0FFF;
@@ -114,22 +114,33 @@ impl Watch {
             let adp = u16::from(position).wrapping_neg();
             self.tickets.push((position, self.bus.queue(Command::Aprd, adp, STATION_ADDRESS, &[0; 2])));
         }
-        let mut unknown = SlaveSet::EMPTY;
+        // The slave at each place where frames come by; 0: nobody knows yet.
+        let mut order = [0; MAX_SLAVES];
+        let mut is_known = true;
         while let Some((position, ticket)) = self.tickets.pop() {
             let mut station = [0; 2];
             let answer = ticket.answer(&mut station).await;
-            if answer == Ok(1) && matches!(u16::from_le_bytes(station), 0 | UNKNOWN_STATION) {
-                unknown.insert(position + 1);
-            }
+            let station = u16::from_le_bytes(station);
+            let known = (1..).zip(&self.slaves).find(|(_, info)| info.station == station).map(|(slave, _)| slave);
+            order[usize::from(position)] = known.unwrap_or(0);
+            is_known &= answer == Ok(1) && (known.is_some() || matches!(station, 0 | UNKNOWN_STATION));
         }
-        for place in unknown.iter() {
+        // Who stands where is known by all answers together, or not at all.
+        if !is_known {
+            return;
+        }
+        let order = &order[..usize::from(count)];
+        for place in (1..=count).filter(|place| order[usize::from(*place) - 1] == 0) {
+            let candidates = candidates(order, place, self.slaves.len() as u8);
+            let absent = (1..=self.slaves.len() as u8).filter(|slave| !order.contains(slave)).collect();
             // What does not succeed now is tried again.
-            let _ = self.identify(place).await;
+            let _ = self.identify(place, candidates, absent).await;
         }
     }
 
-    /// Gives a slave without a station address, the `place`th on the cable, its own again, if it is one that is missing.
-    async fn identify(&self, place: u8) -> Option<()> {
+    /// Gives a slave without a station address, the `place`th on the cable, its own again, if it is one of the `candidates`
+    /// and missing. `absent`: the slaves whose addresses nobody has.
+    async fn identify(&self, place: u8, candidates: SlaveSet, absent: SlaveSet) -> Option<()> {
         let adp = (u16::from(place) - 1).wrapping_neg();
         let unknown = UNKNOWN_STATION.to_le_bytes();
         // No other one may have it.
@@ -139,7 +150,7 @@ impl Watch {
         self.bus.write(UNKNOWN_STATION, SII_CONFIGURATION, &[0]).await.ok()?;
         let alias = u16::from_le_bytes(self.bus.read(UNKNOWN_STATION, STATION_ALIAS).await.ok()?);
         let identity = sii::identity(&self.bus, UNKNOWN_STATION).await.ok()?;
-        let slave = self.missing_one(identity, alias).await?;
+        let slave = self.one_of(candidates, absent, identity, alias).await?;
         let station = self.station(slave)?;
         let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
         self.bus.write(UNKNOWN_STATION, AL_CONTROL, &init.0.to_le_bytes()).await.ok()?;
@@ -153,25 +164,25 @@ impl Watch {
         Some(())
     }
 
-    /// The missing slave with that identity and alias. Of several equal ones it is the only one that frames can reach now, by
-    /// the port where it was connected; `None`: more than one can be meant, so that it waits for the others.
-    async fn missing_one(&self, identity: SiiIdentity, alias: u16) -> Option<u8> {
-        let missing = self.bus.with(|shared| shared.missing);
+    /// The candidate with that identity and alias. Of several equal ones it is the only one that frames can reach now, by the port
+    /// where it was connected; `None`: more than one can be meant, so that it waits for the others, or it is not known yet that it
+    /// was gone.
+    async fn one_of(&self, candidates: SlaveSet, absent: SlaveSet, identity: SiiIdentity, alias: u16) -> Option<u8> {
         let is_equal = |slave: &u8| {
             let info = self.slaves.get(usize::from(*slave) - 1);
             info.is_some_and(|info| info.identity == identity && info.alias == alias)
         };
-        let mut equal = SlaveSet::EMPTY;
-        missing.iter().filter(is_equal).for_each(|slave| equal.insert(slave));
+        let is_missing = |slave: &u8| self.bus.with(|shared| shared.missing.contains(*slave));
+        let equal: SlaveSet = candidates.iter().filter(is_equal).collect();
         if equal.len() <= 1 {
-            return equal.iter().next();
+            return equal.iter().next().filter(is_missing);
         }
         let mut reached = SlaveSet::EMPTY;
         for slave in equal.iter() {
             let upstream = self.slaves.get(usize::from(slave) - 1)?.upstream;
             let is_reached = match upstream {
                 None => true,
-                Some(upstream) if missing.contains(upstream.slave) => false,
+                Some(upstream) if absent.contains(upstream.slave) => false,
                 Some(Upstream { slave, port }) => {
                     let status = self.bus.read(self.station(slave)?, DL_STATUS).await.ok()?;
                     is_open(DlStatus(u16::from_le_bytes(status)), port.into())
@@ -181,6 +192,43 @@ impl Watch {
                 reached.insert(slave);
             }
         }
-        reached.iter().next().filter(|_| reached.len() == 1)
+        reached.iter().next().filter(|slave| reached.len() == 1 && is_missing(slave))
+    }
+}
+
+/// The slaves that the one at a place (from 1) can be of whom nobody knows who it is: in the order of the cable those between its
+/// neighbours that are known, and of several unknown ones there each is behind the one before it.
+fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
+    let at = usize::from(place) - 1;
+    let begin = order[..at].iter().rposition(|slave| *slave != 0).map_or(0, |known| known + 1);
+    let end = order[at..].iter().position(|slave| *slave != 0).map_or(order.len(), |known| known + at);
+    let before = begin.checked_sub(1).map_or(0, |known| order[known]);
+    let behind = order.get(end).copied().unwrap_or(slaves + 1);
+    // Those before it in the gap are others, and so are those behind it.
+    let (first, last) = (before + 1 + (at - begin) as u8, behind.saturating_sub((end - at) as u8));
+    (first..=last).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// MASTER-7.2 Which slaves the one at a place can be follows from those around it.
+    #[test]
+    fn a_slave_is_known_by_its_neighbours() {
+        let of = |order: &[u8], place| candidates(order, place, 5).iter().collect::<Vec<_>>();
+        assert_eq!(of(&[1, 0, 3, 4, 5], 2), [2]);
+        assert_eq!(of(&[0, 2, 0, 4, 0], 1), [1]);
+        assert_eq!(of(&[0, 2, 0, 4, 0], 3), [3]);
+        assert_eq!(of(&[0, 2, 0, 4, 0], 5), [5]);
+        assert_eq!([of(&[0, 0, 0, 0, 0], 1), of(&[0, 0, 0, 0, 0], 4)], [[1], [4]]);
+        assert_eq!([of(&[1, 0, 0, 4, 5], 2), of(&[1, 0, 0, 4, 5], 3)], [[2], [3]]);
+        // Somebody is missing there.
+        assert_eq!(of(&[0, 3, 4, 5], 1), [1, 2]);
+        assert_eq!(of(&[1, 0], 2), [2, 3, 4, 5]);
+        assert_eq!([of(&[0, 0], 1), of(&[0, 0], 2)], [[1, 2, 3, 4], [2, 3, 4, 5]]);
+        assert_eq!(of(&[1, 0, 5], 2), [2, 3, 4]);
+        // Slaves in another order than at the scan.
+        assert!(of(&[5, 0, 1], 2).is_empty());
     }
 }

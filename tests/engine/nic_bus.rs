@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ecmsk::cia402::Mode;
-use ecmsk::coe::{AbortCode, ObjectAddress};
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::EngineConfig;
 use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Ns, Role};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
-use ecmsk::slave::Slave;
+use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 use crate::host::Host;
 use crate::puppet::Puppet;
@@ -127,6 +127,63 @@ fn an_answer_belongs_to_the_outputs_of_its_own_cycle() {
     assert_eq!(indices(&mut on_wire), indices(&mut on_sim));
 }
 
+/// A drive whose process data are those that a drive has at power-on.
+struct Fixed {
+    drive: Drive,
+    /// An entry that is another one than the drive's.
+    other: Option<(ObjectAddress, u32)>,
+}
+
+impl Slave for Fixed {
+    support::hand_on_slave!(drive: name, state, enter, set_sync_managers, step, apply_fault, has_dc, shaft);
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        self.drive.exchange(outputs, inputs);
+    }
+
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        let len = self.drive.read(object, scope, value)?;
+        if let Some((_, other)) = self.other.filter(|(at, _)| *at == object) {
+            value[..len].copy_from_slice(&other.to_le_bytes()[..len]);
+        }
+        Ok(len)
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        if (0x1600..0x1C14).contains(&object.index) {
+            return Err(AbortCode::READ_ONLY);
+        }
+        self.drive.write(object, scope, value)
+    }
+}
+
+/// NIC-2.10 A slave whose process data are fixed is used if they are those that are wanted, and refused with the object that is not.
+#[test]
+fn fixed_process_data_are_checked_instead_of_written() {
+    let fixed = |other| Box::new(Fixed { drive: Drive::new(DriveConfig::default()), other }) as Box<dyn Slave>;
+    let (mut host, _) = in_op(vec![fixed(None)]);
+    host.servo_on(1);
+    for n in 1..=50 {
+        host.csp(1, n * 10).cycles(1);
+    }
+    host.cycles(20);
+    assert!((host.drive(1).position - 500).abs() <= 1, "{}", host.drive(1).position);
+
+    for (object, value) in [
+        (ObjectAddress::new(0x1600, 2), 0x60FF_0020),
+        (ObjectAddress::new(0x1A00, 0), 5),
+        (ObjectAddress::new(0x1C12, 1), 0x1601),
+    ] {
+        let slaves = vec![fixed(Some((object, value)))];
+        let wires = ChainWires::new(slaves, SimHandle::default()).expect("it has an EEPROM");
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+        host.declare_drives(1).master(MasterCommand::SetState(MasterState::Op));
+        host.until("the failure", |host| host.board.engine().state_failure().is_some());
+        let failure = host.board.engine().state_failure().expect("there is one").to_string();
+        assert!(failure.contains("slave 1") && failure.contains(&object.to_string()), "{failure}");
+    }
+}
+
 /// NIC-2.1 Slaves are configured several at once: each gets what the board writes, and of those that refuse the first is named.
 #[test]
 fn of_several_slaves_that_refuse_the_first_is_named() {
@@ -152,7 +209,7 @@ fn of_several_slaves_that_refuse_the_first_is_named() {
     }
 }
 
-/// NIC-2.7 A cycle of 40 drives in CSP allocates nothing, on one card or in a ring, whole or broken, and neither does a frame that is lost.
+/// NIC-2.12 A cycle of 40 drives in CSP allocates nothing, on one card or in a ring, whole or broken, and neither does a frame that is lost.
 #[test]
 fn cycles_allocate_nothing() {
     let drives = || crate::probe::drives(40);
@@ -195,7 +252,7 @@ fn cycles_allocate_nothing() {
     }
 }
 
-/// NIC-2.8 A slave that is lost for some cycles and still in OP gets outputs with which nothing moves when it answers again, until SET_STATE
+/// NIC-2.13 A slave that is lost for some cycles and still in OP gets outputs with which nothing moves when it answers again, until SET_STATE
 /// has brought it back.
 #[test]
 fn a_lost_slave_that_answers_again_holds() {

@@ -1,10 +1,14 @@
-//! A long day: two axes go to and fro without an end, an SDO is read every second, and nothing grows.
+//! A long day: two axes go to and fro without an end, an SDO is read every second, and nothing grows. On a simulated network, and
+//! over slave controllers and our own master, as on a network card.
 
 use std::time::{Duration, Instant};
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, Counters, EngineConfig};
-use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::Fieldbus;
+use ecmsk::fieldbus::nic::{ChainWires, NicBus};
+use ecmsk::fieldbus::sim::{SimBus, SimHandle};
+use ecmsk::master::Settings;
 use ecmsk::sk::{
     DriveResponse, FIFO_ENTRIES, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand, SlaveCommand,
     SlaveKind, SlotSize, StateByte,
@@ -17,8 +21,9 @@ const SIZE: SlotSize = SlotSize::Bytes12;
 /// Cycles of a virtual minute.
 const MINUTE: u64 = 60_000;
 
-/// Minutes of the test; `cargo xtask soak` asks for a day.
+/// Minutes of the tests; `cargo xtask soak` asks for a day.
 const MINUTES: u64 = 3;
+const MINUTES_ON_WIRES: u64 = 1;
 
 struct Day {
     board: Board,
@@ -28,9 +33,9 @@ struct Day {
 }
 
 impl Day {
-    fn new() -> Self {
+    fn new(bus: impl FnOnce(Vec<Box<dyn Slave>>) -> Box<dyn Fieldbus>) -> Self {
         let drives = (0..2).map(|_| Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>).collect();
-        let mut board = Board::new(EngineConfig::default(), Box::new(SimBus::new(drives)));
+        let mut board = Board::new(EngineConfig::default(), bus(drives));
         assert!(board.boot(10_000_000_000));
         let mut day = Self { board, report: Frame::new(), target: 0, sent: 0 };
         let kinds = [SlaveKind::Drive; 8];
@@ -90,18 +95,16 @@ impl Day {
     }
 }
 
-/// SK-4.44 SK-5.4: hours of one target a cycle are so many entries executed, none lost; and memory stays as it is.
-#[test]
-fn a_long_day() {
+/// So many minutes of one target a cycle are so many entries executed, and none lost. `look` is told what a minute has allocated.
+fn live(mut day: Day, usual: u64, look: impl Fn(u64, &allocation_counter::AllocationInfo)) {
     let asked = asked("ECMSK_SOAK_MINUTES");
-    let minutes = asked.unwrap_or(MINUTES);
-    let mut day = Day::new();
+    let minutes = asked.unwrap_or(usual);
     day.minute();
     let before = *day.board.engine().counters();
     let mut told = Instant::now();
     for minute in 0..minutes {
         let allocated = allocation_counter::measure(|| day.minute());
-        assert_eq!(allocated.count_total, 0, "minute {minute} allocates: {allocated:?}");
+        look(minute, &allocated);
         if asked.is_some() && told.elapsed() > Duration::from_secs(5) {
             told = Instant::now();
             println!("{minute} of {minutes} virtual minutes");
@@ -116,5 +119,25 @@ fn a_long_day() {
         ..before
     };
     assert_eq!(after, expected);
-    println!("{minutes} virtual minutes, {cycles} cycles: nothing lost, nothing allocated");
+    println!("{minutes} virtual minutes, {cycles} cycles: nothing lost, nothing grown");
+}
+
+/// SK-4.44 SK-5.4: hours of one target a cycle are so many entries executed, none lost; and memory stays as it is.
+#[test]
+fn a_long_day() {
+    live(Day::new(|drives| Box::new(SimBus::new(drives))), MINUTES, |minute, allocated| {
+        assert_eq!(allocated.count_total, 0, "minute {minute} allocates: {allocated:?}");
+    });
+}
+
+/// NIC-2.7: the same over slave controllers and our master. What an SDO has allocated is given back.
+#[test]
+fn a_long_day_on_a_network_card() {
+    let over_wires = |drives| -> Box<dyn Fieldbus> {
+        let wires = ChainWires::new(drives, SimHandle::default()).expect("drives have an EEPROM");
+        Box::new(NicBus::new(wires, Settings::default()))
+    };
+    live(Day::new(over_wires), MINUTES_ON_WIRES, |minute, allocated| {
+        assert_eq!(allocated.bytes_current, 0, "memory grows in minute {minute}: {allocated:?}");
+    });
 }

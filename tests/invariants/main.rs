@@ -4,7 +4,9 @@
 //! - `program.rs`, `path.rs`, `machine.rs`: a random program with its faults, what it wants of a slave, the board it runs on
 //! - `paced.rs` with `books.rs`, `watch.rs`, `tap.rs`: what must hold on a bus that our runner paces, and how it is seen
 //! - `late.rs`, `late/`: the same over a bus that takes outputs ahead and answers late
-//! - `chip.rs`, `chip/`: a board behind an ECM-XF, with every fault of that chip and its wires
+//! - `followed.rs`, `followed/`: programs whose slaves obey within a cycle, and what must hold on any bus: it is used by
+//!   - `chip.rs`, `chip/`: a board behind an ECM-XF, with every fault of that chip and its wires
+//!   - `wires.rs`, `wires/`: a board on a network card, with every fault of the cable
 //! - `ends.rs`, `day.rs`: writers that die, and the long day
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
@@ -13,6 +15,7 @@ mod books;
 mod chip;
 mod day;
 mod ends;
+mod followed;
 mod late;
 mod machine;
 mod paced;
@@ -20,6 +23,7 @@ mod path;
 mod program;
 mod tap;
 mod watch;
+mod wires;
 
 use std::fmt::Debug;
 use std::ops::AddAssign;

@@ -1,7 +1,7 @@
 //! Distributed clocks: delays, offsets, drift, SYNC0, and cycles that keep step.
 
 use ecmsk::ethercat::registers::{self, Features};
-use ecmsk::ethercat::{AlState, Ns};
+use ecmsk::ethercat::{AlState, Command, DatagramHeader, FRAME_LEN_MIN, FrameHeader, FrameWriter, Ns};
 use ecmsk::master::{Pace, Upstream};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, HOP_NS};
@@ -128,6 +128,26 @@ fn sync0_comes_to_all_slaves_at_once() {
     // Without cycles they leave OP, and SYNC0 stops on the way down.
     rig.reach(AlState::PreOp);
     assert_eq!(register::<1>(&rig, 0, registers::SYNC_ACTIVATION), [0]);
+}
+
+/// MASTER-6.4 A clock that has missed the frame by which it was set would not come near for minutes: it is set anew.
+#[test]
+fn a_clock_that_is_far_away_is_set_anew() {
+    let kinds = ["drive", "drive", "drive"];
+    let mut rig = Rig::line(&kinds);
+    rig.scan();
+    let offset = u64::from_le_bytes(register(&rig, 1, registers::SYSTEM_TIME_OFFSET)) + 50 * MS;
+    let mut frame = [0; FRAME_LEN_MIN];
+    let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10; 6])).expect("room");
+    let header = DatagramHeader::register(Command::Apwr, 0, 1_u16.wrapping_neg(), registers::SYSTEM_TIME_OFFSET);
+    writer.push(header, &offset.to_le_bytes()).expect("room");
+    writer.finish();
+    let now = rig.net.now;
+    rig.net.chain.process(&mut frame, now);
+    rig.run_for(100 * MS);
+    assert!(spread(&mut rig) > 40 * MS, "{}", spread(&mut rig));
+    rig.bring_to_op_with(&kinds, DriveSync::DcSync);
+    assert!(spread(&mut rig) < 10 * US, "{}", spread(&mut rig));
 }
 
 /// MASTER-6.5 The next deadline keeps the frames at their phase of the reference clock, however that drifts.

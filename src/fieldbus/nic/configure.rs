@@ -1,6 +1,7 @@
 //! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
 //! which the board does it.
 
+use super::ANSWER_WAIT;
 use super::jobs::is_busy;
 use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -14,16 +15,22 @@ const AT_ONCE: usize = 8;
 /// How long a slave may take for one SDO of its configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
 
-/// By which part of a cycle SYNC0 is later than the frame passes the reference clock: outputs have arrived then, and inputs are
-/// measured long before the next frame. \[OURS]
-const SYNC0_SHIFT: u32 = 2;
+/// By which part of a cycle SYNC0 is later than the frame passes the reference clock: outputs have arrived then if the answer has come
+/// in time, however late the frame was. \[OURS]
+const SYNC0_SHIFT: (Ns, Ns) = ANSWER_WAIT;
 
 /// How far a slave has come.
 enum Stage {
     /// Whether a pulse module has a second axis is read.
     SecondAxis,
-    /// The downloads that are left, and the one under way.
-    Writing { data: ProcessData, left: Box<dyn Iterator<Item = Download> + Send>, current: Download },
+    /// The downloads that are left, and the one under way. `refused`: the slave has aborted it so, and what the object holds is
+    /// read instead.
+    Writing {
+        data: ProcessData,
+        left: Box<dyn Iterator<Item = Download> + Send>,
+        current: Download,
+        refused: Option<AbortCode>,
+    },
 }
 
 /// A slave that is being configured.
@@ -41,6 +48,8 @@ struct OneSlave {
 #[derive(Clone, Copy)]
 enum Ended {
     Done,
+    /// An object was read that holds that, or begins with it.
+    Holds(u32),
     Aborted(AbortCode),
     /// The mailbox was in use.
     Busy,
@@ -79,6 +88,11 @@ impl Configuring {
             }
             done if is_busy(done) && one.tries < TRIES => Ended::Busy,
             JobDone::Upload(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
+            JobDone::Upload(Ok(bytes)) => {
+                let mut value = [0; 4];
+                value.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
+                Ended::Holds(u32::from_le_bytes(value))
+            }
             _ => Ended::Done,
         });
     }
@@ -157,7 +171,7 @@ impl Configuring {
         let mut left = data.downloads(sync).into_iter();
         let Some(current) = left.next() else { return };
         let id = download(slave, &current, master);
-        let stage = Stage::Writing { data, left: Box::new(left), current };
+        let stage = Stage::Writing { data, left: Box::new(left), current, refused: None };
         self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
     }
 
@@ -170,13 +184,15 @@ impl Configuring {
     ) {
         let OneSlave { slave, tries, stage, .. } = one;
         let ended = match ended {
-            Ended::Done => Ok(()),
+            Ended::Done => Ok(None),
+            Ended::Holds(value) => Ok(Some(value)),
             Ended::Aborted(code) => Err(code),
             Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
             Ended::Busy => {
                 let id = match &stage {
                     Stage::SecondAxis => ask_for_second_axis(slave, master),
-                    Stage::Writing { current, .. } => download(slave, current, master),
+                    Stage::Writing { current, refused: None, .. } => download(slave, current, master),
+                    Stage::Writing { current, .. } => upload(slave, current, master),
                 };
                 return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: tries + 1 });
             }
@@ -188,21 +204,33 @@ impl Configuring {
                 }
                 self.write_first(slave, ended.is_ok(), master);
             }
-            Stage::Writing { data, mut left, current } => {
+            // What is fixed and as it is wanted need not be written.
+            Stage::Writing { current, refused: Some(code), .. } if ended != Ok(Some(current.value)) => {
+                self.refuse(Refusal { slave, abort: Some((current.object, code)), ..current.refused(code) });
+            }
+            Stage::Writing { data, mut left, current, refused } => {
                 if let Err(code) = ended
                     && !current.may_fail_with(code)
                 {
-                    return self.refuse(Refusal { slave, ..current.refused(code) });
+                    if !current.may_be_fixed(code) {
+                        return self.refuse(Refusal { slave, ..current.refused(code) });
+                    }
+                    if refused.is_none() && !current.takes_away() {
+                        let id = upload(slave, &current, master);
+                        let stage = Stage::Writing { data, left, current, refused: Some(code) };
+                        return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+                    }
                 }
                 if let Some(current) = left.next() {
                     let id = download(slave, &current, master);
-                    let stage = Stage::Writing { data, left, current };
+                    let stage = Stage::Writing { data, left, current, refused: None };
                     return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
                 }
                 let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
                 let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
-                let sync = (sync == DriveSync::DcSync)
-                    .then(|| SyncSignals::sync0(cycle_ns, (cycle_ns / SYNC0_SHIFT).cast_signed()));
+                let (share, of) = SYNC0_SHIFT;
+                let shift_ns = u32::try_from(self.config.cycle.ns() / of * share).unwrap_or(u32::MAX);
+                let sync = (sync == DriveSync::DcSync).then(|| SyncSignals::sync0(cycle_ns, shift_ns.cast_signed()));
                 let configured = master
                     .configure(slave, data.output_bytes() as u16, data.input_bytes() as u16)
                     .and_then(|()| master.set_sync(slave, sync));
@@ -231,4 +259,8 @@ fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
         &bytes[..usize::from(download.size.bytes())],
         SDO_TIMEOUT_NS,
     )
+}
+
+fn upload(slave: u8, download: &Download, master: &mut Master) -> JobId {
+    master.upload(slave, download.object, SdoScope::Entry, SDO_TIMEOUT_NS)
 }

@@ -1,6 +1,7 @@
 //! The frames of a cycle: what they carry, and what their answers tell.
 
 use super::{ANSWER_WAIT, NicBus, NicWires};
+use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{CycleDone, Inputs};
 use crate::master;
@@ -14,8 +15,15 @@ impl<W: NicWires> NicBus<W> {
         }
         self.put_outputs();
         let (share, of) = ANSWER_WAIT;
-        let limit = self.wires.now().saturating_add(self.cycle.ns() / of * share);
-        self.master.cycle(self.wires.now(), &mut self.wires);
+        let sent_at = self.wires.now();
+        // A runner that is late has the less time to wait.
+        let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
+        let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
+        let limit = due.saturating_add(self.cycle.ns() / of * share);
+        self.master.cycle(sent_at, &mut self.wires);
+        self.may_have_come = self.has_new_outputs;
+        // An answer that was late ends the cycle before now, which is none of this one's.
+        let _ = self.master.take_cycle();
         while self.master.is_cycle_open() && self.wires.now() < limit {
             self.wires.wait(limit);
             self.master.poll(self.wires.now(), &mut self.wires);
@@ -86,18 +94,22 @@ impl<W: NicWires> NicBus<W> {
         if !is_new {
             self.all_is_sent();
         }
-        if done.short.is_empty() {
+        let missed = done.expected_working_counter.saturating_sub(done.working_counter);
+        let mut outputs_lost = 0;
+        if missed <= self.master.working_counter_of(self.lost) && !self.has_fallen_slave(done.states) {
             self.short_from = None;
-        } else if self.short_from.is_none() {
+            outputs_lost = std::mem::take(&mut self.short_sets);
+        } else {
             // What was repeated had reached everybody before.
-            self.short_from = outputs.or(self.sent.map(|sent| sent + 1));
+            self.short_from = self.short_from.or(outputs).or(self.sent.map(|sent| sent + 1));
+            self.short_sets += u32::from(is_new);
         }
         self.update_lost();
         self.tell(inputs);
         CycleDone {
             at: now,
             outputs,
-            outputs_lost: 0,
+            outputs_lost,
             answers_lost,
             working_counter: done.working_counter,
             expected_working_counter: done.expected_working_counter,
@@ -105,19 +117,38 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
+    /// Whether some slave that is not named yet is in a lower state than it was brought to: it takes part in cycles, and obeys no
+    /// outputs. `states`: the AL status of all.
+    fn has_fallen_slave(&self, states: u16) -> bool {
+        let known = |slave| {
+            if self.lost.contains(slave) {
+                self.master.status(slave).map_or(0, |status| status.status.0)
+            } else {
+                RequestedState::State(self.station(slave).commanded).code().into()
+            }
+        };
+        self.job.is_none() && states & !self.all().iter().map(known).fold(0, |all, bits| all | bits) != 0
+    }
+
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
-        for slave in self.all().iter() {
-            let n = usize::from(slave) - 1;
-            let is_missing = self.state(slave).is_none_or(|state| state < self.stations[n].commanded);
-            if is_missing && !self.lost.contains(slave) {
-                self.lost.insert(slave);
-                self.lost_from[n] = self.short_from;
-            } else if !is_missing && self.stations[n].commanded < AlState::SafeOp {
-                self.lost.remove(slave);
-                self.lost_from[n] = None;
+        let Self { master, stations, lost, lost_from, short_from, short_sets, found, .. } = self;
+        master.look_at_statuses(|slave, status| {
+            if slave > *found {
+                return;
             }
-        }
+            let n = usize::from(slave) - 1;
+            let state = Some(status).filter(|status| status.is_present).and_then(|status| status.state());
+            let is_missing = state.is_none_or(|state| state < stations[n].commanded);
+            if is_missing && !lost.contains(slave) {
+                lost.insert(slave);
+                lost_from[n] = *short_from;
+                *short_sets = 0;
+            } else if !is_missing && stations[n].commanded < AlState::SafeOp {
+                lost.remove(slave);
+                lost_from[n] = None;
+            }
+        });
     }
 
     fn tell(&self, inputs: &mut Inputs) {

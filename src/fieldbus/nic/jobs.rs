@@ -117,7 +117,7 @@ impl<W: NicWires> NicBus<W> {
         for station in &mut self.stations {
             (station.commanded, station.process_data) = (AlState::Init, None);
         }
-        (self.lost, self.short_from, self.has_new_outputs) = (SlaveSet::EMPTY, None, false);
+        (self.lost, self.short_from, self.short_sets, self.has_new_outputs) = (SlaveSet::EMPTY, None, 0, false);
         self.lost_from.fill(None);
     }
 

@@ -17,6 +17,11 @@
 //! and what the program sends waits for so long. A target is then late, or it is sent twice; none is left out. A poll
 //! gives no cycle then, as with a cable that is cut before the first slave.
 //!
+//! A clear does not take back outputs that a frame has carried.
+//!
+//! **A cycle that some slave has missed** \[OURS]: the working counter is too low, or not all are in their states, and other slaves have moved on. What was sent since
+//! then counts for the slave that is named for it; if all are there again before, as sets of outputs that were lost.
+//!
 //! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
 //! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
 //! [`Job::State`] brings them back.
@@ -44,7 +49,8 @@ use jobs::Running;
 pub use ring::{GRACE_NS, Ring};
 pub use wires::{CardPair, NicWires};
 
-/// For which part of a cycle a poll waits for the frames of a cycle to come back. \[OURS]
+/// For which part of a cycle a poll waits for the frames of a cycle to come back, from when the cycle was due. SYNC0 comes
+/// then: an answer in time shows that the outputs were there before it. \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
 /// After so many cycles without an answer the bus is down. \[OURS]
 const DOWN_AFTER: u32 = 3;
@@ -88,12 +94,16 @@ pub struct NicBus<W> {
     outputs: Outputs,
     /// No answer has come to a frame with them.
     has_new_outputs: bool,
+    /// Such a frame has gone out: they may have come.
+    may_have_come: bool,
     /// Slaves that get outputs with which nothing moves until others are pushed: they have entered OP since.
     holding: SlaveSet,
     /// The id of the newest outputs that a frame has carried whose answer came.
     sent: Option<u64>,
     /// The id of the first outputs that may not have reached all slaves, while not all of them answer.
     short_from: Option<u64>,
+    /// How many sets of outputs that are since then, as long as nobody is named for it.
+    short_sets: u32,
     /// The newest inputs of all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
     /// Cycles in a row without an answer.
@@ -119,9 +129,11 @@ impl<W: NicWires> NicBus<W> {
             lost_from: [None; MAX_SLAVES],
             outputs: Outputs::default(),
             has_new_outputs: false,
+            may_have_come: false,
             holding: SlaveSet::EMPTY,
             sent: None,
             short_from: None,
+            short_sets: 0,
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,
@@ -176,7 +188,10 @@ impl<W: NicWires> NicBus<W> {
     /// engine.
     fn advance(&mut self, now: Ns) {
         let until = now.wrapping_sub(self.skew_at(now));
-        self.turn();
+        // With nothing under way the cycle itself takes what has come: each look at a card is a call of the system.
+        if !self.has_runner || self.is_working() {
+            self.turn();
+        }
         if self.has_runner {
             return;
         }
@@ -254,11 +269,12 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn clear_ahead(&mut self, _now: Ns) {
-        self.has_new_outputs = false;
+        self.has_new_outputs &= self.may_have_come;
     }
 
     fn poll_clear(&mut self, _now: Ns) -> Option<Cleared> {
-        Some(Cleared { newest_sent: self.sent })
+        let newest_sent = if self.has_new_outputs { Some(self.outputs.id) } else { self.sent };
+        Some(Cleared { newest_sent })
     }
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
@@ -266,7 +282,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
             return Err(BusError::Full);
         }
         self.outputs.clone_from(outputs);
-        self.has_new_outputs = true;
+        (self.has_new_outputs, self.may_have_come) = (true, false);
         self.holding = SlaveSet::EMPTY;
         Ok(())
     }
@@ -280,6 +296,9 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
             return;
         }
         self.has_runner = true;
+        if !self.is_working() {
+            return;
+        }
         let end = self.wires.now().saturating_add(until.saturating_sub(now));
         self.turn();
         while self.is_working() && self.wires.now() < end {

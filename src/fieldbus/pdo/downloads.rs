@@ -46,6 +46,18 @@ impl Download {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
+    /// Whether a slave that aborts this download with that abort code may have its process data fixed: what the object holds shows
+    /// whether they are those that are wanted.
+    pub const fn may_be_fixed(&self, code: AbortCode) -> bool {
+        let is_mapping = matches!(self.object.index, 0x1600..=TX_ASSIGNMENT);
+        is_mapping && matches!(code, AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
+    }
+
+    /// Whether this download takes away what was there, in front of those that put what is wanted.
+    pub const fn takes_away(&self) -> bool {
+        self.object.sub == 0 && self.value == 0
+    }
+
     /// The refusal of a slave that has aborted this download, with 0 as its number. \[OURS] A slave that cannot map what
     /// its role needs, or that has no modes of operation, is reported with the AL status code for other process data.
     pub const fn refused(&self, code: AbortCode) -> Refusal {

@@ -1,14 +1,19 @@
 //! The kind of chip of a schedule, and how it is used: any that can hold its cycle.
 
-use ecmsk::fieldbus::Ns;
+use std::sync::{Arc, Mutex};
+
 use ecmsk::fieldbus::xf::plan::CycleDemand;
-use ecmsk::fieldbus::xf::{XfBusOptions, fifo_entries};
+use ecmsk::fieldbus::xf::{XfBus, XfBusOptions, fifo_entries};
+use ecmsk::fieldbus::{Fieldbus, Ns};
 use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, Profile, SlaveModels};
 use ecmsk::xf::host::{Deadlines, HostConfig, Pacing};
 use support::dice::Dice;
 use support::faulty_wire::quick;
+
+use super::line::{Line, Trouble};
+use crate::followed::Setting;
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
@@ -73,8 +78,28 @@ impl How {
         let state_timeout_ns = dice.pick(&[S, 10 * S]);
         Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns }
     }
+}
 
-    pub fn chip(&self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Chip<SlaveModels> {
-        Chip::with_timing(self.profile, quick(self.packet_ns), SlaveModels::new(slaves).reached_by(handle))
+impl Setting for How {
+    type Ends = Arc<Mutex<Trouble>>;
+
+    fn drives(&self) -> usize {
+        self.drives
+    }
+
+    fn cycle_us(&self) -> u32 {
+        self.cycle_us
+    }
+
+    fn state_timeout_ns(&self) -> Ns {
+        self.state_timeout_ns
+    }
+
+    fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends) {
+        let trouble = Arc::new(Mutex::new(Trouble::default()));
+        let slaves = SlaveModels::new(slaves).reached_by(network);
+        let chip = Chip::with_timing(self.profile, quick(self.packet_ns), slaves);
+        let line = Line::new(chip, Arc::clone(&trouble), seed, !self.profile.size_is_fixed);
+        (Box::new(XfBus::new(line, self.config, self.options)), trouble)
     }
 }

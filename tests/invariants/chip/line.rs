@@ -11,6 +11,9 @@ use ecmsk::xf::host::Wires;
 use support::dice::Dice;
 use support::faulty_wire::{Fault, Wire};
 
+use crate::followed::Ends;
+
+const MS: Ns = 1_000_000;
 /// How long one byte takes.
 const BYTE_NS: Ns = 333;
 /// INT0 is looked at this often.
@@ -33,6 +36,31 @@ pub struct Trouble {
     pub reset: bool,
     /// What went wrong so far.
     pub faults: BTreeMap<Fault, u64>,
+}
+
+impl Ends for Arc<Mutex<Trouble>> {
+    fn fault(&mut self, what: u64, cycle_us: u32, dice: &mut Dice) {
+        let mut trouble = self.lock().expect("no panic");
+        match what {
+            0 => trouble.reset = true,
+            1 if dice.one_in(2) => {
+                let most = dice.pick(&[1, 3, 3, 15]);
+                trouble.dead_ns = 200 * MS + dice.below(most * 1000 * MS);
+            }
+            1 | 2 => trouble.dead_ns = dice.below(150 * MS),
+            3..=6 => trouble.late_ns = dice.below(100) * Ns::from(cycle_us) * 1000,
+            _ => trouble.rarely = dice.pick(&[None, None, Some(10), Some(40), Some(200)]),
+        }
+    }
+
+    fn mend(&mut self) {
+        let mut trouble = self.lock().expect("no panic");
+        *trouble = Trouble { mended: true, faults: std::mem::take(&mut trouble.faults), ..Trouble::default() };
+    }
+
+    fn faults(&self) -> u64 {
+        self.lock().expect("no panic").faults.values().sum()
+    }
 }
 
 /// The wires.

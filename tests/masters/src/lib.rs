@@ -2,6 +2,8 @@
 //! slaves at one end of it, the master, a program or a crate, at the other.
 #![cfg(target_os = "linux")]
 
+mod middle;
+
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -14,6 +16,8 @@ use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, Server};
 use nix::sched::{CloneFlags, unshare};
 use parking_lot::Mutex;
+
+pub use middle::{Middle, Trouble};
 
 /// The interface of the master.
 pub const MASTER: &str = "veth0";
@@ -50,9 +54,9 @@ impl Rig {
     /// # Panics
     /// As [`Self::new`].
     pub fn with_drift(list: &str, name: &str, drift_ppm: u16) -> Self {
-        unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
-        make_interfaces([MASTER, SLAVES]);
-        Self::begin(list, name, drift_ppm, None)
+        enter_namespace();
+        make_pair(MASTER, SLAVES);
+        Self::serve(list, name, drift_ppm, None)
     }
 
     /// The same slaves with a second pair of interfaces at the other end of their cable.
@@ -60,13 +64,26 @@ impl Rig {
     /// # Panics
     /// As [`Self::new`].
     pub fn ring(list: &str, name: &str) -> Self {
-        unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
-        make_interfaces([MASTER, SLAVES]);
-        make_interfaces([SECOND_MASTER, SECOND_SLAVES]);
-        Self::begin(list, name, 0, Some(SECOND_SLAVES))
+        enter_namespace();
+        make_pair(MASTER, SLAVES);
+        make_pair(SECOND_MASTER, SECOND_SLAVES);
+        Self::serve(list, name, 0, Some(SECOND_SLAVES))
     }
 
-    fn begin(list: &str, name: &str, drift_ppm: u16, second: Option<&str>) -> Self {
+    /// The same with something in the middle of the cable that loses, delays and doubles frames, as it is told.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn with_middle(list: &str, name: &str) -> (Self, Middle) {
+        enter_namespace();
+        let [near, far] = middle::INTERFACES;
+        make_pair(MASTER, near);
+        make_pair(far, SLAVES);
+        let middle = Middle::start();
+        (Self::serve(list, name, 0, None), middle)
+    }
+
+    fn serve(list: &str, name: &str, drift_ppm: u16, second: Option<&str>) -> Self {
         let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
         std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
         // Otherwise it would be kept as another file.
@@ -170,7 +187,13 @@ pub fn dissect(recording: &Path, said: &[String]) {
     assert_eq!(packets("_ws.malformed"), 0, "{}", recording.display());
 }
 
-fn make_interfaces([one, other]: [&str; 2]) {
+/// Moves this thread into a network namespace of its own.
+fn enter_namespace() {
+    unshare(CloneFlags::CLONE_NEWNET).expect("a network namespace: these tests run as root");
+}
+
+/// Makes a cable between two interfaces.
+fn make_pair(one: &str, other: &str) {
     for arguments in [
         &["link", "add", one, "type", "veth", "peer", "name", other][..],
         &["link", "set", one, "up"],

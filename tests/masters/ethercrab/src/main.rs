@@ -8,6 +8,7 @@ mod defects;
 mod dp3cl;
 mod emergency;
 mod many;
+mod paced;
 mod refused;
 mod rig;
 mod start;
@@ -28,6 +29,7 @@ fn main() {
             "dp3cl" => dp3cl::run(&master).await,
             "emergency" => emergency::run(&master).await,
             "many" => many::run(&master).await,
+            "paced" => paced::run(&master).await,
             "refused" => refused::run(&master).await,
             "start" => start::run(&master).await,
             "vanish" => vanish::run(&master).await,

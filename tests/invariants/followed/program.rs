@@ -1,10 +1,7 @@
-//! A program on a board behind an ECM-XF, and what goes wrong meanwhile.
-
-use std::sync::{Arc, Mutex};
+//! A program on a board whose slaves obey within a cycle, and what goes wrong meanwhile.
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::engine::{Board, EngineConfig};
-use ecmsk::fieldbus::xf::XfBus;
 use ecmsk::fieldbus::{AlState, Ns};
 use ecmsk::sk::{
     CycleTime, DcShift, DriveResponse, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, Motion, SdoCommand,
@@ -15,22 +12,20 @@ use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{AlStatus, Slave};
 use support::dice::Dice;
 
-use super::Done;
 use super::books::{Books, IO};
 use super::follower::Follower;
-use super::how::How;
-use super::line::{Line, Trouble};
+use super::{Done, Ends, Setting};
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
 const S: Ns = 1_000_000_000;
 const SIZE: SlotSize = SlotSize::Bytes12;
-/// Once nothing goes wrong any more, the board is in OP after so long: a start of the chip that fails for want of an answer, and
+/// Once nothing goes wrong any more, the board is in OP after so long: a start of a chip that fails for want of an answer, and
 /// the change itself.
 const BACK_WITHIN: Ns = 120 * S;
-/// The bus reads the states of all slaves every 100 ms.
+/// A bus reads the states of all slaves every 100 ms at least.
 const STATES_READ_WITHIN: Ns = 150 * MS;
-/// Nothing is held and nothing lies in the chip after so long.
+/// Nothing is held and nothing lies ahead after so long.
 const AT_REST_WITHIN: Ns = 20 * S;
 
 /// The axis of a drive as the program leads it.
@@ -53,13 +48,14 @@ struct Command {
     is_empty: bool,
 }
 
-pub struct Program {
+pub struct Program<S: Setting> {
     dice: Dice,
     board: Board,
     followers: Vec<Follower>,
     network: SimHandle,
-    trouble: Arc<Mutex<Trouble>>,
-    how: How,
+    ends: S::Ends,
+    drives: usize,
+    cycle_us: u32,
     report: Frame,
     axes: Vec<Axis>,
     mark: u16,
@@ -72,34 +68,37 @@ pub struct Program {
     done: Done,
 }
 
-impl Program {
+impl<S: Setting> Program<S> {
     /// A board that has booted.
-    pub fn new(seed: u64, how: How) -> Self {
+    pub fn new(seed: u64, setting: &S) -> Self {
         let network = SimHandle::default();
-        let trouble = Arc::new(Mutex::new(Trouble::default()));
-        let followers: Vec<Follower> = (0..=how.drives).map(|_| Follower::new()).collect();
+        let (drives, cycle_us) = (setting.drives(), setting.cycle_us());
+        let followers: Vec<Follower> = (0..=drives).map(|_| Follower::new()).collect();
         let slaves = followers.iter().map(|follower| Box::new(follower.clone()) as Box<dyn Slave>).collect();
-        let chip = how.chip(slaves, network.clone());
-        let line = Line::new(chip, Arc::clone(&trouble), seed, !how.profile.size_is_fixed);
-        let bus = XfBus::new(line, how.config, how.options);
+        let (bus, mut ends) = setting.bus(seed, slaves, network.clone());
         let engine = EngineConfig {
-            state_timeout_ns: how.state_timeout_ns,
+            state_timeout_ns: setting.state_timeout_ns(),
             sdo_timeout_ns: 200 * MS,
             slot: SIZE,
             ..EngineConfig::default()
         };
-        let mut board = Board::new(engine, Box::new(bus));
-        assert!(board.boot(BACK_WITHIN), "the board does not talk");
+        let mut board = Board::new(engine, bus);
+        let end = board.now() + BACK_WITHIN;
+        while !board.engine().talks() {
+            assert!(board.now() < end, "the board does not talk");
+            ends.cycle(&mut board, &mut |_, _| {});
+        }
         let books = Books::new(followers.len(), board.engine().counters());
         let axis = Axis { target: 0, streams: false, switch_on_in: 0 };
         let mut program = Self {
             dice: Dice(seed),
-            axes: vec![axis; how.drives],
+            axes: vec![axis; drives],
             board,
             followers,
             network,
-            trouble,
-            how,
+            ends,
+            drives,
+            cycle_us,
             report: Frame::new(),
             mark: 0,
             pause: 0,
@@ -144,10 +143,10 @@ impl Program {
     /// Declares the slaves and the cycle.
     fn set_up(&mut self) {
         let mut kinds = [SlaveKind::None; 8];
-        kinds[..=self.how.drives].fill(SlaveKind::Drive);
+        kinds[..=self.drives].fill(SlaveKind::Drive);
         kinds[IO - 1] = SlaveKind::Io;
         self.master(&MasterCommand::SetAxis { group: 0, kinds });
-        let cycle = CycleTime::from_us(self.how.cycle_us).expect("a cycle of the guide's");
+        let cycle = CycleTime::from_us(self.cycle_us).expect("a cycle of the guide's");
         self.master(&MasterCommand::SetDc { cycle, shift: DcShift::Auto });
     }
 
@@ -163,8 +162,8 @@ impl Program {
 
     /// A cycle passes.
     fn cycle(&mut self) {
-        let Self { board, report, .. } = self;
-        board.cycle(&mut |frame, _| report.clone_from(frame));
+        let Self { board, report, ends, .. } = self;
+        ends.cycle(board, &mut |frame, _| report.clone_from(frame));
         self.books.look(&self.followers, self.board.engine().fifo_free());
         self.done.cycles += 1;
         self.done.in_op += u64::from(self.in_op());
@@ -265,26 +264,21 @@ impl Program {
         self.quiet = false;
         let slave = 1 + self.dice.below(self.followers.len() as u64) as u8;
         let long = self.long();
-        let mut trouble = self.trouble.lock().expect("no panic");
         let network = &self.network;
-        let what = self.dice.below(16);
-        match what {
-            0 => trouble.reset = true,
-            1 if self.dice.one_in(2) => {
-                let most = self.dice.pick(&[1, 3, 3, 15]);
-                trouble.dead_ns = 200 * MS + self.dice.below(most * S);
-            }
-            1 | 2 => trouble.dead_ns = self.dice.below(150 * MS),
-            3..=6 => trouble.late_ns = self.dice.below(100) * Ns::from(self.how.cycle_us) * US,
+        match self.dice.below(16) {
             7 | 8 => {
                 network.lose(slave);
+                // No frame passes a controller without power.
+                if !self.ends.has_silent_slaves() {
+                    network.cut_after(network.cable().reach().min(slave - 1));
+                }
                 self.broken = self.broken.max(1 + self.dice.below(200));
             }
-            9 => {
+            9 if self.ends.has_silent_slaves() => {
                 network.silence(slave, true);
                 self.broken = self.broken.max(long);
             }
-            10 => {
+            9 | 10 => {
                 network.cut_after(slave - 1);
                 self.broken = self.broken.max(long);
             }
@@ -294,14 +288,14 @@ impl Program {
                 self.broken = self.broken.max(1 + self.dice.below(400));
             }
             12 => network.delay_sdo(slave, self.dice.pick(&[50 * MS, 300 * MS])),
-            _ => trouble.rarely = self.dice.pick(&[None, None, Some(10), Some(40), Some(200)]),
+            what => self.ends.fault(what, self.cycle_us, &mut self.dice),
         }
     }
 
     /// Cycles for longer than a slave stays in OP without outputs: one that is back sooner has missed cycles, and while
     /// another one is lost nobody sees that.
     fn long(&mut self) -> u64 {
-        WATCHDOG_NS / (Ns::from(self.how.cycle_us) * US) + 10 + self.dice.below(200)
+        WATCHDOG_NS / (Ns::from(self.cycle_us) * US) + 10 + self.dice.below(200)
     }
 
     fn repair(&mut self) {
@@ -346,13 +340,10 @@ impl Program {
         }
     }
 
-    /// Nothing goes wrong on the wires and nothing is sent until nothing is held, nothing lies in the chip, and no change of
+    /// Nothing goes wrong on the wires and nothing is sent until nothing is held, nothing lies ahead, and no change of
     /// state and no SDO is under way, which would keep a loss from being seen.
     pub fn rest(&mut self) {
-        {
-            let mut trouble = self.trouble.lock().expect("no panic");
-            *trouble = Trouble { mended: true, faults: std::mem::take(&mut trouble.faults), ..Trouble::default() };
-        }
+        self.ends.mend();
         let end = self.board.now() + AT_REST_WITHIN;
         let mut still_from = self.board.now();
         while self.board.now() - still_from < self.still_ns() {
@@ -377,9 +368,9 @@ impl Program {
         self.quiet = self.is_whole();
     }
 
-    /// What lies in the chip is sent, and slaves that are lost are seen to be, within so long.
+    /// What lies ahead is sent, and slaves that are lost are seen to be, within so long.
     fn still_ns(&self) -> Ns {
-        (300 * Ns::from(self.how.cycle_us) * US).max(STATES_READ_WITHIN)
+        (300 * Ns::from(self.cycle_us) * US).max(STATES_READ_WITHIN)
     }
 
     /// After all that the board is brought back to OP, and leads its axes without a loss.
@@ -430,9 +421,7 @@ impl Program {
 
     pub fn done(mut self) -> Done {
         self.done.account(&self.books.account);
-        let trouble = self.trouble.lock().expect("no panic");
-        self.done.on_wires = trouble.faults.values().sum();
-        drop(trouble);
+        self.done.on_wires = self.ends.faults();
         self.done
     }
 }

@@ -1,5 +1,4 @@
-//! Our own master, as the link `nic:` has it, on simulated slaves: the board's program drives them without a board.
-#![cfg(target_os = "linux")]
+//! Which card is opened, from nothing to a motion, and the end.
 
 mod needs_network_namespace {
     use std::process::Command;

@@ -123,7 +123,8 @@ impl Slave for Follower {
     }
 
     fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        self.inside().images.read(object, value).ok_or(AbortCode::NO_OBJECT)
+        let mapping = self.inside().images.read(object, value);
+        mapping.or_else(|| Images::read_identity(object, value)).ok_or(AbortCode::NO_OBJECT)
     }
 
     fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {

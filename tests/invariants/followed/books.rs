@@ -1,4 +1,4 @@
-//! What was accepted of a program behind an ECM-XF, what its slaves got of that, and what the board has counted.
+//! What was accepted of a program, what its slaves got of that, and what the board has counted.
 
 use std::collections::BTreeMap;
 
@@ -165,7 +165,7 @@ impl Books {
         slaves.flat_map(|(known, slave)| known.open.iter().map(move |(value, frame)| (slave, *value, *frame))).collect()
     }
 
-    /// All is at rest: nothing is held, nothing lies in the chip. What was accepted since the last time was got or counted.
+    /// All is at rest: nothing is held, nothing lies ahead. What was accepted since the last time was got or counted.
     /// `quiet`: nothing went wrong since then.
     pub fn compare(&mut self, counters: &Counters, quiet: bool) {
         let then = std::mem::replace(&mut self.then, *counters);
@@ -182,7 +182,7 @@ impl Books {
         assert!(
             singly <= counted,
             "{singly} commands more were lost than {cleared} frames cleared, {sets_lost} sets lost and {counted} counted: {:?}",
-            self.missing().get(..20)
+            self.missing().iter().take(20).collect::<Vec<_>>()
         );
         let seen = self.frames.iter().filter(|frame| frame.got > 0).count() as u64;
         let slack = if quiet { 0 } else { sets_lost };

@@ -1,0 +1,145 @@
+//! Random programs whose slaves obey within a cycle, on any bus, while anything goes wrong that can: on the way to the slaves
+//! ([`Ends`]), with slaves and cable, with the host.
+//!
+//! Every target and every mark in a module's outputs is one of its own, and rises, so that each that comes is known. Slaves
+//! obey within a cycle (`follower`). Of each slave, in the order in which things happen at its end (`books`):
+//!
+//! - **order**: an enabled axis is sent where it is, or a target that was accepted, has not come yet and is newer than all that
+//!   have come. The same holds for marks. So nothing comes twice but in a row, late, or without a command.
+//! - **no jump**: an axis that becomes enabled is sent where it is. It may have been pushed 300 cycles before, not later.
+//! - **nothing by itself**: what switches an axis on is an SV_ON that was accepted, and if the axis was off or its slave below
+//!   OP since then, one that may still have been held then. A module's outputs that were off come on by a newer mark alone.
+//!
+//! And whenever all is at rest, since the last time:
+//!
+//! - frames queued = executed + cleared, exactly;
+//! - commands accepted and not got are in the frames cleared (`cleared`), in the sets lost (`outputs_lost`, each with one frame
+//!   at most), or counted one by one (`for_lost`, `discarded_before_enabled`, `rejected`). What is counted may be more: the sets
+//!   of an exchange whose end nobody knows are counted as lost and may have arrived, and sets without a command count as well;
+//! - no frame counts as cleared that has come, but for as many as sets were lost;
+//! - if nothing went wrong no set was lost.
+//!
+//! In the end everything is mended: a SET_STATE brings the board back to OP, and 200 targets arrive without a loss.
+
+mod books;
+mod follower;
+mod program;
+
+use std::ops::AddAssign;
+
+use ecmsk::engine::Board;
+use ecmsk::fieldbus::{Fieldbus, Ns};
+use ecmsk::sk::Frame;
+use ecmsk::slave::Slave;
+use ecmsk::slave::handle::SimHandle;
+use support::dice::Dice;
+
+use books::Account;
+use program::Program;
+
+/// Cycles between two rests, and how many rests.
+const CYCLES: u64 = 700;
+const RESTS: usize = 3;
+
+/// The bus of a schedule and how it is used.
+pub trait Setting {
+    /// What is told of it while it runs.
+    type Ends: Ends;
+
+    /// Drives behind the module of digital outputs.
+    fn drives(&self) -> usize;
+
+    fn cycle_us(&self) -> u32;
+
+    fn state_timeout_ns(&self) -> Ns;
+
+    /// The bus to these slaves, which `network` reaches.
+    fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends);
+}
+
+/// What goes wrong between the board and its slaves, as a schedule says it at any time.
+pub trait Ends {
+    /// Something of 16 goes wrong; 7 to 12 are those of slaves and cable, which are not asked for here.
+    fn fault(&mut self, what: u64, cycle_us: u32, dice: &mut Dice);
+
+    /// Whether slaves are silent now and then that pass what others answer.
+    fn has_silent_slaves(&self) -> bool {
+        true
+    }
+
+    /// Nothing goes wrong any more.
+    fn mend(&mut self);
+
+    /// What went wrong so far.
+    fn faults(&self) -> u64;
+
+    /// A cycle of the board passes.
+    fn cycle(&mut self, board: &mut Board, report: &mut dyn FnMut(&Frame, Ns)) {
+        board.cycle(report);
+    }
+}
+
+/// Runs the schedule of a seed.
+pub fn schedule<S: Setting>(seed: u64, setting: &S) -> Done {
+    let mut program = Program::new(seed, setting);
+    for _ in 0..RESTS {
+        program.run(CYCLES);
+        program.rest();
+    }
+    program.comes_back();
+    program.done()
+}
+
+/// What schedules did, so that none passes for lack of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Done {
+    pub cycles: u64,
+    pub in_op: u64,
+    pub faults: u64,
+    pub on_wires: u64,
+    pub full: u64,
+    pub clears: u64,
+    pub accepted: u64,
+    pub got: u64,
+    pub cleared: u64,
+    pub sets_lost: u64,
+    pub single: u64,
+    pub enabled: u64,
+}
+
+impl Done {
+    fn numbers(&mut self) -> [&mut u64; 12] {
+        let Self { cycles, in_op, faults, on_wires, full, clears, accepted, got, cleared, sets_lost, single, enabled } =
+            self;
+        [cycles, in_op, faults, on_wires, full, clears, accepted, got, cleared, sets_lost, single, enabled]
+    }
+
+    fn account(&mut self, account: &Account) {
+        let Account { accepted, got, cleared, sets_lost, single, enabled } = *account;
+        *self = Self { accepted, got, cleared, sets_lost, single, enabled, ..*self };
+    }
+
+    /// Schedules that do little prove little.
+    pub fn assert_enough(&self, schedules: u64) {
+        let least = [
+            ("cycles in OP", self.in_op, 1000),
+            ("targets accepted", self.accepted, 500),
+            ("targets got", self.got, 300),
+            ("axes switched on", self.enabled, 2),
+            ("faults", self.faults, 2),
+        ];
+        for (what, n, each) in least {
+            assert!(n >= each * schedules, "{what}: only {n} in {schedules} schedules");
+        }
+        let some = [self.on_wires, self.full, self.clears, self.cleared, self.sets_lost, self.single];
+        assert!(some.iter().all(|n| *n > 0), "{self:?}");
+    }
+}
+
+impl AddAssign for Done {
+    fn add_assign(&mut self, mut other: Self) {
+        for (all, one) in self.numbers().into_iter().zip(other.numbers()) {
+            *all += *one;
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Random programs on a board at the end of a network card, over slave controllers and our own master, while anything goes wrong
+//! that can: frames that are lost, late or doubled on their way out or back, or come back in another order, frames of other
+//! protocols and of another master, a card that is down, a runner that is late, and what happens to slaves and cable. Whether a
+//! runner waits for the time of each cycle, how many drives there are and which cycle is another with every seed. What must hold
+//! says `followed`.
+//!
+//! On their way out frames keep their order, as on a cable: one that is late delays those behind it.
+
+mod how;
+mod line;
+
+use crate::followed;
+use crate::run_all;
+use how::How;
+
+/// Schedules of the test; `cargo xtask soak` asks for more.
+const SCHEDULES: u64 = 40;
+
+/// Says how a schedule's board is used, if it fails there.
+struct ToldOnPanic(How);
+
+impl Drop for ToldOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            println!("with {:?}", self.0);
+        }
+    }
+}
+
+fn schedule(seed: u64) -> followed::Done {
+    let how = How::random(seed);
+    let _told = ToldOnPanic(how);
+    followed::schedule(seed, &how)
+}
+
+/// NIC-2.3 NIC-2.6: whatever goes wrong on the cable, every CSP accepted reaches its slave once and in order or is counted,
+/// nothing jumps or comes on by itself, and a SET_STATE brings the board back.
+#[test]
+fn random_schedules_on_a_network_card() {
+    let (schedules, all) = run_all("random_schedules_on_a_network_card", SCHEDULES, schedule);
+    if schedules >= SCHEDULES {
+        all.assert_enough(schedules);
+    }
+}

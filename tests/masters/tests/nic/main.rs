@@ -1,0 +1,12 @@
+//! Our own master, as the link `nic:` has it, on simulated slaves: the board's program drives them without a board.
+//!
+//! - `start.rs`: which card is opened, from nothing to a motion, and the end
+//! - `kinds.rs`: 40 slaves of every kind
+//! - `trouble.rs`: frames that are lost, late, doubled or strange, a card that is down, slaves that go and come
+//! - `programs.rs`: example programs, unchanged
+#![cfg(target_os = "linux")]
+
+mod kinds;
+mod programs;
+mod start;
+mod trouble;

@@ -3,7 +3,8 @@
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
 use ecmsk::ethercat::Ns;
-use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
+use ecmsk::slave::handle::SimHandle;
+use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
 use ecmsk::xf::request::{
     Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, FirmwareVersionGet, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, InfoUpdate, MappedObject, PdoAssignment, PdoConfigSet, PdoData, PdoDataFifo,
@@ -184,12 +185,27 @@ proptest! {
     /// XF-11.61 Whatever bytes come, the chip goes on: no panic, and it answers afterwards.
     #[test]
     fn any_commands(
+        over_controllers in any::<bool>(),
         packets in prop::collection::vec((any::<u8>(), any::<u8>(), any::<[u8; 4]>(), any::<u16>(), any::<u8>(),
             prop::collection::vec(any::<u8>(), 0..64)), 1..100)
     ) {
-        let mut chip = Chip::new(Profile::NEW, SlaveModels::new(vec![drive(), drive()]));
+        let slaves = vec![drive(), drive()];
+        let mut chip = Chip::new(Profile::NEW, if over_controllers {
+            SimulatedNetwork::Controllers(Controllers::new(slaves, SimHandle::default()).expect("drives"))
+        } else {
+            SimulatedNetwork::Models(SlaveModels::new(slaves))
+        });
         let mut now = 1000 * MS;
         let mut answer = [0; MAX_PACKET];
+        let (mut buffer, size, header) = ([0; MAX_PACKET], chip.size(), CommandHeader::with_index);
+        // A network in PreOP, of which commands can want something.
+        let init = write_request(&mut buffer, size, CheckRule::FIXED, header(201), &INIT).expect("it fits").to_vec();
+        let state = to_all(EtherCatState::PreOp);
+        let preop = write_request(&mut buffer, size, CheckRule::FIXED, header(202), &state).expect("it fits");
+        for packet in [&init[..], preop] {
+            chip.exchange(now, packet, &mut answer[..size.packet_len()]);
+            now += 1000 * MS;
+        }
         for (index, (code, par, info, len, control, data)) in (0..=255).cycle().zip(&packets) {
             let size = chip.size();
             let mut bytes = vec![0xA4, 0xA3, 0xA2, 0xA1];

@@ -1,0 +1,112 @@
+//! The jobs there are, with what each needs to know.
+
+use crate::coe::{ObjectAddress, SdoScope};
+use crate::ethercat::{AlState, Ns};
+use crate::xf::request::{
+    ConfigSyncManager, DcSync, EcatInit, EepromOperation, FlashBytes, PdoConfig, PdoConfigRequest, RAW_DATA_MAX,
+    RawOperation, SDO_DATA_MAX, Slaves,
+};
+
+/// What runs.
+#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
+pub(in crate::xf::chip) enum Job {
+    Init(EcatInit),
+    /// RECONFIG_OP and CONFIG_MAP.
+    Map,
+    InitDc,
+    DcSync(DcSync),
+    PdoConfigSet(PdoConfig),
+    PdoConfigRequest(PdoConfigRequest),
+    Sdo(SdoJob),
+    State(StateJob),
+    StateUpdate,
+    FifoInit,
+    ReadFlash {
+        start: u32,
+        bytes: u16,
+    },
+    WriteFlash {
+        start: u32,
+        bytes: u16,
+        data: [u8; FlashBytes::MAX.get() as usize],
+    },
+    File(FileJob),
+    SetManager(ConfigSyncManager),
+    /// CONFIG_FMMU, which has no effect any more.
+    SetFmmus,
+    Eeprom(EepromJob),
+    Datagram(DatagramJob),
+    ReceiveMail {
+        slave: u8,
+    },
+}
+
+pub(in crate::xf::chip) struct SdoJob {
+    pub slave: u8,
+    pub object: ObjectAddress,
+    pub scope: SdoScope,
+    pub deadline: Ns,
+    /// Bytes to read, or of `data` to write.
+    pub bytes: usize,
+    pub writes: bool,
+    pub data: [u8; SDO_DATA_MAX],
+}
+
+#[derive(Clone, Copy)]
+pub(in crate::xf::chip) struct StateJob {
+    pub slaves: Slaves,
+    /// `None`: Boot, which no slave here knows.
+    pub target: Option<AlState>,
+    /// All states are read at the end: ECAT_STATE_CHECK.
+    pub updates: bool,
+    /// A slave of this part does not answer, or cannot be set up.
+    pub has_failed: bool,
+}
+
+/// A file of a slave and its place in the flash memory.
+pub(in crate::xf::chip) struct FileJob {
+    pub slave: u8,
+    pub name: Vec<u8>,
+    pub password: u32,
+    pub start: u32,
+    /// The length of the file; of one that is read 0 is any.
+    pub bytes: u32,
+    pub timeout_ns: Ns,
+    /// It is written to the slave, not read from it.
+    pub downloads: bool,
+}
+
+#[derive(Clone, Copy)]
+pub(in crate::xf::chip) struct EepromJob {
+    pub slave: u8,
+    pub position: u16,
+    pub operation: EepromOperation,
+    pub deadline: Ns,
+}
+
+/// A datagram; in the end as it came back.
+#[derive(Clone, Copy)]
+pub(in crate::xf::chip) struct DatagramJob {
+    pub operation: RawOperation,
+    pub adp: u16,
+    pub ado: u16,
+    pub logical: u32,
+    pub timeout_us: i32,
+    pub deadline: Ns,
+    /// -1: it did not come back.
+    pub working_counter: i32,
+    pub bytes: usize,
+    pub data: [u8; RAW_DATA_MAX],
+}
+
+impl Job {
+    /// When the host's patience ends.
+    pub(super) const fn deadline(&self) -> Option<Ns> {
+        match self {
+            Self::Sdo(job) => Some(job.deadline),
+            Self::Eeprom(job) => Some(job.deadline),
+            Self::Datagram(job) => Some(job.deadline),
+            _ => None,
+        }
+    }
+}

@@ -3,10 +3,12 @@
 //! - `start.rs`: which card is opened, from nothing to a motion, and the end
 //! - `kinds.rs`: 40 slaves of every kind
 //! - `trouble.rs`: frames that are lost, late, doubled or strange, a card that is down, slaves that go and come
+//! - `ring.rs`: two cards
 //! - `programs.rs`: example programs, unchanged
 #![cfg(target_os = "linux")]
 
 mod kinds;
 mod programs;
+mod ring;
 mod start;
 mod trouble;

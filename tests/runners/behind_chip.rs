@@ -79,7 +79,7 @@ fn use_everything(client: &mut Client) {
     }
 }
 
-/// LINK-9 A program for the board, on every chip that can be modelled, on either clock.
+/// LINK-9, LINK-16 A program for the board, on every chip that can be modelled, over either network, on either clock.
 #[test]
 fn a_program_runs_behind_every_chip() {
     let chips = [

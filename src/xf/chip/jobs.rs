@@ -11,14 +11,17 @@ mod transfers;
 mod wire;
 
 use super::Chip;
-use super::network::{EepromFailure, EnterError, Network, Operation};
+use super::network::{EepromFailure, Entered, List, Network, Operation, SLAVES_MAX, Value};
 use crate::coe::AbortCode;
-use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::ethercat::{AlStatus, Ns};
 use crate::xf::request::PdoConfig;
 use crate::xf::{DataSize, Errors};
 pub(super) use kinds::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
-use requests::{Procedure, Requests};
-use wire::{begin_datagram, begin_eeprom};
+use requests::Procedure;
+pub(super) use requests::Requests;
+
+/// Bytes of outputs and of inputs of each slave.
+pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
 /// A job under way.
 pub(super) struct Running {
@@ -54,6 +57,7 @@ impl Running {
 }
 
 /// What came of what a job has asked of the network.
+#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(super) enum Gained {
     /// There was nothing to ask.
     Nothing,
@@ -63,13 +67,13 @@ pub(super) enum Gained {
     TimedOut,
     Scanned(u8),
     /// Bytes of outputs and inputs of each slave.
-    Lengths(Result<Vec<[u16; 2]>, AbortCode>),
+    Lengths(Result<Lengths, AbortCode>),
     /// What became of slaves that were to enter a state.
-    Entered(Vec<(u8, AlState, Result<(), EnterError>)>),
+    Entered(Entered),
     /// A value and its whole length.
-    Value(Result<(Vec<u8>, usize), AbortCode>),
+    Value(Result<(Value, usize), AbortCode>),
     Written(Result<(), AbortCode>),
-    Pdos(Result<Box<PdoConfig>, AbortCode>),
+    Pdos(Result<PdoConfig, AbortCode>),
     ManagerSet(bool),
     Eeprom(Result<Vec<u16>, EepromFailure>),
     Datagram(Option<(Vec<u8>, u16)>),
@@ -79,6 +83,7 @@ pub(super) enum Gained {
 }
 
 /// How a part of a job begins.
+#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum Begun {
     Procedure(Procedure),
     Gained(Gained),
@@ -218,6 +223,14 @@ impl<N: Network> Chip<N> {
         running.gained.take_if(|_| is_due).map_or(Asked::Waits, Asked::Gained)
     }
 
+    /// Begins what a job asks of the network.
+    fn ask_network<F: Future<Output = Gained> + Send + 'static>(
+        &mut self,
+        procedure: impl FnOnce(Requests) -> F,
+    ) -> Begun {
+        self.requests.begin(&mut self.network, procedure)
+    }
+
     fn begin_part(&mut self, job: &mut Job) -> Begun {
         if job.deadline().is_some_and(|deadline| self.now >= deadline) {
             return Begun::Gained(Gained::TimedOut);
@@ -227,27 +240,25 @@ impl<N: Network> Chip<N> {
             Job::Map => self.begin_map(),
             Job::PdoConfigSet(config) => {
                 let config = *config;
-                Begun::procedure(async move |requests| Gained::Written(pdos::set(&requests, &config).await))
+                self.ask_network(|requests| async move { Gained::Written(pdos::set(&requests, &config).await) })
             }
             Job::PdoConfigRequest(request) => {
                 let (request, form) = (*request, self.profile.pdo_config);
-                Begun::procedure(async move |requests| {
-                    Gained::Pdos(pdos::read(&requests, &request, form).await.map(Box::new))
-                })
+                self.ask_network(|requests| async move { Gained::Pdos(pdos::read(&requests, &request, form).await) })
             }
             Job::Sdo(sdo) => self.begin_sdo(sdo),
             Job::State(state) => self.begin_change(state),
-            Job::StateUpdate => Begun::procedure(async |requests| {
+            Job::StateUpdate => self.ask_network(|requests| async move {
                 requests.run(Operation::ReadStates).await;
                 Gained::Nothing
             }),
             Job::SetManager(request) => self.begin_set_manager(request),
-            Job::Eeprom(job) => begin_eeprom(job),
-            Job::Datagram(job) => begin_datagram(job),
+            Job::Eeprom(job) => self.begin_eeprom(job),
+            Job::Datagram(job) => self.begin_datagram(job),
             Job::File(job) => self.begin_file(job),
             Job::ReceiveMail { slave } => {
                 let slave = *slave;
-                Begun::procedure(async move |requests| Gained::Mail(requests.mail(slave).await))
+                self.ask_network(|requests| async move { Gained::Mail(requests.mail(slave).await) })
             }
             Job::InitDc
             | Job::DcSync(_)
@@ -267,12 +278,12 @@ impl<N: Network> Chip<N> {
             (Job::DcSync(dc_sync), _) => self.end_dc_sync(dc_sync),
             (Job::PdoConfigSet(_), Gained::Written(set)) => self.end_pdo_transfer(set),
             (Job::PdoConfigRequest(_), Gained::Pdos(read)) => {
-                let read = read.map(|config| self.pdo_config = Some(*config));
+                let read = read.map(|config| self.pdo_config = Some(config));
                 self.end_pdo_transfer(read)
             }
             (Job::Sdo(sdo), gained) => self.end_sdo(sdo, gained),
             (Job::State(_), Gained::Lengths(lengths)) => self.end_layout(lengths),
-            (Job::State(state), Gained::Entered(slaves)) => self.end_change(state, slaves),
+            (Job::State(state), Gained::Entered(slaves)) => self.end_change(state, &slaves),
             (Job::StateUpdate, _) => {
                 self.update_states();
                 Progress::Done
@@ -318,6 +329,7 @@ impl<N: Network> Chip<N> {
 }
 
 /// How far a job has come with the network.
+#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 enum Asked {
     Gained(Gained),
     /// It is not time yet, or there is no answer.
@@ -327,10 +339,6 @@ enum Asked {
 impl Begun {
     /// It fails, when it is due.
     const FAILED: Self = Self::Gained(Gained::Failed);
-
-    fn procedure<F: Future<Output = Gained> + Send + 'static>(begin: impl FnOnce(Requests) -> F) -> Self {
-        Self::Procedure(Procedure::new(begin))
-    }
 }
 
 const fn done_if(done: bool) -> Progress {

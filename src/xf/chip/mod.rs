@@ -73,8 +73,8 @@ pub use commands::{NEED_REGISTERS, SYNC0_MIN_NS};
 pub use fifo::{FIFO_ENTRIES_MAX, FIFO_MEMORY};
 pub use flash::FLASH_BYTES;
 pub use network::{
-    Answer, AtOnce, Controllers, EepromFailure, EnterError, Exchange, IMAGE_MAX, Identity, Network, Operation, Place,
-    SLAVES_MAX, SimulatedNetwork, SlaveModels, SlaveSetup,
+    Answer, AtOnce, Controllers, EepromFailure, EnterError, Entered, EnteringSlaves, Exchange, IMAGE_MAX, Identity,
+    List, Network, Operation, Place, SLAVES_MAX, SimulatedNetwork, SlaveModels, SlaveSetup, Value,
 };
 pub use port::ChipPort;
 pub use profile::Profile;
@@ -92,7 +92,7 @@ use flash::Flash;
 use gpio::Gpio;
 use helper::Helper;
 use interrupts::InterruptUnit;
-use jobs::{Running, SdoResult};
+use jobs::{Requests, Running, SdoResult};
 use mdio::Phys;
 use results::Results;
 
@@ -130,6 +130,7 @@ pub struct Chip<N> {
     job: Option<Running>,
     sdo: SdoResult,
     results: Results,
+    requests: Requests,
     /// What PDO_CONFIG_REQ has read.
     pdo_config: Option<PdoConfig>,
 
@@ -173,6 +174,7 @@ impl<N: Network> Chip<N> {
             job: None,
             sdo: SdoResult::new(),
             results: Results::default(),
+            requests: Requests::default(),
             pdo_config: None,
             interrupts: InterruptUnit::new(),
             gpio: Gpio::new(),

@@ -4,12 +4,14 @@
 //! | --- | --- |
 //! | `network.rs` | the seam, [`Network`] |
 //! | `operation.rs` | what takes time: asked for, and answered later |
+//! | `list.rs` | lists that allocate nothing |
 //! | `at_once.rs`, `slaves.rs` | networks for which nothing takes time; slave models as one |
 //! | `controllers.rs`, `wire.rs` | a master and slave controllers, between which every frame is real |
 //! | `simulated.rs` | either of the two, as a link names it |
 
 pub mod at_once;
 pub mod controllers;
+pub mod list;
 pub mod operation;
 pub mod simulated;
 pub mod slaves;
@@ -17,7 +19,8 @@ mod wire;
 
 pub use at_once::AtOnce;
 pub use controllers::Controllers;
-pub use operation::{Answer, EepromFailure, Operation};
+pub use list::List;
+pub use operation::{Answer, EepromFailure, Entered, EnteringSlaves, Operation, Value};
 pub use simulated::SimulatedNetwork;
 pub use slaves::SlaveModels;
 

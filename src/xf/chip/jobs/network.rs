@@ -1,12 +1,12 @@
 //! Initialisation, process data, clocks, changes of state.
 
-use super::{Begun, Gained, Progress, StateJob, pdos};
+use super::{Begun, Gained, Lengths, Progress, StateJob, pdos};
 use crate::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::NetworkState;
 use crate::xf::chip::Chip;
 use crate::xf::chip::bus::Bus;
-use crate::xf::chip::network::{EnterError, Network, Operation, SlaveSetup};
+use crate::xf::chip::network::{EnterError, Entered, EnteringSlaves, List, Network, SLAVES_MAX, SlaveSetup};
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: Network> Chip<N> {
@@ -20,7 +20,7 @@ impl<N: Network> Chip<N> {
         if !self.phy_link {
             return Begun::FAILED;
         }
-        Begun::procedure(async |requests| Gained::Scanned(requests.scan().await))
+        self.ask_network(|requests| async move { Gained::Scanned(requests.scan().await) })
     }
 
     /// `[OURS]` The slaves are in Init then; a network without slaves is an error. A clock of the chip leads with firmware that
@@ -59,7 +59,7 @@ impl<N: Network> Chip<N> {
         self.begin_layout()
     }
 
-    pub(super) fn end_map(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> Progress {
+    pub(super) fn end_map(&mut self, lengths: Result<Lengths, AbortCode>) -> Progress {
         if !self.lay_out(lengths) {
             return Progress::Failed;
         }
@@ -72,12 +72,13 @@ impl<N: Network> Chip<N> {
 
     fn begin_layout(&mut self) -> Begun {
         self.bus.mapped = false;
-        let assigned: Vec<_> = self.bus.slaves().map(|slave| self.bus.assigned_lengths(slave)).collect();
-        Begun::procedure(async move |requests| Gained::Lengths(pdos::lengths(&requests, &assigned).await))
+        let mut assigned = List::<_, SLAVES_MAX>::empty([None; 2]);
+        self.bus.slaves().for_each(|slave| assigned.push(self.bus.assigned_lengths(slave)));
+        self.ask_network(|requests| async move { Gained::Lengths(pdos::lengths(&requests, &assigned).await) })
     }
 
     /// False: a slave's mapping was not read, or there are more process data than the images hold.
-    fn lay_out(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> bool {
+    fn lay_out(&mut self, lengths: Result<Lengths, AbortCode>) -> bool {
         match lengths {
             Ok(lengths) => {
                 self.bus.lay_out(&lengths);
@@ -161,7 +162,7 @@ impl<N: Network> Chip<N> {
             return self.begin_layout();
         }
         job.has_failed = false;
-        let mut slaves = Vec::new();
+        let mut slaves = EnteringSlaves::empty((0, AlState::Init));
         for slave in self.chosen(job.slaves) {
             let to = match self.network.state(slave) {
                 Some(state) if state > target => target,
@@ -180,14 +181,11 @@ impl<N: Network> Chip<N> {
                 job.has_failed = true;
             }
         }
-        Begun::procedure(async move |requests| {
-            let results = requests.enter(Operation::Enter(slaves.clone())).await;
-            Gained::Entered(slaves.into_iter().zip(results).map(|((slave, to), result)| (slave, to, result)).collect())
-        })
+        self.ask_network(|requests| async move { Gained::Entered(requests.enter(slaves).await) })
     }
 
     /// Process data are laid out on the way to SafeOP, which goes on at once.
-    pub(super) fn end_layout(&mut self, lengths: Result<Vec<[u16; 2]>, AbortCode>) -> Progress {
+    pub(super) fn end_layout(&mut self, lengths: Result<Lengths, AbortCode>) -> Progress {
         if self.lay_out(lengths) { Progress::Again(self.now) } else { Progress::Failed }
     }
 
@@ -214,13 +212,9 @@ impl<N: Network> Chip<N> {
         is_set
     }
 
-    pub(super) fn end_change(
-        &mut self,
-        job: &StateJob,
-        slaves: Vec<(u8, AlState, Result<(), EnterError>)>,
-    ) -> Progress {
+    pub(super) fn end_change(&mut self, job: &StateJob, slaves: &Entered) -> Progress {
         let mut has_failed = job.has_failed;
-        for (slave, to, entered) in slaves {
+        for (slave, to, entered) in slaves.iter().copied() {
             has_failed |= entered.is_err();
             self.note_entered(slave, to, entered);
         }

@@ -1,9 +1,10 @@
 //! The PDOs of slaves by their mapping objects: read, written, and counted.
 
+use super::Lengths;
 use super::requests::Requests;
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::Ns;
-use crate::xf::chip::network::IMAGE_MAX;
+use crate::xf::chip::network::{IMAGE_MAX, Value};
 use crate::xf::request::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoConfigRequest, PdoMap};
 
 /// How long a slave may take for an SDO of a mapping. `[OURS]`
@@ -25,7 +26,7 @@ async fn read_number(requests: &Requests, slave: u8, index: u16, sub: u8) -> Res
 
 async fn write_number(requests: &Requests, slave: u8, index: u16, sub: u8, value: &[u8]) -> Result<(), AbortCode> {
     let object = (slave, ObjectAddress::new(index, sub));
-    requests.write(object, SdoScope::Entry, value.to_vec(), ANSWER_MAX_NS).await
+    requests.write(object, SdoScope::Entry, Value::of(0, value), ANSWER_MAX_NS).await
 }
 
 /// An entry of a mapping object.
@@ -72,8 +73,8 @@ async fn mapped_bytes(requests: &Requests, slave: u8, assignment: PdoAssignment)
 ///
 /// # Errors
 /// The abort code with which a slave aborts, or [`AbortCode::PDO_LENGTH`]: they are more than the images hold.
-pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) -> Result<Vec<[u16; 2]>, AbortCode> {
-    let mut lengths = Vec::with_capacity(assigned.len());
+pub(super) async fn lengths(requests: &Requests, assigned: &[[Option<u16>; 2]]) -> Result<Lengths, AbortCode> {
+    let mut lengths = Lengths::empty([0; 2]);
     let mut totals = [0; 2];
     for (slave, assigned) in (0..).zip(assigned) {
         let mut of_slave = [0; 2];

@@ -4,18 +4,19 @@
 //! the answer.
 
 use std::future::poll_fn;
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-use super::Gained;
+use super::{Begun, Gained};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::Ns;
-use crate::xf::chip::network::{Answer, EepromFailure, EnterError, Network, Operation};
+use crate::ethercat::{AlState, Ns};
+use crate::xf::chip::network::{Answer, EepromFailure, Entered, EnteringSlaves, Network, Operation, Value};
 
 /// What a procedure waits for.
+#[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 #[derive(Debug, Default)]
 enum Slot {
     #[default]
@@ -38,20 +39,38 @@ pub(in crate::xf::chip) struct Procedure {
 }
 
 impl Procedure {
-    /// Begins a procedure.
-    pub(super) fn new<F: Future<Output = Gained> + Send + 'static>(begin: impl FnOnce(Requests) -> F) -> Self {
-        let requests = Requests::default();
-        Self { task: Box::pin(begin(requests.clone())), requests }
-    }
-
     /// Goes on as far as the answers of the network allow; what came of it, if it has ended.
     pub(super) fn run(&mut self, network: &mut impl Network) -> Option<Gained> {
+        self.requests.go_on(self.task.as_mut(), network)
+    }
+}
+
+impl Requests {
+    /// Begins a procedure. On a network for which nothing takes time it ends at once, and nothing is allocated.
+    pub(super) fn begin<F: Future<Output = Gained> + Send + 'static>(
+        &self,
+        network: &mut impl Network,
+        procedure: impl FnOnce(Self) -> F,
+    ) -> Begun {
+        *self.0.lock() = Slot::Empty;
+        let task = procedure(self.clone());
+        if network.takes_time() {
+            return Begun::Procedure(Procedure { requests: self.clone(), task: Box::pin(task) });
+        }
+        Begun::Gained(self.go_on(pin!(task), network).unwrap_or(Gained::Failed))
+    }
+
+    fn go_on(
+        &self,
+        mut task: Pin<&mut (dyn Future<Output = Gained> + Send)>,
+        network: &mut impl Network,
+    ) -> Option<Gained> {
         let mut context = Context::from_waker(Waker::noop());
         loop {
-            if let Poll::Ready(gained) = self.task.as_mut().poll(&mut context) {
+            if let Poll::Ready(gained) = task.as_mut().poll(&mut context) {
                 return Some(gained);
             }
-            let mut slot = self.requests.0.lock();
+            let mut slot = self.0.lock();
             let answer = match std::mem::take(&mut *slot) {
                 Slot::Asked(operation) => network.start(operation),
                 _ => network.poll(),
@@ -94,10 +113,10 @@ impl Requests {
     }
 
     /// [`Operation::Enter`].
-    pub(super) async fn enter(&self, operation: Operation) -> Vec<Result<(), EnterError>> {
-        match self.ask(operation).await {
-            Answer::Entered(results) => results,
-            _ => Vec::new(),
+    pub(super) async fn enter(&self, slaves: EnteringSlaves) -> Entered {
+        match self.ask(Operation::Enter(slaves)).await {
+            Answer::Entered(entered) => entered,
+            _ => Entered::empty((0, AlState::Init, Ok(()))),
         }
     }
 
@@ -108,7 +127,7 @@ impl Requests {
         scope: SdoScope,
         room: usize,
         timeout_ns: Ns,
-    ) -> Result<(Vec<u8>, usize), AbortCode> {
+    ) -> Result<(Value, usize), AbortCode> {
         match self.ask(Operation::Read { slave, object, scope, room, timeout_ns }).await {
             Answer::Value(value) => value,
             _ => Err(AbortCode::TIMEOUT),
@@ -120,7 +139,7 @@ impl Requests {
         &self,
         (slave, object): (u8, ObjectAddress),
         scope: SdoScope,
-        value: Vec<u8>,
+        value: Value,
         timeout_ns: Ns,
     ) -> Result<(), AbortCode> {
         match self.ask(Operation::Write { slave, object, scope, value, timeout_ns }).await {

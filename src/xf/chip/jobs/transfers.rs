@@ -3,24 +3,24 @@
 use super::{Begun, Gained, Progress, SdoJob};
 use crate::coe::AbortCode;
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::Network;
+use crate::xf::chip::network::{Network, Value};
 
 impl<N: Network> Chip<N> {
-    pub(super) fn begin_sdo(&self, job: &SdoJob) -> Begun {
+    pub(super) fn begin_sdo(&mut self, job: &SdoJob) -> Begun {
         let object = (job.slave, job.object);
         if let Some(code) = self.network.sdo_abort(job.slave, job.object) {
             return Begun::Gained(Gained::Written(Err(code)));
         }
         let (scope, timeout_ns) = (job.scope, job.deadline - self.now);
         if job.writes {
-            let value = job.data[..job.bytes].to_vec();
-            return Begun::procedure(async move |requests| {
+            let value = Value::of(0, &job.data[..job.bytes]);
+            return self.ask_network(|requests| async move {
                 Gained::Written(requests.write(object, scope, value, timeout_ns).await)
             });
         }
         let room = self.sdo.data.len();
         let asked = if job.bytes == 0 { room } else { job.bytes.min(room) };
-        Begun::procedure(async move |requests| Gained::Value(requests.read(object, scope, asked, timeout_ns).await))
+        self.ask_network(|requests| async move { Gained::Value(requests.read(object, scope, asked, timeout_ns).await) })
     }
 
     /// A slave that does not answer is waited for until the time limit; then the abort code is that of a timeout.

@@ -28,31 +28,31 @@ const fn eeprom_error(failure: EepromFailure) -> u8 {
 /// The same where the time limit of EEPROM_REQ was over. `[OURS]`
 const EEPROM_TIMED_OUT: u8 = 2;
 
-/// `[OURS]` Where fewer words follow, fewer are read.
-pub(super) fn begin_eeprom(job: &EepromJob) -> Begun {
-    let EepromJob { slave, position, operation, .. } = *job;
-    let operation = match operation {
-        EepromOperation::Read => {
-            let behind = usize::from(u16::MAX - position) + 1;
-            Operation::ReadEeprom { slave, word: position, count: EEPROM_WORDS.min(behind) }
-        }
-        EepromOperation::Write(value) => Operation::WriteEeprom { slave, word: position, value },
-    };
-    Begun::procedure(async move |requests| Gained::Eeprom(requests.eeprom(operation).await))
-}
-
-pub(super) fn begin_datagram(job: &DatagramJob) -> Begun {
-    let command = Command::from_code(job.operation.code());
-    let address = match command.addressing() {
-        Addressing::Logical => job.logical,
-        _ => u32::from(job.adp) | u32::from(job.ado) << 16,
-    };
-    let operation = Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() };
-    Begun::procedure(async move |requests| Gained::Datagram(requests.datagram(operation).await))
-}
-
 impl<N: Network> Chip<N> {
-    pub(super) fn begin_set_manager(&self, request: &ConfigSyncManager) -> Begun {
+    /// `[OURS]` Where fewer words follow, fewer are read.
+    pub(super) fn begin_eeprom(&mut self, job: &EepromJob) -> Begun {
+        let EepromJob { slave, position, operation, .. } = *job;
+        let operation = match operation {
+            EepromOperation::Read => {
+                let behind = usize::from(u16::MAX - position) + 1;
+                Operation::ReadEeprom { slave, word: position, count: EEPROM_WORDS.min(behind) }
+            }
+            EepromOperation::Write(value) => Operation::WriteEeprom { slave, word: position, value },
+        };
+        self.ask_network(|requests| async move { Gained::Eeprom(requests.eeprom(operation).await) })
+    }
+
+    pub(super) fn begin_datagram(&mut self, job: &DatagramJob) -> Begun {
+        let command = Command::from_code(job.operation.code());
+        let address = match command.addressing() {
+            Addressing::Logical => job.logical,
+            _ => u32::from(job.adp) | u32::from(job.ado) << 16,
+        };
+        let operation = Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() };
+        self.ask_network(|requests| async move { Gained::Datagram(requests.datagram(operation).await) })
+    }
+
+    pub(super) fn begin_set_manager(&mut self, request: &ConfigSyncManager) -> Begun {
         let registers = SyncManager {
             start: request.start,
             len: request.length,
@@ -61,7 +61,7 @@ impl<N: Network> Chip<N> {
             ..SyncManager::default()
         };
         let operation = Operation::SetManager { slave: request.slave.get(), number: request.number, registers };
-        Begun::procedure(async move |requests| Gained::ManagerSet(requests.set_manager(operation).await))
+        self.ask_network(|requests| async move { Gained::ManagerSet(requests.set_manager(operation).await) })
     }
 
     /// `[OURS]` The slave has it at once, and again whenever it goes to PreOP or SafeOP. Process data have its length from the
@@ -107,7 +107,7 @@ impl<N: Network> Chip<N> {
         done_if(came.is_some())
     }
 
-    pub(super) fn begin_file(&self, job: &FileJob) -> Begun {
+    pub(super) fn begin_file(&mut self, job: &FileJob) -> Begun {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
         let operation = if job.downloads {
             // The command was refused if it reached behind the memory.
@@ -116,7 +116,7 @@ impl<N: Network> Chip<N> {
         } else {
             Operation::ReadFile { slave, name, password, timeout_ns }
         };
-        Begun::procedure(async move |requests| Gained::File(requests.file(operation).await))
+        self.ask_network(|requests| async move { Gained::File(requests.file(operation).await) })
     }
 
     /// `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any), or reaches behind the flash memory, fails with FoE's

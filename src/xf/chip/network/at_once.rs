@@ -1,6 +1,6 @@
 //! Networks that do everything at once.
 
-use super::{Answer, EnterError, Exchange, Identity, Network, Operation, Place, SlaveSetup};
+use super::{Answer, EnterError, Entered, Exchange, Identity, Network, Operation, Place, SlaveSetup, Value};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
@@ -109,14 +109,14 @@ impl<N: AtOnce> Network for N {
             Operation::Scan => Answer::Scanned(self.scan()),
             Operation::ReadStates => Answer::StatesRead,
             Operation::Enter(slaves) => {
-                Answer::Entered(slaves.into_iter().map(|(slave, state)| self.enter(slave, state)).collect())
+                let mut entered = Entered::empty((0, AlState::Init, Ok(())));
+                slaves.iter().for_each(|(slave, state)| entered.push((*slave, *state, self.enter(*slave, *state))));
+                Answer::Entered(entered)
             }
             Operation::Read { slave, object, scope, room, .. } => {
-                let mut value = vec![0; room];
-                Answer::Value(self.read(slave, object, scope, &mut value).map(|len| {
-                    value.truncate(len);
-                    (value, len)
-                }))
+                let mut value = Value::empty(0);
+                let len = value.fill(room, |room| self.read(slave, object, scope, room));
+                Answer::Value(len.map(|len| (value, len)))
             }
             Operation::Write { slave, object, scope, value, .. } => {
                 Answer::Written(self.write(slave, object, scope, &value))

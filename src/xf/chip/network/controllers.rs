@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use super::wire::ChainWire;
-use super::{Answer, EepromFailure, EnterError, Exchange, Identity, Network, Operation, SlaveSetup};
+use super::{Answer, EepromFailure, EnterError, Entered, Exchange, Identity, Network, Operation, SlaveSetup, Value};
 use crate::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, sync_manager};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
@@ -121,16 +121,17 @@ impl Controllers {
             JobDone::States => Answer::StatesRead,
             JobDone::State(_) => match operation {
                 Operation::Enter(slaves) => {
-                    Answer::Entered(slaves.into_iter().map(|(slave, state)| self.has_entered(slave, state)).collect())
+                    let mut entered = Entered::empty((0, AlState::Init, Ok(())));
+                    for (slave, state) in slaves.iter().copied() {
+                        entered.push((slave, state, self.has_entered(slave, state)));
+                    }
+                    Answer::Entered(entered)
                 }
                 _ => Answer::Unknown,
             },
-            JobDone::Upload(value) => Answer::Value(value.map_err(SdoError::abort_code).map(|mut value| {
-                let len = value.len();
-                if let Operation::Read { room, .. } = operation {
-                    value.truncate(room);
-                }
-                (value, len)
+            JobDone::Upload(value) => Answer::Value(value.map_err(SdoError::abort_code).map(|value| {
+                let room = if let Operation::Read { room, .. } = operation { room } else { 0 };
+                (Value::of(0, &value[..value.len().min(room)]), value.len())
             })),
             JobDone::Download(written) => Answer::Written(written.map_err(SdoError::abort_code)),
             JobDone::Datagram(answer) => {
@@ -295,7 +296,7 @@ impl Network for Controllers {
         let jobs = self.jobs_for(&operation);
         if jobs.is_empty() {
             return Some(match operation {
-                Operation::Enter(_) => Answer::Entered(Vec::new()),
+                Operation::Enter(_) => Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))),
                 _ => Answer::ManagerSet(false),
             });
         }

@@ -1,11 +1,20 @@
 //! What a network is asked for, and what it answers.
 
-use super::EnterError;
+use super::{EnterError, List, SLAVES_MAX};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::SyncManager;
 use crate::ethercat::{AlState, Command, Ns};
+use crate::xf::DataSize;
+
+/// A value of an object, as far as the chip has use for it.
+pub type Value = List<u8, { DataSize::MAX.get() as usize }>;
+/// Slaves, and the state that each is to enter.
+pub type EnteringSlaves = List<(u8, AlState), SLAVES_MAX>;
+/// What became of slaves that were to enter a state.
+pub type Entered = List<(u8, AlState, Result<(), EnterError>), SLAVES_MAX>;
 
 /// What a network is asked for, one thing at a time. Slaves are numbered from 0.
+#[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// Slaves are counted, those that answer are brought to Init, and their EEPROMs are read.
@@ -13,7 +22,7 @@ pub enum Operation {
     /// The states of all slaves are read.
     ReadStates,
     /// Each of these slaves is brought to a state.
-    Enter(Vec<(u8, AlState)>),
+    Enter(EnteringSlaves),
     /// SDO upload.
     Read {
         /// Whose object.
@@ -36,7 +45,7 @@ pub enum Operation {
         /// As a whole or not.
         scope: SdoScope,
         /// The whole value.
-        value: Vec<u8>,
+        value: Value,
         /// How long the slave may take for each answer.
         timeout_ns: Ns,
     },
@@ -108,6 +117,7 @@ pub enum Operation {
 }
 
 /// What a network answers. Which one belongs to an [`Operation`] has its name.
+#[allow(clippy::large_enum_variant, reason = "there is one at a time, and boxing it would allocate")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// [`Operation::Scan`]: how many slaves were found, [`SLAVES_MAX`](super::SLAVES_MAX) at most.
@@ -115,10 +125,10 @@ pub enum Answer {
     /// [`Operation::ReadStates`].
     StatesRead,
     /// [`Operation::Enter`]: what became of each slave.
-    Entered(Vec<Result<(), EnterError>>),
+    Entered(Entered),
     /// [`Operation::Read`]: the value up to the room for it, and the length of the whole value; or the abort code,
     /// [`AbortCode::TIMEOUT`] if the slave does not answer.
-    Value(Result<(Vec<u8>, usize), AbortCode>),
+    Value(Result<(Value, usize), AbortCode>),
     /// [`Operation::Write`]: nothing, or the abort code as for [`Self::Value`].
     Written(Result<(), AbortCode>),
     /// [`Operation::Datagram`]: data and working counter; `None`: it did not come back.

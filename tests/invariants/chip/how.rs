@@ -95,6 +95,10 @@ impl Setting for How {
         self.state_timeout_ns
     }
 
+    fn has_controllers(&self) -> bool {
+        false
+    }
+
     fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends) {
         let trouble = Arc::new(Mutex::new(Trouble::default()));
         let slaves = SlaveModels::new(slaves).reached_by(network);

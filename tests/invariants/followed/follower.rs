@@ -39,6 +39,8 @@ pub struct Inside {
     images: Images,
     notes: Vec<Note>,
     last: Option<Note>,
+    /// It says who it is.
+    has_identity: bool,
 }
 
 impl Inside {
@@ -95,8 +97,10 @@ impl Inside {
 pub struct Follower(Arc<Mutex<Inside>>);
 
 impl Follower {
-    pub fn new() -> Self {
+    /// `has_identity`: it says who it is, as slave controllers need it.
+    pub fn new(has_identity: bool) -> Self {
         let follower = Self(Arc::default());
+        follower.inside().has_identity = has_identity;
         follower.inside().shows.statusword = Statusword(DISABLED);
         follower
     }
@@ -123,8 +127,10 @@ impl Slave for Follower {
     }
 
     fn read(&mut self, object: ObjectAddress, _: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
-        let mapping = self.inside().images.read(object, value);
-        mapping.or_else(|| Images::read_identity(object, value)).ok_or(AbortCode::NO_OBJECT)
+        let inside = self.inside();
+        let mapping = inside.images.read(object, value);
+        let identity = || if inside.has_identity { Images::read_identity(object, value) } else { None };
+        mapping.or_else(identity).ok_or(AbortCode::NO_OBJECT)
     }
 
     fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {

@@ -73,7 +73,7 @@ impl<S: Setting> Program<S> {
     pub fn new(seed: u64, setting: &S) -> Self {
         let network = SimHandle::default();
         let (drives, cycle_us) = (setting.drives(), setting.cycle_us());
-        let followers: Vec<Follower> = (0..=drives).map(|_| Follower::new()).collect();
+        let followers: Vec<Follower> = (0..=drives).map(|_| Follower::new(setting.has_controllers())).collect();
         let slaves = followers.iter().map(|follower| Box::new(follower.clone()) as Box<dyn Slave>).collect();
         let (bus, mut ends) = setting.bus(seed, slaves, network.clone());
         let engine = EngineConfig {
@@ -279,7 +279,9 @@ impl<S: Setting> Program<S> {
                 self.broken = self.broken.max(long);
             }
             9 | 10 => {
-                network.cut_after(slave - 1);
+                // Frames come by no controller without power, wherever the cable is cut besides.
+                let reach = if self.ends.has_silent_slaves() { u8::MAX } else { network.cable().reach() };
+                network.cut_after(reach.min(slave - 1));
                 self.broken = self.broken.max(long);
             }
             11 => {

@@ -49,6 +49,10 @@ impl Setting for How {
         self.state_timeout_ns
     }
 
+    fn has_controllers(&self) -> bool {
+        true
+    }
+
     fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, LineEnds) {
         let wires = ChainWires::new(slaves, network).expect("they have an EEPROM");
         let line = Line::new(wires, seed, self.has_runner);

@@ -30,6 +30,8 @@ pub(super) struct Change {
     sends_first: bool,
     /// All slaves leave OP: outputs that are taken now could reach none.
     takes_no_more: bool,
+    /// The slaves that were in OP when they were asked for a lower state.
+    left_op: SlaveSet,
 }
 
 /// How long after a slave has not answered it is asked again, ns. \[OURS]
@@ -80,8 +82,16 @@ impl<W: NicWires> NicBus<W> {
                 let slaves = slaves.intersection(self.all());
                 let now = self.wires.now();
                 let until = now.saturating_add(timeout_ns);
-                let mut change =
-                    Change { id: None, target, slaves, again_at: now, until, sends_first: false, takes_no_more: false };
+                let mut change = Change {
+                    id: None,
+                    target,
+                    slaves,
+                    again_at: now,
+                    until,
+                    sends_first: false,
+                    takes_no_more: false,
+                    left_op: SlaveSet::EMPTY,
+                };
                 let in_op = self.in_op();
                 if target < AlState::Op && !in_op.is_empty() && in_op.difference(slaves).is_empty() {
                     change.again_at = now.saturating_add(leaving_op_ns(in_op.len()));
@@ -131,6 +141,20 @@ impl<W: NicWires> NicBus<W> {
                 station.commanded = station.commanded.min(target);
             }
         }
+    }
+
+    /// The board gives up a change under way.
+    pub(super) fn give_up(&mut self, job: Running) {
+        if let Running::State(change) = &job {
+            self.stay_in_op(change);
+        }
+        job.cancel(&mut self.master);
+    }
+
+    /// A change has not come to its end: slaves that were on their way out of OP belong there again, and those that have left it
+    /// are lost (SK-4.73).
+    fn stay_in_op(&mut self, change: &Change) {
+        change.left_op.iter().for_each(|slave| self.station_mut(slave).commanded = AlState::Op);
     }
 
     pub(super) fn start_sdo(&mut self, request: SdoRequest) {
@@ -249,11 +273,23 @@ impl<W: NicWires> NicBus<W> {
             },
             _ => Err(no_answer(slaves.iter().next().unwrap_or(1))),
         };
+        if result.is_err() {
+            self.stay_in_op(&change);
+        }
         self.ended.push_back(JobDone::State(result));
     }
 
     /// Asks the master for a change of state.
     fn ask(&mut self, change: &mut Change) {
+        if change.target == AlState::Op {
+            // A slave that the board has in OP has nothing to do there. If it has fallen meanwhile it is lost, and the board, which
+            // does not know yet, would go on with its outputs as if it had not.
+            let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op && !self.lost.contains(*slave);
+            change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
+        } else {
+            let was_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
+            change.left_op = change.left_op.union(change.slaves.iter().filter(was_up).collect());
+        }
         self.prepare_change(change.target, change.slaves);
         let left = change.until.saturating_sub(self.wires.now());
         change.id = Some(self.master.request_state(change.slaves, change.target, left));

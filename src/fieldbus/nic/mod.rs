@@ -252,7 +252,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn cancel_job(&mut self) {
         if let Some(job) = self.job.take() {
-            job.cancel(&mut self.master);
+            self.give_up(job);
         }
         self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
     }

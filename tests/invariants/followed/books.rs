@@ -29,8 +29,8 @@ struct Known {
     newest: i32,
     /// Frames with an SV_ON: those that were accepted before that many, and since then none.
     switched_on_by: Option<u64>,
-    /// The newest frame with an SV_OFF, counted as those.
-    switched_off_by: u64,
+    /// The frames with an SV_OFF, counted as those.
+    switched_off_by: Vec<u64>,
     was_on: bool,
     state: AlState,
 }
@@ -84,7 +84,7 @@ impl Books {
             if *on {
                 known.switched_on_by = Some(self.queued);
             } else {
-                known.switched_off_by = self.queued;
+                known.switched_off_by.push(self.queued);
             }
         }
     }
@@ -122,8 +122,9 @@ impl Books {
                 self.slaves[slave - 1].was_on = mark != 0;
             }
             Note::Got { out, was_on, is_on, position } => {
-                // An SV_ON behind the SV_OFF waits for its end.
-                let is_asked = known.switched_on_by > Some(known.switched_off_by);
+                // An SV_ON behind the SV_OFF waits for its end. What is still held has switched off nothing.
+                let off = known.switched_off_by.iter().rfind(|frame| **frame <= self.done + 1);
+                let is_asked = known.switched_on_by > off.copied();
                 if !is_on && known.was_on && !is_asked {
                     self.fell(slave);
                 } else if is_on && !was_on {

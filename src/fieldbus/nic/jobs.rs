@@ -151,10 +151,16 @@ impl<W: NicWires> NicBus<W> {
         job.cancel(&mut self.master);
     }
 
-    /// A change has not come to its end: slaves that were on their way out of OP belong there again, and those that have left it
-    /// are lost (SK-4.73).
+    /// A change has not come to its end. Slaves that were on their way out of OP belong there again, and count as lost (SK-4.73): they
+    /// have had outputs with which nothing moves, and may not get others before they are brought back.
     fn stay_in_op(&mut self, change: &Change) {
-        change.left_op.iter().for_each(|slave| self.station_mut(slave).commanded = AlState::Op);
+        for slave in change.left_op.iter() {
+            self.station_mut(slave).commanded = AlState::Op;
+            if !self.lost.contains(slave) {
+                self.lost.insert(slave);
+                self.lost_from[usize::from(slave) - 1] = self.short_from;
+            }
+        }
     }
 
     pub(super) fn start_sdo(&mut self, request: SdoRequest) {
@@ -282,9 +288,9 @@ impl<W: NicWires> NicBus<W> {
     /// Asks the master for a change of state.
     fn ask(&mut self, change: &mut Change) {
         if change.target == AlState::Op {
-            // A slave that the board has in OP has nothing to do there. If it has fallen meanwhile it is lost, and the board, which
-            // does not know yet, would go on with its outputs as if it had not.
-            let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op && !self.lost.contains(*slave);
+            // A slave that the board has in OP has nothing to do there. If it has fallen it is lost, and comes back by PreOP: else the
+            // board, which may not know yet, would go on with its outputs as if it had not.
+            let is_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;
             change.slaves = change.slaves.iter().filter(|slave| !is_up(slave)).collect();
         } else {
             let was_up = |slave: &u8| self.station(*slave).commanded == AlState::Op;

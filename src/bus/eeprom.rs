@@ -94,10 +94,10 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
 pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
     let mut content: Vec<u8> = Vec::new();
     loop {
-        let lacks = match Sii::new(&content).map_or_else(Some, |sii| sii.categories().find_map(Result::err)) {
-            None => return Ok(content),
-            Some(WireError::Short { needed, found, .. }) => needed.saturating_sub(found).max(2),
-            Some(_) => return Err(BusError::Eeprom { slave, error: SiiError::NoEnd }),
+        let lacks = match Sii::lacks(&content) {
+            Ok(0) => return Ok(content),
+            Ok(lacks) => lacks,
+            Err(_) => return Err(BusError::Eeprom { slave, error: SiiError::NoEnd }),
         };
         if content.len() + lacks > BYTES_MAX {
             return Err(BusError::Eeprom { slave, error: SiiError::NoEnd });

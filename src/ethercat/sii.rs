@@ -68,6 +68,19 @@ impl<'a> Sii<'a> {
         Ok(Self { bytes, fixed: split(bytes, "SII")?.0 })
     }
 
+    /// How many bytes more are needed at least, if these are the first ones of an EEPROM that is being read; 0: all categories
+    /// and their end are there.
+    ///
+    /// # Errors
+    /// [`WireError`]: they are no EEPROM, however many follow.
+    pub fn lacks(bytes: &[u8]) -> Result<usize, WireError> {
+        match Sii::new(bytes).map_or_else(Some, |sii| sii.categories().find_map(Result::err)) {
+            None => Ok(0),
+            Some(WireError::Short { needed, found, .. }) => Ok(needed.saturating_sub(found).max(1)),
+            Some(error) => Err(error),
+        }
+    }
+
     /// What has fixed places.
     pub fn info(&self) -> SiiInfo {
         SiiInfo::decode(self.fixed)

@@ -1,9 +1,9 @@
 //! The EEPROM of a slave: reading it up to the end of its categories, reading and writing words of it.
 
 use super::bus::{Bus, Unanswered};
+use crate::ethercat::Ns;
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
-use crate::ethercat::{Ns, WireError};
 
 /// How long a command for an EEPROM may take (all known masters).
 const BUSY_MAX_NS: Ns = 20_000_000;
@@ -62,11 +62,10 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
     let mut bytes = Vec::new();
     read_up_to(bus, station, &mut bytes, SII_INFO_LEN).await?;
     loop {
-        // A category that ends early says how many bytes it lacks.
-        let lacks = match error_in(&bytes) {
-            None => break,
-            Some(WireError::Short { needed, found, .. }) => needed.saturating_sub(found).max(1),
-            Some(_) => return Err(SiiError::NoEnd),
+        let lacks = match Sii::lacks(&bytes) {
+            Ok(0) => break,
+            Ok(lacks) => lacks,
+            Err(_) => return Err(SiiError::NoEnd),
         };
         let len = bytes.len() + lacks;
         if len > BYTES_MAX {
@@ -75,15 +74,10 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
         read_up_to(bus, station, &mut bytes, len).await?;
     }
     // What was read behind the end depends on how many bytes come at once.
-    while error_in(&bytes[..bytes.len() - 2]).is_none() {
+    while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
     Ok(bytes)
-}
-
-/// What is wrong with an EEPROM of which these bytes are known; `None`: all categories and their end are there.
-fn error_in(bytes: &[u8]) -> Option<WireError> {
-    Sii::new(bytes).map_or_else(Some, |sii| sii.categories().find_map(Result::err))
 }
 
 /// Who the slave is.

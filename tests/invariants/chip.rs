@@ -12,21 +12,8 @@ use how::How;
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 40;
 
-/// Says how a schedule's chip is used, if it fails there.
-struct ToldOnPanic(How);
-
-impl Drop for ToldOnPanic {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            println!("with {:?}", self.0);
-        }
-    }
-}
-
 fn schedule(seed: u64) -> followed::Done {
-    let how = How::random(seed);
-    let _told = ToldOnPanic(how);
-    followed::schedule(seed, &how)
+    followed::schedule(seed, &How::random(seed))
 }
 
 /// XF-19.11 XF-19.12 XF-19.13: whatever goes wrong behind a chip, every CSP accepted reaches its slave once and in order or is

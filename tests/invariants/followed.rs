@@ -25,6 +25,7 @@ mod books;
 mod follower;
 mod program;
 
+use std::fmt::Debug;
 use std::ops::AddAssign;
 
 use ecmsk::engine::Board;
@@ -82,8 +83,20 @@ pub trait Ends {
     }
 }
 
+/// Says how a schedule's board is used, if it fails there.
+struct ToldOnPanic<'a, S: Debug>(&'a S);
+
+impl<S: Debug> Drop for ToldOnPanic<'_, S> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            println!("with {:?}", self.0);
+        }
+    }
+}
+
 /// Runs the schedule of a seed.
-pub fn schedule<S: Setting>(seed: u64, setting: &S) -> Done {
+pub fn schedule<S: Setting + Debug>(seed: u64, setting: &S) -> Done {
+    let _told = ToldOnPanic(setting);
     let mut program = Program::new(seed, setting);
     for _ in 0..RESTS {
         program.run(CYCLES);

@@ -16,21 +16,8 @@ use how::How;
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 40;
 
-/// Says how a schedule's board is used, if it fails there.
-struct ToldOnPanic(How);
-
-impl Drop for ToldOnPanic {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            println!("with {:?}", self.0);
-        }
-    }
-}
-
 fn schedule(seed: u64) -> followed::Done {
-    let how = How::random(seed);
-    let _told = ToldOnPanic(how);
-    followed::schedule(seed, &how)
+    followed::schedule(seed, &How::random(seed))
 }
 
 /// NIC-2.3 NIC-2.6: whatever goes wrong on the cable, every CSP accepted reaches its slave once and in order or is counted,

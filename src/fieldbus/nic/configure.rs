@@ -1,8 +1,8 @@
 //! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
 //! which the board does it.
 
-use super::ANSWER_WAIT;
-use super::jobs::is_busy;
+use super::answer_wait_ns;
+use super::jobs::{first_four, is_busy};
 use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
@@ -14,10 +14,6 @@ use crate::sk::DriveSync;
 const AT_ONCE: usize = 8;
 /// How long a slave may take for one SDO of its configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
-
-/// By which part of a cycle SYNC0 is later than the frame passes the reference clock: outputs have arrived then if the answer has come
-/// in time, however late the frame was. \[OURS]
-const SYNC0_SHIFT: (Ns, Ns) = ANSWER_WAIT;
 
 /// How far a slave has come.
 enum Stage {
@@ -88,11 +84,7 @@ impl Configuring {
             }
             done if is_busy(done) && one.tries < TRIES => Ended::Busy,
             JobDone::Upload(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
-            JobDone::Upload(Ok(bytes)) => {
-                let mut value = [0; 4];
-                value.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
-                Ended::Holds(u32::from_le_bytes(value))
-            }
+            JobDone::Upload(Ok(bytes)) => Ended::Holds(first_four(bytes)),
             _ => Ended::Done,
         });
     }
@@ -228,8 +220,8 @@ impl Configuring {
                 }
                 let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
                 let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
-                let (share, of) = SYNC0_SHIFT;
-                let shift_ns = u32::try_from(self.config.cycle.ns() / of * share).unwrap_or(u32::MAX);
+                // Outputs have arrived then if the answer has come in time, however late the frame was.
+                let shift_ns = u32::try_from(answer_wait_ns(self.config.cycle)).unwrap_or(u32::MAX);
                 let sync = (sync == DriveSync::DcSync).then(|| SyncSignals::sync0(cycle_ns, shift_ns.cast_signed()));
                 let configured = master
                     .configure(slave, data.output_bytes() as u16, data.input_bytes() as u16)

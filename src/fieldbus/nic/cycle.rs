@@ -1,6 +1,6 @@
 //! The frames of a cycle: what they carry, and what their answers tell.
 
-use super::{ANSWER_WAIT, NicBus, NicWires};
+use super::{NicBus, NicWires, answer_wait_ns};
 use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{CycleDone, Inputs};
@@ -14,12 +14,11 @@ impl<W: NicWires> NicBus<W> {
             return self.heard(now, inputs);
         }
         self.put_outputs();
-        let (share, of) = ANSWER_WAIT;
         let sent_at = self.wires.now();
         // A runner that is late has the less time to wait.
         let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
-        let limit = due.saturating_add(self.cycle.ns() / of * share);
+        let limit = due.saturating_add(answer_wait_ns(self.cycle));
         self.master.cycle(sent_at, &mut self.wires);
         self.may_have_come = self.has_new_outputs;
         // An answer that was late ends the cycle before now, which is none of this one's.

@@ -62,6 +62,13 @@ pub(super) const fn is_busy(done: &master::JobDone) -> bool {
     )
 }
 
+/// The number that the first 4 bytes of a value are.
+pub(super) fn first_four(bytes: &[u8]) -> u32 {
+    let mut value = [0; 4];
+    value.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
+    u32::from_le_bytes(value)
+}
+
 /// The slave is not where it is wanted, and has given no reason.
 const fn no_answer(slave: u8) -> Refusal {
     Refusal { slave, al_status: 0, abort: None }
@@ -223,11 +230,7 @@ impl<W: NicWires> NicBus<W> {
         let written = request.write.map_or(0, |(_, value)| value);
         let result = match done {
             // Of a longer value the board shows the first 4 bytes (SK-6).
-            master::JobDone::Upload(Ok(bytes)) => {
-                let mut value = [0; 4];
-                value.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
-                Ok(u32::from_le_bytes(value))
-            }
+            master::JobDone::Upload(Ok(bytes)) => Ok(first_four(bytes)),
             master::JobDone::Download(Ok(())) => Ok(written),
             master::JobDone::Upload(Err(error)) | master::JobDone::Download(Err(error)) => Err(error.abort_code()),
             _ => Err(AbortCode::TIMEOUT),

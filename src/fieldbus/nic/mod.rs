@@ -19,8 +19,9 @@
 //!
 //! A clear does not take back outputs that a frame has carried.
 //!
-//! **A cycle that some slave has missed** \[OURS]: the working counter is too low, or not all are in their states, and other slaves have moved on. What was sent since
-//! then counts for the slave that is named for it; if all are there again before, as sets of outputs that were lost.
+//! **A cycle that some slave has missed** \[OURS]: the working counter is too low, or not all are in their states, and other
+//! slaves have moved on. What was sent since then counts for the slave that is named for it; if all are there again before,
+//! as sets of outputs that were lost.
 //!
 //! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
 //! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
@@ -52,6 +53,13 @@ pub use wires::{CardPair, NicWires};
 /// For which part of a cycle a poll waits for the frames of a cycle to come back, from when the cycle was due. SYNC0 comes
 /// then: an answer in time shows that the outputs were there before it. \[OURS]
 pub const ANSWER_WAIT: (Ns, Ns) = (3, 4);
+
+/// How long that is, ns.
+const fn answer_wait_ns(cycle: CycleTime) -> Ns {
+    let (share, of) = ANSWER_WAIT;
+    cycle.ns() / of * share
+}
+
 /// After so many cycles without an answer the bus is down. \[OURS]
 const DOWN_AFTER: u32 = 3;
 /// How long a wait for frames lasts at most while sequences of the master wait for a time, ns. \[OURS]

@@ -44,13 +44,7 @@ pub async fn run(master: &Master) {
     println!("end");
 }
 
-async fn cycle<D>(
-    master: &Master,
-    group: &InOp<D, ROOM, IMAGE>,
-    timer: &mut Timer,
-    controlword: u16,
-    target: i32,
-) {
+async fn cycle<D>(master: &Master, group: &InOp<D, ROOM, IMAGE>, timer: &mut Timer, controlword: u16, target: i32) {
     timer.next().await;
     (0..COUNT).for_each(|n| put(master, group, n, controlword, target));
     let answer = group.tx_rx_sync_system_time(master).await.expect("process data");

@@ -2,9 +2,9 @@
 
 use async_io::Timer;
 use ethercrab::error::{Error, TimeoutError};
-use ethercrab::{AlStatusCode, RegisterAddress, SubDeviceState};
+use ethercrab::{AlStatusCode, RegisterAddress};
 
-use crate::rig::{CYCLE, InPreOp, Master, fault, scan};
+use crate::rig::{CYCLE, InPreOp, Master, PRE_OP, al_status, fault, scan};
 
 pub async fn run(master: &Master) {
     let group: InPreOp = scan(master, 2).await;
@@ -20,12 +20,12 @@ pub async fn run(master: &Master) {
         let ask = async |control: u16| {
             slave.register_write(RegisterAddress::AlControl, control).await.expect("it is written");
             Timer::after(CYCLE).await;
-            slave.status().await
+            al_status(&slave).await
         };
         let refused = ask(control).await;
         assert_eq!(refused, Err(Error::SubDevice(code)), "AL control {control:#x}");
         println!("AL control {control:#04x}: {}", refused.expect_err("an error"));
-        assert_eq!(ask(0x12).await, Ok((SubDeviceState::PreOp, AlStatusCode::NoError)), "acknowledged");
+        assert_eq!(ask(0x12).await, Ok((PRE_OP, AlStatusCode::NoError)), "acknowledged");
     }
     // ethercrab 0.7.1 looks for the error of a change of all slaves in what it has written itself, so that a refusal is a timeout.
     // The frame under way is dropped then, whose answer ends the task of the frames: nothing can be asked behind it.

@@ -6,11 +6,12 @@ use std::thread::spawn;
 use std::time::{Duration, Instant};
 
 use async_io::{Timer, block_on};
+use ethercrab::error::Error;
 use ethercrab::std::{ethercat_now, tx_rx_task};
 use ethercrab::subdevice_group::{DcConfiguration, HasDc, NoDc, Op, PreOp};
 use ethercrab::{
-    DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress, SubDeviceGroup, Timeouts,
-    TxRxResponse,
+    AlStatusCode, DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress, SubDeviceGroup,
+    SubDeviceRef, Timeouts, TxRxResponse,
 };
 
 /// Room for the slaves and the process data of most programs.
@@ -30,6 +31,11 @@ pub const OPERATION_ENABLED: u16 = 0x27;
 pub const FAULT: u16 = 0x08;
 pub const STATE: u16 = 0x6F;
 
+/// States of the AL status, and the bit that says that it was refused or left.
+pub const PRE_OP: u16 = 0x02;
+pub const OP: u16 = 0x08;
+const AL_ERROR: u16 = 0x10;
+
 static PDUS: PduStorage<FRAMES, FRAME_MAX> = PduStorage::new();
 
 pub type Master = MainDevice<'static>;
@@ -48,7 +54,12 @@ pub fn master(interface: &str) -> Master {
     let timeouts = Timeouts { pdu: long, eeprom: long, mailbox_echo: long, ..Timeouts::default() };
     let config = MainDeviceConfig { dc_static_sync_iterations: 1000, ..MainDeviceConfig::default() };
     let task = tx_rx_task(interface, tx, rx).expect("the interface");
-    spawn(move || block_on(task).map(drop));
+    // Whatever ends it, each exchange behind that is a timeout.
+    spawn(move || {
+        if let Err(error) = block_on(task) {
+            eprintln!("no frames go out any more: {error}");
+        }
+    });
     MainDevice::new(pdus, timeouts, config)
 }
 
@@ -61,6 +72,14 @@ pub async fn scan<const N: usize, const I: usize>(master: &Master, count: usize)
         set.expect("the time of the watchdog");
     }
     group
+}
+
+/// The AL status of a slave and its code, as `SubDeviceRef::status` gives them, but one behind the other: that one asks for the code
+/// twice at once and drops what is still under way, whose answer ends the task of the frames.
+pub async fn al_status<S>(slave: &SubDeviceRef<'_, S>) -> Result<(u16, AlStatusCode), Error> {
+    let status = slave.register_read::<u16>(RegisterAddress::AlStatus).await?;
+    let code = slave.register_read::<AlStatusCode>(RegisterAddress::AlStatusCode).await?;
+    if status & AL_ERROR == 0 { Ok((status, code)) } else { Err(Error::SubDevice(code)) }
 }
 
 /// From PreOP to OP.

@@ -4,7 +4,7 @@ use async_io::Timer;
 use ethercrab::error::Error;
 use ethercrab::{AlStatusCode, RegisterAddress, SubDeviceState};
 
-use crate::rig::{CYCLE, InPreOp, Master, cycle, scan, to_op, wait_for};
+use crate::rig::{CYCLE, InPreOp, Master, OP, al_status, cycle, scan, to_op, wait_for};
 
 /// The time of the watchdog in units of 100 us.
 const SHORT: u16 = 1_000;
@@ -23,10 +23,10 @@ pub async fn run(master: &Master) {
     for slave in group.iter(master) {
         let expired = async || {
             Timer::after(CYCLE).await;
-            slave.status().await == Err(Error::SubDevice(AlStatusCode::SyncManagerWatchdog))
+            al_status(&slave).await == Err(Error::SubDevice(AlStatusCode::SyncManagerWatchdog))
         };
         wait_for("the watchdog", expired).await;
-        println!("{}", slave.status().await.expect_err("an error"));
+        println!("{}", al_status(&slave).await.expect_err("an error"));
     }
     set_watchdog(LONG).await;
     let states = cycle(master, &group).await.subdevice_states;
@@ -39,6 +39,6 @@ pub async fn run(master: &Master) {
     }
     assert_eq!(cycle(master, &group).await.working_counter, 6);
     for slave in group.iter(master) {
-        assert_eq!(slave.status().await, Ok((SubDeviceState::Op, AlStatusCode::NoError)));
+        assert_eq!(al_status(&slave).await, Ok((OP, AlStatusCode::NoError)));
     }
 }

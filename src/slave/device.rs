@@ -17,7 +17,7 @@ use super::esc::EscSettings;
 use super::files::FileStore;
 use super::lines::Lines;
 use super::manufacturer::ManufacturerObjects;
-use super::plant::Following;
+use super::plant::Servo;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
@@ -289,7 +289,7 @@ pub trait Model: Send + Sized + 'static {
 
     /// `dt_ns` begin to pass in the axes, as by [`Slave::begin_step`](super::Slave::begin_step).
     #[inline]
-    fn begin_axes(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    fn begin_axes(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         match self.axes_mut() {
             [axis] => axis.begin_step(dt_ns),
             axes => {

@@ -71,7 +71,7 @@ use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
 use device::Identity;
 use dictionary::{EntryDescription, ObjectDescription};
 use esc::EscSettings;
-use plant::{Following, SIDE_BY_SIDE, follow_side_by_side};
+use plant::{SIDE_BY_SIDE, Servo, follow_side_by_side};
 
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
@@ -278,7 +278,7 @@ pub trait Slave: Send {
 
     /// The first half of [`Slave::step`]: `dt_ns` begin to pass. A motor that only has to follow a position is handed out,
     /// to be run for that time together with those of other slaves before [`Slave::end_step`] is called.
-    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.step(dt_ns);
         None
     }

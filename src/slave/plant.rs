@@ -5,7 +5,7 @@ mod pulses;
 mod servo;
 
 pub use pulses::{PulseTrain, Pulses};
-pub use servo::{Following, Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side};
+pub use servo::{Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side};
 
 use crate::ethercat::Ns;
 

@@ -3,7 +3,7 @@
 use super::{Axis, Demand, Motion};
 use crate::cia402::Mode;
 use crate::ethercat::Ns;
-use crate::slave::plant::{Following, Plant, SUBSTEP_MAX_NS, Setpoint};
+use crate::slave::plant::{Plant, SUBSTEP_MAX_NS, Servo, Setpoint};
 use crate::slave::state_machine::Power;
 
 /// \[OURS] The state machine and the following error are looked at about that often; in shorter cycles once a cycle.
@@ -28,7 +28,7 @@ impl Axis {
 
     /// The first half of [`Axis::step`]. A motor that only has to follow a position is handed out, to be run for that time
     /// together with the motors of other axes before the second half. `None`: all of the time has passed.
-    pub fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    pub fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.motor_handed_out = false;
         let one_slice = dt_ns > 0 && dt_ns < SLICE_NS + SLICE_NS / 2;
         let follows = self.motion == Motion::Follow && matches!(self.mode, Mode::Csp);
@@ -46,7 +46,8 @@ impl Axis {
         let setpoint = self.demand_position(dt_ns, dt_ns);
         match (&mut self.plant, setpoint) {
             (Plant::Servo(servo), Setpoint::Position { from, fraction, by }) => {
-                Some(Following { servo, from, fraction, by })
+                servo.aim_at(from, fraction, by);
+                Some(servo)
             }
             _ => None,
         }

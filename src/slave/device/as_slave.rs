@@ -9,7 +9,7 @@ use crate::slave::dictionary::{self, EntryDescription, Object, ObjectDescription
 use crate::slave::esc::EscSettings;
 use crate::slave::files::FileStore;
 use crate::slave::manufacturer::ManufacturerObjects;
-use crate::slave::plant::Following;
+use crate::slave::plant::Servo;
 use crate::slave::process_data::{self, Pdo, Plan};
 use crate::slave::{AlStatus, AxisFault, Fault, Slave};
 
@@ -255,7 +255,7 @@ impl<M: Model> Slave for M {
         self.pass(dt_ns);
     }
 
-    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         step_al(self, dt_ns);
         self.begin_axes(dt_ns)
     }

@@ -17,7 +17,7 @@ use crate::slave::communication::{Communication, LatchChange, SyncEvent};
 use crate::slave::device::{self, Base, Model};
 use crate::slave::dictionary::Object;
 use crate::slave::esc::EscSettings;
-use crate::slave::plant::Following;
+use crate::slave::plant::Servo;
 use crate::slave::process_data::{MappingLimits, Pdo};
 use crate::slave::switches::Input;
 use crate::slave::{AlStatus, Fault};
@@ -104,7 +104,7 @@ impl Model for Dp3cl {
         self.traffic = std::mem::take(&mut self.exchanged);
     }
 
-    fn begin_axes(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    fn begin_axes(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.step_axes(dt_ns);
         None
     }

@@ -182,7 +182,7 @@ impl CabledChain {
     pub fn advance(&mut self, now: Ns) {
         self.follow_cable(now);
         for n in 0..self.chain.len() {
-            self.chain.slave_mut(n).delay_sdo(self.cable.sdo_delay_ns(n as u8 + 1));
+            self.chain.delay_sdo(n, self.cable.sdo_delay_ns(n as u8 + 1));
         }
         self.chain.advance(now);
     }

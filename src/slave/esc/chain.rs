@@ -119,6 +119,14 @@ impl Chain {
         &mut self.places[n].slave
     }
 
+    /// Makes SDOs of a slave take that much longer, as [`EscSlave::delay_sdo`] says.
+    ///
+    /// # Panics
+    /// If there is none with that number.
+    pub fn delay_sdo(&mut self, n: usize, ns: Ns) {
+        self.places[n].slave.delay_sdo(ns);
+    }
+
     /// Sets how long a frame takes to a slave from the one before it, ns.
     ///
     /// # Panics

@@ -72,6 +72,13 @@ impl Clock {
         }
     }
 
+    /// The time of the network before which the clock does not go on by that many ns, however it is corrected.
+    pub(super) fn soonest(&self, ns: u64) -> Ns {
+        let drift = u128::from(ns) * u128::from(self.drift_ppb.max(0).unsigned_abs()) / 1_000_000_000;
+        let at_its_own = ns.saturating_sub(u64::try_from(drift).unwrap_or(u64::MAX));
+        self.now.saturating_add(at_its_own - at_its_own / SLEW_DIVISOR)
+    }
+
     /// The local time, ns.
     pub(super) const fn local(&self) -> u64 {
         self.local
@@ -114,5 +121,29 @@ impl Clock {
     /// Register 0x092C.
     pub(super) const fn shown_difference(&self) -> SystemTimeDifference {
         SystemTimeDifference::of(self.difference)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever a clock drifts by and is corrected by meanwhile, it does not go on by so much sooner.
+    #[test]
+    fn no_correction_makes_a_clock_faster_than_it_says() {
+        let mut dice = oorandom::Rand64::new(13);
+        for _ in 0..2_000 {
+            let drift_ppb = dice.rand_range(0..2_000_000_000) as i32 - 1_000_000_000;
+            let mut clock = Clock::new(dice.rand_range(0..1_000_000), 0, drift_ppb);
+            clock.offset = dice.rand_u64();
+            let (begin, ns) = (clock.system(), dice.rand_range(1..10_000_000));
+            let soonest = clock.soonest(ns);
+            while clock.now < soonest {
+                let gone = clock.system().wrapping_sub(begin).cast_signed();
+                assert!(gone < ns.cast_signed(), "{gone} of {ns} ns are gone at {}, before {soonest}", clock.now);
+                clock.receive(dice.rand_u64() as u32, 0);
+                clock.advance(clock.now + dice.rand_range(1..1_000_000));
+            }
+        }
     }
 }

@@ -43,6 +43,8 @@ pub struct Controller {
     pub(super) events: ControllerEvents,
     /// Registers were written.
     pub(super) is_set_anew: bool,
+    /// Before then no pulse comes.
+    without_pulse: Ns,
     /// Another port has been opened or closed since the way of frames was found.
     pub(super) ports_have_changed: bool,
     /// The mask of the events for the master, as in the memory.
@@ -83,6 +85,7 @@ impl Controller {
             sync: SyncUnit::default(),
             events: ControllerEvents::default(),
             is_set_anew: true,
+            without_pulse: 0,
             ports_have_changed: true,
             event_mask: 0,
             arrival: now,
@@ -255,16 +258,25 @@ impl Controller {
         self.clock.advance(now);
     }
 
-    /// Whether nothing but frames does anything up to `now`, if [nothing is ahead](Self::has_something_ahead).
+    /// Whether nothing but frames does anything up to `now`, if [nothing is ahead](Self::has_something_ahead) and pulses were
+    /// [looked for](Self::look_for_pulse).
     #[inline]
     pub(super) fn is_quiet_until(&self, now: Ns) -> bool {
-        self.watchdog.due().is_none_or(|due| now < due)
+        now < self.without_pulse && self.watchdog.due().is_none_or(|due| now < due)
     }
 
-    /// Whether something other than the watchdog happens by itself sooner or later: a command for the EEPROM is done, a pulse comes,
-    /// or ports are as before.
+    /// Whether something other than the watchdog and pulses happens by itself sooner or later: a command for the EEPROM is done, or
+    /// ports are as before.
     pub(super) fn has_something_ahead(&self) -> bool {
-        self.eeprom.due().is_some() || self.sync.is_running() || self.temporary_until.is_some()
+        self.eeprom.due().is_some() || self.temporary_until.is_some()
+    }
+
+    /// Finds out before when no pulse comes, whatever frames do to the clock that [leaves the device quiet](Self::is_set_anew).
+    pub(super) fn look_for_pulse(&mut self) {
+        self.without_pulse = self.sync.next().map_or(Ns::MAX, |(at, _)| {
+            let left = at.wrapping_sub(self.clock.system()).cast_signed().max(0);
+            self.clock.soonest(left.unsigned_abs())
+        });
     }
 
     /// Whether a frame has written registers that make the device do something, or that change when something happens next.

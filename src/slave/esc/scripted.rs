@@ -7,7 +7,7 @@ use crate::slave::cable::Cable;
 use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::esc::EscSettings;
-use crate::slave::plant::Following;
+use crate::slave::plant::Servo;
 use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
 /// A device behind what a script does to its answers.
@@ -140,7 +140,7 @@ impl Slave for Scripted {
         self.device.step(dt_ns);
     }
 
-    fn begin_step(&mut self, dt_ns: Ns) -> Option<Following<'_>> {
+    fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.device.begin_step(dt_ns)
     }
 

@@ -40,7 +40,7 @@ pub struct EscSlave {
     looked: Ns,
     /// The code of the error that it saw then.
     error_code: u16,
-    /// There is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
+    /// There is nothing to do before the device works by itself, a pulse comes or a watchdog expires, but what frames bring.
     is_quiet: bool,
     /// The device is connected to latch inputs of the controller.
     has_latches: bool,
@@ -206,7 +206,7 @@ impl EscSlave {
         self.run_to(now);
     }
 
-    /// Whether there is nothing to do before the device works by itself, or a watchdog expires, but what frames bring.
+    /// Whether there is nothing to do before the device works by itself, a pulse comes or a watchdog expires, but what frames bring.
     fn has_become_quiet(&self) -> bool {
         let has_mailbox_work = self.mailbox.is_touched(ManagerEvents::default());
         !has_mailbox_work && !self.application.is_busy() && !self.controller.has_something_ahead()
@@ -289,6 +289,7 @@ impl EscSlave {
             self.mailbox.serve(now, done, managers, memory, &mut *self.device);
         }
         self.is_quiet = self.has_become_quiet();
+        self.controller.look_for_pulse();
         self.quiet_state = self.state();
     }
 

@@ -11,7 +11,7 @@
 
 mod side_by_side;
 
-pub use side_by_side::{Following, SIDE_BY_SIDE, follow_side_by_side};
+pub use side_by_side::{SIDE_BY_SIDE, follow_side_by_side};
 
 use super::{Setpoint, at_least, at_most, carry, clamp_to};
 use crate::ethercat::Ns;
@@ -115,6 +115,15 @@ struct Span {
     torque_per_change: f64,
 }
 
+/// The positions that a motor is to follow in a span of time.
+#[derive(Clone, Copy, Debug, Default)]
+struct Way {
+    /// The first one, counts from the whole part of the shaft's.
+    start: f64,
+    /// How far they go in the span, counts.
+    by: f64,
+}
+
 /// A motor with its load as the plant of an axis.
 #[derive(Clone, Debug)]
 #[repr(C)] // What each cycle uses lies side by side, first.
@@ -130,6 +139,8 @@ pub struct Servo {
     /// The lowest and the highest count that the shaft can reach.
     stops: (i64, i64),
     span: Span,
+    /// What [`Self::aim_at`] has set last.
+    way: Way,
     acceleration: f64,
     peak_torque: f64,
     max_velocity: f64,
@@ -157,6 +168,7 @@ impl Servo {
             torque_limit: peak_torque,
             span: Span::default(),
             whole: position,
+            way: Way::default(),
             fraction: 0.0,
             velocity: 0.0,
             torque: 0.0,
@@ -219,6 +231,19 @@ impl Servo {
         self.torque_limit * self.acceleration
     }
 
+    /// Sets the positions that the motor follows in the next span if it is [run with others](follow_side_by_side); see
+    /// [`Setpoint::Position`].
+    #[inline]
+    pub const fn aim_at(&mut self, from: i64, fraction: f64, by: f64) {
+        self.way = self.way_of(from, fraction, by);
+    }
+
+    #[inline]
+    const fn way_of(&self, from: i64, fraction: f64, by: f64) -> Way {
+        // Both are near the shaft, so the difference is exact.
+        Way { start: from.wrapping_sub(self.whole) as f64 + fraction, by }
+    }
+
     /// `ns` pass with that setpoint. Spans of tens of milliseconds at most keep the fraction precise.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
@@ -229,8 +254,7 @@ impl Servo {
         match setpoint {
             Setpoint::Coast => self.coast(&span),
             Setpoint::Position { from, fraction, by } => {
-                // Both are near the shaft, so the difference is exact.
-                self.follow_position(&span, from.wrapping_sub(self.whole) as f64 + fraction, by);
+                self.follow_position(&span, self.way_of(from, fraction, by));
             }
             Setpoint::Velocity { from, to } => self.follow_velocity(&span, from, to),
             Setpoint::Torque(torque) => self.follow_torque(&span, torque),
@@ -294,7 +318,7 @@ impl Servo {
         }
     }
 
-    fn follow_position(&mut self, span: &Span, start: f64, by: f64) {
+    fn follow_position(&mut self, span: &Span, Way { start, by }: Way) {
         let feed_forward = by * span.rate;
         let step = by * span.share;
         let mut demand = start;

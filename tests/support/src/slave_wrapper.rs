@@ -43,7 +43,7 @@ macro_rules! hand_on_slave {
         }
     };
     (@begin_step $slave:tt) => {
-        fn begin_step(&mut self, dt_ns: ecmsk::fieldbus::Ns) -> Option<ecmsk::slave::plant::Following<'_>> {
+        fn begin_step(&mut self, dt_ns: ecmsk::fieldbus::Ns) -> Option<&mut ecmsk::slave::plant::Servo> {
             self.$slave.begin_step(dt_ns)
         }
     };

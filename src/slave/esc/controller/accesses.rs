@@ -101,6 +101,10 @@ impl Controller {
 
     /// Writes memory for the network. Whether any byte was written.
     pub(in crate::slave::esc) fn write(&mut self, address: usize, data: &[u8]) -> bool {
+        if address == registers::SYSTEM_TIME.into() && data.len() <= 8 && self.has_clock() {
+            // A master that keeps clocks together sends it in each cycle. The device sees nothing of it.
+            return self.receive_system_time(data);
+        }
         let registers = usize::from(RAM).saturating_sub(address).min(data.len());
         let (low, high) = data.split_at(registers);
         let mut done = false;
@@ -248,11 +252,8 @@ impl Controller {
         if hits(registers::RECEIVE_TIMES, 1) {
             self.latch_receive_times();
         }
-        if address <= system_time
-            && let Some(received) = data.get(system_time - address..).and_then(<[u8]>::first_chunk)
-        {
-            let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);
-            self.clock.receive(u32::from_le_bytes(*received), depth);
+        if address <= system_time {
+            self.receive_system_time(data.get(system_time - address..).unwrap_or_default());
         }
         if hits(registers::SYSTEM_TIME_OFFSET, 8) || hits(registers::SYSTEM_TIME_DELAY, 4) {
             self.clock.offset = self.memory.u64(registers::SYSTEM_TIME_OFFSET);
@@ -280,6 +281,15 @@ impl Controller {
             self.sync.activate(activation, start, self.clock.system(), cycles);
             self.events.sync_changed = true;
         }
+    }
+
+    /// A system time is received, if all of its lower 32 bits have come. True: bytes were written.
+    fn receive_system_time(&mut self, data: &[u8]) -> bool {
+        if let Some(received) = data.first_chunk() {
+            let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);
+            self.clock.receive(u32::from_le_bytes(*received), depth);
+        }
+        !data.is_empty()
     }
 
     /// The activation of the unit for SYNC, of which a controller that is not enhanced knows three bits. `is_new`: it was just

@@ -6,7 +6,7 @@ use crate::ethercat::{DatagramHeader, Ns};
 use crate::slave::esc::DRIVEN_NS;
 use crate::slave::esc::mailbox::{ANSWERS, REQUESTS};
 use crate::slave::esc::managers::ManagerEvents;
-use crate::slave::plant::Following;
+use crate::slave::plant::Servo;
 
 /// A bit for each sync manager of the mailbox.
 const MAILBOX: u16 = 1 << REQUESTS | 1 << ANSWERS;
@@ -56,7 +56,7 @@ impl EscSlave {
     /// The device begins to work on the outputs of the frame, if there are some. A motor may be handed out, to be run with those
     /// of other slaves before [`Self::end_work`]; they all run for `step_ns`, which the first one says.
     #[inline]
-    pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<Following<'_>> {
+    pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<&mut Servo> {
         if self.work == Work::None {
             return None;
         }

@@ -4,7 +4,7 @@
 //! motor takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`]
 //! computes, by the same operations in the same order.
 
-use super::super::{Setpoint, clamp_to};
+use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
@@ -14,15 +14,6 @@ pub const SIDE_BY_SIDE: usize = 8;
 
 /// So many motors take less time one by one.
 const FEW: usize = 2;
-
-/// A motor, and the position that it is to follow; see [`Setpoint::Position`](super::super::Setpoint::Position).
-#[derive(Debug)]
-pub struct Following<'a> {
-    pub(in crate::slave) servo: &'a mut Servo,
-    pub(in crate::slave) from: i64,
-    pub(in crate::slave) fraction: f64,
-    pub(in crate::slave) by: f64,
-}
 
 /// One number of each motor.
 type Each = [f64; SIDE_BY_SIDE];
@@ -48,14 +39,17 @@ struct Motors {
     asked: Each,
 }
 
-/// `ns` pass for these motors.
-pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], ns: Ns) {
+/// `ns` pass for these motors, which follow what they were [aimed at](Servo::aim_at).
+pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: Ns) {
     if ns == 0 {
         return;
     }
     if motors.iter().flatten().count() <= FEW {
-        for Following { servo, from, fraction, by } in motors.iter_mut().flatten() {
-            servo.run(Setpoint::Position { from: *from, fraction: *fraction, by: *by }, ns);
+        for servo in motors.iter_mut().flatten() {
+            servo.set_span(ns);
+            let span = servo.span;
+            servo.follow_position(&span, servo.way);
+            servo.settle();
         }
         return;
     }
@@ -63,11 +57,11 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
-        let Some(Following { servo, from, fraction, by }) = motor else { continue };
+        let Some(servo) = motor else { continue };
         servo.set_span(ns);
-        let span = &servo.span;
+        let (span, way) = (&servo.span, &servo.way);
         substeps = span.substeps;
-        of.feed_forward[n] = *by * span.rate;
+        of.feed_forward[n] = way.by * span.rate;
         of.position_gain[n] = servo.position_gain;
         of.velocity_limit[n] = servo.velocity_limit;
         of.gain[n] = span.gain;
@@ -77,8 +71,8 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         of.friction_wanted[n] = span.friction_wanted;
         of.decay[n] = span.decay;
         of.substep_s[n] = span.substep_s;
-        of.step[n] = *by * span.share;
-        of.demand[n] = from.wrapping_sub(servo.whole) as f64 + *fraction;
+        of.step[n] = way.by * span.share;
+        of.demand[n] = way.start;
         of.velocity[n] = servo.velocity;
         of.fraction[n] = servo.fraction;
     }
@@ -86,7 +80,7 @@ pub fn follow_side_by_side(motors: &mut [Option<Following<'_>>; SIDE_BY_SIDE], n
         of.substep();
     }
     for (n, motor) in motors.iter_mut().enumerate() {
-        let Some(Following { servo, .. }) = motor else { continue };
+        let Some(servo) = motor else { continue };
         (servo.velocity, servo.fraction) = (of.velocity[n], of.fraction[n]);
         let wanted = of.wanted[n];
         let limits = (servo.span.torque, servo.span.torque_per_change);
@@ -116,6 +110,7 @@ impl Motors {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::Setpoint;
     use super::super::Motor;
     use super::*;
 
@@ -166,7 +161,8 @@ mod tests {
                 }
                 let mut motors = [const { None }; SIDE_BY_SIDE];
                 for (n, servo) in together.iter_mut().enumerate().filter(|(n, _)| has_motor[*n]) {
-                    motors[n] = Some(Following { servo, from: demand[n], fraction: 0.25, by: by[n] });
+                    servo.aim_at(demand[n], 0.25, by[n]);
+                    motors[n] = Some(servo);
                 }
                 follow_side_by_side(&mut motors, ns);
                 for n in 0..SIDE_BY_SIDE {

@@ -140,6 +140,12 @@ impl SlaveInfo {
         true
     }
 
+    /// Whether the slave has no CANopen: its EEPROM was read, and says so.
+    pub fn lacks_coe(&self) -> bool {
+        let has_coe = self.mailbox.is_some_and(|mailbox| mailbox.protocols.contains(MailboxProtocols::COE));
+        self.eeprom.is_ok() && !has_coe
+    }
+
     /// The registers of the two sync managers of the mailbox; `None`: the slave has none.
     pub(super) fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
         let MailboxAreas { receive, send } = self.mailbox?.areas;

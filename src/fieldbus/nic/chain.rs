@@ -50,10 +50,14 @@ impl ChainWires {
         handle: SimHandle,
         drift_ppb: u32,
     ) -> Result<Self, UndescribedError> {
-        let slaves = CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?;
+        Ok(Self::on_cable(CabledChain::with_drift(devices, handle.cable().clone(), drift_ppb)?, handle))
+    }
+
+    /// Slaves that are on a cable already, which has to be that of `handle`.
+    pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
         let mut wires = Self { slaves, handle, now: 0, returning: Default::default(), spare: Vec::new() };
         wires.publish_shafts();
-        Ok(wires)
+        wires
     }
 
     /// The slaves.

@@ -7,7 +7,7 @@ use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, Master, SdoError, SyncSignals};
+use crate::master::{JobDone, JobId, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::DriveSync;
 
 /// How many slaves are configured at once. \[OURS]
@@ -146,6 +146,9 @@ impl Configuring {
             let _ = master.configure(slave, 0, 0);
             return;
         }
+        if role == Role::Io && master.slave(slave).is_some_and(is_described) {
+            return self.take_as_described(slave, master, mapped);
+        }
         if matches!(role, Role::Hsp(_)) {
             let id = ask_for_second_axis(slave, master);
             let stage = Stage::SecondAxis;
@@ -153,6 +156,20 @@ impl Configuring {
         } else {
             self.write_first(slave, false, master);
         }
+    }
+
+    /// A module without objects has the process data that its EEPROM describes, whatever their length; see [`super::cycle`].
+    fn take_as_described(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
+        match master.configure_as_described(slave).and_then(|()| master.set_sync(slave, None)) {
+            Ok(()) => mapped(slave, ProcessData::of(Role::Io, false)),
+            Err(_) => self.refuse_outputs(slave),
+        }
+    }
+
+    /// The master cannot exchange the process data of a slave.
+    fn refuse_outputs(&mut self, slave: u8) {
+        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
+        self.refuse(Refusal { slave, al_status, abort: None });
     }
 
     fn write_first(&mut self, slave: u8, has_second_axis: bool, master: &mut Master) {
@@ -228,14 +245,17 @@ impl Configuring {
                     .and_then(|()| master.set_sync(slave, sync));
                 match configured {
                     Ok(()) => mapped(slave, Some(data)),
-                    Err(_) => {
-                        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-                        self.refuse(Refusal { slave, al_status, abort: None });
-                    }
+                    Err(_) => self.refuse_outputs(slave),
                 }
             }
         }
     }
+}
+
+/// Whether a module has no objects that say what its process data are, but an EEPROM that does. \[OURS]
+fn is_described(info: &SlaveInfo) -> bool {
+    let has_bytes = |managers: &[ProcessManager]| managers.iter().any(|one| one.registers.len > 0);
+    info.lacks_coe() && (has_bytes(&info.outputs) || has_bytes(&info.inputs))
 }
 
 fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {

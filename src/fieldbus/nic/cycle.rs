@@ -3,7 +3,8 @@
 use super::{NicBus, NicWires, answer_wait_ns};
 use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns, SlaveSet};
-use crate::fieldbus::{CycleDone, Inputs};
+use crate::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
+use crate::fieldbus::{CycleDone, Inputs, SlaveIn, SlaveOut};
 use crate::master;
 
 impl<W: NicWires> NicBus<W> {
@@ -60,14 +61,11 @@ impl<W: NicWires> NicBus<W> {
             let station = &self.stations[n];
             let Some(data) = &station.process_data else { continue };
             let Some(image) = self.master.outputs_mut(slave) else { continue };
-            if image.len() < data.output_bytes() {
-                continue;
-            }
             let holds = self.holding.contains(slave) || self.lost.contains(slave);
             if station.commanded == AlState::Op && !holds {
-                data.put_outputs(&self.outputs.slaves[n], image);
+                put_into(data, &self.outputs.slaves[n], image);
             } else {
-                data.put_outputs(&data.holding(&self.inputs[n]), image);
+                put_into(data, &data.holding(&self.inputs[n]), image);
             }
         }
     }
@@ -80,10 +78,8 @@ impl<W: NicWires> NicBus<W> {
             let n = usize::from(slave) - 1;
             let Some(data) = &self.stations[n].process_data else { continue };
             let has_inputs = self.stations[n].commanded >= AlState::SafeOp && !self.lost.contains(slave);
-            if let Some(image) =
-                self.master.inputs(slave).filter(|image| has_inputs && image.len() >= data.input_bytes())
-            {
-                data.take_inputs(image, &mut self.inputs[n]);
+            if let Some(image) = self.master.inputs(slave).filter(|image| has_inputs && !image.is_empty()) {
+                take_from(data, image, &mut self.inputs[n]);
                 inputs.slaves[n] = self.inputs[n];
             }
         }
@@ -163,5 +159,30 @@ impl<W: NicWires> NicBus<W> {
                 inputs.without_inputs.insert(slave);
             }
         }
+    }
+}
+
+/// Puts outputs into an image. That of a module without objects may be longer or shorter than what the board maps: the first bits
+/// are used, and others stay 0 \[OURS].
+#[inline]
+fn put_into(data: &ProcessData, outputs: &SlaveOut, image: &mut [u8]) {
+    if image.len() >= data.output_bytes() {
+        data.put_outputs(outputs, image);
+    } else {
+        let mut whole = [0; IMAGE_BYTES_MAX];
+        let bytes = data.put_outputs(outputs, &mut whole);
+        image.copy_from_slice(&bytes[..image.len()]);
+    }
+}
+
+/// Takes inputs out of an image. Of one that is shorter than what the board maps, the bits that are missing are 0 \[OURS].
+#[inline]
+fn take_from(data: &ProcessData, image: &[u8], inputs: &mut SlaveIn) {
+    if image.len() >= data.input_bytes() {
+        data.take_inputs(image, inputs);
+    } else {
+        let mut whole = [0; IMAGE_BYTES_MAX];
+        whole[..image.len()].copy_from_slice(image);
+        data.take_inputs(&whole, inputs);
     }
 }

@@ -4,7 +4,9 @@
 
 use super::Controller;
 use super::mailbox::{ANSWERS, REQUESTS};
+use super::managers::MANAGERS_MAX;
 use crate::ethercat::registers::{AlControl, AlStatusRegister, RequestedState, SyncManager};
+use crate::ethercat::sii::{CategoryKind, Sii, SiiSmType};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Slave, SyncEvent};
 
@@ -19,11 +21,22 @@ pub(super) struct ProcessManagers {
 }
 
 impl ProcessManagers {
-    /// Behind those of the mailbox, if there is one.
-    pub(super) const fn new(has_mailbox: bool) -> Self {
-        if has_mailbox { Self { outputs: 2, inputs: 3 } } else { Self { outputs: 0, inputs: 1 } }
+    /// Behind those of a mailbox. Without one they are the first that the EEPROM has for each direction.
+    pub(super) fn of(eeprom: &[u8], has_mailbox: bool) -> Self {
+        if has_mailbox {
+            return Self { outputs: 2, inputs: 3 };
+        }
+        let described = Sii::new(eeprom).ok().and_then(|sii| sii.category(CategoryKind::SyncManagers));
+        let first = |kind| {
+            let place = described.and_then(|managers| managers.sync_managers().position(|one| one.kind == kind));
+            place.and_then(|place| u8::try_from(place).ok()).filter(|place| *place < NO_MANAGER).unwrap_or(NO_MANAGER)
+        };
+        Self { outputs: first(SiiSmType::Outputs), inputs: first(SiiSmType::Inputs) }
     }
 }
+
+/// A sync manager that no controller uses: a direction without process data has it.
+const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
 /// The AL state machine.
 #[derive(Clone, Debug)]
@@ -57,12 +70,12 @@ pub(super) enum Change {
 }
 
 impl Application {
-    pub(super) fn new(has_mailbox: bool) -> Self {
+    pub(super) fn new(has_mailbox: bool, managers: ProcessManagers) -> Self {
         Self {
             status: AlStatusRegister::of(RequestedState::State(AlState::Init)),
             code: AlStatus::NONE,
             has_mailbox,
-            managers: ProcessManagers::new(has_mailbox),
+            managers,
             requested: None,
             waiting: None,
             lock_due: None,
@@ -202,12 +215,22 @@ impl Application {
         self.fail(device.state(), device.al_status(), controller);
     }
 
+    /// Without a state machine: the status is what the master has asked for, and the device, which judges nothing, is in that
+    /// state.
+    fn copy_control(&mut self, control: AlControl, controller: &mut Controller, device: &mut dyn Slave) -> Change {
+        let from = self.state();
+        self.status = AlStatusRegister::of(control.state());
+        controller.set_al_status(self.status, AlStatus::NONE);
+        let to = self.state();
+        device.set_communication(&controller.communication());
+        let _ = device.enter(to);
+        let begins = from < AlState::SafeOp && to >= AlState::SafeOp;
+        if begins { Change::ProcessDataOn } else { Change::None }
+    }
+
     fn handle(&mut self, control: AlControl, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if controller.is_device_emulated() {
-            // Without a state machine: the status is what the master has asked for.
-            self.status = AlStatusRegister::of(control.state());
-            controller.set_al_status(self.status, AlStatus::NONE);
-            return Change::None;
+            return self.copy_control(control, controller, device);
         }
         let to_init = control.state() == RequestedState::State(AlState::Init);
         if self.has_error() {

@@ -3,7 +3,7 @@
 mod cycle;
 mod frames;
 
-use super::application::{Application, Change, active_len};
+use super::application::{Application, Change, ProcessManagers, active_len};
 use super::mailbox::Mailbox;
 use super::managers::ManagerEvents;
 use super::memory::copy;
@@ -66,6 +66,7 @@ impl EscSlave {
     /// A slave that is switched on at `now`, with the content of its EEPROM. The device has to be in Init.
     pub fn new(device: Box<dyn Slave>, settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let has_mailbox = Sii::new(&eeprom).is_ok_and(|sii| sii.info().protocols.0 != 0);
+        let managers = ProcessManagers::of(&eeprom, has_mailbox);
         let latch_levels = device.latch_levels();
         let mut controller = Controller::new(settings, eeprom, now);
         controller.begin_latch_inputs(latch_levels.unwrap_or(0));
@@ -74,7 +75,7 @@ impl EscSlave {
             has_latches: latch_levels.is_some(),
             station_alias: device.station_alias(),
             device,
-            application: Application::new(has_mailbox),
+            application: Application::new(has_mailbox, managers),
             mailbox: Mailbox::default(),
             outputs: Vec::new(),
             outputs_came: None,
@@ -113,7 +114,7 @@ impl EscSlave {
         }
         self.controller.power_on(now);
         self.controller.begin_latch_inputs(self.device.latch_levels().unwrap_or(0));
-        self.application = Application::new(self.application.has_mailbox);
+        self.application = Application::new(self.application.has_mailbox, self.application.managers);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
         self.free_run = now + FREE_RUN_CYCLE_NS;
         (self.is_quiet, self.work) = (false, Work::None);

@@ -70,7 +70,8 @@ impl EscSlave {
 
     #[inline(never)]
     fn look_for_errors(&mut self, now: Ns) {
-        if !self.controller.settings().emergencies || self.state() == AlState::Init {
+        let has_mailbox = self.application.has_mailbox && self.state() > AlState::Init;
+        if !self.controller.settings().emergencies || !has_mailbox {
             return;
         }
         self.looked = now;

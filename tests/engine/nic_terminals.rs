@@ -1,0 +1,183 @@
+//! IO modules without objects on a network card: terminals whose EEPROM alone says what their process data are.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
+use ecmsk::engine::EngineConfig;
+use ecmsk::ethercat::registers::SmControl;
+use ecmsk::ethercat::sii::{
+    CategoryKind, SiiIdentity, SiiInfo, SiiPdo, SiiPdoEntry, SiiSmEnable, SiiSmType, SiiSyncManager, SiiWriter,
+};
+use ecmsk::fieldbus::AlState;
+use ecmsk::fieldbus::nic::{ChainWires, NicBus};
+use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::master::Settings;
+use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand, SlaveKind};
+use ecmsk::slave::esc::{CabledChain, EscSettings, EscSlave};
+use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
+
+use crate::host::Host;
+
+/// PDI control word of a controller without a processor behind it: AL status copies AL control.
+const DEVICE_EMULATION: u16 = 0x0100;
+
+/// What is connected to a terminal.
+#[derive(Clone, Default)]
+struct Terminals {
+    outputs: Arc<AtomicU32>,
+    inputs: Arc<AtomicU32>,
+}
+
+/// A terminal: it has no mailbox and no objects.
+struct Terminal {
+    state: AlState,
+    terminals: Terminals,
+}
+
+impl Slave for Terminal {
+    fn name(&self) -> &str {
+        "terminal"
+    }
+
+    fn state(&self) -> AlState {
+        self.state
+    }
+
+    fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
+        self.state = target;
+        if target < AlState::Op {
+            self.terminals.outputs.store(0, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, object: ObjectAddress, _: SdoScope, _: &mut [u8]) -> Result<usize, AbortCode> {
+        panic!("{object} was read without a mailbox");
+    }
+
+    fn write(&mut self, object: ObjectAddress, _: SdoScope, _: &[u8]) -> Result<(), AbortCode> {
+        panic!("{object} was written without a mailbox");
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        if let Some(outputs) = outputs {
+            let mut bits = [0; 4];
+            bits[..outputs.len()].copy_from_slice(outputs);
+            self.terminals.outputs.store(u32::from_le_bytes(bits), Ordering::Relaxed);
+        }
+        let bits = self.terminals.inputs.load(Ordering::Relaxed).to_le_bytes();
+        let len = inputs.len();
+        inputs.copy_from_slice(&bits[..len]);
+    }
+
+    fn step(&mut self, _: u64) {}
+
+    fn has_dc(&self) -> bool {
+        false
+    }
+}
+
+/// Of each direction the number of channels of one bit; 0: it has none.
+fn eeprom(outputs: usize, inputs: usize, pdi_control: u16) -> Vec<u8> {
+    let mut bytes = vec![0; 1024];
+    let identity = SiiIdentity { vendor: 2, product: (outputs << 8 | inputs) as u32, revision: 1, serial: 0 };
+    let info = SiiInfo { pdi_control, identity, ..SiiInfo::default() };
+    let mut sii = SiiWriter::new(&mut bytes, &info).expect("room");
+    let channel =
+        |n: usize, index: u16| SiiPdoEntry { index, sub: n as u8 + 1, name: 0, data_type: 1, bits: 1, flags: 0 };
+    let mut managers = Vec::new();
+    let mut pdos = Vec::new();
+    for (kind, category, channels, control, object, pdo) in [
+        (SiiSmType::Outputs, CategoryKind::RxPdos, outputs, SmControl::OUTPUTS, 0x7000, 0x1600),
+        (SiiSmType::Inputs, CategoryKind::TxPdos, inputs, SmControl::INPUTS, 0x6000, 0x1A00),
+    ] {
+        if channels > 0 {
+            let number = managers.len() as u8;
+            let start = 0x1000 + 0x100 * u16::from(number);
+            // As many terminals have it: the length comes from the PDOs.
+            managers.push(SiiSyncManager { start, len: 0, control, status: 0, enable: SiiSmEnable::ENABLE, kind });
+            let entries: Vec<SiiPdoEntry> = (0..channels).map(|n| channel(n, object)).collect();
+            pdos.push((category, SiiPdo::new(pdo, number, 0), entries));
+        }
+    }
+    sii.sync_managers(&managers).expect("room");
+    for (category, pdo, entries) in &pdos {
+        sii.pdos(*category, &[(*pdo, entries)]).expect("room");
+    }
+    sii.finish();
+    bytes
+}
+
+/// A board in OP with a drive and terminals behind it with so many outputs and inputs each.
+fn board(kinds: &[(usize, usize, u16)]) -> (Host, SimHandle, Vec<Terminals>) {
+    let handle = SimHandle::default();
+    let drive = Box::new(Drive::new(DriveConfig::default()));
+    let mut cable = CabledChain::new(vec![drive], handle.cable().clone()).expect("a drive can be described");
+    let mut all = Vec::new();
+    for (n, (outputs, inputs, pdi_control)) in kinds.iter().enumerate() {
+        let terminals = Terminals::default();
+        let device = Box::new(Terminal { state: AlState::Init, terminals: terminals.clone() });
+        let eeprom = eeprom(*outputs, *inputs, *pdi_control);
+        cable.chain_mut().add(EscSlave::new(device, EscSettings::default(), eeprom, 0), n, 1);
+        all.push(terminals);
+    }
+    let wires = ChainWires::on_cable(cable, handle.clone());
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    let mut kinds = [SlaveKind::Io; 8];
+    kinds[0] = SlaveKind::Drive;
+    host.master(MasterCommand::SetAxis { group: 0, kinds }).go(MasterState::Op).drained();
+    (host, handle, all)
+}
+
+/// NIC-2.14 A module without CANopen has the process data that its EEPROM describes, of any length, with one direction alone, and with
+/// or without a state machine of its own. The low 16 bits of each direction are those of IO_WR and IO_RD.
+#[test]
+fn terminals_without_objects_are_used_as_their_eeprom_says() {
+    for pdi_control in [0, DEVICE_EMULATION] {
+        let kinds = [
+            (8, 0, pdi_control),
+            (0, 8, pdi_control),
+            (4, 4, pdi_control),
+            (16, 16, pdi_control),
+            (32, 32, pdi_control),
+        ];
+        let (mut host, _, terminals) = board(&kinds);
+        assert_eq!(host.state().0, 8, "OP");
+        for bits in [0xFFFF_u16, 0x5AA5, 0x0001, 0x8000] {
+            for slave in 2..=6 {
+                terminals[slave - 2].inputs.store(0xFFFF_0000 | u32::from(bits), Ordering::Relaxed);
+                host.slave(slave, SlaveCommand::IoWrite(bits));
+            }
+            host.drained().cycles(3);
+            let outputs = terminals.iter().map(|one| one.outputs.load(Ordering::Relaxed));
+            let low = u32::from(bits & 0xFF);
+            // A byte is the least that goes along the cable: the unused bits of the four channels are in it.
+            assert_eq!(outputs.collect::<Vec<_>>(), [low, 0, low, bits.into(), bits.into()], "{pdi_control:#x}");
+            for slave in 2..=6 {
+                host.slave(slave, SlaveCommand::IoRead);
+            }
+            host.drained().cycles(3);
+            let inputs = (2..=6).map(|slave| host.slot(slave).data1);
+            assert_eq!(inputs.collect::<Vec<_>>(), [0, low, low, bits.into(), bits.into()], "{pdi_control:#x}");
+        }
+    }
+}
+
+/// NIC-2.14 A terminal that is lost is named, its outputs are off, and SET_STATE brings it back.
+#[test]
+fn a_terminal_that_is_lost_comes_back() {
+    let (mut host, handle, terminals) = board(&[(8, 8, 0)]);
+    host.slave(2, SlaveCommand::IoWrite(0xA5)).drained().cycles(3);
+    assert_eq!(terminals[0].outputs.load(Ordering::Relaxed), 0xA5);
+    handle.cut_after(1);
+    host.cycles(500);
+    assert_eq!(terminals[0].outputs.load(Ordering::Relaxed), 0, "its watchdog");
+    assert!(host.board.engine().lost().contains(2));
+    handle.heal();
+    host.cycles(500);
+    host.master(MasterCommand::SetState(MasterState::Op)).cycles(2000);
+    assert!(host.board.engine().lost().is_empty());
+    host.slave(2, SlaveCommand::IoWrite(0x3C)).drained().cycles(3);
+    assert_eq!(terminals[0].outputs.load(Ordering::Relaxed), 0x3C);
+}

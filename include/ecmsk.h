@@ -237,6 +237,30 @@ typedef struct {
    * How often the mode of operation could not be written back after homing, so that the drive stays in mode 6.
    */
   uint64_t modes_not_restored;
+  /**
+   * SDO requests that repeat the one under way; nothing is lost by them.
+   */
+  uint64_t sdo_repeated;
+  /**
+   * SDO transfers that the slave has aborted, or that were not answered in time.
+   */
+  uint64_t sdo_aborted;
+  /**
+   * Cycles without a report, since a chip or a network card lost their answers.
+   */
+  uint64_t answers_lost;
+  /**
+   * FIFO entries that a chip or a network card had taken and that some slave has missed, or may have.
+   */
+  uint64_t outputs_lost;
+  /**
+   * Cycles that were left out on a network card since the machine was too late for them: what moves has stood still for so long.
+   */
+  uint64_t cycles_left_out;
+  /**
+   * Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
+   */
+  uint64_t ring_broken;
 } ecmsk_counters;
 
 #ifdef __cplusplus

@@ -47,6 +47,12 @@ class Counters(ctypes.Structure):
         ("while_booting", ctypes.c_uint64),
         ("for_lost", ctypes.c_uint64),
         ("modes_not_restored", ctypes.c_uint64),
+        ("sdo_repeated", ctypes.c_uint64),
+        ("sdo_aborted", ctypes.c_uint64),
+        ("answers_lost", ctypes.c_uint64),
+        ("outputs_lost", ctypes.c_uint64),
+        ("cycles_left_out", ctypes.c_uint64),
+        ("ring_broken", ctypes.c_uint64),
     ]
 
 

@@ -98,6 +98,18 @@ pub struct EcmskCounters {
     pub for_lost: u64,
     /// How often the mode of operation could not be written back after homing, so that the drive stays in mode 6.
     pub modes_not_restored: u64,
+    /// SDO requests that repeat the one under way; nothing is lost by them.
+    pub sdo_repeated: u64,
+    /// SDO transfers that the slave has aborted, or that were not answered in time.
+    pub sdo_aborted: u64,
+    /// Cycles without a report, since a chip or a network card lost their answers.
+    pub answers_lost: u64,
+    /// FIFO entries that a chip or a network card had taken and that some slave has missed, or may have.
+    pub outputs_lost: u64,
+    /// Cycles that were left out on a network card since the machine was too late for them: what moves has stood still for so long.
+    pub cycles_left_out: u64,
+    /// Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
+    pub ring_broken: u64,
 }
 
 /// A structure that begins with its own size.
@@ -198,6 +210,12 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             while_booting: board.while_booting,
             for_lost: board.for_lost,
             modes_not_restored: board.modes_not_restored,
+            sdo_repeated: board.sdo_repeated,
+            sdo_aborted: board.sdo_aborted,
+            answers_lost: board.answers_lost,
+            outputs_lost: board.outputs_lost,
+            cycles_left_out: board.cycles_left_out,
+            ring_broken: board.ring_broken,
         };
         // SAFETY: the caller's promise for `counters`.
         unsafe { copy_out(value, counters, "counters") }

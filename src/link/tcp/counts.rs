@@ -5,7 +5,7 @@ use super::wire::{Counts, WireError};
 use crate::engine::Counters;
 
 /// How many counters of [`Counters`] come before those of the rejections.
-const BEFORE_REJECTED: usize = 14;
+const BEFORE_REJECTED: usize = 19;
 
 /// All counters of a board, in the order of the message.
 fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
@@ -24,6 +24,11 @@ fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
         &mut of.idle_cycles,
         &mut of.while_booting,
         &mut of.sdo_aborted,
+        &mut of.sdo_repeated,
+        &mut of.answers_lost,
+        &mut of.outputs_lost,
+        &mut of.cycles_left_out,
+        &mut of.ring_broken,
     ];
     plain.into_iter().chain(&mut of.rejected)
 }

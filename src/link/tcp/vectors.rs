@@ -16,6 +16,8 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
     let board = Counters {
         frames: 1,
         while_booting: 13,
+        outputs_lost: 17,
+        cycles_left_out: 18,
         rejected: std::array::from_fn(|i| i as u64 + 14),
         ..Counters::default()
     };
@@ -67,8 +69,8 @@ fn all() -> Vec<(Message<'static>, &'static str)> {
         ),
         (
             Message::Counted { request: 6, counts: Counts { reports_dropped: 5, board: Some(board) } },
-            "d1008700 0600000000000000 0500000000000000 01 0100000000000000 [00;88] 0d00000000000000 \
-             0000000000000000 0e00000000000000 0f00000000000000 1000000000000000 1100000000000000 1200000000000000 \
+            "f9008700 0600000000000000 0500000000000000 01 0100000000000000 [00;88] 0d00000000000000 [00;24] \
+             1100000000000000 1200000000000000 0000000000000000 0e00000000000000 0f00000000000000 1000000000000000 1100000000000000 1200000000000000 \
              1300000000000000 1400000000000000 1500000000000000 1600000000000000 1700000000000000",
         ),
         (
@@ -102,7 +104,7 @@ fn every_message_encodes_to_its_frozen_bytes_and_back() {
         assert_eq!(Message::decode(out[2], &out[4..length]), Ok(message));
     }
     let greeting = Greeting { tls: true, has_room: false };
-    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0200 01 00 00000000"));
+    assert_eq!(greeting.encode()[..], bytes("65636d736b746370 0300 01 00 00000000"));
     assert_eq!(Greeting::decode(&greeting.encode()), Ok(greeting));
 }
 

@@ -15,7 +15,7 @@ use crate::sk::SlotSize;
 /// The first bytes of a greeting.
 const MAGIC: [u8; 8] = *b"ecmsktcp";
 /// The version of the protocol, which has to be the same on both ends.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// The length of a greeting in bytes.
 pub const GREETING_LEN: usize = 16;
 /// The length of the part before the payload, in bytes.

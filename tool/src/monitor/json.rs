@@ -33,6 +33,10 @@ struct CountersJson {
     incomplete: u64,
     rejected: u64,
     idle_cycles: u64,
+    outputs_lost: u64,
+    answers_lost: u64,
+    cycles_left_out: u64,
+    ring_broken: u64,
 }
 
 #[derive(Serialize)]
@@ -63,6 +67,10 @@ pub fn line(view: &View) -> String {
             incomplete: counters.incomplete,
             rejected: counters.rejected_total(),
             idle_cycles: counters.idle_cycles,
+            outputs_lost: counters.outputs_lost,
+            answers_lost: counters.answers_lost,
+            cycles_left_out: counters.cycles_left_out,
+            ring_broken: counters.ring_broken,
         }),
         trouble: view.trouble.as_deref(),
         slots: view.lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect(),

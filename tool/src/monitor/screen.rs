@@ -117,14 +117,26 @@ fn head(view: &View) -> Vec<Line<'static>> {
     };
     let fifo = format!("{fifo}   CRC errors {}", board.error);
     let counters = view.counters.map_or_else(String::new, |counters| {
-        format!(
+        let mut line = format!(
             "board frames {}, executed {}, lost to a full FIFO {}, rejected {}, cycles without an entry {}",
             counters.frames,
             counters.executed,
             counters.full,
             counters.rejected_total(),
             counters.idle_cycles
-        )
+        );
+        // Of a chip or a network card alone.
+        for (what, count) in [
+            ("sets of outputs lost", counters.outputs_lost),
+            ("answers lost", counters.answers_lost),
+            ("cycles left out", counters.cycles_left_out),
+            ("cycles with a broken ring", counters.ring_broken),
+        ] {
+            if count > 0 {
+                line += &format!(", {what} {count}");
+            }
+        }
+        line
     });
     let last = match &view.trouble {
         Some(trouble) => Line::styled(visible(trouble), Style::new().fg(Color::Red).add_modifier(Modifier::BOLD)),

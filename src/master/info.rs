@@ -146,6 +146,17 @@ impl SlaveInfo {
         self.eeprom.is_ok() && !has_coe
     }
 
+    /// The indices of the PDOs that the EEPROM assigns to the sync managers of outputs, and of inputs.
+    pub fn assigned_pdos(&self) -> [Vec<u16>; 2] {
+        let sii = self.eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
+        let of = |kind, managers: &[ProcessManager]| {
+            let pdos = sii.and_then(|sii| sii.category(kind)).into_iter().flat_map(|category| category.pdos());
+            let is_in = |pdo: &SiiPdo<'_>| managers.iter().any(|manager| manager.number == pdo.sync_manager);
+            pdos.map_while(Result::ok).filter(is_in).map(|pdo| pdo.index).collect()
+        };
+        [of(CategoryKind::RxPdos, &self.outputs), of(CategoryKind::TxPdos, &self.inputs)]
+    }
+
     /// The registers of the two sync managers of the mailbox; `None`: the slave has none.
     pub(super) fn mailbox_managers(&self) -> Option<[SyncManager; 2]> {
         let MailboxAreas { receive, send } = self.mailbox?.areas;

@@ -1,4 +1,5 @@
-//! IO modules without objects on a network card: terminals whose EEPROM alone says what their process data are.
+//! IO modules of others on a network card: terminals whose EEPROM alone says what their process data are, and modules that map
+//! nothing but their own.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -15,7 +16,7 @@ use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::master::Settings;
 use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand, SlaveKind};
 use ecmsk::slave::esc::{CabledChain, EscSettings, EscSlave};
-use ecmsk::slave::{AlStatus, Drive, DriveConfig, Slave};
+use ecmsk::slave::{AlStatus, Drive, DriveConfig, Io, Slave};
 
 use crate::host::Host;
 
@@ -180,4 +181,59 @@ fn a_terminal_that_is_lost_comes_back() {
     assert!(host.board.engine().lost().is_empty());
     host.slave(2, SlaveCommand::IoWrite(0x3C)).drained().cycles(3);
     assert_eq!(terminals[0].outputs.load(Ordering::Relaxed), 0x3C);
+}
+
+/// A module whose PDOs are fixed and have other objects than the board maps.
+struct FixedModule {
+    io: Io,
+    /// Which PDOs are assigned can be chosen.
+    is_assignable: bool,
+    /// The aborts of a module that has no assignments at all.
+    lacks_assignments: bool,
+}
+
+impl Slave for FixedModule {
+    support::hand_on_slave!(io: name, state, enter, set_sync_managers, step, apply_fault, has_dc);
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        self.io.exchange(outputs, inputs);
+    }
+
+    fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        let len = self.io.read(object, scope, value)?;
+        match (object.index, object.sub) {
+            (0x1600, 1) => value[..4].copy_from_slice(&0x7010_0210_u32.to_le_bytes()),
+            (0x1A00, 1) => value[..4].copy_from_slice(&0x6010_0210_u32.to_le_bytes()),
+            _ => {}
+        }
+        Ok(len)
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        match object.index {
+            0x1C12 | 0x1C13 if self.lacks_assignments => Err(AbortCode::NO_OBJECT),
+            0x1C12 | 0x1C13 if self.is_assignable => self.io.write(object, scope, value),
+            0x1600..=0x1C13 => Err(AbortCode::READ_ONLY),
+            _ => self.io.write(object, scope, value),
+        }
+    }
+}
+
+/// NIC-2.15 An IO module with CANopen that cannot map what the board maps has the PDOs that its EEPROM assigns, which are assigned
+/// again if the board's try has taken them away.
+#[test]
+fn modules_that_map_nothing_else_keep_their_own_process_data() {
+    for (is_assignable, lacks_assignments) in [(false, false), (true, false), (false, true)] {
+        let module = || Box::new(FixedModule { io: Io::default(), is_assignable, lacks_assignments }) as Box<dyn Slave>;
+        let wires = ChainWires::new(vec![module(), module()], SimHandle::default()).expect("they have an EEPROM");
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+        host.master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Io; 8] }).go(MasterState::Op).drained();
+        for bits in [0x8001_u16, 0x7FFE] {
+            host.slave(1, SlaveCommand::IoWrite(bits)).slave(2, SlaveCommand::IoWrite(!bits)).drained().cycles(20);
+            host.slave(1, SlaveCommand::IoRead).slave(2, SlaveCommand::IoRead).drained().cycles(3);
+            // The outputs of a simulated module are wired to its inputs.
+            let inputs = [1, 2].map(|slave| host.slot(slave).data1);
+            assert_eq!(inputs, [u32::from(bits), u32::from(!bits)], "{is_assignable} {lacks_assignments}");
+        }
+    }
 }

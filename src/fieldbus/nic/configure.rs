@@ -7,7 +7,7 @@ use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
+use crate::master::{JobDone, JobId, Master, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::DriveSync;
 
 /// How many slaves are configured at once. \[OURS]
@@ -22,11 +22,20 @@ enum Stage {
     /// The downloads that are left, and the one under way. `refused`: the slave has aborted it so, and what the object holds is
     /// read instead.
     Writing {
-        data: ProcessData,
+        wanted: Wanted,
         left: Box<dyn Iterator<Item = Download> + Send>,
         current: Download,
         refused: Option<AbortCode>,
     },
+}
+
+/// Which process data a slave is to have.
+#[derive(Clone, Copy)]
+enum Wanted {
+    /// Those that the board maps.
+    Mapped(ProcessData),
+    /// Those that its EEPROM describes, since it cannot map others.
+    Described,
 }
 
 /// A slave that is being configured.
@@ -146,7 +155,7 @@ impl Configuring {
             let _ = master.configure(slave, 0, 0);
             return;
         }
-        if role == Role::Io && master.slave(slave).is_some_and(is_described) {
+        if role == Role::Io && master.slave(slave).is_some_and(|info| info.lacks_coe() && is_described(info)) {
             return self.take_as_described(slave, master, mapped);
         }
         if matches!(role, Role::Hsp(_)) {
@@ -158,7 +167,8 @@ impl Configuring {
         }
     }
 
-    /// A module without objects has the process data that its EEPROM describes, whatever their length; see [`super::cycle`].
+    /// A module that cannot map what the board maps has the process data that its EEPROM describes, whatever their length; see
+    /// [`super::cycle`].
     fn take_as_described(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
         match master.configure_as_described(slave).and_then(|()| master.set_sync(slave, None)) {
             Ok(()) => mapped(slave, ProcessData::of(Role::Io, false)),
@@ -177,11 +187,36 @@ impl Configuring {
         let Some(data) = ProcessData::of(role, has_second_axis) else {
             return self.refuse(Refusal { slave, ..pdo::NO_SUCH_MODE });
         };
-        let mut left = data.downloads(sync).into_iter();
-        let Some(current) = left.next() else { return };
+        self.write_next(slave, Wanted::Mapped(data), Box::new(data.downloads(sync).into_iter()), master);
+    }
+
+    /// Goes on with the next download. False: there is none.
+    fn write_next(
+        &mut self,
+        slave: u8,
+        wanted: Wanted,
+        mut left: Box<dyn Iterator<Item = Download> + Send>,
+        master: &mut Master,
+    ) -> bool {
+        let Some(current) = left.next() else { return false };
         let id = download(slave, &current, master);
-        let stage = Stage::Writing { data, left: Box::new(left), current, refused: None };
+        let stage = Stage::Writing { wanted, left, current, refused: None };
         self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+        true
+    }
+
+    /// A slave has aborted a download, or what it holds is something else. An IO module has its own process data then, if its
+    /// EEPROM describes some: the PDOs are assigned that are there from the start.
+    fn cannot_map(&mut self, refusal: Refusal, (wanted, current): (Wanted, Download), master: &mut Master) {
+        let slave = refusal.slave;
+        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
+        let may_have_own = role == Role::Io && matches!(wanted, Wanted::Mapped(_)) && current.is_mapping();
+        let Some(info) = master.slave(slave).filter(|info| may_have_own && is_described(info)) else {
+            return self.refuse(refusal);
+        };
+        let [outputs, inputs] = info.assigned_pdos();
+        let downloads = Download::assigning(&outputs, &inputs).into_iter();
+        self.write_next(slave, Wanted::Described, Box::new(downloads), master);
     }
 
     fn go_on(
@@ -214,27 +249,27 @@ impl Configuring {
                 self.write_first(slave, ended.is_ok(), master);
             }
             // What is fixed and as it is wanted need not be written.
-            Stage::Writing { current, refused: Some(code), .. } if ended != Ok(Some(current.value)) => {
-                self.refuse(Refusal { slave, abort: Some((current.object, code)), ..current.refused(code) });
+            Stage::Writing { wanted, current, refused: Some(code), .. } if ended != Ok(Some(current.value)) => {
+                let refusal = Refusal { slave, abort: Some((current.object, code)), ..current.refused(code) };
+                self.cannot_map(refusal, (wanted, current), master);
             }
-            Stage::Writing { data, mut left, current, refused } => {
+            Stage::Writing { wanted, left, current, refused } => {
                 if let Err(code) = ended
                     && !current.may_fail_with(code)
                 {
                     if !current.may_be_fixed(code) {
-                        return self.refuse(Refusal { slave, ..current.refused(code) });
+                        return self.cannot_map(Refusal { slave, ..current.refused(code) }, (wanted, current), master);
                     }
                     if refused.is_none() && !current.takes_away() {
                         let id = upload(slave, &current, master);
-                        let stage = Stage::Writing { data, left, current, refused: Some(code) };
+                        let stage = Stage::Writing { wanted, left, current, refused: Some(code) };
                         return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
                     }
                 }
-                if let Some(current) = left.next() {
-                    let id = download(slave, &current, master);
-                    let stage = Stage::Writing { data, left, current, refused: None };
-                    return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+                if self.write_next(slave, wanted, left, master) {
+                    return;
                 }
+                let Wanted::Mapped(data) = wanted else { return self.take_as_described(slave, master, mapped) };
                 let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
                 let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
                 // Outputs have arrived then if the answer has come in time, however late the frame was.
@@ -252,10 +287,9 @@ impl Configuring {
     }
 }
 
-/// Whether a module has no objects that say what its process data are, but an EEPROM that does. \[OURS]
+/// Whether an EEPROM describes process data.
 fn is_described(info: &SlaveInfo) -> bool {
-    let has_bytes = |managers: &[ProcessManager]| managers.iter().any(|one| one.registers.len > 0);
-    info.lacks_coe() && (has_bytes(&info.outputs) || has_bytes(&info.inputs))
+    info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
 }
 
 fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {

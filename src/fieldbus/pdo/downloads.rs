@@ -46,11 +46,30 @@ impl Download {
         self.optional && matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX | AbortCode::READ_ONLY)
     }
 
+    /// Whether this download says what the process data are.
+    pub const fn is_mapping(&self) -> bool {
+        matches!(self.object.index, 0x1600..=TX_ASSIGNMENT)
+    }
+
+    /// The downloads that assign these PDOs for outputs and inputs, whose entries are left as they are. A slave may lack
+    /// the objects, or have them as constants.
+    pub fn assigning(outputs: &[u16], inputs: &[u16]) -> Vec<Self> {
+        let mut downloads = Vec::new();
+        for (assignment, pdos) in [(RX_ASSIGNMENT, outputs), (TX_ASSIGNMENT, inputs)] {
+            let number = |count| Self::new(assignment, 0, SdoSize::One, count);
+            let entry = |(sub, pdo): (u8, &u16)| Self::new(assignment, sub, SdoSize::Two, (*pdo).into());
+            let entries: Vec<Self> = (1..=u8::MAX).zip(pdos).map(entry).collect();
+            let count = entries.len() as u32;
+            downloads.extend(std::iter::once(number(0)).chain(entries).chain([number(count)]));
+        }
+        downloads.iter_mut().for_each(|download| download.optional = true);
+        downloads
+    }
+
     /// Whether a slave that aborts this download with that abort code may have its process data fixed: what the object holds shows
     /// whether they are those that are wanted.
     pub const fn may_be_fixed(&self, code: AbortCode) -> bool {
-        let is_mapping = matches!(self.object.index, 0x1600..=TX_ASSIGNMENT);
-        is_mapping && matches!(code, AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
+        self.is_mapping() && matches!(code, AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
     }
 
     /// Whether this download takes away what was there, in front of those that put what is wanted.

@@ -87,7 +87,8 @@ pub(super) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
 /// The script of a link, if there is one.
 fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
     let Some(path) = options.script.as_deref() else { return Ok(None) };
-    let has_frames = matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == ChipNetwork::Controllers);
+    let has_frames =
+        matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers));
     let script =
         if has_frames { Script::load(path, &options.slaves) } else { Script::load_for_board(path, &options.slaves) };
     Ok(Some(script?))
@@ -133,7 +134,7 @@ fn bus(
         }
         ModelledBus::Chip { chip, used } => {
             let network = SimHandle::default();
-            let slaves = chip.network(slaves, network.clone());
+            let slaves = chip.network(slaves, network.clone(), ChipNetwork::Models);
             let slaves =
                 slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
             // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.

@@ -40,10 +40,10 @@ fn every_chip_starts() {
     }
 }
 
-/// XF-17.12 Over `network=controllers` a program reaches what is behind the slaves' objects: registers by datagrams, EEPROMs, files.
+/// XF-17.12 A program reaches what is behind the slaves' objects: registers by datagrams, EEPROMs, files; not over `network=models`.
 #[test]
 fn a_program_reaches_registers_eeproms_and_files() {
-    let (mut xf, chip) = opened("xf-sim:?clock=virtual&slaves=drive,io&network=controllers");
+    let (mut xf, chip) = opened("xf-sim:?clock=virtual&slaves=drive,io");
     xf.start_network(&NetworkConfig::default()).unwrap();
     xf.set_state(Slaves::All, EtherCatState::PreOp).unwrap();
     let al_status = RawRequest {
@@ -75,6 +75,11 @@ fn a_program_reaches_registers_eeproms_and_files() {
     assert!(chip.chip().chip().flash().starts_with(b"firmware of a simulated drive"));
     let error = xf.run(&FoeRequest::Upload(FoeFile { name: b"none", ..file })).unwrap_err();
     assert!(matches!(error, XfError::Chip(HostError::Failed { code: CommandCode::FoeRequest, .. })), "{error}");
+
+    let (mut xf, _) = opened("xf-sim:?clock=virtual&slaves=drive,io&network=models");
+    xf.start_network(&NetworkConfig::default()).unwrap();
+    let error = xf.run(&al_status).unwrap_err();
+    assert!(error.to_string().contains("the chip refused ECM_CMD_RAW_ECAT_FUNC_REQ"), "{error}");
 }
 
 /// XF-17.2 A link to a board, a wrong key and a wrong value are errors that say what is allowed.

@@ -127,7 +127,7 @@ pub enum ChipError {
     #[cfg(feature = "sim")]
     #[error(transparent)]
     ManufacturerObjects(#[from] super::manufacturer_objects::ManufacturerObjectsError),
-    /// The slaves of `network=controllers` cannot be put on a network.
+    /// The slaves cannot be put on a network of controllers.
     #[cfg(feature = "sim")]
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {

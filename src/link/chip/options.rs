@@ -90,8 +90,9 @@ pub struct ModelledChip {
     pub speed_hz: u32,
     /// Whether INT0 is wired.
     pub int0: bool,
-    /// What is between it and its slaves.
-    pub network: ChipNetwork,
+    /// What is between it and its slaves; `None`: models under a board, which is faster by that, and controllers for a program
+    /// of the chip, which may use any of its commands.
+    pub network: Option<ChipNetwork>,
 }
 
 impl ModelledChip {
@@ -106,12 +107,15 @@ impl ModelledChip {
             size: uri.typed("n", data_size)?,
             speed_hz: speed_hz(uri)?,
             int0: uri.choice("int0", [("no", false), ("yes", true)])?,
-            network: uri
-                .choice("network", [("models", ChipNetwork::Models), ("controllers", ChipNetwork::Controllers)])?,
+            network: uri.typed("network", |value| match value {
+                "models" => Some(ChipNetwork::Models),
+                "controllers" => Some(ChipNetwork::Controllers),
+                _ => None,
+            })?,
         })
     }
 
-    /// These slaves as the chip's network, which `handle` reaches.
+    /// These slaves as the chip's network, which `handle` reaches; `without`: what is between them and the chip if nothing says.
     ///
     /// # Errors
     /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
@@ -120,8 +124,9 @@ impl ModelledChip {
         &self,
         slaves: Vec<Box<dyn Slave>>,
         handle: SimHandle,
+        without: ChipNetwork,
     ) -> Result<SimulatedNetwork, UndescribedError> {
-        Ok(match self.network {
+        Ok(match self.network.unwrap_or(without) {
             ChipNetwork::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
             ChipNetwork::Controllers => SimulatedNetwork::Controllers(Controllers::new(slaves, handle)?),
         })

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::{ChipError, ChipInfo, ChipLink, ModelledChip, SimChipOptions};
+use super::{ChipError, ChipInfo, ChipLink, ChipNetwork, ModelledChip, SimChipOptions};
 use crate::ethercat::Ns;
 use crate::link::options::Clock;
 use crate::link::sim;
@@ -55,7 +55,8 @@ impl SimChip {
     /// [`ChipError::Uri`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let options = SimChipOptions::from_uri(uri)?;
-        let network = options.chip.network(sim::slaves(&options.slaves)?, SimHandle::default());
+        let slaves = sim::slaves(&options.slaves)?;
+        let network = options.chip.network(slaves, SimHandle::default(), ChipNetwork::Controllers);
         let network =
             network.map_err(|error| ChipError::Network { name: uri.to_string(), reason: error.to_string() })?;
         Ok(Self::over(&uri.to_string(), options.chip, options.clock, network))

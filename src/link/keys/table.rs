@@ -255,10 +255,11 @@ pub const KEYS: &[Key] = &[
         name: "network",
         schemes: XF_SIM,
         syntax: Syntax::Choice(&["models", "controllers"]),
-        default: Some("models"),
+        default: None,
         example: "controllers",
         meaning: "what is between the chip and its slaves: models, calls, which are fast; controllers, frames and a slave \
-                  controller for each, with registers, EEPROMs, files and mailboxes",
+                  controller for each, with registers, EEPROMs, files and mailboxes; not given: models under a board, controllers \
+                  for a program of the chip",
     },
     Key {
         name: "n",

@@ -10,7 +10,7 @@
 //! - SDO: `sdo`, `sdo_beside`
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
 //!   group over such a bus; `any_bus`, what others show cycle by cycle and every bus has to show
-//! - over an ECM-XF: `xf_bus`, `xf_faults`, `xf_packets`, `xf_state`, `xf_ahead`
+//! - over an ECM-XF: `xf_bus`, `xf_faults`, `xf_doubts`, `xf_packets`, `xf_state`, `xf_ahead`
 //! - at random, and what always holds: `random`, `random_networks`, `allocation`
 //! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
 //!   `handles`
@@ -79,6 +79,7 @@ mod test_mode;
 mod watch;
 mod xf_ahead;
 mod xf_bus;
+mod xf_doubts;
 mod xf_faults;
 mod xf_packets;
 mod xf_state;

@@ -98,7 +98,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 35] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 36] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -150,6 +150,7 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 35] = [
     ("xf_bus::", "it has such a bus"),
     ("xf_ahead::", "it has such a bus"),
     ("xf_faults::", "it has such a bus"),
+    ("xf_doubts::", "it has such a bus"),
     ("xf_packets::", "it has such a bus"),
     ("xf_state::", "it has such a bus"),
 ];
@@ -162,7 +163,7 @@ const ITS_TIMES: &str =
     "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 49] = [
+const CANNOT_ON_WIRE: [(&str, &str); 50] = [
     ("allocation::streaming_allocates_nothing", ALLOCATES),
     ("allocation::transfers_allocate_nothing", ALLOCATES),
     ("allocation::what_goes_wrong_allocates_nothing", ALLOCATES),
@@ -219,6 +220,7 @@ const CANNOT_ON_WIRE: [(&str, &str); 49] = [
     ("xf_bus::", "it has another bus"),
     ("xf_ahead::", "it has another bus"),
     ("xf_faults::", "it has another bus"),
+    ("xf_doubts::", "it has another bus"),
     ("xf_packets::", "it has another bus"),
     ("xf_state::", "it has another bus"),
 ];

@@ -54,8 +54,8 @@ pub trait Setting {
 
     fn state_timeout_ns(&self) -> Ns;
 
-    /// Whether its slaves are behind slave controllers.
-    fn has_controllers(&self) -> bool;
+    /// Whether its slaves say who they are, as those behind slave controllers have to.
+    fn have_identity(&self) -> bool;
 
     /// The bus to these slaves, which `network` reaches.
     fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends);

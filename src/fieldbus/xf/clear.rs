@@ -31,7 +31,7 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
         // What was to hold lost slaves may be among what is dropped.
-        self.hold_is_due = self.runs && !self.network.lost.is_empty();
+        self.repeat_is_due = self.runs && !self.network.lost.is_empty();
         self.clearing = Clearing::Begun;
     }
 
@@ -70,9 +70,12 @@ impl<W: Wires> XfBus<W> {
                 None => Clearing::Emptying(Some(asked), level),
                 Some(Ok(_)) => {
                     self.level.clear();
+                    let doubted = self.ledger.newest_doubt();
                     let newest_sent = self.ledger.cleared(level);
                     // What was cleared must not come again where the newest set is repeated.
                     self.newest_written = self.newest_written.take().filter(|set| Some(set.id) == newest_sent);
+                    // A set that counts as sent, since nobody knows whether it was, is sent now.
+                    self.repeat_is_due |= doubted.is_some() && doubted == newest_sent;
                     Clearing::SwitchingOn(None, newest_sent)
                 }
                 Some(Err(_)) => Clearing::Emptying(None, level),

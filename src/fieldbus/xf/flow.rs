@@ -84,12 +84,13 @@ impl<W: Wires> XfBus<W> {
         let mut queue = std::mem::take(&mut self.queue);
         queue.iter_mut().for_each(|set| self.hold(slaves, &mut set.image));
         self.queue = queue;
-        self.hold_is_due = self.runs;
+        self.repeat_is_due = self.runs;
     }
 
     /// The id of the newest outputs that were taken and are not known to be sent.
     pub(super) fn newest_taken(&self) -> Option<u64> {
-        self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent())
+        let repeated = self.newest_written.as_ref().filter(|_| self.repeat_is_due).map(|set| set.id);
+        self.queue.back().map(|set| set.id).or(self.ledger.newest_unsent().max(repeated))
     }
 
     /// Sets that are under way to the chip. They still stand in the queue.
@@ -171,7 +172,7 @@ impl<W: Wires> XfBus<W> {
         let (both_fit, cycles_fit) = (fits(rx_bytes.max(tx_bytes)), fits(tx_bytes));
         let backlog = self.host.header().map_or(0, |header| header.tx_fifo);
         let may_write = matches!(self.clearing, Clearing::Idle);
-        if may_write && std::mem::take(&mut self.hold_is_due) {
+        if may_write && std::mem::take(&mut self.repeat_is_due) {
             self.repeat_with_lost_holding();
         }
         let under_way = self.sets_under_way();
@@ -227,7 +228,7 @@ impl<W: Wires> XfBus<W> {
                 (Load::Cycles(sets), ProcessOutcome::Unknown) => {
                     self.gap = true;
                     self.ledger.doubt(self.queue.iter().take(sets).map(|set| set.id));
-                    self.give_up(sets);
+                    self.doubt(sets);
                 }
                 (Load::Cycles(sets), _) => {
                     if self.sets_under_way() > 0 {
@@ -245,6 +246,18 @@ impl<W: Wires> XfBus<W> {
                 (Load::Hold, _) => self.send_holding(),
             }
         }
+    }
+
+    /// Nobody knows whether the oldest sets in the queue were written, so that they count as lost. The newest of them may be
+    /// what the chip repeats now. If no other one follows it is written once more \[OURS]: otherwise its slaves would never get
+    /// what was sent to them last, an SV_OFF perhaps, and its frame would stay in the board's FIFO. If it was written its slaves get
+    /// it twice in a row, as from a chip that repeats it.
+    fn doubt(&mut self, sets: usize) {
+        if let Some(newest) = sets.checked_sub(1).and_then(|newest| self.queue.get(newest)) {
+            self.newest_written = Some(newest.clone());
+            self.repeat_is_due = self.runs;
+        }
+        self.give_up(sets);
     }
 
     /// The oldest sets in the queue were not written for sure, or nobody knows whether they were.

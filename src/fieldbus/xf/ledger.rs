@@ -209,6 +209,11 @@ impl Ledger {
         self.newest_sent
     }
 
+    /// The id of the newest set of which it is not known whether it came to lie in the RxFIFO.
+    pub(super) fn newest_doubt(&self) -> Option<u64> {
+        self.doubts.back().map(|(_, id)| *id).max(self.settled_doubt)
+    }
+
     /// The RxFIFO is about to be stopped. Cycles go on and their inputs come, but from an unknown one on they send nothing.
     pub(super) fn stop(&mut self) {
         self.stopped = true;

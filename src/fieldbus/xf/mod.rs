@@ -109,10 +109,10 @@ pub struct XfBus<W> {
     ended: VecDeque<JobDone>,
     /// Sets that are to be written.
     queue: VecDeque<Set>,
-    /// The set that the chip repeats when it has no other; `None`: none was written in this OP.
+    /// The set that the chip repeats when it has no other, for all that is known; `None`: none was written in this OP.
     newest_written: Option<Set>,
-    /// A slave was lost since the last set was written.
-    hold_is_due: bool,
+    /// It is to be written once more: a slave was lost since then, or its slaves may not have got it.
+    repeat_is_due: bool,
     /// What was handed to the driver, the oldest first.
     flying: VecDeque<Flying>,
     /// The newest exchange of cycles wrote some.
@@ -176,7 +176,7 @@ impl<W: Wires> XfBus<W> {
             // One more for a set of our own.
             queue: VecDeque::with_capacity(ENTRIES + 1),
             newest_written: None,
-            hold_is_due: false,
+            repeat_is_due: false,
             flying: VecDeque::with_capacity(IN_FLIGHT_MAX + 1),
             wrote_last: false,
             level: FillLevel::default(),
@@ -324,12 +324,11 @@ impl<W: Wires> XfBus<W> {
         let waited = self.queue.len();
         self.drop_queue();
         let dropped = waited - self.queue.len();
-        if dropped > 0 {
+        if std::mem::take(&mut self.repeat_is_due) || dropped > 0 {
             self.left_behind += dropped as u64;
             self.newest_left_behind = newest;
         }
         self.dropped = None;
-        self.hold_is_due = false;
         while let Some(answer) = self.answers.pop_front() {
             self.spare.push(answer);
         }

@@ -234,7 +234,7 @@ impl<W: Wires> XfBus<W> {
         self.ledger.lost();
         self.level.clear();
         self.flying.clear();
-        (self.runs, self.hold_is_due) = (false, false);
+        (self.runs, self.repeat_is_due) = (false, false);
         self.gap = true;
     }
 }

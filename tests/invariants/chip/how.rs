@@ -33,6 +33,7 @@ pub struct How {
     packet_ns: Ns,
     pub drives: usize,
     pub state_timeout_ns: Ns,
+    have_identity: bool,
 }
 
 impl How {
@@ -76,7 +77,8 @@ impl How {
         };
         let packet_ns = if pacing == Pacing::Int0 { 100 * US } else { idle_ns - 5 * US };
         let state_timeout_ns = dice.pick(&[S, 10 * S]);
-        Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns }
+        let have_identity = dice.one_in(2);
+        Self { profile, cycle_us, options, config, packet_ns, drives, state_timeout_ns, have_identity }
     }
 }
 
@@ -95,8 +97,8 @@ impl Setting for How {
         self.state_timeout_ns
     }
 
-    fn has_controllers(&self) -> bool {
-        false
+    fn have_identity(&self) -> bool {
+        self.have_identity
     }
 
     fn bus(&self, seed: u64, slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Box<dyn Fieldbus>, Self::Ends) {

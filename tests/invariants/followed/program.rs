@@ -73,7 +73,7 @@ impl<S: Setting> Program<S> {
     pub fn new(seed: u64, setting: &S) -> Self {
         let network = SimHandle::default();
         let (drives, cycle_us) = (setting.drives(), setting.cycle_us());
-        let followers: Vec<Follower> = (0..=drives).map(|_| Follower::new(setting.has_controllers())).collect();
+        let followers: Vec<Follower> = (0..=drives).map(|_| Follower::new(setting.have_identity())).collect();
         let slaves = followers.iter().map(|follower| Box::new(follower.clone()) as Box<dyn Slave>).collect();
         let (bus, mut ends) = setting.bus(seed, slaves, network.clone());
         let engine = EngineConfig {

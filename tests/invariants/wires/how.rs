@@ -49,7 +49,7 @@ impl Setting for How {
         self.state_timeout_ns
     }
 
-    fn has_controllers(&self) -> bool {
+    fn have_identity(&self) -> bool {
         true
     }
 

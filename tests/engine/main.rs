@@ -57,6 +57,7 @@ mod modes;
 mod network_rig;
 mod nic_bus;
 mod nic_ring;
+mod nic_runner;
 mod over;
 mod partial_frames;
 mod probe;

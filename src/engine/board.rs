@@ -205,7 +205,8 @@ impl Board {
     }
 
     /// The runner was late, and has left out that many cycles: the board's time does not include them.
-    pub const fn leave_out(&mut self, cycles: u64) {
+    pub fn leave_out(&mut self, cycles: u64) {
+        self.bus.leave_out(cycles.saturating_mul(self.engine.period_ns()));
         self.engine.note_left_out(cycles);
     }
 

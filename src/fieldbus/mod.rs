@@ -423,6 +423,10 @@ pub trait Fieldbus: Send {
         true
     }
 
+    /// The runner was late, and has left out cycles that take so long together: the time that it gives does not include them, and is
+    /// behind a clock of the bus's own by so much more than before.
+    fn leave_out(&mut self, _left_out_ns: Ns) {}
+
     /// Whether the hardware that runs the bus does not answer: nothing is sent then, whatever is pushed.
     fn is_down(&self) -> bool {
         false

@@ -316,6 +316,12 @@ impl Master {
         self.bus.with(|shared| (1..).zip(&shared.live).for_each(|(slave, live)| look(slave, &live.status)));
     }
 
+    /// When the AL status of all slaves was asked for last, if all have answered or are known to be gone; `None`: not yet. It is while
+    /// cycles have too few answers, and each [`Settings::watch_ns`] while not all slaves are in OP.
+    pub fn states_read(&self) -> Option<Ns> {
+        self.bus.with(|shared| shared.states_read)
+    }
+
     /// What these slaves add to the expected working counter of a cycle, as far as they are in SafeOP or OP for all that is known.
     pub fn working_counter_of(&self, slaves: SlaveSet) -> u16 {
         if slaves.is_empty() {

@@ -115,6 +115,8 @@ pub(super) struct Shared {
     pub(super) active: SlaveSet,
     /// The slaves that do not answer.
     pub(super) missing: SlaveSet,
+    /// When the AL status of all slaves was asked for last, if all of that was answered.
+    pub(super) states_read: Option<Ns>,
     /// The last cycle has found all slaves in OP.
     pub(super) is_all_in_op: bool,
     /// A cycle was other than the one before, and other than expected.
@@ -140,6 +142,7 @@ impl Shared {
             live: Vec::new(),
             active: SlaveSet::EMPTY,
             missing: SlaveSet::EMPTY,
+            states_read: None,
             is_all_in_op: false,
             is_alarmed: false,
             last_counters: (0, 0, None),
@@ -153,7 +156,7 @@ impl Shared {
 
     /// Forgets all slaves.
     pub(super) fn reset(&mut self) {
-        (self.last_cycle, self.last_counters) = (None, (0, 0, None));
+        (self.last_cycle, self.last_counters, self.states_read) = (None, (0, 0, None), None);
         self.live.clear();
         (self.active, self.missing) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         (self.is_all_in_op, self.is_alarmed) = (false, false);

@@ -21,6 +21,7 @@ const ANSWERS: u8 = 1;
 
 /// Reads the AL status of all slaves. `tickets` is empty before and behind.
 pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(u8, Ticket)>) {
+    let (asked, mut is_complete) = (bus.now(), true);
     for (slave, station) in (1..).zip(stations) {
         tickets.push((slave, bus.queue(Command::Fprd, *station, AL_STATUS, &[0; 6])));
     }
@@ -33,8 +34,11 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
             }
             Ok(_) => bus.with(|shared| shared.lose(slave)),
             // Nobody knows.
-            Err(_) => {}
+            Err(_) => is_complete = false,
         }
+    }
+    if is_complete {
+        bus.with(|shared| shared.states_read = Some(asked));
     }
 }
 

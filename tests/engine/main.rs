@@ -57,6 +57,7 @@ mod modes;
 mod network_rig;
 mod nic_bus;
 mod nic_ring;
+mod nic_runner;
 mod nic_terminals;
 mod over;
 mod partial_frames;

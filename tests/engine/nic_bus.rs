@@ -1,11 +1,12 @@
 //! The bus of a network card: slave controllers that our own master reaches, in virtual time, over a wire that loses frames.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::EngineConfig;
+use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Ns, Role};
@@ -68,9 +69,14 @@ impl NicWires for LossyWires {
 
 /// A board with these slaves at the end of a wire, in OP.
 fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Losses) {
+    in_op_reached_by(slaves, SimHandle::default())
+}
+
+/// The same, with a handle on its slaves and cables.
+fn in_op_reached_by(slaves: Vec<Box<dyn Slave>>, network: SimHandle) -> (Host, Losses) {
     let losses = Losses::default();
     let count = slaves.len();
-    let wires = ChainWires::new(slaves, SimHandle::default()).expect("they have an EEPROM");
+    let wires = ChainWires::new(slaves, network).expect("they have an EEPROM");
     let wires = LossyWires { wires, losses: losses.clone() };
     let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
     host.op(count);
@@ -281,4 +287,116 @@ fn a_lost_slave_that_answers_again_holds() {
     write(&mut host, 0x33);
     host.drained().cycles(10);
     assert_eq!(puppets.map(|puppet| puppet.last().outputs), [0x33, 0x33]);
+}
+
+/// A drive that leaves OP when it is told to, and whose controller takes outputs all the same.
+struct Falling {
+    puppet: Puppet,
+    has_fallen: Arc<AtomicBool>,
+}
+
+impl Slave for Falling {
+    support::hand_on_slave!(puppet: name, enter, read, step);
+
+    fn state(&self) -> AlState {
+        let state = self.puppet.state();
+        if self.has_fallen.load(Ordering::Relaxed) { state.min(AlState::SafeOp) } else { state }
+    }
+
+    fn al_status(&self) -> AlStatus {
+        AlStatus::FATAL_SYNC
+    }
+
+    fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
+        self.puppet.write(object, scope, value)
+    }
+
+    fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {
+        let has_fallen = self.has_fallen.load(Ordering::Relaxed);
+        self.puppet.exchange(outputs.filter(|_| !has_fallen), inputs);
+    }
+}
+
+/// Slaves 1 to 3 have fallen to SafeOP for want of outputs, are lost, and answer there; the fourth one is on.
+fn beside_three_fallen(fourth: Box<dyn Slave>) -> (SimHandle, Host, Losses) {
+    let mut slaves: Vec<Box<dyn Slave>> = (0..3).map(|_| Puppet::obedient().boxed()).collect();
+    slaves.push(fourth);
+    let network = SimHandle::default();
+    let (mut host, losses) = in_op_reached_by(slaves, network.clone());
+    host.servo_on(4);
+    (1..=3).for_each(|slave| network.silence(slave, true));
+    host.cycles(200);
+    (1..=3).for_each(|slave| network.silence(slave, false));
+    host.cycles(300);
+    assert_eq!(host.board.engine().lost(), SlaveSet::first(3));
+    (network, host, losses)
+}
+
+/// Commands that were counted as not executed.
+fn counted(host: &Host) -> u64 {
+    host.counters().outputs_lost + host.counters().for_lost
+}
+
+/// How many of the targets 10, 20, ... did not come.
+fn missed(puppet: &Puppet, last: i32) -> u64 {
+    let targets = puppet.targets();
+    (1..=last).filter(|n| !targets.contains(&(n * 10))).count() as u64
+}
+
+/// NIC-2.17 A slave that leaves OP while others are lost in that state already, as no frame has come for so long, is named with all that it
+/// has missed, although these add to the working counter and have its AL status.
+#[test]
+fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
+    let puppet = Puppet::obedient();
+    let (_, mut host, losses) = beside_three_fallen(puppet.boxed());
+    host.csp(4, 10).cycles(5);
+    let (before, for_lost) = (counted(&host), host.counters().for_lost);
+    host.csp(4, 20);
+    for _ in 0..200 {
+        losses.outward.store(!0, Ordering::Relaxed);
+        host.cycles(1);
+    }
+    losses.outward.store(0, Ordering::Relaxed);
+    host.cycles(200);
+    assert_eq!(host.board.engine().lost(), SlaveSet::first(4));
+    assert_eq!((missed(&puppet, 2), counted(&host) - before), (1, 1), "{:?}", host.counters());
+    assert_eq!(host.counters().for_lost - for_lost, 1, "the slave is named for it");
+}
+
+/// NIC-2.17 What a slave misses that is silent for some cycles while others are lost counts as sets that were lost, or as lost with it if it
+/// is named. What comes before and behind it does not.
+#[test]
+fn what_a_slave_misses_beside_lost_ones_is_counted() {
+    for silent in [1, 2, 5] {
+        let puppet = Puppet::obedient();
+        let (network, mut host, _) = beside_three_fallen(puppet.boxed());
+        let before = counted(&host);
+        for n in 1..=60 {
+            network.silence(4, (21..21 + silent).contains(&n));
+            host.csp(4, n * 10).cycles(1);
+        }
+        host.cycles(50);
+        let (missed, counted) = (missed(&puppet, 60), counted(&host) - before);
+        assert!(missed >= silent as u64, "{missed}");
+        assert!((missed..missed + 5).contains(&counted), "{missed} missed, {counted} counted: {:?}", host.counters());
+    }
+}
+
+/// NIC-2.17 A slave that leaves OP, still takes part in cycles, and has the AL status of lost ones is seen when the states are read the next
+/// time: what was sent since they were known counts as lost with it.
+#[test]
+fn what_a_slave_misses_that_nobody_sees_fall_is_counted() {
+    let (puppet, has_fallen) = (Puppet::obedient(), Arc::new(AtomicBool::new(false)));
+    let falling = Falling { puppet: puppet.clone(), has_fallen: Arc::clone(&has_fallen) };
+    let (_, mut host, _) = beside_three_fallen(Box::new(falling));
+    let before = counted(&host);
+    for n in 1..=500 {
+        has_fallen.store(n >= 251, Ordering::Relaxed);
+        host.csp(4, n * 10).cycles(1);
+    }
+    host.cycles(50);
+    assert_eq!(host.board.engine().lost(), SlaveSet::first(4));
+    let (missed, counted) = (missed(&puppet, 500), counted(&host) - before);
+    assert!((249..=251).contains(&missed), "{missed}");
+    assert!((missed..missed + 250).contains(&counted), "{missed} missed, {counted} counted: {:?}", host.counters());
 }

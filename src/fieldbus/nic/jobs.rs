@@ -136,6 +136,7 @@ impl<W: NicWires> NicBus<W> {
         }
         (self.lost, self.short_from, self.short_sets, self.has_new_outputs) = (SlaveSet::EMPTY, None, 0, false);
         self.lost_from.fill(None);
+        (self.fewer, self.known_from) = (None, [0; 2]);
     }
 
     /// Slaves that are led down are not missed on their way, and those led up get outputs with which nothing moves.

@@ -23,6 +23,9 @@
 //! slaves have moved on. What was sent since then counts for the slave that is named for it; if all are there again before,
 //! as sets of outputs that were lost.
 //!
+//! What slaves add that are lost already is not known, so that less than the cycle before had is too low while some are, until the
+//! states of all have been read.
+//!
 //! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
 //! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
 //! [`Job::State`] brings them back.
@@ -72,6 +75,8 @@ struct Station {
     commanded: AlState,
     /// The process data that are mapped; `None`: nothing is.
     process_data: Option<ProcessData>,
+    /// The AL state in which the master has seen it last; `None`: it did not answer.
+    seen: Option<AlState>,
 }
 
 /// An SDO under way.
@@ -81,6 +86,17 @@ struct RunningSdo {
     id: master::JobId,
     /// When the slave has not answered, on the wires' clock.
     until: Ns,
+}
+
+/// A cycle that had fewer answers than the one before.
+#[derive(Clone, Copy, Debug)]
+struct Fewer {
+    /// When it was sent, on the wires' clock.
+    at: Ns,
+    /// A slave was named since, or one that is lost has come or gone.
+    is_explained: bool,
+    /// The sets of outputs since then that some slave may have missed.
+    sets: u32,
 }
 
 /// A network at the end of a network card.
@@ -112,6 +128,15 @@ pub struct NicBus<W> {
     short_from: Option<u64>,
     /// How many sets of outputs that are since then, as long as nobody is named for it.
     short_sets: u32,
+    /// The working counter of the newest cycle.
+    counted: u16,
+    /// The newest cycle that had fewer answers than the one before, while it is not known who that was.
+    fewer: Option<Fewer>,
+    /// When the states were asked for that were read last, as far as the cycles know.
+    read_at: Option<Ns>,
+    /// The ids of the first outputs after those states were known, and after the ones before them: what was sent before has found all
+    /// slaves in OP that were not lost.
+    known_from: [u64; 2],
     /// The newest inputs of all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
     /// Cycles in a row without an answer.
@@ -129,7 +154,7 @@ impl<W: NicWires> NicBus<W> {
             master: Master::new(settings),
             skew: None,
             has_runner: false,
-            stations: [Station { commanded: AlState::Init, process_data: None }; MAX_SLAVES],
+            stations: [Station { commanded: AlState::Init, process_data: None, seen: None }; MAX_SLAVES],
             found: 0,
             cycle: CycleTime::DEFAULT,
             is_paced: false,
@@ -142,6 +167,10 @@ impl<W: NicWires> NicBus<W> {
             sent: None,
             short_from: None,
             short_sets: 0,
+            counted: 0,
+            fewer: None,
+            read_at: None,
+            known_from: [0; 2],
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,
@@ -216,7 +245,8 @@ impl<W: NicWires> NicBus<W> {
     }
 
     /// The engine's time less that of the wires, seen when it is `now` for the engine. A runner is late by some time that
-    /// changes, so that the greatest difference is the true one, unless the runner has left out cycles.
+    /// changes, so that the greatest difference is the true one since it has left out cycles, which it tells. One that is late by more
+    /// than half a cycle has left out time without a word.
     fn skew_at(&mut self, now: Ns) -> Ns {
         let seen = now.wrapping_sub(self.wires.now());
         let skew = self.skew.get_or_insert(seen);
@@ -316,6 +346,10 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn catches_up(&self) -> bool {
         !self.wires.is_real_time()
+    }
+
+    fn leave_out(&mut self, left_out_ns: Ns) {
+        self.skew = self.skew.map(|skew| skew.wrapping_sub(left_out_ns));
     }
 
     fn reference_clock(&self) -> Option<u8> {

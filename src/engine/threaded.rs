@@ -257,7 +257,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         clock.sleep_until(wake);
         now = clock.now();
         let late = now.saturating_sub(due);
-        if late > catch_up_max {
+        if late > catch_up_max && board.catches_up() {
             // The next cycle is due now. Any rest of the gap would count as too long again in the next turn of the loop.
             due = now;
             skipped += late;
@@ -276,8 +276,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             has_left_out = false;
         }
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
-        // Cycles are caught up on in parts, and frames are taken after each part.
-        let part = board_now.min(board.next_cycle() + between_visits.as_nanos() as Ns);
+        // Cycles are caught up on in parts, and frames are taken after each part. Where they are not, a part is one cycle.
+        let longest = if board.catches_up() { between_visits.as_nanos() as Ns } else { 0 };
+        let part = board_now.min(board.next_cycle() + longest);
         take_frames(&mut board, part, board_now, shared, &mut frame);
         if now >= due {
             shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);

@@ -1,10 +1,11 @@
 //! The runner of the real clock on a machine that is away for a while, or too slow for its cycles. No test here asserts
 //! how long anything takes: what must go on, goes on.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecmsk::engine::{Board, EngineConfig};
 use ecmsk::fieldbus::sim::SimBus;
@@ -115,6 +116,68 @@ fn a_write_in_a_gap_does_not_move_the_times_of_later_ones() {
         }
     };
     assert!(executed.at >= told, "told {told:?}, executed {:?}", executed.at);
+}
+
+/// A bus whose cycles are not caught up on, on a machine that is away for a while before some of them.
+struct Away {
+    bus: SimBus,
+    /// How long the machine is away before the next cycles, one after the other.
+    gaps: Arc<Mutex<VecDeque<Duration>>>,
+    /// How many cycles have run since the runner looked at the clock last, and the most that ever have.
+    in_a_row: u32,
+    most_in_a_row: Arc<AtomicU32>,
+}
+
+impl Fieldbus for Away {
+    hand_on!(bus: pacing, start, poll_job, cancel_job, cancel_sdo, room, clear_ahead, poll_clear, push);
+
+    fn poll(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
+        self.in_a_row += 1;
+        self.most_in_a_row.fetch_max(self.in_a_row, Ordering::Relaxed);
+        self.bus.poll(now, inputs)
+    }
+
+    fn work_until(&mut self, _now: Ns, _until: Ns) {
+        self.in_a_row = 0;
+        let gap = self.gaps.lock().expect("no panic").pop_front();
+        gap.into_iter().for_each(sleep);
+    }
+
+    fn catches_up(&self) -> bool {
+        false
+    }
+}
+
+/// NIC-2.4 A machine that was away leaves out just the cycles that it has missed, however long that was, and then goes on. It never
+/// sends the outputs of several cycles at once, also if it is late again and again.
+#[test]
+fn what_is_not_caught_up_on_is_left_out_once() {
+    let gaps = Arc::new(Mutex::new(VecDeque::new()));
+    let most_in_a_row = Arc::new(AtomicU32::new(0));
+    let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
+    let away = Away { bus, gaps: Arc::clone(&gaps), in_a_row: 0, most_in_a_row: Arc::clone(&most_in_a_row) };
+    let mut board = Board::new(EngineConfig::default(), Box::new(away));
+    assert!(board.boot(60_000 * MS));
+    most_in_a_row.store(0, Ordering::Relaxed);
+    let options = RunOptions { virtual_time: false, ..RunOptions::default() };
+    let start = Instant::now();
+    let link = Arc::new(EngineLink::open("away", board, options, None).expect("opens"));
+    let mut client = Client::on(Arc::clone(&link) as Arc<dyn Link>);
+    client.try_read(PATIENCE).expect("a report");
+    gaps.lock().expect("no panic").extend([7; 20].map(Duration::from_millis));
+    gaps.lock().expect("no panic").push_back(Duration::from_millis(1500));
+    let skipped = || Duration::from_nanos(link.lateness().expect("on the real clock").skipped_ns);
+    while skipped() < Duration::from_secs(1) {
+        sleep(Duration::from_millis(1));
+    }
+    sleep(Duration::from_millis(20));
+    let (skipped, passed) = (skipped(), start.elapsed());
+    assert!(skipped <= passed, "{skipped:?} were left out of {passed:?}");
+    for _ in 0..100 {
+        client.try_read(PATIENCE).expect("reports go on");
+    }
+    assert_eq!(most_in_a_row.load(Ordering::Relaxed), 1);
+    link.close();
 }
 
 /// A board whose thread has ended by a defect is given up: its place is free.

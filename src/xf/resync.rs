@@ -14,6 +14,9 @@ const BORDER: usize = 8;
 /// front of a border is not lost while the next border has not come.
 const CAPACITY: usize = 2 * MAX_PACKET + BORDER;
 
+/// \[OURS] So many bytes in no packet show that a size is wrong which the reader has found by itself: that of a damaged packet, perhaps.
+const FRUITLESS_MAX: usize = 2 * MAX_PACKET;
+
 /// A reader that takes bytes and gives packets. It holds 2888 bytes at most.
 ///
 /// ```
@@ -51,6 +54,8 @@ pub struct Resync {
     size: Option<DataSize>,
     /// The reader found the size by itself.
     found: bool,
+    /// Bytes in no packet since the newest one, or since the size was found.
+    fruitless: usize,
     dropped: u64,
 }
 
@@ -63,7 +68,16 @@ impl Default for Resync {
 impl Resync {
     /// A reader that finds n by itself.
     pub const fn new() -> Self {
-        Self { bytes: [0; CAPACITY], held: 0, given: 0, compared: 0, size: None, found: false, dropped: 0 }
+        Self {
+            bytes: [0; CAPACITY],
+            held: 0,
+            given: 0,
+            compared: 0,
+            size: None,
+            found: false,
+            fruitless: 0,
+            dropped: 0,
+        }
     }
 
     /// A reader for packets of that size.
@@ -80,7 +94,7 @@ impl Resync {
     /// are held stay.
     pub const fn set_size(&mut self, size: Option<DataSize>) {
         self.compared = 0;
-        self.found = false;
+        (self.found, self.fruitless) = (false, 0);
         self.size = size;
     }
 
@@ -115,6 +129,11 @@ impl Resync {
             let len = size.packet_len();
             let skipped = self.find_packet(len);
             self.drop_front(skipped);
+            self.fruitless += skipped;
+            if self.found && self.fruitless > FRUITLESS_MAX {
+                self.set_size(None);
+                continue;
+            }
             if self.held < len || !self.is_packet(0, len) {
                 return None;
             }
@@ -123,7 +142,7 @@ impl Resync {
             }
             self.set_size(None);
         };
-        self.given = len;
+        (self.given, self.fruitless) = (len, 0);
         Some(&self.bytes[..len])
     }
 

@@ -155,6 +155,24 @@ fn a_size_that_was_two_packets_is_found_again() {
     assert_eq!((found.size, &found.packets[..]), (Some(112), &packets[3..]));
 }
 
+/// XF-3.7 A size that the reader has found and with which nothing is found any more is looked for again. One that it was told stays.
+#[test]
+fn a_size_without_packets_is_found_again() {
+    // What looks like a packet of another size, as damaged ones may.
+    let other = answer(size(1024), CheckRule::FIXED, 0);
+    let packets = answers(DataSize::MANUAL, CheckRule::CRC32, 60);
+    let stream = [&other[other.len() - 4..], &other[..], &packets.concat()[..]].concat();
+    for pieces in [&[1][..], &[144], &[1056], &[1440]] {
+        let found = read(&stream, pieces);
+        assert_eq!(found.size, Some(112));
+        assert_eq!(found.packets[0], other);
+        let behind = &found.packets[1..];
+        assert!(behind.len() > 30 && packets.ends_with(behind), "{} of {}", behind.len(), packets.len());
+        let told = read_with(Resync::with_size(size(1024)), &stream, pieces);
+        assert_eq!((told.size, told.packets.len()), (Some(1024), 1));
+    }
+}
+
 /// XF-3.4, XF-3.5 A packet that lost its start word, its end word or other bytes is dropped, and bytes between packets
 /// are; those behind are found.
 #[test]

@@ -101,7 +101,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 36] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 37] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -150,6 +150,7 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 36] = [
     ("full_table_run::", "it takes as long as all others"),
     ("nic_bus::", "it has another bus"),
     ("nic_ring::", "it has another bus"),
+    ("nic_terminals::", "it has another bus"),
     ("xf_bus::", "it has such a bus"),
     ("xf_ahead::", "it has such a bus"),
     ("xf_faults::", "it has such a bus"),
@@ -166,7 +167,7 @@ const ITS_TIMES: &str =
     "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 50] = [
+const CANNOT_ON_WIRE: [(&str, &str); 51] = [
     ("allocation::streaming_allocates_nothing", ALLOCATES),
     ("allocation::transfers_allocate_nothing", ALLOCATES),
     ("allocation::what_goes_wrong_allocates_nothing", ALLOCATES),
@@ -220,6 +221,7 @@ const CANNOT_ON_WIRE: [(&str, &str); 50] = [
     ("full_table_run::", "it takes as long as all others"),
     ("nic_bus::", "it has such a bus"),
     ("nic_ring::", "it has such a bus"),
+    ("nic_terminals::", "it has such a bus"),
     ("xf_bus::", "it has another bus"),
     ("xf_ahead::", "it has another bus"),
     ("xf_faults::", "it has another bus"),

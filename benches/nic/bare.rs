@@ -33,9 +33,13 @@ impl Bare {
         })
     }
 
-    /// Goes on for that long.
-    pub fn run(&mut self, time: Duration, cycle: Duration) {
-        self.in_a_thread(move |bare| bare.cycles((time.as_nanos() / cycle.as_nanos()) as u64, cycle));
+    /// Goes on for that long once it has settled; how many cycles were lost by what counts as lost of ours.
+    pub fn run(&mut self, settling: Duration, time: Duration, cycle: Duration) -> u64 {
+        let cycles = |time: Duration| (time.as_nanos() / cycle.as_nanos()) as u64;
+        self.in_a_thread(move |bare| {
+            bare.cycles(cycles(settling), cycle);
+            bare.cycles(cycles(time), cycle)
+        })
     }
 
     fn in_a_thread<T: Send>(&mut self, run: impl FnOnce(&mut Self) -> T + Send) -> T {
@@ -48,18 +52,23 @@ impl Bare {
         })
     }
 
-    fn cycles(&mut self, count: u64, cycle: Duration) {
+    /// How many of them were lost: left out, or with an answer that is back later than ours is waited for.
+    fn cycles(&mut self, count: u64, cycle: Duration) -> u64 {
+        let mut lost = 0;
         let mut due = Duration::try_from(clock_gettime(ClockId::Monotonic)).expect("a time");
         for _ in 0..count {
             due += cycle;
             let until = Timespec::try_from(due).expect("a time");
             clock_nanosleep_absolute(ClockId::Monotonic, &until).expect("it sleeps");
             self.master.exchange(&self.frame);
+            let back = Duration::try_from(clock_gettime(ClockId::Monotonic)).expect("a time");
+            lost += u64::from(back > due + cycle * 3 / 4);
             // As ours it leaves cycles out that it is too late for.
-            let now = Duration::try_from(clock_gettime(ClockId::Monotonic)).expect("a time");
-            while due + cycle + cycle / 2 < now {
+            while due + cycle + cycle / 2 < back {
                 due += cycle;
+                lost += 1;
             }
         }
+        lost
     }
 }

@@ -106,12 +106,10 @@ pub(super) struct ScriptedChip {
 impl ScriptedChip {
     /// The chip of a link `xf-sim:`, in virtual time, with a controller for each slave.
     pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
-        let SimChipOptions { mut chip, .. } = SimChipOptions::from_uri(uri)?;
-        chip.network = Some(ChipNetwork::Controllers);
+        let SimChipOptions { chip, .. } = SimChipOptions::from_uri(uri)?;
         let handle = SimHandle::default();
         let (devices, script) = slaves(uri, &handle)?;
-        let network =
-            chip.network(devices, handle, ChipNetwork::Controllers).map_err(|error| undescribed(uri, &error))?;
+        let network = ChipNetwork::Controllers.with(devices, handle).map_err(|error| undescribed(uri, &error))?;
         Ok(Self { chip: SimChip::over(&uri.to_string(), chip, Clock::Virtual, network), script })
     }
 

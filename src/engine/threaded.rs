@@ -249,6 +249,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let mut has_left_out = false;
     let rate = clock.rate();
     let (between_visits, catch_up_max) = (rate.slowed(VISIT_INTERVAL), rate.slowed(CATCH_UP_MAX));
+    let catches_up = board.catches_up();
+    // Cycles are caught up on in parts, and frames are taken after each part. Where they are not, a part is one cycle.
+    let longest_part = if catches_up { between_visits.as_nanos() as Ns } else { 0 };
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
         let wake = due.min(now + between_visits);
@@ -257,13 +260,13 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
         clock.sleep_until(wake);
         now = clock.now();
         let late = now.saturating_sub(due);
-        if late > catch_up_max && board.catches_up() {
+        if catches_up && late > catch_up_max {
             // The next cycle is due now. Any rest of the gap would count as too long again in the next turn of the loop.
             due = now;
             skipped += late;
             shared.skipped_ns.fetch_add(late.as_nanos() as u64, Ordering::Relaxed);
         }
-        if !board.catches_up() {
+        if !catches_up {
             let period = board.period_ns();
             let cycles = cycles_to_leave_out(late.as_nanos() as Ns, period);
             // A machine that is always late still runs every other cycle.
@@ -276,9 +279,7 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             has_left_out = false;
         }
         let board_now = zero + now.saturating_sub(skipped).as_nanos() as Ns;
-        // Cycles are caught up on in parts, and frames are taken after each part. Where they are not, a part is one cycle.
-        let longest = if board.catches_up() { between_visits.as_nanos() as Ns } else { 0 };
-        let part = board_now.min(board.next_cycle() + longest);
+        let part = board_now.min(board.next_cycle() + longest_part);
         take_frames(&mut board, part, board_now, shared, &mut frame);
         if now >= due {
             shared.worst_ns.fetch_max(rate.real(now - due).as_nanos() as u64, Ordering::Relaxed);

@@ -134,7 +134,7 @@ fn bus(
         }
         ModelledBus::Chip { chip, used } => {
             let network = SimHandle::default();
-            let slaves = chip.network(slaves, network.clone(), ChipNetwork::Models);
+            let slaves = chip.network.unwrap_or(ChipNetwork::Models).with(slaves, network.clone());
             let slaves =
                 slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
             // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.

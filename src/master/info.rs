@@ -150,9 +150,8 @@ impl SlaveInfo {
     pub fn assigned_pdos(&self) -> [Vec<u16>; 2] {
         let sii = self.eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
         let of = |kind, managers: &[ProcessManager]| {
-            let pdos = sii.and_then(|sii| sii.category(kind)).into_iter().flat_map(|category| category.pdos());
             let is_in = |pdo: &SiiPdo<'_>| managers.iter().any(|manager| manager.number == pdo.sync_manager);
-            pdos.map_while(Result::ok).filter(is_in).map(|pdo| pdo.index).collect()
+            sii.iter().flat_map(|sii| pdos(sii, kind)).filter(is_in).map(|pdo| pdo.index).collect()
         };
         [of(CategoryKind::RxPdos, &self.outputs), of(CategoryKind::TxPdos, &self.inputs)]
     }
@@ -172,12 +171,15 @@ const fn is_mailbox_len(len: u16) -> bool {
     MAILBOX_BYTES_MIN <= len && len <= MAILBOX_BYTES_MAX
 }
 
+/// The PDOs of a category, up to the first one that is none.
+fn pdos<'s>(sii: &Sii<'s>, kind: CategoryKind) -> impl Iterator<Item = SiiPdo<'s>> + use<'s> {
+    sii.category(kind).into_iter().flat_map(|category| category.pdos()).map_while(Result::<_, WireError>::ok)
+}
+
 /// How many bytes the PDOs have together that an EEPROM assigns to a sync manager; `None`: it assigns none.
 fn pdo_bytes(sii: &Sii<'_>, kind: CategoryKind, manager: u8) -> Option<u16> {
-    let pdos = sii.category(kind)?.pdos();
-    let assigned = pdos.map_while(Result::<SiiPdo<'_>, WireError>::ok).filter(|pdo| pdo.sync_manager == manager);
     let mut bits = None;
-    for pdo in assigned {
+    for pdo in pdos(sii, kind).filter(|pdo| pdo.sync_manager == manager) {
         let more: u32 = pdo.entries.iter().map(|entry| u32::from(entry.bits)).sum();
         bits = Some(bits.unwrap_or(0u32).saturating_add(more));
     }

@@ -2,27 +2,18 @@
 #![cfg(target_os = "linux")]
 
 use std::fs;
-use std::process::Command;
 
-use support::{Ended, root};
+use support::examples::run_python;
+use support::root;
 
 const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
 /// Every program, and the snapshot that it shares with another one.
 const PROGRAMS: [(&str, &str); 3] = [("homing", "homing"), ("inputs_outputs", "io"), ("two_axes", "two_axes_12b")];
 
-fn run(name: &str, link: &str) -> Ended {
-    let mut python = Command::new("python3");
-    python.arg(root().join("examples/python").join(name).with_extension("py"));
-    // No compiled files beside the examples.
-    python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &support::library().shared);
-    python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root());
-    support::run(&mut python)
-}
-
 fn prints_the_same(name: &str, links: &[&str]) {
     let (_, snapshot) = PROGRAMS.into_iter().find(|(program, _)| *program == name).expect("a program of the table");
     for link in links {
-        let ended = run(name, link);
+        let ended = run_python(name, link);
         assert_eq!(ended.stderr, "", "{name} on {link}");
         support::snapshot(snapshot, &ended.success());
     }
@@ -53,14 +44,14 @@ mod needs_python {
     /// API-33 What goes wrong is said in the library's words, with code 1; axes are off then.
     #[test]
     fn errors_have_words() {
-        let none = run("two_axes", "sim:?slaves=none&clock=virtual");
+        let none = run_python("two_axes", "sim:?slaves=none&clock=virtual");
         assert_eq!(none.status.code(), Some(1));
         assert!(none.stderr.contains("ECMSK_LINK: no board at `sim:"), "{}", none.stderr);
-        let wrong = run("two_axes", "sim:?slaves=lathe");
+        let wrong = run_python("two_axes", "sim:?slaves=lathe");
         assert!(wrong.stderr.contains("lathe"), "{}", wrong.stderr);
         let file = support::out_dir().join("alarm.pcapng");
         let keys = format!("script=examples/scripts/alarm.ecmscript&record={}", file.display());
-        let alarm = run("two_axes", &format!("{DRIVES}&{keys}"));
+        let alarm = run_python("two_axes", &format!("{DRIVES}&{keys}"));
         assert_eq!((alarm.status.code(), alarm.stderr.as_str()), (Some(1), "failed: an axis does not arrive\n"));
         support::both_axes_are_off_in_preop(&file);
     }

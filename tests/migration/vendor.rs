@@ -174,20 +174,13 @@ mod needs_cxx {
 
 mod needs_python {
     use super::*;
+    use support::examples::{PYTHON, run_python};
 
     /// XF-20.11 XF-20.15 All programs of examples/python.
     #[test]
     fn programs_in_python() {
-        const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
-        for (name, link) in
-            [("homing", DRIVES), ("two_axes", DRIVES), ("inputs_outputs", "sim:?slaves=io&clock=virtual")]
-        {
-            prints_the_same("python", name, link, |link| {
-                let mut python = Command::new("python3");
-                python.arg(root().join("examples/python").join(name).with_extension("py"));
-                python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &support::library().shared);
-                support::run(python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root()))
-            });
+        for (name, link) in PYTHON {
+            prints_the_same("python", name, link, |link| run_python(name, link));
         }
     }
 }

@@ -79,6 +79,28 @@ pub enum ChipNetwork {
     Controllers,
 }
 
+impl ChipNetwork {
+    fn parse(value: &str) -> Option<Self> {
+        match value {
+            "models" => Some(Self::Models),
+            "controllers" => Some(Self::Controllers),
+            _ => None,
+        }
+    }
+
+    /// These slaves behind it, which `handle` reaches.
+    ///
+    /// # Errors
+    /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
+    #[cfg(feature = "sim")]
+    pub fn with(self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<SimulatedNetwork, UndescribedError> {
+        Ok(match self {
+            Self::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
+            Self::Controllers => SimulatedNetwork::Controllers(Controllers::new(slaves, handle)?),
+        })
+    }
+}
+
 /// The chip that `xf-sim:` models, and the wires to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModelledChip {
@@ -107,28 +129,7 @@ impl ModelledChip {
             size: uri.typed("n", data_size)?,
             speed_hz: speed_hz(uri)?,
             int0: uri.choice("int0", [("no", false), ("yes", true)])?,
-            network: uri.typed("network", |value| match value {
-                "models" => Some(ChipNetwork::Models),
-                "controllers" => Some(ChipNetwork::Controllers),
-                _ => None,
-            })?,
-        })
-    }
-
-    /// These slaves as the chip's network, which `handle` reaches; `without`: what is between them and the chip if nothing says.
-    ///
-    /// # Errors
-    /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
-    #[cfg(feature = "sim")]
-    pub fn network(
-        &self,
-        slaves: Vec<Box<dyn Slave>>,
-        handle: SimHandle,
-        without: ChipNetwork,
-    ) -> Result<SimulatedNetwork, UndescribedError> {
-        Ok(match self.network.unwrap_or(without) {
-            ChipNetwork::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
-            ChipNetwork::Controllers => SimulatedNetwork::Controllers(Controllers::new(slaves, handle)?),
+            network: uri.typed("network", ChipNetwork::parse)?,
         })
     }
 

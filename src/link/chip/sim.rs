@@ -56,7 +56,7 @@ impl SimChip {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         let options = SimChipOptions::from_uri(uri)?;
         let slaves = sim::slaves(&options.slaves)?;
-        let network = options.chip.network(slaves, SimHandle::default(), ChipNetwork::Controllers);
+        let network = options.chip.network.unwrap_or(ChipNetwork::Controllers).with(slaves, SimHandle::default());
         let network =
             network.map_err(|error| ChipError::Network { name: uri.to_string(), reason: error.to_string() })?;
         Ok(Self::over(&uri.to_string(), options.chip, options.clock, network))

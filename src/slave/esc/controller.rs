@@ -273,10 +273,13 @@ impl Controller {
 
     /// Finds out before when no pulse comes, whatever frames do to the clock that [leaves the device quiet](Self::is_set_anew).
     pub(super) fn look_for_pulse(&mut self) {
-        self.without_pulse = self.sync.next().map_or(Ns::MAX, |(at, _)| {
-            let left = at.wrapping_sub(self.clock.system()).cast_signed().max(0);
-            self.clock.soonest(left.unsigned_abs())
-        });
+        self.without_pulse = self.until_pulse().map_or(Ns::MAX, |left| self.clock.soonest(left));
+    }
+
+    /// How much time of the clock is left until the next pulse, ns; 0 if it has come.
+    fn until_pulse(&self) -> Option<u64> {
+        let (at, _) = self.sync.next()?;
+        Some(at.wrapping_sub(self.clock.system()).cast_signed().max(0).unsigned_abs())
     }
 
     /// Whether a frame has written registers that make the device do something, or that change when something happens next.
@@ -302,9 +305,7 @@ impl Controller {
 
     /// When the next pulse comes, as far as the clock can tell.
     pub(super) fn next_pulse(&self, now: Ns) -> Option<Ns> {
-        let (at, _) = self.sync.next()?;
-        let left = at.wrapping_sub(self.clock.system()).cast_signed().max(0);
-        Some(now + left.unsigned_abs())
+        Some(now + self.until_pulse()?)
     }
 
     /// Lets the pulses that have come by `now` pass in one go.

@@ -1,4 +1,8 @@
-//! The programs of `examples/cpp/` and `examples/c/`, and what their snapshots in `tests/snapshots/` are made with.
+//! The programs of `examples/cpp/`, `examples/c/` and `examples/python/`, and what their snapshots in `tests/snapshots/` are made with.
+
+use std::process::Command;
+
+use crate::{Ended, library, root, run};
 
 /// Two drives on virtual time.
 pub const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
@@ -27,3 +31,16 @@ pub const C_WITHOUT_LIBRARY: &str = "xf_client";
 /// The script of `examples/scripts/` that a program's snapshot is made with, if it is one.
 pub const SCRIPTS: [(&str, &str); 3] =
     [("alarm_recovery", "alarm_on_the_way"), ("io", "local_inputs"), ("operator_panel", "alarm")];
+
+/// Every program of `examples/python/` that uses the library.
+pub const PYTHON: [(&str, &str); 3] =
+    [("homing", VIRTUAL), ("two_axes", VIRTUAL), ("inputs_outputs", "sim:?slaves=io&clock=virtual")];
+
+/// Runs a program of `examples/python/` on a link.
+pub fn run_python(name: &str, link: &str) -> Ended {
+    let mut python = Command::new("python3");
+    python.arg(root().join("examples/python").join(name).with_extension("py"));
+    // No compiled files beside the examples.
+    python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &library().shared);
+    run(python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root()))
+}

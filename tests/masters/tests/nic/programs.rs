@@ -4,9 +4,8 @@ mod needs_network_namespace {
     use std::process::Command;
 
     use masters::Rig;
+    use support::examples::VIRTUAL;
     use support::{Ended, Program, root};
-
-    const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
 
     /// Programs that print other numbers on a network card, and why: language, program, the reason.
     const OTHER_NUMBERS: [(&str, &str, &str); 10] = [
@@ -68,9 +67,9 @@ mod needs_network_namespace {
     #[test]
     fn rust_programs_run_on_a_network_card() {
         for (name, link) in [
-            ("two_axes", DRIVES),
-            ("homing", DRIVES),
-            ("csv_cst", DRIVES),
+            ("two_axes", VIRTUAL),
+            ("homing", VIRTUAL),
+            ("csv_cst", VIRTUAL),
             ("move_axis", "sim:?slaves=drive&clock=virtual"),
             ("hsp", "sim:?slaves=hsp2&slot=16&clock=virtual"),
             ("io", "sim:?slaves=io&clock=virtual"),
@@ -87,20 +86,13 @@ mod needs_network_namespace {
 
     mod needs_python {
         use super::*;
+        use support::examples::{PYTHON, run_python};
 
         /// NIC-1.7 Programs in Python.
         #[test]
         fn python_programs_run_on_a_network_card() {
-            for (name, link) in
-                [("two_axes", DRIVES), ("homing", DRIVES), ("inputs_outputs", "sim:?slaves=io&clock=virtual")]
-            {
-                prints_the_same("python", name, link, |link| {
-                    let mut python = Command::new("python3");
-                    python.arg(root().join("examples/python").join(name).with_extension("py"));
-                    // No compiled files beside the examples.
-                    python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &support::library().shared);
-                    support::run(python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root()))
-                });
+            for (name, link) in PYTHON {
+                prints_the_same("python", name, link, |link| run_python(name, link));
             }
         }
     }

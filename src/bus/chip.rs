@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use super::chip_wire::{ChipWire, bytes_max, datagram};
+use super::mailboxes::{self, Mailboxes};
 use super::{BusError, FoundSlave, Network, SlaveState, eeprom};
 use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
@@ -14,31 +16,33 @@ use crate::link::chip::{self, ChipLink};
 #[cfg(feature = "sim")]
 use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
-use crate::master::{DatagramError, FrameCounters, SdoError, upstreams};
+use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
 use crate::xf::EtherCatState;
-use crate::xf::host::{HostConfig, HostError};
-use crate::xf::request::{
-    EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawGet, RawOperation, RawRequest, SlaveNumber, Slaves,
-};
+use crate::xf::host::HostConfig;
+use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};
 use crate::xf_api::{NetworkConfig, Xf, XfError};
 
-/// \[OURS] How long the chip may take for a datagram, and for a word of an EEPROM.
-const DATAGRAM_MAX: Duration = Duration::from_millis(100);
+/// \[OURS] How long the chip may take for a word of an EEPROM.
 const EEPROM_MAX: Duration = Duration::from_millis(500);
 /// \[OURS] How often a datagram is sent at most that does not come back.
 const TRIES: u32 = 3;
-/// The working counter of one that does not.
-const LOST: i32 = -1;
 /// \[OURS] How often a long datagram is sent to put load on the cables. It reads what says which controller it is, where a read
 /// changes nothing.
 const LOAD_INTERVAL: Duration = Duration::from_millis(1);
-const LOAD_ADDRESS: u16 = 0x0000;
+const LOAD_ADDRESS: u32 = 0x0000_0000;
+/// \[OURS] How long it is until our master goes on where it waits for a slave.
+const TURN: Duration = Duration::from_micros(500);
+/// The number that our master has for the one slave of which it knows.
+const JOINED: u8 = 1;
 
 /// A network with an ECM-XF.
 pub(super) struct XfNetwork {
     xf: Xf,
     is_virtual: bool,
     stations: Vec<u16>,
+    /// For the mailboxes. It knows of one slave.
+    master: Master,
+    joined: Option<u8>,
 }
 
 impl XfNetwork {
@@ -58,7 +62,8 @@ impl XfNetwork {
     fn over(link: Box<dyn ChipLink>, config: HostConfig) -> Result<Self, BusError> {
         let is_virtual = link.info().virtual_time;
         let xf = Xf::over(link, HostConfig { keep_fifo: true, ..config })?;
-        Ok(Self { xf, is_virtual, stations: Vec::new() })
+        let master = Master::new(Settings::default());
+        Ok(Self { xf, is_virtual, stations: Vec::new(), master, joined: None })
     }
 
     /// The chip's number of a slave.
@@ -73,31 +78,14 @@ impl XfNetwork {
         Ok(self.stations[place])
     }
 
-    fn datagram(
-        &mut self,
-        operation: RawOperation,
-        adp: u16,
-        ado: u16,
-        data: &[u8],
-    ) -> Result<(i32, Vec<u8>), BusError> {
-        let timeout_us = i32::try_from(DATAGRAM_MAX.as_micros()).unwrap_or(i32::MAX);
-        let request = RawRequest { operation, adp, ado, logical: 0, timeout_us, data };
-        match self.xf.run_pair(&request, &RawGet, 2 * DATAGRAM_MAX) {
-            Ok(answer) => Ok((answer.working_counter, answer.data.to_vec())),
-            // It did not come back.
-            Err(XfError::Chip(HostError::Failed { .. })) => Ok((LOST, Vec::new())),
-            Err(error) => Err(error.into()),
-        }
-    }
-
     fn access(&mut self, operation: RawOperation, slave: u8, address: u16, data: &[u8]) -> Result<Vec<u8>, BusError> {
         let station = self.station(slave)?;
         let failed = |error| BusError::Register { slave, address, error };
         for _ in 0..TRIES {
-            match self.datagram(operation, station, address, data)? {
-                (1, read) => return Ok(read),
-                (counter @ 0.., _) => return Err(failed(DatagramError::WorkingCounter(counter as u16))),
-                (_, _) => {}
+            match datagram(&mut self.xf, operation, u32::from(station) | u32::from(address) << 16, data)? {
+                Some((1, read)) => return Ok(read),
+                Some((counter, _)) => return Err(failed(DatagramError::WorkingCounter(counter))),
+                None => {}
             }
         }
         Err(failed(DatagramError::Lost))
@@ -133,9 +121,34 @@ impl XfNetwork {
     }
 }
 
-/// What an ECM-XF has no command for.
-const fn cannot(what: &'static str) -> BusError {
-    BusError::Cannot { what, instead: "take the slaves' cable into a network card, e.g. --link nic:eth1" }
+impl Mailboxes for XfNetwork {
+    fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError> {
+        let station = self.station(slave)?;
+        if self.joined != Some(slave) {
+            self.joined = None;
+            let eeprom = eeprom::read_whole(self, slave)?;
+            self.master.join([(station, &*eeprom)]);
+            self.joined = Some(slave);
+        }
+        Ok(self.master.slave(JOINED).and_then(|info| info.mailbox))
+    }
+
+    fn run(&mut self, _: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
+        let id = start(&mut self.master, JOINED);
+        let mut wire = ChipWire::new(&mut self.xf);
+        loop {
+            self.master.poll(wire.now(), &mut wire);
+            if let Some((_, done)) = self.master.take_done() {
+                return Ok(done);
+            }
+            // Emergencies are the chip's own matter.
+            while self.master.take_event().is_some() {}
+            if let Err(error) = wire.wait(TURN) {
+                self.master.cancel(id);
+                return Err(error.into());
+            }
+        }
+    }
 }
 
 impl Network for XfNetwork {
@@ -157,6 +170,7 @@ impl Network for XfNetwork {
         }
         self.xf.state()?;
         let described: Vec<_> = (0..found).map(|slave| self.xf.slave_description(slave)).collect::<Result<_, _>>()?;
+        self.joined = None;
         self.stations = described.iter().map(|slave| slave.station_address).collect();
         let ports: Vec<(DlStatus, u8)> = (1..=found).map(|slave| self.ports(slave)).collect();
         let upstreams = upstreams(&ports.iter().map(|(status, _)| *status).collect::<Vec<_>>());
@@ -200,7 +214,8 @@ impl Network for XfNetwork {
         let mut left = time;
         while !left.is_zero() {
             // Lost datagrams are what this is for.
-            let _ = self.datagram(RawOperation::Brd, 0, LOAD_ADDRESS, &[0; RAW_DATA_MAX])?;
+            let len = bytes_max(&self.xf);
+            let _ = datagram(&mut self.xf, RawOperation::Brd, LOAD_ADDRESS, &[0; RAW_DATA_MAX][..len])?;
             let step = LOAD_INTERVAL.min(left);
             self.wait(step)?;
             left -= step;
@@ -237,16 +252,16 @@ impl Network for XfNetwork {
         self.xf.sdo_write_bytes(slave - 1, object, scope, value).map_err(|error| sdo_error(slave, error))
     }
 
-    fn object_list(&mut self, _: u8) -> Result<Vec<u16>, BusError> {
-        Err(cannot("ask a slave for its dictionary"))
+    fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError> {
+        mailboxes::object_list(self, slave)
     }
 
-    fn describe_object(&mut self, _: u8, _: u16) -> Result<Vec<u8>, BusError> {
-        Err(cannot("ask a slave for its dictionary"))
+    fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
+        mailboxes::describe_object(self, slave, index)
     }
 
-    fn describe_entry(&mut self, _: u8, _: EntryRequest) -> Result<Vec<u8>, BusError> {
-        Err(cannot("ask a slave for its dictionary"))
+    fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError> {
+        mailboxes::describe_entry(self, slave, request)
     }
 
     fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError> {
@@ -278,12 +293,13 @@ impl Network for XfNetwork {
         Ok(())
     }
 
-    fn read_file(&mut self, _: u8, _: &str, _: u32) -> Result<Vec<u8>, BusError> {
-        Err(cannot("read a file without its length, which passes through the chip's own flash memory"))
+    fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError> {
+        mailboxes::read_file(self, slave, name, password)
     }
 
-    fn write_file(&mut self, _: u8, _: &str, _: u32, _: &[u8]) -> Result<(), BusError> {
-        Err(cannot("write a file without erasing a part of the chip's own flash memory"))
+    fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError> {
+        self.expect_rest()?;
+        mailboxes::write_file(self, slave, name, password, content)
     }
 
     fn reference_clock(&self) -> Option<u8> {

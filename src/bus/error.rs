@@ -17,9 +17,6 @@ pub enum BusError {
     #[error(transparent)]
     // Boxed, because every error is as large as its largest variant.
     Chip(Box<XfError>),
-    /// There is no way to do it by the network's master.
-    #[error("an ECM-XF has no command to {what}; {instead}")]
-    Cannot { what: &'static str, instead: &'static str },
     /// The chip has not read or not written an EEPROM.
     #[error(
         "slave {slave}: the chip reports error {error} for its EEPROM; is the slave there, and its EEPROM not write protected"

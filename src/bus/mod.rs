@@ -9,7 +9,8 @@
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
 //! | `open.rs` | [`open`]: which network a link is |
-//! | `chip.rs` | an ECM-XF by its own commands |
+//! | `chip.rs`, `chip_wire.rs` | an ECM-XF by its own commands; our master's frames by its datagrams |
+//! | `mailboxes.rs` | what goes through the slaves' mailboxes by our own master, whoever runs the network |
 //! | `software.rs`, `simulated.rs` | our own master on a card or on simulated slaves; those |
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave by its own word, with their values |
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
@@ -29,11 +30,13 @@
 //! ```
 
 mod chip;
+mod chip_wire;
 pub mod clocks;
 pub mod dictionary;
 pub mod eeprom;
 mod error;
 pub mod errors;
+mod mailboxes;
 mod network;
 mod open;
 #[cfg(all(feature = "nic", target_os = "linux"))]

@@ -2,19 +2,18 @@
 
 use std::time::Duration;
 
+use super::mailboxes::{self, ANSWER_MAX_NS, Mailboxes};
 use super::{BusError, FoundSlave, Network, SlaveState};
-use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState};
-use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
+use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::nic::NicWires;
 use crate::master::{
-    DatagramAnswer, FileError, FrameCounters, JobDone, JobId, Master, ProcessManager, SdoError, Settings, SlaveInfo,
+    DatagramAnswer, FrameCounters, JobDone, JobId, MailboxInfo, Master, ProcessManager, Settings, SlaveInfo,
     StateError, StateReason,
 };
 
-/// \[OURS] How long a slave may take for each answer of its mailbox.
-const ANSWER_MAX_NS: Ns = 5_000_000_000;
 /// \[OURS] How long a slave may take to PreOP, as ESI files say it most often.
 const PREOP_MAX_NS: Ns = 10_000_000_000;
 /// \[OURS] How long a wait for frames lasts at most while the master waits for a time, ns.
@@ -89,54 +88,21 @@ impl<W: NicWires> SoftwareNetwork<W> {
         let found = self.master.slaves().len();
         self.master.slave(slave).ok_or(BusError::NoSuchSlave { slave, found })
     }
-
-    /// Checks that a slave has a mailbox for a protocol, and brings it to PreOP.
-    fn open_mailbox(&mut self, slave: u8, protocol: MailboxProtocols, without: BusError) -> Result<(), BusError> {
-        let speaks = self.info(slave)?.mailbox.is_some_and(|mailbox| mailbox.protocols.contains(protocol));
-        if !speaks {
-            return Err(without);
-        }
-        self.bring_to_preop(slave)
-    }
-
-    fn open_coe(&mut self, slave: u8) -> Result<(), BusError> {
-        self.open_mailbox(slave, MailboxProtocols::COE, BusError::NoCoe { slave })
-    }
-
-    fn open_information(&mut self, slave: u8) -> Result<(), BusError> {
-        self.open_coe(slave)?;
-        let has = self.info(slave)?.mailbox.is_some_and(|mailbox| mailbox.coe.contains(CoeDetails::SDO_INFO));
-        if has { Ok(()) } else { Err(BusError::NoInformation { slave }) }
-    }
-
-    fn described(&mut self, slave: u8, id: JobId) -> Result<Vec<u8>, BusError> {
-        match self.wait_for(id) {
-            JobDone::Description(described) => described.map_err(|error| self.failed_information(slave, error)),
-            _ => Err(BusError::NoInformation { slave }),
-        }
-    }
-
-    fn failed_file(&mut self, slave: u8, name: &str, error: FileError) -> BusError {
-        self.unless_gone(slave, BusError::File { slave, name: name.to_owned(), error })
-    }
-
-    fn failed_information(&mut self, slave: u8, error: SdoError) -> BusError {
-        self.unless_gone(slave, BusError::Information { slave, error })
-    }
-
-    /// The error, unless the slave does not answer at all.
-    fn unless_gone(&mut self, slave: u8, error: BusError) -> BusError {
-        let is_refusal = match &error {
-            BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),
-            BusError::File { error, .. } => matches!(error, FileError::File(_)),
-            _ => false,
-        };
-        if is_refusal || self.read(slave, AL_STATUS, &mut [0; 2]).is_ok() { error } else { BusError::Gone { slave } }
-    }
 }
 
 fn bytes_of(managers: &[ProcessManager]) -> u16 {
     managers.iter().fold(0, |sum, manager| sum.saturating_add(manager.registers.len))
+}
+
+impl<W: NicWires> Mailboxes for SoftwareNetwork<W> {
+    fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError> {
+        Ok(self.info(slave)?.mailbox)
+    }
+
+    fn run(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
+        let id = start(&mut self.master, slave);
+        Ok(self.wait_for(id))
+    }
 }
 
 impl<W: NicWires> Network for SoftwareNetwork<W> {
@@ -234,46 +200,37 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     }
 
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError> {
-        self.open_coe(slave)?;
+        mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
         let id = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
         match self.wait_for(id) {
             JobDone::Upload(value) => {
-                value.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+                value.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
             }
             _ => Err(BusError::NoCoe { slave }),
         }
     }
 
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError> {
-        self.open_coe(slave)?;
+        mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
         let id = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
         match self.wait_for(id) {
             JobDone::Download(written) => {
-                written.map_err(|error| self.unless_gone(slave, BusError::Sdo { slave, object, error }))
+                written.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
             }
             _ => Err(BusError::NoCoe { slave }),
         }
     }
 
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError> {
-        self.open_information(slave)?;
-        let id = self.master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS);
-        match self.wait_for(id) {
-            JobDone::ObjectList(list) => list.map_err(|error| self.failed_information(slave, error)),
-            _ => Err(BusError::NoInformation { slave }),
-        }
+        mailboxes::object_list(self, slave)
     }
 
     fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
-        self.open_information(slave)?;
-        let id = self.master.describe_object(slave, index, ANSWER_MAX_NS);
-        self.described(slave, id)
+        mailboxes::describe_object(self, slave, index)
     }
 
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError> {
-        self.open_information(slave)?;
-        let id = self.master.describe_entry(slave, request, ANSWER_MAX_NS);
-        self.described(slave, id)
+        mailboxes::describe_entry(self, slave, request)
     }
 
     fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError> {
@@ -299,21 +256,11 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     }
 
     fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError> {
-        self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
-        let id = self.master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS);
-        match self.wait_for(id) {
-            JobDone::ReadFile(read) => read.map_err(|error| self.failed_file(slave, name, error)),
-            _ => Err(BusError::NoFoe { slave }),
-        }
+        mailboxes::read_file(self, slave, name, password)
     }
 
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError> {
-        self.open_mailbox(slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
-        let id = self.master.write_file(slave, name.as_bytes(), password, content, ANSWER_MAX_NS);
-        match self.wait_for(id) {
-            JobDone::WriteFile(written) => written.map_err(|error| self.failed_file(slave, name, error)),
-            _ => Err(BusError::NoFoe { slave }),
-        }
+        mailboxes::write_file(self, slave, name, password, content)
     }
 
     fn reference_clock(&self) -> Option<u8> {

@@ -104,13 +104,33 @@ impl Master {
     /// Starts a scan: which slaves there are, who they are. It brings all slaves to Init without a configuration, and gives up
     /// everything else that is under way.
     pub fn scan(&mut self) -> JobId {
+        self.forget();
+        let bus = self.bus.clone();
+        self.start(async move { Output::Scan(scan::scan(bus).await) })
+    }
+
+    /// Takes slaves for found that another master has found and goes on to run: their station addresses, and the contents of their
+    /// EEPROMs. Nothing is sent, nothing of them is changed, and nobody watches over them. Their mailboxes can be used where
+    /// the other master leaves them alone; a request is not counted there, so that the other one's counters stay right.
+    /// Everything else that is under way is given up.
+    pub fn join<'s>(&mut self, slaves: impl IntoIterator<Item = (u16, &'s [u8])>) {
+        self.forget();
+        let slaves = slaves.into_iter().map(|(station, eeprom)| SlaveInfo::new(station, Ok(eeprom.to_vec())));
+        self.slaves = slaves.collect();
+        self.process.reset(self.slaves.len());
+        self.bus.with(|shared| {
+            shared.begin(&self.slaves);
+            shared.live.iter_mut().for_each(|live| live.mailbox.is_shared = true);
+        });
+    }
+
+    /// Gives up what is under way, and forgets all slaves.
+    fn forget(&mut self) {
         self.jobs.clear();
         self.watch = None;
         self.slaves.clear();
         self.process.reset(0);
         self.bus.with(Shared::reset);
-        let bus = self.bus.clone();
-        self.start(async move { Output::Scan(scan::scan(bus).await) })
     }
 
     /// Starts to bring slaves to a state, step by step and each at its own pace, within `timeout_ns`. Errors are acknowledged on

@@ -60,6 +60,8 @@ pub(super) struct MailboxState {
     repeat: bool,
     /// A request is under way.
     is_open: bool,
+    /// Another master uses the mailbox, too: requests are not counted, so that none of its own is taken for a repeat.
+    pub(super) is_shared: bool,
 }
 
 impl MailboxState {
@@ -152,7 +154,7 @@ impl Mailbox {
         encode: impl FnOnce(&mut [u8]) -> Option<usize>,
     ) -> Result<(), MailboxError> {
         let counter = self.state(|state| {
-            state.counter = state.counter.next();
+            state.counter = if state.is_shared { MailboxCounter::NONE } else { state.counter.next() };
             state.counter
         });
         self.bytes.clear();

@@ -6,7 +6,7 @@ use ecmsk::ethercat::registers::{AlStatusRegister, Features, RequestedState, WAT
 use ecmsk::ethercat::sii::MailboxProtocols;
 use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, FrameHeader, FrameWriter, SlaveSet};
 use ecmsk::fieldbus::{SlaveIn, SlaveOut};
-use ecmsk::master::{ConfigureError, Event, JobDone, Pace, StateError, StateReason};
+use ecmsk::master::{ConfigureError, Event, JobDone, Master, Pace, Settings, StateError, StateReason};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings};
 use support::blob::Blob;
@@ -40,6 +40,29 @@ fn no_slaves_are_found_where_there_are_none() {
     assert_eq!(rig.scan(), 0);
     rig.net.chain.connect(0, true);
     assert_eq!(rig.scan(), 1);
+}
+
+/// MASTER-2.6 A second master that has joined sends nothing by itself, and whatever the two read in turns they read.
+#[test]
+fn a_network_is_joined() {
+    let mut rig = Rig::scanned(&["drive", "io"]);
+    rig.reach(AlState::PreOp);
+    let mut other = Master::new(Settings::default());
+    let found = rig.master.slaves().iter().map(|slave| (slave.station, slave.eeprom.as_deref().expect("an EEPROM")));
+    other.join(found);
+    assert_eq!(other.slaves().iter().map(|slave| &*slave.name).collect::<Vec<_>>(), ["drive", "io"]);
+    for n in 0..20 {
+        assert!(rig.upload(1, 0x1018, 1).is_ok(), "the first master, {n}");
+        std::mem::swap(&mut rig.master, &mut other);
+        if n == 0 {
+            rig.run_for(SECOND);
+            assert_eq!(rig.master.counters().sent, 0);
+        }
+        // Twice, so that one of them has the counter that the first master has next.
+        assert!(rig.upload(1, 0x1018, 2).is_ok() && rig.upload(1, 0x1018, 3).is_ok(), "the one that has joined, {n}");
+        std::mem::swap(&mut rig.master, &mut other);
+    }
+    assert_eq!(rig.master.status(1).and_then(|status| status.state()), Some(AlState::PreOp));
 }
 
 /// MASTER-2.3 Slaves whose EEPROM gives 4 bytes a read, or takes its time, are read as others.

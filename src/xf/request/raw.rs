@@ -63,7 +63,7 @@ pub(in crate::xf) struct RawLayout {
     pub working_counter: I32Le,
 }
 
-pub(in crate::xf) const RAW_HEAD: usize = size_of::<RawLayout>();
+pub(crate) const RAW_HEAD: usize = size_of::<RawLayout>();
 const _: () = assert!(RAW_HEAD == 20 && align_of::<RawLayout>() == 1);
 
 /// The most data of a datagram.

@@ -296,6 +296,24 @@ pub fn mailboxes() {
     pair.is_refused(&ReceiveMailbox::Request { slave: slave(3) });
 }
 
+/// XF-11.66 What a slave answers to a request that the host has written by a datagram waits for the host, who fetches it by
+/// RECV_MAILBOX; a second later the mailbox is the chip's again.
+#[test]
+fn the_answer_to_a_datagram_is_the_hosts() {
+    let mut pair = in_state(EtherCatState::PreOp);
+    // The upload of 0x1000, with the counter 0.
+    let mut request = [0; 128];
+    request[..16].copy_from_slice(&[10, 0, 0, 0, 0, 3, 0, 0x20, 0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
+    assert_eq!(sent(&mut pair, &raw(RawOperation::Fpwr, 0x1002, 0x1000, &request)).0, 1);
+    pair.pass(500 * MS);
+    pair.run(&ReceiveMailbox::Request { slave: slave(1) });
+    let mail = pair.get(&ReceiveMailbox::Read(MailboxPart::new(0, 16).expect("below 64")), <[u8]>::to_vec);
+    assert_eq!(mail[8..12], [0x43, 0x00, 0x10, 0], "{mail:?}");
+    assert_eq!(sent(&mut pair, &raw(RawOperation::Fpwr, 0x1002, 0x1000, &request)).0, 1);
+    pair.pass(1_100 * MS);
+    fails(&mut pair, &ReceiveMailbox::Request { slave: slave(1) });
+}
+
 /// XF-11.66 Without a network there is no mail and no polling, and parts behind a mailbox are refused.
 #[test]
 fn mailboxes_that_there_are_not() {

@@ -7,7 +7,7 @@ use super::wire::ChainWire;
 use super::{Answer, EepromFailure, EnterError, Entered, Exchange, Identity, Network, Operation, SlaveSetup, Value};
 use crate::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, sync_manager};
-use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
+use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 use crate::master::{
     Event, FileError, JobDone, JobId, Master, ReferenceClock, SdoError, Settings, SiiError, SyncSignals,
 };
@@ -19,6 +19,9 @@ use crate::slave::handle::SimHandle;
 const WORK_NS: Ns = 50_000;
 /// How long a slave may take for a change of its state. `[OURS]`
 const STATE_MAX_NS: Ns = 10_000_000_000;
+
+/// How long after a datagram of the host to or from a slave's mailbox what the slave sends is the host's. `[OURS]`
+const HOST_MAIL_NS: Ns = 1_000_000_000;
 
 /// An operation under way.
 struct Pending {
@@ -38,6 +41,22 @@ pub struct Controllers {
     answer: Option<Answer>,
     emergencies: VecDeque<(u8, Emergency)>,
     is_first_slave_reference: bool,
+    mail: Mail,
+}
+
+/// Whose mail stays in the mailbox for the host.
+#[derive(Default)]
+struct Mail {
+    /// The slaves that the host has chosen.
+    chosen: SlaveSet,
+    /// Those with whose mailbox the host has to do by datagrams, and until when that lasts.
+    by_datagrams: Vec<(u8, Ns)>,
+}
+
+impl Mail {
+    fn keeps(&self, slave: u8) -> bool {
+        self.chosen.contains(slave) || self.by_datagrams.iter().any(|(of, _)| *of == slave)
+    }
 }
 
 impl Controllers {
@@ -56,6 +75,7 @@ impl Controllers {
             answer: None,
             emergencies: VecDeque::new(),
             is_first_slave_reference: true,
+            mail: Mail::default(),
         })
     }
 
@@ -187,7 +207,11 @@ impl Controllers {
             Operation::Write { slave, object, scope, value, timeout_ns } => {
                 master.download(slave + 1, *object, *scope, value, *timeout_ns)
             }
-            Operation::Datagram { command, address, data } => master.datagram(*command, *address, data),
+            Operation::Datagram { command, address, data } => {
+                let id = master.datagram(*command, *address, data);
+                self.note_host_mail(*command, *address);
+                id
+            }
             Operation::ReadEeprom { slave, word, count } => master.read_eeprom(slave + 1, *word, *count),
             Operation::WriteEeprom { slave, word, value } => master.write_eeprom(slave + 1, *word, &[*value]),
             Operation::SetManager { slave, number, registers } => {
@@ -212,6 +236,34 @@ impl Controllers {
             Operation::ReceiveMail { slave } => master.receive_mail(slave + 1),
         };
         vec![job]
+    }
+
+    /// The host sends a datagram. If it is for the mailbox of a slave, what the slave answers is the host's.
+    fn note_host_mail(&mut self, command: Command, address: u32) {
+        if !matches!(command, Command::Fprd | Command::Fpwr) {
+            return;
+        }
+        let [station, place] = [address as u16, (address >> 16) as u16];
+        let has_it = |info: &crate::master::SlaveInfo| {
+            let areas = info.mailbox.map(|mailbox| mailbox.areas).filter(|_| info.station == station);
+            areas.is_some_and(|areas| [areas.receive.start, areas.send.start].contains(&place))
+        };
+        let Some((slave, _)) = (1..).zip(self.master.slaves()).find(|(_, info)| has_it(info)) else { return };
+        let until = self.wire.now.saturating_add(HOST_MAIL_NS);
+        match self.mail.by_datagrams.iter_mut().find(|(of, _)| *of == slave) {
+            Some((_, ends)) => *ends = until,
+            None => self.mail.by_datagrams.push((slave, until)),
+        }
+        self.master.keep_mail(slave, true);
+    }
+
+    /// Mailboxes with which the host has nothing to do any more are the chip's again.
+    fn end_host_mail(&mut self) {
+        let now = self.wire.now;
+        while let Some(n) = self.mail.by_datagrams.iter().position(|(_, until)| now >= *until) {
+            let (slave, _) = self.mail.by_datagrams.swap_remove(n);
+            self.master.keep_mail(slave, self.mail.keeps(slave));
+        }
     }
 
     fn info(&self, slave: u8) -> Option<&crate::master::SlaveInfo> {
@@ -347,6 +399,7 @@ impl Network for Controllers {
 
     fn pass(&mut self, now: Ns, _dt_ns: Ns) {
         self.wire.advance(now);
+        self.end_host_mail();
         self.poll_master(now);
         self.publish_shafts();
     }
@@ -356,7 +409,13 @@ impl Network for Controllers {
     }
 
     fn keep_mail(&mut self, slave: u8, keeps: bool) {
-        self.master.keep_mail(slave + 1, keeps);
+        let slave = slave + 1;
+        if keeps {
+            self.mail.chosen.insert(slave);
+        } else {
+            self.mail.chosen.remove(slave);
+        }
+        self.master.keep_mail(slave, self.mail.keeps(slave));
     }
 
     fn has_mail(&self, slave: u8) -> bool {
@@ -368,6 +427,7 @@ impl Network for Controllers {
         self.master = Master::new(Settings::default());
         self.identities.clear();
         self.emergencies.clear();
+        self.mail = Mail::default();
         self.set_reference(true);
     }
 }

@@ -1,0 +1,133 @@
+//! Datagrams that an ECM-XF sends for its host, and frames of our own master that travel as such datagrams: by them it has the
+//! mailboxes of slaves that the chip runs, for which the chip has no commands.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use crate::ethercat::{Command, DatagramMut, Ns, each_datagram, mark_as_passed};
+use crate::master::{FrameBuffer, Wire, WireDown};
+use crate::xf::host::{HostError, Wires as _};
+use crate::xf::request::{RAW_DATA_MAX, RAW_HEAD, RawGet, RawOperation, RawRequest};
+use crate::xf_api::{Xf, XfError};
+
+/// \[OURS] How long the chip may take for a datagram.
+pub(super) const DATAGRAM_MAX: Duration = Duration::from_millis(100);
+
+/// How many bytes a datagram can have that this chip sends.
+pub(super) fn bytes_max(xf: &Xf) -> usize {
+    RAW_DATA_MAX.min(xf.host().size().bytes().saturating_sub(RAW_HEAD))
+}
+
+/// Has the chip send a datagram. Its data and its working counter; `None`: it did not come back.
+///
+/// # Errors
+/// [`XfError`]
+pub(super) fn datagram(
+    xf: &mut Xf,
+    operation: RawOperation,
+    address: u32,
+    data: &[u8],
+) -> Result<Option<(u16, Vec<u8>)>, XfError> {
+    let [a, b, c, d] = address.to_le_bytes();
+    let (adp, ado) = (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
+    let timeout_us = i32::try_from(DATAGRAM_MAX.as_micros()).unwrap_or(i32::MAX);
+    let request = RawRequest { operation, adp, ado, logical: 0, timeout_us, data };
+    match xf.run_pair(&request, &RawGet, 2 * DATAGRAM_MAX) {
+        Ok(answer) => {
+            let counter = u16::try_from(answer.working_counter).ok();
+            Ok(counter.map(|counter| (counter, answer.data.to_vec())))
+        }
+        Err(XfError::Chip(HostError::Failed { .. })) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Frames of our own master over the datagrams of a chip. A frame is back when [`Wire::send`] returns, which waits for it.
+pub(super) struct ChipWire<'x> {
+    xf: &'x mut Xf,
+    /// Frames that have come back.
+    back: VecDeque<Vec<u8>>,
+    /// Why the chip can be reached no more.
+    error: Option<XfError>,
+}
+
+impl<'x> ChipWire<'x> {
+    pub(super) const fn new(xf: &'x mut Xf) -> Self {
+        Self { xf, back: VecDeque::new(), error: None }
+    }
+
+    pub(super) fn now(&self) -> Ns {
+        self.xf.link().now()
+    }
+
+    /// Lets that much time pass, unless a frame has come back.
+    ///
+    /// # Errors
+    /// The chip cannot be reached any more.
+    pub(super) fn wait(&mut self, time: Duration) -> Result<(), XfError> {
+        if let Some(error) = self.error.take() {
+            return Err(error);
+        }
+        if self.back.is_empty() { self.xf.pass(time) } else { Ok(()) }
+    }
+
+    /// Sends a datagram, in parts if it is longer than the chip's are: slaves do not mind, as a mailbox is written, or read, when its
+    /// last byte is. `None`: it, or a part of it, did not come back.
+    fn pass(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
+        let header = datagram.header();
+        let Some(operation) = operation(header.command) else { return Ok(None) };
+        let part_len = bytes_max(self.xf);
+        let mut counter = None;
+        for (at, part) in (0..).step_by(part_len).zip(datagram.data.chunks_mut(part_len)) {
+            let address = header.address.wrapping_add(at << 16);
+            let Some((counted, data)) = self::datagram(self.xf, operation, address, part)? else { return Ok(None) };
+            part.iter_mut().zip(data).for_each(|(to, from)| *to = from);
+            // Where nobody takes the first part there is no use for the others.
+            match counter {
+                None if counted == 0 => return Ok(Some(())),
+                Some(first) if first != counted => return Ok(None),
+                _ => counter = Some(counted),
+            }
+        }
+        datagram.count(counter.unwrap_or(0));
+        Ok(Some(()))
+    }
+}
+
+/// A master that has joined a network knows its slaves by their station addresses.
+const fn operation(command: Command) -> Option<RawOperation> {
+    match command {
+        Command::Fprd => Some(RawOperation::Fprd),
+        Command::Fpwr => Some(RawOperation::Fpwr),
+        _ => None,
+    }
+}
+
+impl Wire for ChipWire<'_> {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        let mut frame = frame.to_vec();
+        let mut is_back = true;
+        let read = each_datagram(&mut frame, |mut datagram| {
+            if self.error.is_none() && is_back {
+                match self.pass(&mut datagram) {
+                    Ok(came) => is_back = came.is_some(),
+                    Err(error) => self.error = Some(error),
+                }
+            }
+        });
+        if read.is_err() || self.error.is_some() {
+            return Err(WireDown);
+        }
+        if is_back {
+            mark_as_passed(&mut frame);
+            self.back.push_back(frame);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        let frame = self.back.pop_front()?;
+        buffer[..frame.len()].copy_from_slice(&frame);
+        Some(frame.len())
+    }
+}

@@ -1,0 +1,128 @@
+//! What goes through the mailboxes of slaves by our own master's sequences, whoever runs the network: what a slave says of its
+//! objects, and its files.
+
+use super::{BusError, Network};
+use crate::coe::{EntryRequest, ObjectListType};
+use crate::ethercat::Ns;
+use crate::ethercat::registers::AL_STATUS;
+use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
+use crate::master::{FileError, JobDone, JobId, MailboxInfo, Master, SdoError};
+
+/// \[OURS] How long a slave may take for each answer of its mailbox.
+pub(super) const ANSWER_MAX_NS: Ns = 5_000_000_000;
+
+/// A network whose mailboxes our own master uses.
+pub(super) trait Mailboxes: Network {
+    /// The mailbox of a slave as its EEPROM says it; `None`: it has none.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchSlave`], or its EEPROM cannot be read.
+    fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError>;
+
+    /// Runs to its end what `start` starts, which is given the number that our master has for the slave.
+    ///
+    /// # Errors
+    /// The way to the slaves is broken.
+    fn run(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError>;
+}
+
+/// Checks that a slave has a mailbox for a protocol, and brings it to PreOP.
+pub(super) fn open(
+    network: &mut impl Mailboxes,
+    slave: u8,
+    protocol: MailboxProtocols,
+    without: BusError,
+) -> Result<MailboxInfo, BusError> {
+    let mailbox = network.mailbox(slave)?.filter(|mailbox| mailbox.protocols.contains(protocol)).ok_or(without)?;
+    network.bring_to_preop(slave)?;
+    Ok(mailbox)
+}
+
+fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<(), BusError> {
+    let mailbox = open(network, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
+    if mailbox.coe.contains(CoeDetails::SDO_INFO) { Ok(()) } else { Err(BusError::NoInformation { slave }) }
+}
+
+/// [`Network::object_list`]
+pub(super) fn object_list(network: &mut impl Mailboxes, slave: u8) -> Result<Vec<u16>, BusError> {
+    open_information(network, slave)?;
+    match network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))? {
+        JobDone::ObjectList(list) => list.map_err(|error| failed_information(network, slave, error)),
+        _ => Err(BusError::NoInformation { slave }),
+    }
+}
+
+/// [`Network::describe_object`]
+pub(super) fn describe_object(network: &mut impl Mailboxes, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
+    describe(network, slave, |master, slave| master.describe_object(slave, index, ANSWER_MAX_NS))
+}
+
+/// [`Network::describe_entry`]
+pub(super) fn describe_entry(
+    network: &mut impl Mailboxes,
+    slave: u8,
+    request: EntryRequest,
+) -> Result<Vec<u8>, BusError> {
+    describe(network, slave, |master, slave| master.describe_entry(slave, request, ANSWER_MAX_NS))
+}
+
+fn describe(
+    network: &mut impl Mailboxes,
+    slave: u8,
+    start: impl FnOnce(&mut Master, u8) -> JobId,
+) -> Result<Vec<u8>, BusError> {
+    open_information(network, slave)?;
+    match network.run(slave, start)? {
+        JobDone::Description(described) => described.map_err(|error| failed_information(network, slave, error)),
+        _ => Err(BusError::NoInformation { slave }),
+    }
+}
+
+/// [`Network::read_file`]
+pub(super) fn read_file(
+    network: &mut impl Mailboxes,
+    slave: u8,
+    name: &str,
+    password: u32,
+) -> Result<Vec<u8>, BusError> {
+    open(network, slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
+    match network.run(slave, |master, slave| master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS))? {
+        JobDone::ReadFile(read) => read.map_err(|error| failed_file(network, slave, name, error)),
+        _ => Err(BusError::NoFoe { slave }),
+    }
+}
+
+/// [`Network::write_file`]
+pub(super) fn write_file(
+    network: &mut impl Mailboxes,
+    slave: u8,
+    name: &str,
+    password: u32,
+    content: &[u8],
+) -> Result<(), BusError> {
+    open(network, slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
+    let start =
+        |master: &mut Master, slave| master.write_file(slave, name.as_bytes(), password, content, ANSWER_MAX_NS);
+    match network.run(slave, start)? {
+        JobDone::WriteFile(written) => written.map_err(|error| failed_file(network, slave, name, error)),
+        _ => Err(BusError::NoFoe { slave }),
+    }
+}
+
+fn failed_information(network: &mut impl Mailboxes, slave: u8, error: SdoError) -> BusError {
+    unless_gone(network, slave, BusError::Information { slave, error })
+}
+
+fn failed_file(network: &mut impl Mailboxes, slave: u8, name: &str, error: FileError) -> BusError {
+    unless_gone(network, slave, BusError::File { slave, name: name.to_owned(), error })
+}
+
+/// The error, unless the slave does not answer at all.
+pub(super) fn unless_gone(network: &mut impl Mailboxes, slave: u8, error: BusError) -> BusError {
+    let is_refusal = match &error {
+        BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),
+        BusError::File { error, .. } => matches!(error, FileError::File(_)),
+        _ => false,
+    };
+    if is_refusal || network.read(slave, AL_STATUS, &mut [0; 2]).is_ok() { error } else { BusError::Gone { slave } }
+}

@@ -28,9 +28,8 @@ pub enum EcmError {
     Setting { what: &'static str, found: String, allowed: &'static str },
     /// The board made no report that can be used.
     #[error(
-        "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); \
-         check the cable to the first slave and the board's power",
-        Span(*.waited)
+        "{what}: no usable report for {} ({bad_crc} with a wrong CRC since it was opened); {}",
+        Span(*.waited), silence(*.network_down)
     )]
     NoReport {
         /// What needed a report.
@@ -39,6 +38,9 @@ pub enum EcmError {
         waited: Duration,
         /// Reports discarded since the board was opened, because their CRC was wrong.
         bad_crc: u64,
+        /// The board is in this process and hears nothing of its network, see
+        /// [`LinkStats::network_down`](crate::link::LinkStats::network_down).
+        network_down: bool,
     },
     /// The board reports, but what was waited for did not happen.
     #[error("{what}: not done after {}, {seen}; {hint}", Span(*.waited))]
@@ -220,6 +222,15 @@ impl std::fmt::Display for Suspect {
 }
 
 /// `1 slave is`, `3 slaves are`.
+const fn silence(network_down: bool) -> &'static str {
+    if network_down {
+        "nothing comes back from the network: look at the cable to the first slave, at the network card or the chip that it begins at, and \
+         at the slaves' power, then bring the slaves back by SET_STATE"
+    } else {
+        "check the cable to the first slave and the board's power"
+    }
+}
+
 fn slaves_are(count: usize) -> String {
     format!("{count} {}", if count == 1 { "slave is" } else { "slaves are" })
 }

@@ -171,7 +171,7 @@ impl Ecm {
             self.exchange.check_silence(&session, began, "the next cycle")?;
             let waited = self.exchange.now().saturating_sub(began);
             if waited >= limit {
-                return Err(EcmError::NoReport { what: "the next cycle", waited, bad_crc: session.stats.bad_crc });
+                return Err(self.exchange.no_report("the next cycle", waited, session.stats.bad_crc));
             }
             self.exchange.pause(&mut session, || {})?;
         }
@@ -214,7 +214,8 @@ fn probe(link: &dyn Link, info: &LinkInfo, options: &Options) -> Result<SlotSize
         match link.read(&mut report, Wait::For(options.read_limit.min(exchange::LIMIT_MAX))) {
             Ok(_) => {}
             Err(LinkError::Timeout { waited, .. }) => {
-                return Err(EcmError::NoReport { what: "opening", waited, bad_crc: 0 });
+                let network_down = link.stats().network_down;
+                return Err(EcmError::NoReport { what: "opening", waited, bad_crc: 0, network_down });
             }
             Err(error) => return Err(error.into()),
         }

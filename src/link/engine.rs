@@ -285,10 +285,12 @@ impl Link for EngineLink {
 
     fn stats(&self) -> LinkStats {
         let board = self.board_counters();
+        let snapshot = self.snapshot();
         LinkStats {
+            network_down: snapshot.is_some_and(|snapshot| !snapshot.link),
             reports_dropped: board.as_ref().map_or(0, |(_, dropped)| *dropped),
             board: board.map(|(counters, _)| counters),
-            state_failure: self.snapshot().and_then(|snapshot| snapshot.failure),
+            state_failure: snapshot.and_then(|snapshot| snapshot.failure),
             ..self.counts.stats()
         }
     }

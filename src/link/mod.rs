@@ -177,6 +177,9 @@ pub struct LinkStats {
     /// Why the board's last change of state failed, known for a board in this process only; `None` if it did not fail
     /// or the link cannot know. [`StateFailure::explain`](crate::engine::StateFailure::explain) turns it into text.
     pub state_failure: Option<crate::engine::StateFailure>,
+    /// The network of the board answers no more, so that the board makes no reports: the cable to the first slave is cut, its card or
+    /// its chip is gone. Known for a board in this process only.
+    pub network_down: bool,
 }
 
 /// Why a link call failed. The message of every variant says what happened, on which link, and what to do.

@@ -326,7 +326,14 @@ fn a_cut_cable_ends_the_wait() {
             Err(error) => break error,
         }
     };
-    assert!(matches!(error, EcmError::NoReport { .. }), "{error}");
+    assert!(matches!(error, EcmError::NoReport { network_down: true, .. }), "{error}");
+    let said = error.to_string();
+    assert!(said.contains("nothing comes back from the network: look at the cable to the first slave"), "{said}");
+    // A board that is silent although its network answers.
+    let file = script("silent", "at 1s silent\n");
+    let ecm = enabled(&format!("slaves=drive&script={file}"), &Config::drives(1));
+    let error = (0..2000).find_map(|_| ecm.next_cycle(Duration::from_secs(1)).err()).expect("it ends");
+    assert!(matches!(error, EcmError::NoReport { network_down: false, .. }), "{error}");
     assert!(error.to_string().ends_with("check the cable to the first slave and the board's power"), "{error}");
 }
 

@@ -263,7 +263,12 @@ impl Exchange {
         if waited < self.silence_max(session) {
             return Ok(());
         }
-        Err(EcmError::NoReport { what, waited, bad_crc: session.stats.bad_crc })
+        Err(self.no_report(what, waited, session.stats.bad_crc))
+    }
+
+    /// The error of a board that has made no report that can be used for so long.
+    pub fn no_report(&self, what: &'static str, waited: Duration, bad_crc: u64) -> EcmError {
+        EcmError::NoReport { what, waited, bad_crc, network_down: self.link.stats().network_down }
     }
 
     /// One round: writes a frame, if commands were posted, and reads a report. While a stream is open in another thread it

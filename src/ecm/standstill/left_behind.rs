@@ -89,7 +89,7 @@ impl Stop<'_, '_> {
             if exchange.now() >= self.deadline {
                 let waited = exchange.now().saturating_sub(began);
                 let bad_crc = self.session.stats.bad_crc;
-                return Err(EcmError::NoReport { what: "a standstill", waited, bad_crc });
+                return Err(exchange.no_report("a standstill", waited, bad_crc));
             }
         }
         Ok(())

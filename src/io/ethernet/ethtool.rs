@@ -6,6 +6,8 @@ use std::os::fd::AsRawFd;
 
 use rustix::net::{AddressFamily, SocketType, socket};
 
+use super::interface::request_about;
+
 /// What a card is set to; `None`: its driver does not say.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CardSettings {
@@ -55,14 +57,8 @@ pub fn settings(interface: &str) -> CardSettings {
 fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> Option<[u32; N]> {
     let mut numbers = [0; N];
     numbers[0] = command;
-    let mut name = [0; libc::IFNAMSIZ];
-    // The last byte stays 0.
-    if interface.is_empty() || interface.len() >= name.len() {
-        return None;
-    }
-    name.iter_mut().zip(interface.bytes()).for_each(|(to, byte)| *to = byte as libc::c_char);
-    let data = numbers.as_mut_ptr().cast();
-    let mut request = libc::ifreq { ifr_name: name, ifr_ifru: libc::__c_anonymous_ifr_ifru { ifru_data: data } };
+    let mut request = request_about(interface)?;
+    request.ifr_ifru.ifru_data = numbers.as_mut_ptr().cast();
     // SAFETY: the request names `numbers`, which lives until the call returns and is as long as what the kernel writes for
     // this command.
     let answer = unsafe { libc::ioctl(socket.as_raw_fd(), SIOCETHTOOL as _, &raw mut request) };

@@ -3,6 +3,9 @@
 use std::ffi::CStr;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+use std::os::fd::{AsRawFd, OwnedFd};
+
+use rustix::net::{AddressFamily, SocketFlags, SocketType, socket_with};
 
 use crate::io::routes::{default_routes_v4, default_routes_v6};
 
@@ -21,6 +24,12 @@ pub enum InterfaceError {
     /// It is switched off.
     #[error("the network interface {name} is down; switch it on: sudo ip link set {name} up")]
     Down { name: String },
+    /// Its frames are too short.
+    #[error(
+        "the network interface {name} has frames of {mtu} bytes at most (MTU), and those of EtherCAT have up to {MTU_MIN}; set it: \
+         sudo ip link set {name} mtu {MTU_MIN}"
+    )]
+    ShortFrames { name: String, mtu: u32 },
     /// This machine is reached by it.
     #[error(
         "the network interface {name} has the address {address}, so that it belongs to another network; name an interface \
@@ -50,6 +59,9 @@ pub enum InterfaceError {
     System { name: String, source: io::Error },
 }
 
+/// How long a frame of EtherCAT may be without its Ethernet header, bytes: as long as Ethernet has them.
+pub const MTU_MIN: u32 = 1500;
+
 /// The address of an Ethernet card.
 pub type MacAddress = [u8; 6];
 
@@ -68,6 +80,8 @@ pub struct Interface {
     pub is_up: bool,
     /// Whether there is a link: a cable with somebody at its other end.
     pub has_carrier: bool,
+    /// How long its frames may be without their Ethernet header, bytes; `None`: not known.
+    pub mtu: Option<u32>,
     /// Its addresses of IP.
     pub addresses: Vec<IpAddr>,
     /// Whether it is this machine's way to others.
@@ -89,6 +103,9 @@ impl Interface {
         }
         if !self.is_up {
             return Err(InterfaceError::Down { name: name() });
+        }
+        if let Some(mtu) = self.mtu.filter(|mtu| *mtu < MTU_MIN) {
+            return Err(InterfaceError::ShortFrames { name: name(), mtu });
         }
         if self.has_default_route {
             return match default_route {
@@ -154,10 +171,33 @@ pub fn interfaces() -> io::Result<Vec<Interface>> {
         default_routes_v6(&read("/proc/thread-self/net/ipv6_route")),
     ]
     .concat();
+    let asked = socket_with(AddressFamily::INET, SocketType::DGRAM, SocketFlags::CLOEXEC, None);
     for interface in &mut all {
         interface.has_default_route = routes.contains(&interface.name);
+        interface.mtu = asked.as_ref().ok().and_then(|socket| mtu(socket, &interface.name));
     }
     Ok(all)
+}
+
+/// A request about an interface to the system; `None`: no interface has such a name.
+pub(super) fn request_about(name: &str) -> Option<libc::ifreq> {
+    // SAFETY: all bytes of the structure may be zero.
+    let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
+    // A zero ends the name.
+    if name.len() >= request.ifr_name.len() {
+        return None;
+    }
+    request.ifr_name.iter_mut().zip(name.bytes()).for_each(|(to, byte)| *to = byte as libc::c_char);
+    Some(request)
+}
+
+/// How long frames of an interface may be.
+fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
+    let mut request = request_about(name)?;
+    // SAFETY: the call reads the name and writes the number, both in a structure of that type.
+    let result = unsafe { libc::ioctl(asked.as_raw_fd(), libc::SIOCGIFMTU, &raw mut request) };
+    // SAFETY: the call has succeeded, and so has written the number.
+    (result == 0).then(|| unsafe { request.ifr_ifru.ifru_mtu }).and_then(|mtu| u32::try_from(mtu).ok())
 }
 
 /// The interfaces without their routes.
@@ -227,7 +267,7 @@ mod tests {
         }
     }
 
-    /// ECAT-15.3 An interface that is missing, no Ethernet, down, has an address or is the default route is refused with the next
+    /// ECAT-15.3 An interface that is missing, no Ethernet, down, has too short frames, has an address or is the default route is refused with the next
     /// step; the last alone can be insisted on.
     #[test]
     fn each_unfit_interface_is_refused_with_its_reason() {
@@ -245,6 +285,8 @@ mod tests {
         refused(other, true, "no network interface veth1; there are eth5", "Correct the name");
         refused(Interface { is_ethernet: false, ..veth() }, true, "no Ethernet", "name another");
         refused(Interface { is_up: false, ..veth() }, true, "is down", "sudo ip link set veth1 up");
+        refused(Interface { mtu: Some(1499), ..veth() }, true, "1499 bytes at most", "sudo ip link set veth1 mtu 1500");
+        assert_eq!(judged(Interface { mtu: Some(1500), ..veth() }, false), Ok(7));
         let addresses = vec!["192.0.2.7".parse().expect("an address")];
         let with_address = Interface { addresses, ..veth() };
         refused(with_address.clone(), true, "has the address 192.0.2.7", "sudo ip address flush dev veth1");
@@ -258,7 +300,7 @@ mod tests {
     fn the_loopback_interface_is_known() {
         let all = interfaces().expect("the interfaces");
         let lo = all.iter().find(|interface| interface.name == "lo").expect("lo");
-        assert!(lo.index > 0 && !lo.is_ethernet && !lo.has_default_route, "{lo:?}");
+        assert!(lo.index > 0 && !lo.is_ethernet && !lo.has_default_route && lo.mtu > Some(0), "{lo:?}");
         assert!(matches!(check("lo", DefaultRoute::Allowed), Err(InterfaceError::NoEthernet { .. })));
     }
 }

@@ -9,7 +9,7 @@ use rustix::io::Errno;
 use rustix::net::netdevice::index_to_name_inlined;
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
 
-use super::interface::{Interface, InterfaceError};
+use super::interface::{Interface, InterfaceError, request_about};
 
 /// A socket of one network interface.
 pub struct Socket {
@@ -85,12 +85,7 @@ impl Socket {
     /// Whether there is a link. The interface may have another name by now.
     pub fn link_state(&self) -> LinkState {
         let Ok(name) = index_to_name_inlined(&self.fd, self.index) else { return LinkState::Gone };
-        // SAFETY: all bytes of the structure may be zero.
-        let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
-        // The name has its end within the bytes of the structure.
-        for (to, from) in request.ifr_name.iter_mut().zip(name.as_bytes()) {
-            *to = *from as libc::c_char;
-        }
+        let Some(mut request) = request_about(name.as_str()) else { return LinkState::Gone };
         // SAFETY: the call reads the name and writes the flags, both in a structure of that type.
         let result = unsafe { libc::ioctl(self.fd.as_raw_fd(), libc::SIOCGIFFLAGS, &raw mut request) };
         if result == -1 {

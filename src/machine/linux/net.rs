@@ -32,6 +32,8 @@ pub struct NetCard {
     pub has_carrier: Option<bool>,
     /// Its speed, Mbit/s; `None`: not known.
     pub speed: Option<i64>,
+    /// How long its frames may be without their Ethernet header, bytes; `None`: not known.
+    pub mtu: Option<i64>,
     /// An address of this machine that it has, or a network that is reached by it.
     pub address: Option<String>,
     /// It is the way to other machines.
@@ -78,6 +80,7 @@ impl Machine {
                 mac_address: Some(interface.mac_address.map(|byte| format!("{byte:02x}")).join(":")),
                 is_up: interface.is_up,
                 has_carrier: interface.is_up.then_some(interface.has_carrier),
+                mtu: interface.mtu.map(i64::from),
                 address: interface.address().map(|address| address.to_string()),
                 has_default_route: interface.has_default_route,
                 name: interface.name,
@@ -106,6 +109,7 @@ impl Machine {
                 mac_address: self.attribute(&file("address")),
                 is_up: flags.is_some_and(|flags| flags & UP != 0),
                 has_carrier: self.number(&file("carrier")).map(|carrier| carrier == 1),
+                mtu: self.number(&file("mtu")),
                 address: network(&routes, &name).or_else(|| address_v6(&addresses_v6, &name)),
                 has_default_route: defaults.contains(&name),
                 name,

@@ -118,7 +118,10 @@ mod needs_network_namespace {
         assert!(refused(bus::open(LINK)).contains("192.0.2.7"));
         assert_eq!(card().as_deref(), Some("it belongs to another network (192.0.2.7)"));
         support::succeed(Command::new("ip").args(["address", "flush", "dev", MASTER]));
-        support::succeed(Command::new("ip").args(["link", "set", MASTER, "down"]));
+        support::succeed(Command::new("ip").args(["link", "set", MASTER, "mtu", "1400"]));
+        assert!(refused(bus::open(LINK)).contains("sudo ip link set veth0 mtu 1500"));
+        assert!(card().is_some_and(|found| found.contains("1400 bytes at most (MTU)")));
+        support::succeed(Command::new("ip").args(["link", "set", MASTER, "mtu", "1500", "down"]));
         assert_eq!(card().as_deref(), Some("it is switched off"));
     }
 

@@ -5,6 +5,8 @@ use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::machine::net::NetCard;
 
+/// How long a frame of EtherCAT may be without its Ethernet header, bytes.
+const MTU_MIN: i64 = 1500;
 /// \[OURS] A processor that takes longer to wake up, us, makes cycles late.
 const SLEEP_MAX_US: i64 = 50;
 
@@ -88,6 +90,10 @@ fn fitness(card: &NetCard) -> Finding {
     }
     if !card.is_up {
         return wrong("it is switched off".into(), format!("sudo ip link set {name} up"));
+    }
+    if let Some(mtu) = card.mtu.filter(|mtu| *mtu < MTU_MIN) {
+        let found = format!("its frames have {mtu} bytes at most (MTU), and those of EtherCAT up to {MTU_MIN}");
+        return wrong(found, format!("sudo ip link set {name} mtu {MTU_MIN}"));
     }
     Finding::fine(CHECK, "for EtherCAT alone: switched on, without an address")
 }

@@ -196,8 +196,11 @@ fn mtu(asked: &OwnedFd, name: &str) -> Option<u32> {
     let mut request = request_about(name)?;
     // SAFETY: the call reads the name and writes the number, both in a structure of that type.
     let result = unsafe { libc::ioctl(asked.as_raw_fd(), libc::SIOCGIFMTU, &raw mut request) };
+    if result != 0 {
+        return None;
+    }
     // SAFETY: the call has succeeded, and so has written the number.
-    (result == 0).then(|| unsafe { request.ifr_ifru.ifru_mtu }).and_then(|mtu| u32::try_from(mtu).ok())
+    u32::try_from(unsafe { request.ifr_ifru.ifru_mtu }).ok()
 }
 
 /// The interfaces without their routes.

@@ -18,13 +18,14 @@ use crate::link::keys::Scheme;
 use crate::link::uri::LinkUri;
 use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
 use crate::xf::EtherCatState;
-use crate::xf::host::HostConfig;
+use crate::xf::host::{HostConfig, HostError};
 use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};
+use crate::xf::response::EepromAnswer;
 use crate::xf_api::{NetworkConfig, Xf, XfError};
 
 /// \[OURS] How long the chip may take for a word of an EEPROM.
 const EEPROM_MAX: Duration = Duration::from_millis(500);
-/// \[OURS] How often a datagram is sent at most that does not come back.
+/// \[OURS] How often a datagram is sent at most that does not come back, and how often a word of an EEPROM is asked for.
 const TRIES: u32 = 3;
 /// \[OURS] How often a long datagram is sent to put load on the cables. It reads what says which controller it is, where a read
 /// changes nothing.
@@ -102,6 +103,15 @@ impl XfNetwork {
     fn eeprom(&mut self, slave: u8, position: u16, operation: EepromOperation) -> Result<Vec<u8>, BusError> {
         let timeout_us = u32::try_from(EEPROM_MAX.as_micros()).unwrap_or(u32::MAX);
         let request = EepromRequest { slave: self.number(slave)?, position, timeout_us, operation };
+        // On a bad cable the next one may come through. A word is written once.
+        let tries = if operation == EepromOperation::Read { TRIES } else { 1 };
+        for _ in 1..tries {
+            match self.xf.run_pair(&request, &EepromGet, 2 * EEPROM_MAX) {
+                Ok(EepromAnswer { error: 0, data }) => return Ok(data.to_vec()),
+                Ok(_) | Err(XfError::Chip(HostError::Failed { .. })) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
         let answer = self.xf.run_pair(&request, &EepromGet, 2 * EEPROM_MAX)?;
         match answer.error {
             0 => Ok(answer.data.to_vec()),

@@ -88,7 +88,11 @@ pub enum BusError {
 }
 
 impl From<XfError> for BusError {
-    fn from(error: XfError) -> Self {
+    /// A chip counts slaves from 0, and a network of this module from 1.
+    fn from(mut error: XfError) -> Self {
+        if let XfError::StateStuck { slaves, .. } = &mut error {
+            slaves.iter_mut().for_each(|(slave, ..)| *slave = slave.saturating_add(1));
+        }
         Self::Chip(Box::new(error))
     }
 }

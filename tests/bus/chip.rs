@@ -102,13 +102,35 @@ fn registers_eeproms_and_clocks() {
     assert_eq!(status[0], 0x11);
 }
 
+/// A chip with these slaves, to which that happens.
+fn scripted(slaves: &str, script: &str) -> Box<dyn Network> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("a.ecmscript");
+    std::fs::write(&file, script).expect("it is written");
+    bus::open(&format!("xf-sim:?slaves={slaves}&script={}", file.display())).expect("a network")
+}
+
+/// BUS-8.1 Slaves that refuse a state, and mailboxes that a cut cable takes away, are told by the numbers of this network.
+#[test]
+fn what_fails_behind_a_chip_names_the_slave() {
+    let mut refuses = scripted("io*2", "at 1ms refuse 2 preop\n");
+    refuses.scan().expect("slaves");
+    let said = refused(refuses.object_list(2));
+    assert!(said.contains("slave 2 is in Init, AL status code 0x0011"), "{said}");
+    let mut cut = scripted("drive*2", "at 30s cut 2\n");
+    cut.scan().expect("slaves");
+    assert!(dictionary::objects(&mut *cut, 2).expect("a dictionary").len() > 5);
+    cut.wait(Duration::from_secs(30)).expect("time");
+    let said = refused(cut.object_list(2));
+    assert_eq!(said, "slave 2 does not answer any more; check its cable and its power");
+    assert!(dictionary::objects(&mut *cut, 1).expect("a dictionary").len() > 5, "the other one does");
+}
+
 /// BUS-7.2 A bad cable is found by the chip's datagrams, too.
 #[test]
 fn a_bad_cable_behind_a_chip_is_found() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let script = folder.path().join("noise.ecmscript");
-    std::fs::write(&script, "at 2s noise 2 20\n").expect("it is written");
-    let (mut network, slaves) = network(&format!("xf-sim:?slaves=io*3&script={}", script.display()));
+    let mut network = scripted("io*3", "at 2s noise 2 20\n");
+    let slaves = network.scan().expect("slaves");
     network.load(Duration::from_secs(3)).expect("time");
     let counted = errors::read(&mut *network, &slaves).expect("counters");
     let troubles = errors::judge(&slaves, &counted);

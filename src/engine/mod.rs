@@ -6,7 +6,7 @@
 //!
 //! | file | what it answers |
 //! | --- | --- |
-//! | `mod.rs` | the engine: what a command frame and a cycle do |
+//! | `mod.rs`, `config.rs` | the engine: what a command frame and a cycle do; its pins and its firmware |
 //! | `commands.rs` | what each command of the board does, and why one is rejected |
 //! | `fifo.rs`, `partial_frames.rs` | how command frames wait for their cycle (the depth of the FIFO is `FIFO_ENTRIES` of `sk`), and how frames that arrive in pieces are put together |
 //! | `sdo.rs` | the SDO slot |
@@ -25,6 +25,7 @@
 mod axis;
 mod board;
 mod commands;
+mod config;
 mod counters;
 mod fault_reset;
 mod fifo;
@@ -57,6 +58,7 @@ mod volatile;
 use std::collections::VecDeque;
 
 pub use board::{Board, Script};
+pub use config::EngineConfig;
 pub use counters::{Counters, Event, Reason, Rejection};
 pub use firmware::Firmware;
 pub use go_home::HomingPhase;
@@ -79,37 +81,6 @@ use counters::EventLog;
 use fifo::CommandFifo;
 use outputs_record::{CommandedHistory, OutputsHistory, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
-
-/// The configuration of a board: its pins and its firmware, and not what programs tell it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct EngineConfig {
-    /// Pin CONFIG2: the size of a slot.
-    pub slot: SlotSize,
-    /// The firmware that is modelled.
-    pub firmware: Firmware,
-    /// Pin CONFIG1 is high: test mode (SK-4). The board goes to OP by itself and switches the outputs of all IO slaves on
-    /// and off in turn.
-    pub test: bool,
-    /// Pin CONFIG3: what happens to command frames that do not arrive completely.
-    pub partial_frames: PartialFrames,
-    /// How long a change of state may take. SK-4 \[OURS]: 10 s.
-    pub state_timeout_ns: Ns,
-    /// How long a slave may take for an SDO. SK-6 \[OURS]: 1 s.
-    pub sdo_timeout_ns: Ns,
-}
-
-impl Default for EngineConfig {
-    fn default() -> Self {
-        Self {
-            slot: SlotSize::Bytes12,
-            firmware: Firmware::V17,
-            test: false,
-            partial_frames: PartialFrames::Dropped,
-            state_timeout_ns: 10_000_000_000,
-            sdo_timeout_ns: 1_000_000_000,
-        }
-    }
-}
 
 /// The model of the EC01M.
 pub struct Engine {

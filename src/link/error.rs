@@ -101,7 +101,7 @@ pub enum LinkError {
     /// The link was closed, by this thread or another one.
     #[error("the link is closed; open it first")]
     Closed,
-    /// [`Link::cancel`] ended the call.
+    /// [`Link::cancel`](super::Link::cancel) ended the call.
     #[error("the {dir} was cancelled")]
     Cancelled { dir: Dir },
     /// The operating system reported an error.

@@ -1,6 +1,7 @@
 //! The frames of a cycle: what they carry, and what their answers tell.
 
-use super::{Fewer, NicBus, NicWires, answer_wait_ns};
+use super::missed::Cycle;
+use super::{NicBus, NicWires, answer_wait_ns};
 use crate::ethercat::registers::RequestedState;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
@@ -91,25 +92,18 @@ impl<W: NicWires> NicBus<W> {
         }
         let missed = done.expected_working_counter.saturating_sub(done.working_counter);
         let is_short = missed > self.master.working_counter_of(self.lost) || self.has_fallen_slave(done.states);
-        let may_be_short = self.may_lack_one_beside_the_lost(done);
-        let mut outputs_lost = 0;
-        if is_short || may_be_short {
-            // What was repeated had reached everybody before.
-            self.short_from = self.short_from.or(outputs).or(self.sent.map(|sent| sent + 1));
-            if is_short {
-                self.short_sets += u32::from(is_new);
-            } else if let Some(fewer) = &mut self.fewer {
-                fewer.sets += u32::from(is_new);
-            }
-        } else {
-            self.short_from = None;
-            outputs_lost = std::mem::take(&mut self.short_sets);
-            if self.lost.is_empty() || done.all_in_op && missed == 0 {
-                self.known_from = [self.sent.map_or(0, |sent| sent + 1); 2];
-            }
-        }
+        let outputs_lost = self.missed.take_cycle(&Cycle {
+            sent_at: done.sent_at,
+            outputs,
+            sent: self.sent,
+            working_counters: [done.working_counter, done.expected_working_counter],
+            is_short,
+            has_lost: !self.lost.is_empty(),
+            is_obeyed: self.lost.is_empty() || done.all_in_op && missed == 0,
+            has_job: self.job.is_some(),
+        });
         self.update_lost();
-        self.note_states_read();
+        self.missed.note_states(self.master.states_read(), self.sent);
         self.tell(inputs);
         CycleDone {
             at: now,
@@ -135,47 +129,10 @@ impl<W: NicWires> NicBus<W> {
         self.job.is_none() && states & !self.all().iter().map(known).fold(0, |all, bits| all | bits) != 0
     }
 
-    /// Whether a slave that is not named yet may have missed a cycle, or may be in a lower state, and slaves that are lost hide it: some
-    /// of these answer and others do not, and their states may be its state, too. So while some are lost, a cycle that has fewer answers
-    /// than the one before says nothing of who is missing, until the states of all have been read since.
-    fn may_lack_one_beside_the_lost(&mut self, done: &master::CycleDone) -> bool {
-        let before = std::mem::replace(&mut self.counted, done.working_counter);
-        if done.working_counter >= done.expected_working_counter {
-            self.end_fewer();
-        } else if done.working_counter < before {
-            let sets = self.fewer.filter(|fewer| !fewer.is_explained).map_or(0, |fewer| fewer.sets);
-            self.fewer = Some(Fewer { at: done.sent_at, is_explained: self.job.is_some(), sets });
-        }
-        self.fewer.is_some() && !self.lost.is_empty()
-    }
-
-    /// It is known who was missing, or nobody is any more. If nothing explains it, some slave may have missed what was sent meanwhile.
-    fn end_fewer(&mut self) {
-        if let Some(fewer) = self.fewer.take_if(|fewer| !fewer.is_explained) {
-            self.short_sets += fewer.sets;
-        }
-        self.fewer = None;
-    }
-
-    /// Takes what the states say that the master has read: who was not named is in OP.
-    fn note_states_read(&mut self) {
-        let read = self.master.states_read();
-        if read == self.read_at {
-            return;
-        }
-        self.read_at = read;
-        if self.fewer.is_some_and(|fewer| read >= Some(fewer.at)) {
-            self.end_fewer();
-        }
-        let [known_from, _] = self.known_from;
-        self.known_from = [self.sent.map_or(0, |sent| sent + 1), known_from];
-    }
-
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
-        let Self { master, stations, lost, lost_from, short_from, short_sets, fewer, known_from, found, .. } = self;
-        // A slave that leaves OP and still counts is not seen if one is lost that is in the same state.
-        let unseen_from = (!lost.is_empty()).then_some(known_from[1]);
+        let Self { master, stations, lost, lost_from, missed, found, .. } = self;
+        let had_lost = !lost.is_empty();
         master.look_at_statuses(|slave, status| {
             if slave > *found {
                 return;
@@ -185,12 +142,11 @@ impl<W: NicWires> NicBus<W> {
             let is_seen_first = std::mem::replace(&mut stations[n].seen, state) != state;
             let is_missing = state.is_none_or(|state| state < stations[n].commanded);
             if is_missing && is_seen_first {
-                fewer.iter_mut().for_each(|fewer| fewer.is_explained = true);
+                missed.explain();
             }
             if is_missing && !lost.contains(slave) {
                 lost.insert(slave);
-                lost_from[n] = short_from.or(unseen_from);
-                *short_sets = 0;
+                lost_from[n] = missed.name(had_lost);
             } else if !is_missing && stations[n].commanded < AlState::SafeOp {
                 lost.remove(slave);
                 lost_from[n] = None;

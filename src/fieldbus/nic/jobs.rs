@@ -134,9 +134,9 @@ impl<W: NicWires> NicBus<W> {
         for station in &mut self.stations {
             (station.commanded, station.process_data) = (AlState::Init, None);
         }
-        (self.lost, self.short_from, self.short_sets, self.has_new_outputs) = (SlaveSet::EMPTY, None, 0, false);
+        (self.lost, self.has_new_outputs) = (SlaveSet::EMPTY, false);
         self.lost_from.fill(None);
-        (self.fewer, self.known_from) = (None, [0; 2]);
+        self.missed.forget();
     }
 
     /// Slaves that are led down are not missed on their way, and those led up get outputs with which nothing moves.
@@ -166,7 +166,7 @@ impl<W: NicWires> NicBus<W> {
             self.station_mut(slave).commanded = AlState::Op;
             if !self.lost.contains(slave) {
                 self.lost.insert(slave);
-                self.lost_from[usize::from(slave) - 1] = self.short_from;
+                self.lost_from[usize::from(slave) - 1] = self.missed.from();
             }
         }
     }

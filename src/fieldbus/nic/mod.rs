@@ -8,6 +8,7 @@
 //! | `jobs.rs` | scan, changes of state and SDOs |
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
+//! | `missed.rs` | what slaves have missed before it is known which ones |
 //! | `chain.rs` | simulated slave controllers as wires, in virtual time: [`ChainWires`] |
 //!
 //! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the frames go out, and the poll waits until they are
@@ -35,6 +36,7 @@ mod chain;
 mod configure;
 mod cycle;
 mod jobs;
+mod missed;
 mod ring;
 mod wires;
 
@@ -50,6 +52,7 @@ use crate::sk::CycleTime;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
 use jobs::Running;
+use missed::Missed;
 pub use ring::{GRACE_NS, Ring};
 pub use wires::{CardPair, NicWires};
 
@@ -88,17 +91,6 @@ struct RunningSdo {
     until: Ns,
 }
 
-/// A cycle that had fewer answers than the one before.
-#[derive(Clone, Copy, Debug)]
-struct Fewer {
-    /// When it was sent, on the wires' clock.
-    at: Ns,
-    /// A slave was named since, or one that is lost has come or gone.
-    is_explained: bool,
-    /// The sets of outputs since then that some slave may have missed.
-    sets: u32,
-}
-
 /// A network at the end of a network card.
 pub struct NicBus<W> {
     wires: W,
@@ -124,19 +116,7 @@ pub struct NicBus<W> {
     holding: SlaveSet,
     /// The id of the newest outputs that a frame has carried whose answer came.
     sent: Option<u64>,
-    /// The id of the first outputs that may not have reached all slaves, while not all of them answer.
-    short_from: Option<u64>,
-    /// How many sets of outputs that are since then, as long as nobody is named for it.
-    short_sets: u32,
-    /// The working counter of the newest cycle.
-    counted: u16,
-    /// The newest cycle that had fewer answers than the one before, while it is not known who that was.
-    fewer: Option<Fewer>,
-    /// When the states were asked for that were read last, as far as the cycles know.
-    read_at: Option<Ns>,
-    /// The ids of the first outputs after those states were known, and after the ones before them: what was sent before has found all
-    /// slaves in OP that were not lost.
-    known_from: [u64; 2],
+    missed: Missed,
     /// The newest inputs of all slaves.
     inputs: Box<[super::SlaveIn; MAX_SLAVES]>,
     /// Cycles in a row without an answer.
@@ -165,12 +145,7 @@ impl<W: NicWires> NicBus<W> {
             may_have_come: false,
             holding: SlaveSet::EMPTY,
             sent: None,
-            short_from: None,
-            short_sets: 0,
-            counted: 0,
-            fewer: None,
-            read_at: None,
-            known_from: [0; 2],
+            missed: Missed::default(),
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
-use ecmsk::engine::EngineConfig;
+use ecmsk::engine::{EngineConfig, Event};
 use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
@@ -188,6 +188,27 @@ fn fixed_process_data_are_checked_instead_of_written() {
         let failure = host.board.engine().state_failure().expect("there is one").to_string();
         assert!(failure.contains("slave 1") && failure.contains(&object.to_string()), "{failure}");
     }
+}
+
+/// NIC-2.8 Silence that is too short for the slaves' watchdogs is counted, and nobody is sent to look at the wires; what lasts longer is
+/// told once.
+#[test]
+fn a_network_that_does_not_answer_is_told() {
+    let network = SimHandle::default();
+    let (mut host, _) = in_op_reached_by(vec![Box::new(Drive::new(DriveConfig::default()))], network.clone());
+    let mut silent_for = |cycles| {
+        let (mark, before) = (host.mark(), host.board.engine().counters().answers_lost);
+        network.cut_after(0);
+        host.cycles(cycles);
+        network.heal();
+        host.cycles(20);
+        let told =
+            host.board.engine().events_since(mark).filter(|event| matches!(event, Event::BusDown { .. })).count();
+        (told, host.board.engine().counters().answers_lost - before)
+    };
+    assert_eq!(silent_for(60), (0, 60));
+    let (told, _) = silent_for(500);
+    assert_eq!(told, 1);
 }
 
 /// NIC-2.1 Slaves are configured several at once: each gets what the board writes, and of those that refuse the first is named.

@@ -66,8 +66,9 @@ const fn answer_wait_ns(cycle: CycleTime) -> Ns {
     cycle.ns() / of * share
 }
 
-/// After so many cycles without an answer the bus is down. \[OURS]
-const DOWN_AFTER: u32 = 3;
+/// After so many cycles without an answer, and so long, the bus is down, ns: the watchdogs of the slaves' controllers have ended OP
+/// then. Less is a machine that was busy, or a bad cable. \[OURS]
+const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
 /// How long a wait for frames lasts at most while sequences of the master wait for a time, ns. \[OURS]
 const TURN_NS: Ns = 200_000;
 
@@ -336,6 +337,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn is_down(&self) -> bool {
-        self.unanswered >= DOWN_AFTER
+        let (cycles, time_ns) = DOWN_AFTER;
+        self.unanswered >= cycles && Ns::from(self.unanswered) * self.cycle.ns() >= time_ns
     }
 }

@@ -49,6 +49,7 @@ use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
+use configure::Configuring;
 use jobs::Running;
 pub use ring::{GRACE_NS, Ring};
 pub use wires::{CardPair, NicWires};
@@ -142,6 +143,8 @@ pub struct NicBus<W> {
     /// Cycles in a row without an answer.
     unanswered: u32,
     job: Option<Running>,
+    /// A place for a configuration, while there is none.
+    spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
     ended: VecDeque<JobDone>,
 }
@@ -174,6 +177,7 @@ impl<W: NicWires> NicBus<W> {
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,
+            spare: Some(Configuring::place()),
             sdo: None,
             ended: VecDeque::with_capacity(4),
         }

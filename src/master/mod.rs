@@ -116,7 +116,7 @@
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
-//! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
+//! | `process_data.rs`, `process_data/slave.rs` | where outputs and inputs lie, the frames of a cycle; what of that is one slave's |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
 
 mod bus;

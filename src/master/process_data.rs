@@ -4,15 +4,17 @@
 //! for. Slaves without LRW share an LWR and an LRD. A slave is never cut in two, so that its working counter is that of one
 //! datagram. Inputs travel in a frame as they came last: those of a slave that does not answer stay as they were.
 
+mod slave;
+
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::exchange::Exchange;
 use super::{SlaveInfo, SyncSignals, Wire};
-use crate::ethercat::registers::{
-    AL_STATUS, Fmmu, FmmuDirections, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
-};
+use crate::ethercat::registers::{AL_STATUS, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager};
 use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
+pub(super) use slave::Registers;
+use slave::{Place, SlaveData, bytes_of};
 
 /// The most process data of one datagram: beside them the first frame carries the clock and the states of all slaves.
 pub const SEGMENT_BYTES_MAX: usize = DATA_LEN_MAX - (DATAGRAM_OVERHEAD + CLOCK_LEN) - (DATAGRAM_OVERHEAD + STATE_LEN);
@@ -92,13 +94,6 @@ pub struct CycleDone {
     pub next_deadline: Option<Ns>,
 }
 
-/// Where process data of one direction lie.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Place {
-    segment: usize,
-    range: Range<usize>,
-}
-
 /// The datagram of a cycle that brings the time to all clocks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ClockDatagram {
@@ -108,28 +103,6 @@ pub(super) struct ClockDatagram {
     pub(super) station: u16,
     /// The time that the reference had last, or the master's.
     pub(super) time: u64,
-}
-
-/// What the registers of a slave say about its process data.
-#[derive(Debug, Default)]
-pub(super) struct Registers {
-    /// The sync managers, with their numbers.
-    pub(super) managers: Vec<(u8, SyncManager)>,
-    /// The FMMUs that map them.
-    pub(super) fmmus: Vec<Fmmu>,
-}
-
-/// The process data of one slave.
-#[derive(Clone, Debug, Default)]
-struct SlaveData {
-    outputs: Vec<(u8, SyncManager)>,
-    inputs: Vec<(u8, SyncManager)>,
-    lacks_lrw: bool,
-    sync: Option<SyncSignals>,
-    output_place: Place,
-    input_place: Place,
-    /// What follows from all that, for changes of state.
-    registers: Arc<Registers>,
 }
 
 /// A datagram with process data.
@@ -167,46 +140,6 @@ pub(super) struct ProcessData {
     pending: usize,
     is_open: bool,
     done: Option<CycleDone>,
-}
-
-impl SlaveData {
-    /// Those of a slave that has none yet, with room for what its EEPROM describes.
-    fn of(info: &SlaveInfo) -> Self {
-        let (outputs, inputs) = (info.outputs.len(), info.inputs.len());
-        let (managers, fmmus) = (Vec::with_capacity(outputs + inputs), Vec::with_capacity(outputs + inputs));
-        Self {
-            outputs: Vec::with_capacity(outputs),
-            inputs: Vec::with_capacity(inputs),
-            registers: Arc::new(Registers { managers, fmmus }),
-            ..Self::default()
-        }
-    }
-
-    /// Its process data, or where they lie, are others.
-    fn update_registers(&mut self) {
-        if Arc::get_mut(&mut self.registers).is_none() {
-            // A change of state that is under way keeps those that it has begun with.
-            self.registers = Arc::default();
-        }
-        let Some(Registers { managers: all, fmmus }) = Arc::get_mut(&mut self.registers) else { return };
-        all.clear();
-        all.extend(self.outputs.iter().chain(&self.inputs));
-        fmmus.clear();
-        for (managers, place, directions) in [
-            (&self.outputs, &self.output_place, FmmuDirections::WRITE),
-            (&self.inputs, &self.input_place, FmmuDirections::READ),
-        ] {
-            let mut logical = place.segment as u32 * SEGMENT_STEP + place.range.start as u32;
-            for (_, manager) in managers.iter().filter(|(_, manager)| manager.len > 0) {
-                fmmus.push(Fmmu::bytes(logical, manager.len, manager.start, directions));
-                logical += u32::from(manager.len);
-            }
-        }
-    }
-}
-
-fn bytes_of(managers: impl IntoIterator<Item = (u8, SyncManager)>) -> usize {
-    managers.into_iter().map(|(_, manager)| usize::from(manager.len)).sum()
 }
 
 /// The sync manager with a length; without one it is off.

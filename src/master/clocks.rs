@@ -4,8 +4,12 @@
 //! along the tree, and what has to be added to each local time. From then on each cycle brings the time of the reference
 //! clock, which is the first slave with a clock, to all others.
 
-use super::bus::{Bus, Unanswered, join};
+use std::future::poll_fn;
+use std::task::Poll;
+
+use super::bus::{Bus, Unanswered};
 use super::exchange::Lost;
+use super::place::{self, place};
 use super::process_data::ClockDatagram;
 use super::topology::{PORT_ORDER, Upstream, is_open};
 use crate::ethercat::registers::{
@@ -125,13 +129,11 @@ impl Clocks {
     }
 }
 
-/// How long a frame takes from the first slave to each one, ns; 0 for slaves without times.
-pub(super) fn delays(places: &[Place], passed: &[Option<Passed>]) -> Vec<u32> {
-    let mut delays: Vec<u32> = Vec::with_capacity(places.len());
+/// Puts into `delays` how long a frame takes from the first slave to each one, ns; 0 for slaves without times.
+fn put_delays(places: &[Place], passed: &[Option<Passed>], delays: &mut Vec<u32>) {
     for (n, place) in places.iter().enumerate() {
-        delays.push(delay(places, passed, &delays, n, place).unwrap_or(0));
+        delays.push(delay(places, passed, delays, n, place).unwrap_or(0));
     }
-    delays
 }
 
 /// The delay of a slave from those of the slaves before it.
@@ -160,7 +162,7 @@ fn delay(places: &[Place], passed: &[Option<Passed>], delays: &[u32], n: usize, 
     Some(delays[at].wrapping_add(left.wrapping_sub(parent.ports[0])).wrapping_add(way))
 }
 
-async fn passed(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
+async fn passed_at(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     let times: [u8; 4 * PORTS] = bus.read(station, RECEIVE_TIMES).await?;
     let unit = u64::from_le_bytes(bus.read(station, RECEIVE_TIME_UNIT).await?);
     let mut ports = [0; PORTS];
@@ -168,24 +170,93 @@ async fn passed(bus: &Bus, station: u16) -> Result<Passed, Unanswered> {
     Ok(Passed { ports, unit })
 }
 
+/// What a measurement needs of memory, to be used again.
+#[derive(Default)]
+pub(super) struct Measurement {
+    /// Reads of all slaves, side by side.
+    reads: Vec<place::Place<(Bus, u16), Option<Passed>>>,
+    passed: Vec<Option<Passed>>,
+    /// How long the way to each slave is, ns.
+    delays: Vec<u32>,
+}
+
+/// A measurement under way. Dropped, it gives its memory back.
+pub(super) struct Measuring<'a> {
+    bus: &'a Bus,
+    measurement: Measurement,
+}
+
+impl Drop for Measuring<'_> {
+    fn drop(&mut self) {
+        let mut measurement = std::mem::take(&mut self.measurement);
+        measurement.reads.iter_mut().for_each(|read| read.give_up());
+        self.bus.with(|shared| shared.measurements.push(measurement));
+    }
+}
+
+impl<'a> Measuring<'a> {
+    /// Reads when the newest frame that was latched has passed each slave, and finds the delays.
+    async fn new(bus: &'a Bus) -> Self {
+        let (measurement, all) = bus.with(|shared| (shared.measurements.pop(), shared.clocks.all));
+        let mut measuring = Self { bus, measurement: measurement.unwrap_or_default() };
+        let Measurement { reads, passed, delays } = &mut measuring.measurement;
+        let slaves = bus.with(|shared| shared.clocks.places.len());
+        while reads.len() < slaves {
+            reads.push(place(|(bus, station): (Bus, u16)| async move { passed_at(&bus, station).await.ok() }));
+        }
+        passed.clear();
+        passed.resize(slaves, None);
+        let mut left = all;
+        for slave in all.iter() {
+            match bus.with(|shared| shared.clocks.station(slave)) {
+                Some(station) => reads[usize::from(slave) - 1].begin((bus.clone(), station)),
+                None => left.remove(slave),
+            }
+        }
+        poll_fn(|context| {
+            for slave in left.iter() {
+                let n = usize::from(slave) - 1;
+                if let Poll::Ready(times) = reads[n].poll(context) {
+                    passed[n] = times;
+                    left.remove(slave);
+                }
+            }
+            if left.is_empty() { Poll::Ready(()) } else { Poll::Pending }
+        })
+        .await;
+        delays.clear();
+        bus.with(|shared| match &shared.clocks.ring_delays {
+            Some(measured) => delays.extend_from_slice(measured),
+            None => put_delays(&shared.clocks.places, passed, delays),
+        });
+        measuring
+    }
+
+    /// When the frame has passed a slave, and how long the way to it is, ns.
+    fn of(&self, slave: u8) -> Option<(Passed, u32)> {
+        let n = usize::from(slave).checked_sub(1)?;
+        Some(((*self.measurement.passed.get(n)?)?, *self.measurement.delays.get(n)?))
+    }
+
+    /// How long the way to each slave is, ns.
+    pub(super) fn delays(&self) -> &[u32] {
+        &self.measurement.delays
+    }
+}
+
 /// Sets the clocks of slaves to the time of those that have been set already; if there are none, to that of the master. How
-/// long the way to each slave is, ns.
-pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Vec<u32>, Lost> {
-    let (clocks, missing) = bus.with(|shared| (shared.clocks.clone(), shared.missing));
+/// long the way to each slave is, is known then.
+pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lost> {
+    let (all, set, missing) = bus.with(|shared| (shared.clocks.all, shared.clocks.set, shared.missing));
     let latched_at = bus.now();
     bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
-    let read = (1..).zip(&clocks.places).map(|(slave, place)| {
-        let has_clock = clocks.all.contains(slave);
-        async move { if has_clock { passed(bus, place.station).await.ok() } else { None } }
-    });
-    let passed = join(read).await;
-    let delays = clocks.ring_delays.clone().unwrap_or_else(|| delays(&clocks.places, &passed));
+    let measuring = Measuring::new(bus).await;
+    let station = |slave| bus.with(|shared| shared.clocks.station(slave));
     // What the time was when the frame was at the first slave, by a clock that runs.
-    let running = clocks.set.difference(missing).difference(slaves).iter().next();
-    let time = match running.and_then(|slave| Some((slave, clocks.station(slave)?, passed[usize::from(slave) - 1]?))) {
-        Some((slave, station, Passed { unit, .. })) => {
+    let running = set.difference(missing).difference(slaves).iter().next();
+    let time = match running.and_then(|slave| Some((station(slave)?, measuring.of(slave)?))) {
+        Some((station, (Passed { unit, .. }, delay))) => {
             let Ok(offset) = bus.read(station, SYSTEM_TIME_OFFSET).await else { return Err(Lost) };
-            let delay = delays[usize::from(slave) - 1];
             unit.wrapping_add(u64::from_le_bytes(offset)).wrapping_sub(delay.into())
         }
         None => {
@@ -193,21 +264,20 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Vec<u32>, Lost> {
             latched_at
         }
     };
-    for slave in slaves.intersection(clocks.all).iter() {
-        let n = usize::from(slave) - 1;
-        let (Some(Passed { unit, .. }), delay) = (passed[n], delays[n]) else { continue };
+    for slave in slaves.intersection(all).iter() {
+        let Some((Passed { unit, .. }, delay)) = measuring.of(slave) else { continue };
         let offset = time.wrapping_add(delay.into()).wrapping_sub(unit);
         let mut registers = [0; 12];
         registers[..8].copy_from_slice(&offset.to_le_bytes());
         registers[8..].copy_from_slice(&delay.to_le_bytes());
-        let station = clocks.places[n].station;
+        let Some(station) = station(slave) else { continue };
         let written = bus.write(station, SYSTEM_TIME_OFFSET, &registers).await;
         let filters = bus.write(station, SPEED_COUNTER_START, &SPEED_START.to_le_bytes()).await;
         if written.is_ok() && filters.is_ok() {
             bus.with(|shared| shared.clocks.set.insert(slave));
         }
     }
-    Ok(delays)
+    Ok(measuring)
 }
 
 /// Brings the time of the reference, or the master's, to all clocks, as each cycle does.

@@ -12,16 +12,11 @@ impl Master {
     /// [`ConfigureError`].
     pub fn configure(&mut self, slave: u8, output_bytes: u16, input_bytes: u16) -> Result<(), ConfigureError> {
         let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
-        let first_takes = |list: &[ProcessManager], bytes: u16| {
-            if list.is_empty() && bytes > 0 {
-                return Err(ConfigureError::NoManager(slave));
-            }
-            let lens = std::iter::once(bytes).chain(std::iter::repeat(0));
-            Ok(list.iter().zip(lens).map(|(manager, len)| with_len(manager, len)).collect())
-        };
-        let outputs = first_takes(&info.outputs, output_bytes)?;
-        let inputs = first_takes(&info.inputs, input_bytes)?;
-        self.configure_managers(slave, outputs, inputs)
+        if info.outputs.is_empty() && output_bytes > 0 || info.inputs.is_empty() && input_bytes > 0 {
+            return Err(ConfigureError::NoManager(slave));
+        }
+        let first_takes = |bytes| move |n, _: &ProcessManager| if n == 0 { bytes } else { 0 };
+        self.configure_managers(slave, first_takes(output_bytes), first_takes(input_bytes))
     }
 
     /// Configures the process data of a slave as its EEPROM describes them.
@@ -29,21 +24,23 @@ impl Master {
     /// # Errors
     /// [`ConfigureError`].
     pub fn configure_as_described(&mut self, slave: u8) -> Result<(), ConfigureError> {
-        let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
-        let described = |list: &[ProcessManager]| list.iter().map(|one| with_len(one, one.registers.len)).collect();
-        let (outputs, inputs) = (described(&info.outputs), described(&info.inputs));
-        self.configure_managers(slave, outputs, inputs)
+        let described = |_, one: &ProcessManager| one.registers.len;
+        self.configure_managers(slave, described, described)
     }
 
+    /// Configures a slave whose sync managers for outputs and for inputs have these lengths, the first one with number 0.
     fn configure_managers(
         &mut self,
         slave: u8,
-        outputs: Vec<(u8, SyncManager)>,
-        inputs: Vec<(u8, SyncManager)>,
+        output_len: impl Fn(usize, &ProcessManager) -> u16 + Copy,
+        input_len: impl Fn(usize, &ProcessManager) -> u16 + Copy,
     ) -> Result<(), ConfigureError> {
-        let info = self.slave(slave).ok_or(ConfigureError::NoSlave(slave))?;
+        let info = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get(n));
+        let info = info.ok_or(ConfigureError::NoSlave(slave))?;
+        let outputs = info.outputs.iter().enumerate().map(|(n, one)| with_len(one, output_len(n, one)));
+        let inputs = info.inputs.iter().enumerate().map(|(n, one)| with_len(one, input_len(n, one)));
         let (has, lacks_lrw) = (info.fmmus, info.lacks_lrw);
-        let needs = outputs.iter().chain(&inputs).filter(|(_, manager)| manager.len > 0).count();
+        let needs = outputs.clone().chain(inputs.clone()).filter(|(_, manager)| manager.len > 0).count();
         if needs > usize::from(has) {
             return Err(ConfigureError::TooFewFmmus { slave, needs, has });
         }

@@ -14,8 +14,9 @@ use crate::ethercat::{
 
 /// \[OURS] How many frames may be on the way.
 const FLIGHTS: usize = 32;
-/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory: two a slave, and some.
-const REQUESTS: usize = 2 * MAX_SLAVES + 16;
+/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory: of each slave one of the watch, one of a
+/// change of state and one of a change that was given up, and some.
+const REQUESTS: usize = 3 * MAX_SLAVES + 16;
 /// \[OURS] How many datagrams a frame has at most.
 const DATAGRAMS_MAX: usize = 64;
 

@@ -1,19 +1,28 @@
 //! What takes more than one datagram and is started by the user: scans, changes of state, SDOs.
 
 use std::future::Future;
+use std::task::{Context, Poll};
 
-use super::bus::Task;
+use super::bus::{Bus, Task};
 use super::mailbox::{Mailbox, Peer};
+use super::place::{Place, place};
+use super::sdo::NumberTransfer;
 use super::shared::Shared;
 use super::sii::Eeprom;
-use super::states::Plan;
+use super::states::{Plan, StateChange};
 use super::watch::{self, Watch};
 use super::{
     DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
-    StateError, foe, information, registers, scan, sdo, states,
+    StateError, foe, information, registers, scan, sdo,
 };
 use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
+
+/// \[OURS] How many changes of state, and how many transfers of numbers, there is room for at once before more needs memory.
+const CHANGES: usize = 1;
+const TRANSFERS: usize = 8;
+/// \[OURS] The same of jobs of all kinds, with such whose ends were not taken yet.
+pub(super) const JOBS: usize = 32;
 
 /// Names something that was started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -28,6 +37,8 @@ pub enum JobDone {
     State(Result<(), StateError>),
     /// An object was read.
     Upload(Result<Vec<u8>, SdoError>),
+    /// An object was read of which the first 4 bytes are told, as a number.
+    UploadNumber(Result<u32, SdoError>),
     /// An object was written.
     Download(Result<(), SdoError>),
     /// The indices of the objects of a list; for [`ObjectListType::Lengths`] how many objects each list has.
@@ -63,7 +74,68 @@ pub(super) enum Output {
 /// A sequence that was started.
 pub(super) struct Running {
     pub(super) id: JobId,
-    pub(super) task: Task<Output>,
+    pub(super) work: Work,
+}
+
+/// The transfer of a number: of which slave and object.
+type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), JobDone>;
+
+/// Where a sequence runs.
+pub(super) enum Work {
+    /// In a box of its own.
+    Once(Task<Output>),
+    /// In places that are used again.
+    State(StateChange),
+    Number(NumberPlace),
+}
+
+impl Work {
+    pub(super) fn poll(&mut self, bus: &Bus, context: &mut Context<'_>) -> Poll<Output> {
+        match self {
+            Self::Once(task) => task.as_mut().poll(context),
+            Self::State(change) => change.poll(bus, context).map(|ended| Output::Done(JobDone::State(ended))),
+            Self::Number(transfer) => transfer.poll(context).map(Output::Done),
+        }
+    }
+}
+
+/// The places that nobody uses.
+#[derive(Default)]
+pub(super) struct Places {
+    changes: Vec<StateChange>,
+    numbers: Vec<NumberPlace>,
+}
+
+impl Places {
+    /// Those for so many slaves.
+    fn new(bus: &Bus, slaves: usize) -> Self {
+        let mut places = Self::default();
+        places.changes.extend((0..CHANGES).map(|_| StateChange::new(bus, slaves)));
+        places.numbers.extend((0..TRANSFERS).map(|_| number_place(bus)));
+        places
+    }
+
+    /// A sequence has ended, or is given up.
+    pub(super) fn take_back(&mut self, work: Work) {
+        match work {
+            Work::Once(_) => {}
+            Work::State(mut change) => {
+                change.give_up();
+                self.changes.push(change);
+            }
+            Work::Number(mut transfer) => {
+                transfer.give_up();
+                self.numbers.push(transfer);
+            }
+        }
+    }
+}
+
+fn number_place(bus: &Bus) -> NumberPlace {
+    let bus = bus.clone();
+    place(move |(transfer, peer, object, scope): (NumberTransfer, _, _, _)| {
+        transfer.run(bus.clone(), peer, object, scope)
+    })
 }
 
 impl Master {
@@ -74,7 +146,8 @@ impl Master {
             Output::Scan(Err(error)) => JobDone::Scan(Err(error)),
             Output::Scan(Ok(slaves)) => {
                 let found = slaves.len() as u8;
-                self.process.reset(slaves.len());
+                self.process.reset(&slaves);
+                self.places = Places::new(&self.bus, slaves.len());
                 self.watch = Some(Box::pin(Watch::new(self.bus.clone(), slaves.clone()).run()));
                 self.slaves = slaves;
                 JobDone::Scan(Ok(found))
@@ -84,10 +157,29 @@ impl Master {
 
     /// Starts a sequence.
     fn start(&mut self, task: impl Future<Output = Output> + Send + 'static) -> JobId {
+        self.begin(Work::Once(Box::pin(task)))
+    }
+
+    fn begin(&mut self, work: Work) -> JobId {
         self.next_job += 1;
         let id = JobId(self.next_job);
-        self.jobs.push(Running { id, task: Box::pin(task) });
+        self.jobs.push(Running { id, work });
         id
+    }
+
+    /// Starts the transfer of a number.
+    fn start_number(
+        &mut self,
+        transfer: NumberTransfer,
+        slave: u8,
+        object: ObjectAddress,
+        scope: SdoScope,
+        timeout_ns: Ns,
+    ) -> JobId {
+        let peer = self.peer(slave, timeout_ns);
+        let mut place = self.places.numbers.pop().unwrap_or_else(|| number_place(&self.bus));
+        place.begin((transfer, peer, object, scope));
+        self.begin(Work::Number(place))
     }
 
     /// How something that was started has ended; each end is given once.
@@ -97,7 +189,9 @@ impl Master {
 
     /// Gives up something that was started. Its end is never told; what was sent takes effect.
     pub fn cancel(&mut self, id: JobId) {
-        self.jobs.retain(|job| job.id != id);
+        if let Some(n) = self.jobs.iter().position(|job| job.id == id) {
+            self.places.take_back(self.jobs.remove(n).work);
+        }
         self.done.retain(|(done, _)| *done != id);
     }
 
@@ -117,7 +211,7 @@ impl Master {
         self.forget();
         let slaves = slaves.into_iter().map(|(station, eeprom)| SlaveInfo::new(station, Ok(eeprom.to_vec())));
         self.slaves = slaves.collect();
-        self.process.reset(self.slaves.len());
+        self.process.reset(&self.slaves);
         self.bus.with(|shared| {
             shared.begin(&self.slaves);
             shared.live.iter_mut().for_each(|live| live.mailbox.is_shared = true);
@@ -129,7 +223,7 @@ impl Master {
         self.jobs.clear();
         self.watch = None;
         self.slaves.clear();
-        self.process.reset(0);
+        self.process.reset(&[]);
         self.bus.with(Shared::reset);
     }
 
@@ -137,21 +231,17 @@ impl Master {
     /// the way. [`JobDone::State`] names the first slave that does not get there; the others do all the same. On the way to
     /// OP there have to be cycles.
     pub fn request_state(&mut self, slaves: SlaveSet, target: AlState, timeout_ns: Ns) -> JobId {
-        let plans: Vec<Plan> = slaves.iter().map(|slave| self.plan(slave)).collect();
-        let bus = self.bus.clone();
-        self.start(async move {
-            let until = bus.now().saturating_add(timeout_ns);
-            Output::Done(JobDone::State(states::bring_all(bus, plans, target, until).await))
-        })
+        let mut change = self.places.changes.pop().unwrap_or_else(|| StateChange::new(&self.bus, 0));
+        change.begin(&self.bus, slaves.iter().map(|slave| self.plan(slave)), target, timeout_ns);
+        self.begin(Work::State(change))
     }
 
     fn plan(&self, slave: u8) -> Plan {
-        let (managers, fmmus) = self.process.registers(slave);
-        let sync = self.process.sync(slave);
+        let (registers, sync) = (self.process.registers(slave), self.process.sync(slave));
         let info = self.slave(slave);
         // A station that nobody has does not answer.
         let station = info.map_or(0, |info| info.station);
-        Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), managers, fmmus, sync }
+        Plan { slave, station, mailbox: info.and_then(SlaveInfo::mailbox_managers), registers, sync }
     }
 
     /// The mailbox of a slave; of one that is not there it is none.
@@ -168,7 +258,13 @@ impl Master {
         self.start(async move { Output::Done(JobDone::Upload(sdo::upload(bus, peer, object, scope).await)) })
     }
 
-    /// Starts to write an object. `timeout_ns`: how long the slave may take for each answer.
+    /// Starts to read an object of any length, of which the first 4 bytes are told, as a number. As nothing else is kept, it
+    /// allocates nothing. `timeout_ns`: as for [`Self::upload`].
+    pub fn upload_number(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, timeout_ns: Ns) -> JobId {
+        self.start_number(NumberTransfer::Upload, slave, object, scope, timeout_ns)
+    }
+
+    /// Starts to write an object; one of up to 4 bytes allocates nothing. `timeout_ns`: how long the slave may take for each answer.
     pub fn download(
         &mut self,
         slave: u8,
@@ -177,8 +273,13 @@ impl Master {
         value: &[u8],
         timeout_ns: Ns,
     ) -> JobId {
+        if let Some(transfer) = NumberTransfer::download(value) {
+            return self.start_number(transfer, slave, object, scope, timeout_ns);
+        }
         let (bus, peer, value) = (self.bus.clone(), self.peer(slave, timeout_ns), value.to_vec());
-        self.start(async move { Output::Done(JobDone::Download(sdo::download(bus, peer, object, scope, value).await)) })
+        self.start(
+            async move { Output::Done(JobDone::Download(sdo::download(bus, peer, object, scope, &value).await)) },
+        )
     }
 
     /// Starts to ask which objects a slave has. `timeout_ns`: how long the slave may take for each part of the answer.

@@ -103,25 +103,30 @@ pub(super) struct Mailbox {
     slave: u8,
     station: u16,
     info: MailboxInfo,
-    /// A message as it lies in its box.
+    /// A message as it lies in its box. The memory for it is the slave's, whoever uses the mailbox.
     bytes: Vec<u8>,
 }
 
 impl Drop for Mailbox {
     fn drop(&mut self) {
-        self.state(|state| state.is_open = false);
+        let bytes = std::mem::take(&mut self.bytes);
+        self.bus.with(|shared| {
+            if let Some(live) = shared.live_mut(self.slave) {
+                (live.mailbox.is_open, live.mailbox_bytes) = (false, bytes);
+            }
+        });
     }
 }
 
 impl Mailbox {
     /// Takes the mailbox of a slave; `None`: another one has it.
     pub(super) fn open(bus: Bus, slave: u8, station: u16, info: MailboxInfo) -> Option<Self> {
-        let is_free = bus.with(|shared| {
-            let state = &mut shared.live_mut(slave)?.mailbox;
-            Some(!std::mem::replace(&mut state.is_open, true))
+        let bytes = bus.with(|shared| {
+            let live = shared.live_mut(slave)?;
+            let is_free = !std::mem::replace(&mut live.mailbox.is_open, true);
+            is_free.then(|| std::mem::take(&mut live.mailbox_bytes))
         });
-        let len = info.areas.receive.len.max(info.areas.send.len);
-        is_free?.then(|| Self { bus, slave, station, info, bytes: Vec::with_capacity(len.into()) })
+        bytes.map(|bytes| Self { bus, slave, station, info, bytes })
     }
 
     fn state<R: Default>(&self, change: impl FnOnce(&mut MailboxState) -> R) -> R {

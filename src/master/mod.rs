@@ -2,7 +2,11 @@
 //!
 //! It is pure and polled: it knows no clock, no thread and no network card. Time is an argument, in nanoseconds of one clock
 //! that never goes back; frames go out and come in by a [`Wire`]. The same frames at the same times always give the same
-//! steps. A cycle allocates nothing.
+//! steps.
+//!
+//! A cycle allocates nothing. Nor does what a running program causes, once slaves were found: changes of state
+//! ([`Master::request_state`]), transfers of up to 4 bytes ([`Master::download`], [`Master::upload_number`]), slaves that are lost and
+//! come back, and emergencies. Other jobs allocate when they begin.
 //!
 //! # Who calls what when
 //!
@@ -101,6 +105,7 @@
 //! | --- | --- |
 //! | `mod.rs` | the [`Master`]: its turns |
 //! | `jobs.rs`, `configure.rs` | what a user starts; process data of slaves |
+//! | `place.rs` | where sequences run that allocate nothing |
 //! | `settings.rs`, `wire.rs` | [`Settings`], [`Wire`] |
 //! | `exchange.rs` | the frame layer: indices, what belongs to which frame, lost and late frames |
 //! | `bus.rs` | what sequences of datagrams are written with |
@@ -111,7 +116,7 @@
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
-//! | `process_data.rs` | where outputs and inputs lie, the frames of a cycle |
+//! | `process_data.rs`, `process_data/slave.rs` | where outputs and inputs lie, the frames of a cycle; what of that is one slave's |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
 
 mod bus;
@@ -124,6 +129,7 @@ mod information;
 mod jobs;
 mod mailbox;
 mod pace;
+mod place;
 mod process_data;
 mod registers;
 mod scan;
@@ -162,7 +168,7 @@ pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
 use bus::{Bus, Task};
-use jobs::Running;
+use jobs::{JOBS, Places, Running};
 use process_data::ProcessData;
 use shared::{Shared, judge};
 
@@ -173,6 +179,7 @@ const RECEIVED_MAX: usize = 256;
 pub struct Master {
     bus: Bus,
     jobs: Vec<Running>,
+    places: Places,
     next_job: u64,
     done: VecDeque<(JobId, JobDone)>,
     slaves: Vec<SlaveInfo>,
@@ -187,9 +194,10 @@ impl Master {
     pub fn new(settings: Settings) -> Self {
         Self {
             bus: Bus(Arc::new(Mutex::new(Shared::new(settings)))),
-            jobs: Vec::new(),
+            jobs: Vec::with_capacity(JOBS),
+            places: Places::default(),
             next_job: 0,
-            done: VecDeque::new(),
+            done: VecDeque::with_capacity(JOBS),
             slaves: Vec::new(),
             process: ProcessData::default(),
             watch: None,
@@ -234,12 +242,12 @@ impl Master {
             let _ = watch.as_mut().poll(&mut context);
         }
         let mut n = 0;
-        while let Some(Running { id, task }) = self.jobs.get_mut(n) {
+        while let Some(Running { id, work }) = self.jobs.get_mut(n) {
             let id = *id;
-            match task.as_mut().poll(&mut context) {
+            match work.poll(&self.bus, &mut context) {
                 Poll::Pending => n += 1,
                 Poll::Ready(output) => {
-                    drop(self.jobs.remove(n));
+                    self.places.take_back(self.jobs.remove(n).work);
                     let done = self.end(output);
                     self.done.push_back((id, done));
                 }

@@ -4,14 +4,17 @@
 //! for. Slaves without LRW share an LWR and an LRD. A slave is never cut in two, so that its working counter is that of one
 //! datagram. Inputs travel in a frame as they came last: those of a slave that does not answer stay as they were.
 
+mod slave;
+
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::exchange::Exchange;
-use super::{SyncSignals, Wire};
-use crate::ethercat::registers::{
-    AL_STATUS, Fmmu, FmmuDirections, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
-};
+use super::{SlaveInfo, SyncSignals, Wire};
+use crate::ethercat::registers::{AL_STATUS, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager};
 use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
+pub(super) use slave::Registers;
+use slave::{Place, SlaveData, bytes_of};
 
 /// The most process data of one datagram: beside them the first frame carries the clock and the states of all slaves.
 pub const SEGMENT_BYTES_MAX: usize = DATA_LEN_MAX - (DATAGRAM_OVERHEAD + CLOCK_LEN) - (DATAGRAM_OVERHEAD + STATE_LEN);
@@ -25,6 +28,8 @@ const STATES: u8 = 1;
 const SEGMENTS: u8 = 2;
 /// \[OURS] The most datagrams with process data of one cycle.
 const SEGMENTS_MAX: usize = 64;
+/// \[OURS] For how many there is room before more needs memory.
+const SEGMENTS_USUAL: usize = 4;
 /// What is written of a segment in its own datagram, if LRW is off, has the number of the segment and this.
 const WRITES: u8 = SEGMENTS_MAX as u8;
 
@@ -89,13 +94,6 @@ pub struct CycleDone {
     pub next_deadline: Option<Ns>,
 }
 
-/// Where process data of one direction lie.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Place {
-    segment: usize,
-    range: Range<usize>,
-}
-
 /// The datagram of a cycle that brings the time to all clocks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ClockDatagram {
@@ -105,17 +103,6 @@ pub(super) struct ClockDatagram {
     pub(super) station: u16,
     /// The time that the reference had last, or the master's.
     pub(super) time: u64,
-}
-
-/// The process data of one slave.
-#[derive(Clone, Debug, Default)]
-struct SlaveData {
-    outputs: Vec<(u8, SyncManager)>,
-    inputs: Vec<(u8, SyncManager)>,
-    lacks_lrw: bool,
-    sync: Option<SyncSignals>,
-    output_place: Place,
-    input_place: Place,
 }
 
 /// A datagram with process data.
@@ -142,6 +129,8 @@ impl Segment {
 pub(super) struct ProcessData {
     slaves: Vec<SlaveData>,
     segments: Vec<Segment>,
+    /// Memory for the data of further segments.
+    spare: Vec<Vec<u8>>,
     /// Instead of each LRW an LWR and an LRD are sent.
     is_lrw_off: bool,
     /// The time that was sent to the reference clock.
@@ -153,10 +142,6 @@ pub(super) struct ProcessData {
     done: Option<CycleDone>,
 }
 
-fn bytes_of(managers: &[(u8, SyncManager)]) -> usize {
-    managers.iter().map(|(_, manager)| usize::from(manager.len)).sum()
-}
-
 /// The sync manager with a length; without one it is off.
 pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
     let activate = if len > 0 { SmActivate::ENABLE } else { SmActivate::NONE };
@@ -164,37 +149,48 @@ pub(super) const fn with_len(manager: SyncManager, len: u16) -> SyncManager {
 }
 
 impl ProcessData {
-    /// Forgets everything: so many slaves were found.
-    pub(super) fn reset(&mut self, slaves: usize) {
-        let is_lrw_off = self.is_lrw_off;
-        *self = Self { slaves: vec![SlaveData::default(); slaves], is_lrw_off, ..Self::default() };
-        self.segments.reserve(4);
+    /// Forgets everything: these slaves were found.
+    pub(super) fn reset(&mut self, slaves: &[SlaveInfo]) {
+        let (slaves, is_lrw_off) = (slaves.iter().map(SlaveData::of).collect(), self.is_lrw_off);
+        *self = Self { slaves, is_lrw_off, ..Self::default() };
+        self.segments.reserve(SEGMENTS_USUAL);
+        self.spare.extend((0..SEGMENTS_USUAL).map(|_| Vec::with_capacity(SEGMENT_BYTES_MAX)));
     }
 
-    /// Sets the sync managers of a slave. `active`: the slaves whose places have to stay.
+    /// Sets the sync managers of a slave. `active`: the slaves whose places have to stay. If nothing changes it allocates nothing.
     pub(super) fn configure(
         &mut self,
         slave: u8,
-        outputs: Vec<(u8, SyncManager)>,
-        inputs: Vec<(u8, SyncManager)>,
+        outputs: impl Iterator<Item = (u8, SyncManager)> + Clone,
+        inputs: impl Iterator<Item = (u8, SyncManager)> + Clone,
         lacks_lrw: bool,
         active: SlaveSet,
     ) -> Result<(), ConfigureError> {
-        let bytes = bytes_of(&outputs) + bytes_of(&inputs);
+        let (output_bytes, input_bytes) = (bytes_of(outputs.clone()), bytes_of(inputs.clone()));
+        let bytes = output_bytes + input_bytes;
         if bytes > SEGMENT_BYTES_MAX {
             return Err(ConfigureError::TooLong { slave, bytes });
         }
         let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
         let data = place.ok_or(ConfigureError::NoSlave(slave))?;
-        let is_same = data.output_place.range.len() == bytes_of(&outputs)
-            && data.input_place.range.len() == bytes_of(&inputs)
+        let is_same = data.output_place.range.len() == output_bytes
+            && data.input_place.range.len() == input_bytes
             && data.lacks_lrw == lacks_lrw;
-        (data.outputs, data.inputs, data.lacks_lrw) = (outputs, inputs, lacks_lrw);
+        if is_same && data.outputs.iter().copied().eq(outputs.clone()) && data.inputs.iter().copied().eq(inputs.clone())
+        {
+            return Ok(());
+        }
+        data.outputs.clear();
+        data.outputs.extend(outputs);
+        data.inputs.clear();
+        data.inputs.extend(inputs);
+        data.lacks_lrw = lacks_lrw;
         if is_same {
+            data.update_registers();
             return Ok(());
         }
         if active.is_empty() {
-            self.segments.clear();
+            self.spare.extend(self.segments.drain(..).map(|segment| segment.data));
             (1..=self.slaves.len() as u8).for_each(|slave| self.place(slave));
         } else {
             self.segments.iter_mut().for_each(|segment| segment.slaves.remove(slave));
@@ -207,7 +203,8 @@ impl ProcessData {
     fn place(&mut self, slave: u8) {
         let n = usize::from(slave) - 1;
         let SlaveData { outputs, inputs, lacks_lrw, .. } = &self.slaves[n];
-        let (outputs, inputs, lacks_lrw) = (bytes_of(outputs), bytes_of(inputs), *lacks_lrw);
+        let (outputs, inputs, lacks_lrw) =
+            (bytes_of(outputs.iter().copied()), bytes_of(inputs.iter().copied()), *lacks_lrw);
         let (output_place, input_place) = if lacks_lrw {
             (self.reserve(Command::Lwr, slave, outputs), self.reserve(Command::Lrd, slave, inputs))
         } else {
@@ -217,6 +214,7 @@ impl ProcessData {
         };
         let data = &mut self.slaves[n];
         (data.output_place, data.input_place) = (output_place, input_place);
+        data.update_registers();
     }
 
     fn reserve(&mut self, command: Command, slave: u8, len: usize) -> Place {
@@ -225,7 +223,8 @@ impl ProcessData {
         }
         let fits = |segment: &Segment| segment.command == command && segment.data.len() + len <= SEGMENT_BYTES_MAX;
         let segment = self.segments.iter().position(fits).unwrap_or_else(|| {
-            let data = Vec::with_capacity(SEGMENT_BYTES_MAX);
+            let mut data = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(SEGMENT_BYTES_MAX));
+            data.clear();
             self.segments.push(Segment { command, data, slaves: SlaveSet::EMPTY, counted: 0, missing: 0 });
             self.segments.len() - 1
         });
@@ -240,21 +239,9 @@ impl ProcessData {
         self.slaves.get(usize::from(slave).checked_sub(1)?)
     }
 
-    /// The sync managers of a slave, and the FMMUs that map them.
-    pub(super) fn registers(&self, slave: u8) -> (Vec<(u8, SyncManager)>, Vec<Fmmu>) {
-        let Some(data) = self.slave(slave) else { return (Vec::new(), Vec::new()) };
-        let mut fmmus = Vec::new();
-        for (managers, place, directions) in [
-            (&data.outputs, &data.output_place, FmmuDirections::WRITE),
-            (&data.inputs, &data.input_place, FmmuDirections::READ),
-        ] {
-            let mut logical = place.segment as u32 * SEGMENT_STEP + place.range.start as u32;
-            for (_, manager) in managers.iter().filter(|(_, manager)| manager.len > 0) {
-                fmmus.push(Fmmu::bytes(logical, manager.len, manager.start, directions));
-                logical += u32::from(manager.len);
-            }
-        }
-        (data.outputs.iter().chain(&data.inputs).copied().collect(), fmmus)
+    /// The sync managers of a slave, and the FMMUs that map them; `None`: there is no such slave.
+    pub(super) fn registers(&self, slave: u8) -> Option<Arc<Registers>> {
+        self.slave(slave).map(|data| Arc::clone(&data.registers))
     }
 
     /// The SYNC signals of a slave.

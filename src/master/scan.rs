@@ -84,7 +84,7 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
         bus.with(|shared| ends.iter().for_each(|end| shared.clocks.close(*end)));
         let set = clocks::set(&bus, clocks).await;
         close(&bus, &slaves, &ends, false).await?;
-        let delays = set?;
+        let delays = set?.delays().to_vec();
         bus.with(|shared| shared.clocks.ring_delays = Some(delays).filter(|_| !ends.is_empty()));
     }
     Ok(slaves)

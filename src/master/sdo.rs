@@ -1,5 +1,6 @@
 //! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
 
+use super::JobDone;
 use super::bus::Bus;
 use super::mailbox::{Mailbox, MailboxError, Peer};
 use crate::coe::{
@@ -12,6 +13,9 @@ use crate::ethercat::sii::MailboxProtocols;
 
 /// \[OURS] The longest value that is read, bytes.
 pub const VALUE_BYTES_MAX: usize = 0x10_0000;
+
+/// How many bytes a number has at most.
+const NUMBER_BYTES: usize = 4;
 
 /// What a segment has at least that is not the last one (ETG.1000.6 5.6.2).
 const SEGMENT_BYTES_MIN: usize = 7;
@@ -121,10 +125,86 @@ fn abort_in(response: SdoResponse<'_>) -> Option<AbortCode> {
     }
 }
 
+/// What takes a value that is read.
+pub(super) trait Value: Default {
+    /// There will be so many bytes.
+    fn reserve(&mut self, len: usize);
+    /// These bytes follow those before.
+    fn extend(&mut self, bytes: &[u8]);
+    /// How many bytes there were.
+    fn len(&self) -> usize;
+}
+
+impl Value for Vec<u8> {
+    fn reserve(&mut self, len: usize) {
+        self.reserve_exact(len);
+    }
+
+    fn extend(&mut self, bytes: &[u8]) {
+        self.extend_from_slice(bytes);
+    }
+
+    fn len(&self) -> usize {
+        self.len()
+    }
+}
+
+/// A value of which the first 4 bytes are kept.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Beginning {
+    bytes: [u8; NUMBER_BYTES],
+    len: usize,
+}
+
+impl Value for Beginning {
+    fn reserve(&mut self, _: usize) {}
+
+    fn extend(&mut self, bytes: &[u8]) {
+        self.bytes.iter_mut().skip(self.len).zip(bytes).for_each(|(to, byte)| *to = *byte);
+        self.len += bytes.len();
+    }
+
+    fn len(&self) -> usize {
+        self.len
+    }
+}
+
+/// A transfer that allocates nothing: of a number.
+pub(super) enum NumberTransfer {
+    /// An object of any length is read, of which the first 4 bytes are told.
+    Upload,
+    /// So many bytes of these are written.
+    Download([u8; NUMBER_BYTES], usize),
+}
+
+impl NumberTransfer {
+    /// The download of a value that is short enough.
+    pub(super) fn download(value: &[u8]) -> Option<Self> {
+        let mut bytes = [0; NUMBER_BYTES];
+        bytes.get_mut(..value.len())?.copy_from_slice(value);
+        Some(Self::Download(bytes, value.len()))
+    }
+
+    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> JobDone {
+        match self {
+            Self::Upload => {
+                let beginning = upload(bus, peer, object, scope).await;
+                JobDone::UploadNumber(beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)))
+            }
+            Self::Download(bytes, len) => JobDone::Download(download(bus, peer, object, scope, &bytes[..len]).await),
+        }
+    }
+}
+
 /// Reads an object.
-pub(super) async fn upload(bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, SdoError> {
+pub(super) async fn upload<V: Value>(
+    bus: Bus,
+    peer: Peer,
+    object: ObjectAddress,
+    scope: SdoScope,
+) -> Result<V, SdoError> {
     let mut sdo = Sdo::open(bus, peer, object).await?;
-    let mut value = Vec::new();
+    let mut value = V::default();
     let size = sdo
         .ask(SdoRequest::Upload { object, scope }, |response| {
             let SdoResponse::Upload { object: other, value: part, .. } = response else { return None };
@@ -138,8 +218,8 @@ pub(super) async fn upload(bus: Bus, peer: Peer, object: ObjectAddress, scope: S
                     (size, &data[..data.len().min(size)])
                 }
             };
-            value.reserve_exact(size.min(VALUE_BYTES_MAX));
-            value.extend_from_slice(data);
+            value.reserve(size.min(VALUE_BYTES_MAX));
+            value.extend(data);
             Some(size)
         })
         .await?;
@@ -153,7 +233,7 @@ pub(super) async fn upload(bus: Bus, peer: Peer, object: ObjectAddress, scope: S
             .ask(SdoRequest::UploadSegment { toggle }, |response| match response {
                 SdoResponse::UploadSegment { toggle: other, last, data } if other == toggle => {
                     let room = size - value.len();
-                    value.extend_from_slice(&data[..data.len().min(room)]);
+                    value.extend(&data[..data.len().min(room)]);
                     Some(if data.len() > room { Err(AbortCode::TOO_LONG) } else { Ok(last) })
                 }
                 _ => None,
@@ -180,12 +260,12 @@ pub(super) async fn download(
     peer: Peer,
     object: ObjectAddress,
     scope: SdoScope,
-    value: Vec<u8>,
+    value: &[u8],
 ) -> Result<(), SdoError> {
     let mut sdo = Sdo::open(bus, peer, object).await?;
     let first = value.len().min(sdo.room(FIRST_OVERHEAD));
     let (part, sent) = match value.len() {
-        1..=4 => (SdoValuePart::Expedited(&value), value.len()),
+        1..=4 => (SdoValuePart::Expedited(value), value.len()),
         len => (SdoValuePart::First { size: u32::try_from(len).unwrap_or(u32::MAX), data: &value[..first] }, first),
     };
     sdo.ask(SdoRequest::Download { object, scope, value: part }, |response| match response {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::clocks::{Clocks, Place, ReferenceClock};
+use super::clocks::{Clocks, Measurement, Place, ReferenceClock};
 use super::exchange::Exchange;
 use super::mailbox::MailboxState;
 use super::pace::Pacer;
@@ -75,10 +75,12 @@ impl SlaveStatus {
 }
 
 /// What changes of a slave.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Live {
     pub(super) status: SlaveStatus,
     pub(super) mailbox: MailboxState,
+    /// Memory for a message of its mailbox, while nobody uses that.
+    pub(super) mailbox_bytes: Vec<u8>,
     /// A change of its state is under way.
     is_changing: bool,
     /// A user's sequence reads or writes its EEPROM.
@@ -95,6 +97,7 @@ impl Default for Live {
         Self {
             status: SlaveStatus { is_present: true, status, code: AlStatus::NONE },
             mailbox: MailboxState::default(),
+            mailbox_bytes: Vec::new(),
             is_changing: false,
             is_eeprom_used: false,
             keeps_mail: false,
@@ -124,6 +127,8 @@ pub(super) struct Shared {
     /// The working counters of the last cycle: of process data, expected, of all slaves.
     pub(super) last_counters: (u16, u16, Option<u16>),
     pub(super) clocks: Clocks,
+    /// Memory for measurements of delays, while there are none.
+    pub(super) measurements: Vec<Measurement>,
     /// Whose time the clocks follow.
     pub(super) reference: ReferenceClock,
     /// How cycles follow the reference clock.
@@ -147,6 +152,7 @@ impl Shared {
             is_alarmed: false,
             last_counters: (0, 0, None),
             clocks: Clocks::default(),
+            measurements: Vec::new(),
             reference: ReferenceClock::default(),
             pace: None,
             pacer: Pacer::default(),
@@ -166,7 +172,9 @@ impl Shared {
     /// These slaves were found.
     pub(super) fn begin(&mut self, slaves: &[SlaveInfo]) {
         self.live.resize(slaves.len(), Live::default());
-        for (slave, info) in (1..).zip(slaves) {
+        for ((slave, info), live) in (1..).zip(slaves).zip(&mut self.live) {
+            let areas = info.mailbox.map(|mailbox| mailbox.areas).unwrap_or_default();
+            live.mailbox_bytes.reserve(areas.receive.len.max(areas.send.len).into());
             if info.features.contains(Features::CLOCK) {
                 self.clocks.all.insert(slave);
             }

@@ -86,10 +86,15 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
 /// [`SiiError`].
 pub(super) async fn identity(bus: &Bus, station: u16) -> Result<SiiIdentity, SiiError> {
     const START: usize = 2 * VENDOR_WORD as usize;
-    let mut bytes = vec![0; START];
-    read_up_to(bus, station, &mut bytes, START + size_of::<SiiIdentity>()).await?;
-    bytes.resize(SII_INFO_LEN, 0);
-    Ok(bytes.first_chunk().map(SiiInfo::decode).unwrap_or_default().identity)
+    let mut bytes = [0; SII_INFO_LEN];
+    let mut at = START;
+    while at < START + size_of::<SiiIdentity>() {
+        let (data, count) = read_words(bus, station, (at / 2) as u16).await?;
+        bytes[at..].iter_mut().zip(&data[..count]).for_each(|(to, byte)| *to = *byte);
+        at += count;
+    }
+    // What was read behind the identity depends on how many bytes come at once.
+    Ok(SiiInfo::decode(&bytes).identity)
 }
 
 /// Reads on until there are `len` bytes.
@@ -104,7 +109,7 @@ async fn read_up_to(bus: &Bus, station: u16, bytes: &mut Vec<u8>, len: usize) ->
 
 /// The bytes from a word on, and how many they are: 4 or 8.
 async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usize), SiiError> {
-    let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, &[]).await?;
+    let (status, data) = command(bus, station, SiiControl::NONE.with_command(SiiCommand::Read), word, None).await?;
     Ok((data, if status.contains(SiiControl::READS_8_BYTES) { 8 } else { 4 }))
 }
 
@@ -112,29 +117,30 @@ async fn read_words(bus: &Bus, station: u16, word: u16) -> Result<([u8; 8], usiz
 async fn write_word(bus: &Bus, station: u16, word: u16, value: u16) -> Result<(), SiiError> {
     // The bit that allows a write counts in the datagram with the command alone.
     let write = SiiControl::NONE.with_command(SiiCommand::Write).with(SiiControl::WRITE_ENABLE);
-    command(bus, station, write, word, &value.to_le_bytes()).await?;
+    command(bus, station, write, word, Some(value)).await?;
     Ok(())
 }
 
-/// Runs a command for a word, with `data` for the data register; the status and the data register then.
+/// Runs a command for a word, with `value` for the data register; the status and the data register then.
 async fn command(
     bus: &Bus,
     station: u16,
     command: SiiControl,
     word: u16,
-    data: &[u8],
+    value: Option<u16>,
 ) -> Result<(SiiControl, [u8; 8]), SiiError> {
     let mut status = SiiControl::NONE;
     let [c0, c1] = command.0.to_le_bytes();
     let [low, high] = word.to_le_bytes();
-    let mut written = vec![c0, c1, low, high, 0, 0];
-    written.extend_from_slice(data);
+    let [d0, d1] = value.unwrap_or_default().to_le_bytes();
+    let registers = [c0, c1, low, high, 0, 0, d0, d1];
+    let written = if value.is_some() { &registers[..] } else { &registers[..6] };
     for turn in 0..TRIES {
         if turn > 0 && command.command() == SiiCommand::Write {
             bus.sleep(AGAIN_NS).await;
         }
         let until = bus.now() + BUSY_MAX_NS;
-        if bus.write(station, SII_CONTROL, &written).await == Err(Unanswered::Lost) {
+        if bus.write(station, SII_CONTROL, written).await == Err(Unanswered::Lost) {
             return Err(SiiError::NoAnswer);
         }
         loop {

@@ -1,13 +1,18 @@
 //! Changes of the AL state: step by step, with what each step needs, until the slave is there, refuses, or time is up.
 
-use super::bus::{Bus, Unanswered, join};
+use std::sync::Arc;
+use std::task::{Context, Poll};
+
+use super::bus::{Bus, Unanswered};
+use super::place::{Place, place};
+use super::process_data::Registers;
 use super::scan::STATE_POLL_NS;
 use super::{SyncSignals, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager,
     WATCHDOG_PROCESS_DATA, fmmu, sync_manager,
 };
-use crate::ethercat::{AlState, AlStatus, Ns};
+use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 
 /// A slave that is not in the state that was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -78,17 +83,87 @@ pub(super) struct Plan {
     pub(super) station: u16,
     /// The sync managers of the mailbox.
     pub(super) mailbox: Option<[SyncManager; 2]>,
-    /// The sync managers of process data.
-    pub(super) managers: Vec<(u8, SyncManager)>,
-    pub(super) fmmus: Vec<Fmmu>,
+    /// What the registers say about its process data; `None`: it is not there.
+    pub(super) registers: Option<Arc<Registers>>,
     pub(super) sync: Option<SyncSignals>,
 }
 
-/// Brings slaves to a state, each at its own pace; the error of the first one in the order of the cable that is not there.
-pub(super) async fn bring_all(bus: Bus, plans: Vec<Plan>, target: AlState, until: Ns) -> Result<(), StateError> {
-    let ended = join(plans.iter().map(|plan| bring(&bus, plan, target, until))).await;
-    let failed = plans.iter().zip(ended).find_map(|(plan, ended)| Some((plan.slave, ended.err()?)));
-    failed.map_or(Ok(()), |(slave, reason)| Err(StateError { slave, target, reason }))
+/// What one slave does in a change of state.
+struct Part {
+    slave: u8,
+    /// What is to be written, until it begins.
+    plan: Option<Plan>,
+    way: Place<(Plan, AlState, Ns), Result<(), StateReason>>,
+    ended: Option<Result<(), StateReason>>,
+}
+
+/// A place for a change of state: slaves are brought to it, each at its own pace.
+pub(super) struct StateChange {
+    target: AlState,
+    timeout_ns: Ns,
+    /// Those of the slaves that take part, and others for which there is room, in the order of the cable.
+    parts: Vec<Part>,
+    /// How many slaves take part.
+    slaves: usize,
+}
+
+impl StateChange {
+    /// With room for so many slaves.
+    pub(super) fn new(bus: &Bus, slaves: usize) -> Self {
+        let mut change =
+            Self { target: AlState::Init, timeout_ns: 0, parts: Vec::with_capacity(MAX_SLAVES), slaves: 0 };
+        change.parts.extend((0..slaves).map(|_| Part::new(bus.clone())));
+        change
+    }
+
+    /// Begins a change of state of the slaves that these plans are for. There is none under way here.
+    pub(super) fn begin(&mut self, bus: &Bus, plans: impl IntoIterator<Item = Plan>, target: AlState, timeout_ns: Ns) {
+        (self.target, self.timeout_ns, self.slaves) = (target, timeout_ns, 0);
+        for plan in plans {
+            if self.parts.len() == self.slaves {
+                self.parts.push(Part::new(bus.clone()));
+            }
+            let part = &mut self.parts[self.slaves];
+            (part.slave, part.plan, part.ended) = (plan.slave, Some(plan), None);
+            self.slaves += 1;
+        }
+    }
+
+    /// Goes on with all slaves; when all have ended, the error of the first one in the order of the cable that is not there.
+    pub(super) fn poll(&mut self, bus: &Bus, context: &mut Context<'_>) -> Poll<Result<(), StateError>> {
+        let target = self.target;
+        let parts = &mut self.parts[..self.slaves];
+        for part in parts.iter_mut().filter(|part| part.ended.is_none()) {
+            if let Some(plan) = part.plan.take() {
+                let until = bus.now().saturating_add(self.timeout_ns);
+                part.way.begin((plan, target, until));
+            }
+            if let Poll::Ready(ended) = part.way.poll(context) {
+                part.ended = Some(ended);
+            }
+        }
+        if parts.iter().any(|part| part.ended.is_none()) {
+            return Poll::Pending;
+        }
+        let failed = parts.iter().find_map(|part| Some((part.slave, part.ended?.err()?)));
+        Poll::Ready(failed.map_or(Ok(()), |(slave, reason)| Err(StateError { slave, target, reason })))
+    }
+
+    /// Gives up what is under way.
+    pub(super) fn give_up(&mut self) {
+        for part in &mut self.parts[..self.slaves] {
+            part.plan = None;
+            part.way.give_up();
+        }
+        self.slaves = 0;
+    }
+}
+
+impl Part {
+    fn new(bus: Bus) -> Self {
+        let way = place(move |(plan, target, until)| bring(bus.clone(), plan, target, until));
+        Self { slave: 0, plan: None, way, ended: None }
+    }
 }
 
 /// A change of a slave's state under way. Dropped, it has ended.
@@ -110,7 +185,8 @@ impl Drop for Change<'_> {
 }
 
 /// Brings a slave to a state.
-async fn bring(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
+async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
+    let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
     let mut current = acknowledge(bus, plan, until).await?;
     while current != target {
@@ -213,11 +289,13 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
 
 /// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
-    for (n, manager) in &plan.managers {
-        set_manager(bus, plan, *n, manager).await?;
-    }
-    for (n, mapped) in (0..).zip(&plan.fmmus) {
-        bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
+    if let Some(registers) = &plan.registers {
+        for (n, manager) in &registers.managers {
+            set_manager(bus, plan, *n, manager).await?;
+        }
+        for (n, mapped) in (0..).zip(&registers.fmmus) {
+            bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
+        }
     }
     set_watchdog(bus, plan).await?;
     clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await
@@ -234,10 +312,11 @@ async fn set_watchdog(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
 /// Below SafeOP nothing is exchanged any more.
 async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     clocks::stop_sync(bus, plan.slave, plan.station).await?;
-    for n in 0..plan.fmmus.len() as u8 {
+    let Some(registers) = &plan.registers else { return Ok(()) };
+    for n in 0..registers.fmmus.len() as u8 {
         bus.write(plan.station, fmmu(n), &Fmmu::default().encode()).await?;
     }
-    for (n, _) in &plan.managers {
+    for (n, _) in &registers.managers {
         bus.write(plan.station, sync_manager(*n), &SyncManager::default().encode()).await?;
     }
     Ok(())

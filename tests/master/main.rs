@@ -10,7 +10,9 @@
 //! - `faults.rs`: frames that are lost, late, doubled
 //! - `lost.rs`: slaves that go and come back
 //! - `ring.rs`: two cards at the ends of the cable
+//! - `allocation.rs`: what allocates nothing
 
+mod allocation;
 mod clocks;
 mod faults;
 mod files;

@@ -37,6 +37,23 @@ fn values_of_any_length_are_read_and_written() {
     assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(Vec::new()));
 }
 
+/// MASTER-1.5 MASTER-5.1 An upload of a number reads the whole value, however it comes, and tells its first 4 bytes; those that it lacks
+/// are 0. A download of up to 4 bytes brings just these.
+#[test]
+fn a_number_is_the_beginning_of_a_value() {
+    for len in (0..=20).chain([113, 120, 121, 1_000]) {
+        let mut rig = blob(len);
+        let value = bytes(len);
+        let mut first = [0; 4];
+        first.iter_mut().zip(&value).for_each(|(to, byte)| *to = *byte);
+        let id = rig.master.upload_number(1, BLOB, SdoScope::Entry, SECOND);
+        assert_eq!(rig.wait(id), JobDone::UploadNumber(Ok(u32::from_le_bytes(first))), "{len}");
+        let begin = &value[..len.min(4)];
+        assert_eq!(rig.download(1, BLOB.index, BLOB.sub, begin), Ok(()), "{len}");
+        assert_eq!(rig.upload(1, BLOB.index, BLOB.sub).as_deref(), Ok(begin), "{len}");
+    }
+}
+
 /// MASTER-5.2 A transfer that the slave aborts ends with the slave's abort code.
 #[test]
 fn an_abort_has_its_code() {

@@ -1,5 +1,6 @@
 //! The master with a wire to a chain of slaves, in virtual time.
 
+use allocation_counter::opt_out;
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::registers::Features;
@@ -21,6 +22,9 @@ pub const SECOND: Ns = 1_000_000_000;
 pub const CYCLE: Ns = MS;
 /// How often the master is polled.
 pub const STEP: Ns = 50 * US;
+
+/// How many frames there are buffers for from the start: as many as the master has on the way.
+const FRAMES: usize = 32;
 
 /// A wire to a chain of slaves.
 pub struct Net {
@@ -78,13 +82,21 @@ impl Wire for Net {
         bytes.extend_from_slice(frame);
         let mut frame = bytes;
         if self.faults.hits(self.faults.lost_out) {
+            self.spare.push(frame);
             return Ok(());
         }
-        let FrameFate::Returned(mut at) = self.chain.process(&mut frame, self.now) else { return Ok(()) };
+        // Whether slaves allocate is another question than whether the master does.
+        let mut fate = FrameFate::Lost;
+        opt_out(|| fate = self.chain.process(&mut frame, self.now));
+        let FrameFate::Returned(mut at) = fate else {
+            self.spare.push(frame);
+            return Ok(());
+        };
         if let Some(hostile) = &mut self.hostile {
             hostile(&mut frame);
         }
         if self.faults.hits(self.faults.lost_back) {
+            self.spare.push(frame);
             return Ok(());
         }
         if self.faults.hits(self.faults.late) {
@@ -150,7 +162,9 @@ const _: () = is_send::<Master>();
 
 impl Rig {
     pub fn of(chain: Chain) -> Self {
-        let net = Net { chain, now: MS, back: Vec::new(), faults: Faults::NONE, hostile: None, spare: Vec::new() };
+        let spare = (0..FRAMES).map(|_| Vec::with_capacity(1514)).collect();
+        let back = Vec::with_capacity(FRAMES);
+        let net = Net { chain, now: MS, back, faults: Faults::NONE, hostile: None, spare };
         let master = Master::new(Settings::default());
         Self { master, net, next_cycle: None, last: CycleDone::default() }
     }
@@ -171,7 +185,7 @@ impl Rig {
     pub fn step(&mut self) {
         self.net.now += STEP;
         let now = self.net.now;
-        self.net.chain.advance(now);
+        opt_out(|| self.net.chain.advance(now));
         if self.next_cycle.is_some_and(|next| now >= next) {
             self.next_cycle = Some(now + CYCLE);
             self.master.cycle(now, &mut self.net);

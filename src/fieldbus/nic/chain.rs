@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::{CardPair, NicWires};
-use crate::ethercat::{CableEnd, Ns};
+use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, FrameFate, UndescribedError};
@@ -13,6 +13,9 @@ use crate::slave::handle::SimHandle;
 const CARD_NS: Ns = 20_000;
 /// Time passes for slaves that get no frame after so long, ns. \[OURS]
 const STEP_NS: Ns = 1_000_000;
+
+/// How many frames there are buffers for from the start: as many as the master has on the way.
+const FRAMES: usize = 32;
 
 /// A frame on its way back.
 struct Returning {
@@ -55,7 +58,9 @@ impl ChainWires {
 
     /// Slaves that are on a cable already, which has to be that of `handle`.
     pub fn on_cable(slaves: CabledChain, handle: SimHandle) -> Self {
-        let mut wires = Self { slaves, handle, now: 0, returning: Default::default(), spare: Vec::new() };
+        let spare = (0..FRAMES).map(|_| Vec::with_capacity(FRAME_LEN_MAX)).collect();
+        let returning = [(); 2].map(|()| VecDeque::with_capacity(FRAMES));
+        let mut wires = Self { slaves, handle, now: 0, returning, spare };
         wires.publish_shafts();
         wires
     }

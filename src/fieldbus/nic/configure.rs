@@ -2,13 +2,13 @@
 //! which the board does it.
 
 use super::answer_wait_ns;
-use super::jobs::{first_four, is_busy};
+use super::jobs::is_busy;
 use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
-use crate::fieldbus::pdo::{self, Download, ProcessData};
+use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
 use crate::master::{JobDone, JobId, Master, SdoError, SlaveInfo, SyncSignals};
-use crate::sk::DriveSync;
+use crate::sk::{CycleTime, DriveSync};
 
 /// How many slaves are configured at once. \[OURS]
 const AT_ONCE: usize = 8;
@@ -16,17 +16,16 @@ const AT_ONCE: usize = 8;
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
 
 /// How far a slave has come.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there are as many as slaves are configured at once, and boxing it would allocate"
+)]
 enum Stage {
     /// Whether a pulse module has a second axis is read.
     SecondAxis,
     /// The downloads that are left, and the one under way. `refused`: the slave has aborted it so, and what the object holds is
     /// read instead.
-    Writing {
-        wanted: Wanted,
-        left: Box<dyn Iterator<Item = Download> + Send>,
-        current: Download,
-        refused: Option<AbortCode>,
-    },
+    Writing { wanted: Wanted, left: Left, current: Download, refused: Option<AbortCode> },
 }
 
 /// Which process data a slave is to have.
@@ -36,6 +35,26 @@ enum Wanted {
     Mapped(ProcessData),
     /// Those that its EEPROM describes, since it cannot map others.
     Described,
+}
+
+/// The downloads of a slave that are left.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there are as many as slaves are configured at once, and boxing it would allocate"
+)]
+enum Left {
+    Mapping(<Downloads as IntoIterator>::IntoIter),
+    /// Those of [`Wanted::Described`], which are as many as its EEPROM says.
+    Assigning(std::vec::IntoIter<Download>),
+}
+
+impl Left {
+    fn next(&mut self) -> Option<Download> {
+        match self {
+            Self::Mapping(left) => left.next(),
+            Self::Assigning(left) => left.next(),
+        }
+    }
 }
 
 /// A slave that is being configured.
@@ -64,7 +83,7 @@ enum Ended {
 /// How often a transfer is asked for whose mailbox is in use, as long as an answer is fetched that nobody waits for. \[OURS]
 const TRIES: u32 = 1000;
 
-/// The configuration of slaves under way.
+/// The configuration of slaves under way, and a place for one.
 pub(super) struct Configuring {
     config: BusConfig,
     found: u8,
@@ -75,25 +94,35 @@ pub(super) struct Configuring {
 }
 
 impl Configuring {
-    pub(super) fn new(config: BusConfig, found: u8) -> Self {
+    /// A place for one.
+    pub(super) fn place() -> Box<Self> {
+        let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
+        let slaves = [unused; MAX_SLAVES];
+        let config = BusConfig { cycle: CycleTime::DEFAULT, selected: SlaveSet::EMPTY, slaves };
         let under_way = Vec::with_capacity(AT_ONCE);
-        Self { config, found, next: 1, under_way, second_axes: SlaveSet::EMPTY, refusal: None }
+        Box::new(Self { config, found: 0, next: 1, under_way, second_axes: SlaveSet::EMPTY, refusal: None })
     }
 
-    pub(super) fn cancel(self, master: &mut Master) {
-        self.under_way.iter().for_each(|one| master.cancel(one.id));
+    /// Begins one. There is none under way here.
+    pub(super) fn begin_all(&mut self, config: BusConfig, found: u8) {
+        (self.config, self.found, self.next) = (config, found, 1);
+        (self.second_axes, self.refusal) = (SlaveSet::EMPTY, None);
+    }
+
+    pub(super) fn cancel(&mut self, master: &mut Master) {
+        self.under_way.drain(..).for_each(|one| master.cancel(one.id));
     }
 
     /// A transfer has ended.
     pub(super) fn take(&mut self, id: JobId, done: &JobDone) {
         let Some(one) = self.under_way.iter_mut().find(|one| one.id == id) else { return };
         one.ended = Some(match done {
-            JobDone::Upload(Err(SdoError::Abort(code))) | JobDone::Download(Err(SdoError::Abort(code))) => {
+            JobDone::UploadNumber(Err(SdoError::Abort(code))) | JobDone::Download(Err(SdoError::Abort(code))) => {
                 Ended::Aborted(*code)
             }
             done if is_busy(done) && one.tries < TRIES => Ended::Busy,
-            JobDone::Upload(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
-            JobDone::Upload(Ok(bytes)) => Ended::Holds(first_four(bytes)),
+            JobDone::UploadNumber(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
+            JobDone::UploadNumber(Ok(number)) => Ended::Holds(*number),
             _ => Ended::Done,
         });
     }
@@ -187,17 +216,11 @@ impl Configuring {
         let Some(data) = ProcessData::of(role, has_second_axis) else {
             return self.refuse(Refusal { slave, ..pdo::NO_SUCH_MODE });
         };
-        self.write_next(slave, Wanted::Mapped(data), Box::new(data.downloads(sync).into_iter()), master);
+        self.write_next(slave, Wanted::Mapped(data), Left::Mapping(data.downloads(sync).into_iter()), master);
     }
 
     /// Goes on with the next download. False: there is none.
-    fn write_next(
-        &mut self,
-        slave: u8,
-        wanted: Wanted,
-        mut left: Box<dyn Iterator<Item = Download> + Send>,
-        master: &mut Master,
-    ) -> bool {
+    fn write_next(&mut self, slave: u8, wanted: Wanted, mut left: Left, master: &mut Master) -> bool {
         let Some(current) = left.next() else { return false };
         let id = download(slave, &current, master);
         let stage = Stage::Writing { wanted, left, current, refused: None };
@@ -216,7 +239,7 @@ impl Configuring {
         };
         let [outputs, inputs] = info.assigned_pdos();
         let downloads = Download::assigning(&outputs, &inputs).into_iter();
-        self.write_next(slave, Wanted::Described, Box::new(downloads), master);
+        self.write_next(slave, Wanted::Described, Left::Assigning(downloads), master);
     }
 
     fn go_on(
@@ -293,7 +316,7 @@ fn is_described(info: &SlaveInfo) -> bool {
 }
 
 fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {
-    master.upload(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
+    master.upload_number(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
 }
 
 fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
@@ -308,5 +331,5 @@ fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
 }
 
 fn upload(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    master.upload(slave, download.object, SdoScope::Entry, SDO_TIMEOUT_NS)
+    master.upload_number(slave, download.object, SdoScope::Entry, SDO_TIMEOUT_NS)
 }

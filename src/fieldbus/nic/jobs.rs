@@ -6,7 +6,7 @@ use crate::coe::{AbortCode, SdoScope};
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
-use crate::master::{self, JobId, MailboxError, Master, Pace, SdoError, StateError, StateReason};
+use crate::master::{self, JobId, MailboxError, Pace, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
 /// A job under way that is no SDO.
@@ -42,31 +42,15 @@ impl Running {
     pub(super) const fn allows_sdo(&self) -> bool {
         matches!(self, Self::State(_))
     }
-
-    /// Gives up what the master does for it.
-    pub(super) fn cancel(self, master: &mut Master) {
-        match self {
-            Self::Scan(id) | Self::State(Change { id: Some(id), .. }) => master.cancel(id),
-            Self::State(_) => {}
-            Self::Configure(configuring) => configuring.cancel(master),
-        }
-    }
 }
 
 /// Whether a transfer was refused because the mailbox is in use: an emergency or an answer that nobody waits for is fetched.
 pub(super) const fn is_busy(done: &master::JobDone) -> bool {
-    use master::JobDone::{Download, Upload};
+    use master::JobDone::{Download, UploadNumber};
     matches!(
         done,
-        Upload(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
+        UploadNumber(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
     )
-}
-
-/// The number that the first 4 bytes of a value are.
-pub(super) fn first_four(bytes: &[u8]) -> u32 {
-    let mut value = [0; 4];
-    value.iter_mut().zip(bytes).for_each(|(to, byte)| *to = *byte);
-    u32::from_le_bytes(value)
 }
 
 /// The slave is not where it is wanted, and has given no reason.
@@ -83,7 +67,9 @@ impl<W: NicWires> NicBus<W> {
             }
             Job::Configure(config) => {
                 self.set_cycle(config.cycle);
-                Some(Running::Configure(Box::new(Configuring::new(config, self.found))))
+                let mut configuring = self.spare.take().unwrap_or_else(Configuring::place);
+                configuring.begin_all(config, self.found);
+                Some(Running::Configure(configuring))
             }
             Job::State { target, slaves, timeout_ns } => {
                 let slaves = slaves.intersection(self.all());
@@ -153,10 +139,17 @@ impl<W: NicWires> NicBus<W> {
 
     /// The board gives up a change under way.
     pub(super) fn give_up(&mut self, job: Running) {
-        if let Running::State(change) = &job {
-            self.stay_in_op(change);
+        match job {
+            Running::Scan(id) => self.master.cancel(id),
+            Running::State(change) => {
+                self.stay_in_op(&change);
+                change.id.into_iter().for_each(|id| self.master.cancel(id));
+            }
+            Running::Configure(mut configuring) => {
+                configuring.cancel(&mut self.master);
+                self.spare = Some(configuring);
+            }
         }
-        job.cancel(&mut self.master);
     }
 
     /// A change has not come to its end. Slaves that were on their way out of OP belong there again, and count as lost (SK-4.73): they
@@ -174,7 +167,8 @@ impl<W: NicWires> NicBus<W> {
     pub(super) fn start_sdo(&mut self, request: SdoRequest) {
         let SdoRequest { slave, object, write, timeout_ns } = request;
         let id = match write {
-            None => self.master.upload(slave, object, SdoScope::Entry, timeout_ns),
+            // Of a longer value the board shows the first 4 bytes (SK-6).
+            None => self.master.upload_number(slave, object, SdoScope::Entry, timeout_ns),
             Some((size, value)) => {
                 let bytes = value.to_le_bytes();
                 self.master.download(slave, object, SdoScope::Entry, &bytes[..usize::from(size.bytes())], timeout_ns)
@@ -210,13 +204,13 @@ impl<W: NicWires> NicBus<W> {
         else {
             return;
         };
-        let mut mapped = Vec::new();
-        let ended = configuring.run(&mut self.master, &mut |slave, data| mapped.push((slave, data)));
-        for (slave, data) in mapped {
-            self.station_mut(slave).process_data = data;
-        }
-        match ended {
-            Some(done) => self.ended.push_back(JobDone::Configure(done)),
+        let Self { master, stations, .. } = self;
+        let mut mapped = |slave, data| stations[usize::from(slave) - 1].process_data = data;
+        match configuring.run(master, &mut mapped) {
+            Some(done) => {
+                self.ended.push_back(JobDone::Configure(done));
+                self.spare = Some(configuring);
+            }
             None => self.job = Some(Running::Configure(configuring)),
         }
     }
@@ -230,10 +224,11 @@ impl<W: NicWires> NicBus<W> {
         }
         let written = request.write.map_or(0, |(_, value)| value);
         let result = match done {
-            // Of a longer value the board shows the first 4 bytes (SK-6).
-            master::JobDone::Upload(Ok(bytes)) => Ok(first_four(bytes)),
+            master::JobDone::UploadNumber(Ok(number)) => Ok(*number),
             master::JobDone::Download(Ok(())) => Ok(written),
-            master::JobDone::Upload(Err(error)) | master::JobDone::Download(Err(error)) => Err(error.abort_code()),
+            master::JobDone::UploadNumber(Err(error)) | master::JobDone::Download(Err(error)) => {
+                Err(error.abort_code())
+            }
             _ => Err(AbortCode::TIMEOUT),
         };
         self.ended.push_back(JobDone::Sdo(result));

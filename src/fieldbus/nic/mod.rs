@@ -51,6 +51,7 @@ use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
+use configure::Configuring;
 use jobs::Running;
 use missed::Missed;
 pub use ring::{GRACE_NS, Ring};
@@ -123,6 +124,8 @@ pub struct NicBus<W> {
     /// Cycles in a row without an answer.
     unanswered: u32,
     job: Option<Running>,
+    /// A place for a configuration, while there is none.
+    spare: Option<Box<Configuring>>,
     sdo: Option<RunningSdo>,
     ended: VecDeque<JobDone>,
 }
@@ -150,6 +153,7 @@ impl<W: NicWires> NicBus<W> {
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,
+            spare: Some(Configuring::place()),
             sdo: None,
             ended: VecDeque::with_capacity(4),
         }

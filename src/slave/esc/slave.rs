@@ -24,6 +24,8 @@ pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
 pub const DRIVEN_NS: Ns = 20_000_000;
 /// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
 const PULSES_MAX: u32 = 10_000;
+/// \[OURS] For how many bytes of outputs, and of inputs, there is room before more needs memory.
+const PROCESS_DATA_USUAL: usize = 64;
 /// A slave as the network sees it: a controller, and a device behind it.
 ///
 /// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave is quiet then, and
@@ -77,9 +79,9 @@ impl EscSlave {
             device,
             application: Application::new(has_mailbox, managers),
             mailbox: Mailbox::default(),
-            outputs: Vec::new(),
+            outputs: Vec::with_capacity(PROCESS_DATA_USUAL),
             outputs_came: None,
-            inputs: Vec::new(),
+            inputs: Vec::with_capacity(PROCESS_DATA_USUAL),
             now,
             stepped: now,
             free_run: now + FREE_RUN_CYCLE_NS,

@@ -163,7 +163,9 @@ impl Controllers {
             JobDone::ReadFile(content) => Answer::File(content.map_err(file_error)),
             JobDone::WriteFile(written) => Answer::File(written.map(|()| Vec::new()).map_err(file_error)),
             JobDone::Mail(mail) => Answer::Mail(mail.ok().flatten()),
-            JobDone::ObjectList(_) | JobDone::Description(_) | JobDone::ReadRegisters(_) => Answer::Unknown,
+            JobDone::UploadNumber(_) | JobDone::ObjectList(_) | JobDone::Description(_) | JobDone::ReadRegisters(_) => {
+                Answer::Unknown
+            }
         }
     }
 

@@ -88,9 +88,9 @@ pub fn listed() -> (String, Value) {
     (text.out, row)
 }
 
-/// The findings of `doctor` for the card. Its exit code says whether one of them is wrong.
-pub fn doctor() -> Vec<Value> {
-    let ran = ended(tool(&["doctor", "--json"]).env("ECMSK_LINK", CARD));
+/// The findings of `doctor` for a link. Its exit code says whether one of them is wrong.
+pub fn doctor(link: &str) -> Vec<Value> {
+    let ran = ended(tool(&["doctor", "--json"]).env("ECMSK_LINK", link));
     let findings = ran.lines();
     let is_wrong = findings.iter().any(|finding| finding["state"] == "wrong");
     assert_eq!(ran.code, Some(i32::from(is_wrong)), "{ran:?}");

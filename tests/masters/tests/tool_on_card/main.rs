@@ -5,9 +5,11 @@
 //! - `shown.rs`: what there is, how well clocks keep together, which cable is bad
 //! - `written.rs`: objects, files and EEPROMs
 //! - `told.rs`: whether the card is fit, and what goes wrong
+//! - `ring.rs`: two cards
 #![cfg(target_os = "linux")]
 
 mod card;
+mod ring;
 mod shown;
 mod told;
 mod written;

@@ -27,7 +27,7 @@ mod needs_network_namespace {
         let lines = run(&["list", "--json"]).lines();
         let slaves = lines.iter().find(|row| row["path"] == SLAVES).expect("the slaves' end");
         assert_eq!(slaves["can_open"], false, "its server has it: {slaves}");
-        let findings = doctor();
+        let findings = doctor(CARD);
         let state = |check| finding(&findings, check).map(|finding| finding["state"].clone());
         for check in ["card-fit", "card-use", "raw-frames", "card-cable"] {
             assert_eq!(state(check), Some(json!("ok")), "{findings:?}");
@@ -52,7 +52,7 @@ mod needs_network_namespace {
         let scanned = run(&["list", "--scan", MASTER]);
         assert_eq!((scanned.code, scanned.out), (Some(1), text));
         assert!(scanned.err.contains("`nic:veth0` is in use by another program of ecmsk"), "{}", scanned.err);
-        let findings = doctor();
+        let findings = doctor(CARD);
         assert_eq!(finding(&findings, "card-use").expect("it is said")["state"], "wrong", "{findings:?}");
         assert!(finding(&findings, "round-trip").is_none(), "{findings:?}");
         board.close();
@@ -69,7 +69,7 @@ mod needs_network_namespace {
         assert!(text.contains("cannot be opened: it is switched off"), "{text}");
         assert_eq!((&row["up"], &row["next"]), (&json!(false), &json!(["sudo ip link set veth0 up"])), "{row}");
         look(&["scan"]).fails(1, &["veth0 is down", "sudo ip link set veth0 up"]);
-        let fit = finding(&doctor(), "card-fit").cloned().expect("it is said");
+        let fit = finding(&doctor(CARD), "card-fit").cloned().expect("it is said");
         assert_eq!((&fit["state"], &fit["next"]), (&json!("wrong"), &json!("sudo ip link set veth0 up")), "{fit}");
     }
 
@@ -108,7 +108,7 @@ mod needs_network_namespace {
         }
         let scanned = run(&["list", "--scan", MASTER]);
         assert!(scanned.code == Some(1) && scanned.out.contains(CARD) && scanned.err.contains("no slave answers"));
-        let trips = finding(&doctor(), "round-trip").cloned().expect("it is said");
+        let trips = finding(&doctor(CARD), "round-trip").cloned().expect("it is said");
         assert_eq!((&trips["state"], &trips["found"]), (&json!("wrong"), &json!("no frame comes back")), "{trips}");
     }
 

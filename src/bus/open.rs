@@ -20,9 +20,11 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
         }
         #[cfg(all(feature = "nic", target_os = "linux"))]
         Scheme::Nic => {
-            let card = crate::link::nic::Card::of(&uri)?;
-            let settings = crate::master::Settings { source: card.source(), ..Default::default() };
-            Ok(Box::new(super::software::SoftwareNetwork::new(card, settings)))
+            use crate::link::nic::{Wires, wires};
+            Ok(match wires(&uri)? {
+                (Wires::Line(card), settings) => Box::new(super::software::SoftwareNetwork::new(card, settings)),
+                (Wires::Ring(ring), settings) => Box::new(super::software::SoftwareNetwork::new(ring, settings)),
+            })
         }
         Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
         Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),

@@ -6,6 +6,7 @@ use super::BusError;
 use crate::ethercat::Command;
 use crate::ethercat::registers::AL_STATUS;
 use crate::fieldbus::nic::NicWires;
+use crate::link::nic::{Wires, wires};
 use crate::link::uri::LinkUri;
 use crate::master::{JobDone, Master, Settings};
 
@@ -44,9 +45,10 @@ impl RoundTrips {
 /// # Errors
 /// [`BusError::Link`]
 pub fn round_trips(link: &LinkUri, times: u32) -> Result<Option<RoundTrips>, BusError> {
-    let card = crate::link::nic::Card::of(link)?;
-    let settings = Settings { source: card.source(), ..Settings::default() };
-    Ok(measure(card, settings, times))
+    Ok(match wires(link)? {
+        (Wires::Line(card), settings) => measure(card, settings, times),
+        (Wires::Ring(ring), settings) => measure(ring, settings, times),
+    })
 }
 
 fn measure(mut wires: impl NicWires, settings: Settings, times: u32) -> Option<RoundTrips> {

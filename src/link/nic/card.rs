@@ -30,7 +30,7 @@ impl Card {
     ///
     /// # Errors
     /// [`LinkError::Uri`]: it names none; as [`Self::open`].
-    pub(crate) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
+    pub(super) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
         if uri.path().is_empty() {
             let path = uri.path().to_owned();
             return Err(
@@ -74,7 +74,7 @@ impl Card {
     }
 
     /// The source of its frames.
-    pub(crate) const fn source(&self) -> MacAddress {
+    pub(super) const fn source(&self) -> MacAddress {
         self.source
     }
 
@@ -135,7 +135,7 @@ impl NicWires for Card {
 }
 
 /// Two cards, one at each end of the slaves' cable.
-pub(super) struct Cards {
+pub(crate) struct Cards {
     pub(super) first: Card,
     pub(super) second: Card,
 }

@@ -15,37 +15,50 @@ use crate::engine::{Board, Rate};
 use crate::fieldbus::Fieldbus;
 use crate::fieldbus::nic::{NicBus, Ring};
 use crate::master::Settings;
-pub(crate) use card::Card;
-use card::Cards;
+use card::{Card, Cards};
+
+/// The way to the slaves of a link.
+pub(crate) enum Wires {
+    /// One card.
+    Line(Card),
+    /// Two cards, one at each end of the cable.
+    Ring(Ring<Cards>),
+}
+
+/// Opens the card that a link names, or both of them, for a master that sends as it says.
+///
+/// # Errors
+/// As [`Card::of`]; both cards are the same one.
+pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
+    let name = uri.to_string();
+    let no_board = |reason: &str| LinkError::NoBoard { name: name.clone(), reason: reason.to_owned() };
+    let first = Card::of(uri)?;
+    let settings = Settings { source: first.source(), ..Settings::default() };
+    let Some(second) = uri.value("second") else { return Ok((Wires::Line(first), settings)) };
+    if second == uri.path() {
+        return Err(no_board("a ring needs two cards, and `second` is the first one; name another one"));
+    }
+    let second = Card::open(second, &name)?;
+    let probe_source = second.source();
+    if probe_source == settings.source {
+        return Err(no_board("both cards have the same address; name two"));
+    }
+    Ok((Wires::Ring(Ring::new(Cards { first, second }, probe_source)), settings))
+}
 
 /// Opens the board: the network is scanned, and its slaves are brought to PreOP.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
     let options = BoardOptions::from_uri(uri)?;
     let name = uri.to_string();
-    let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
-    let first = Card::of(uri)?;
-    let settings = Settings { source: first.source(), ..Settings::default() };
-    let bus: Box<dyn Fieldbus> = match uri.value("second") {
-        None => Box::new(NicBus::new(first, settings)),
-        Some(second) if second == uri.path() => {
-            return Err(no_board("a ring needs two cards, and `second` is the first one; name another one".into()));
-        }
-        Some(second) => {
-            let second = Card::open(second, &name)?;
-            let probe_source = second.source();
-            if probe_source == settings.source {
-                return Err(no_board("both cards have the same address; name two".into()));
-            }
-            Box::new(NicBus::new(Ring::new(Cards { first, second }, probe_source), settings))
-        }
+    let bus: Box<dyn Fieldbus> = match wires(uri)? {
+        (Wires::Line(card), settings) => Box::new(NicBus::new(card, settings)),
+        (Wires::Ring(ring), settings) => Box::new(NicBus::new(ring, settings)),
     };
     let mut board = Board::new(options.engine(), bus);
     if !boots(&mut board) {
-        return Err(no_board(
-            "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and try \
-             `ecmsk doctor`"
-                .into(),
-        ));
+        let reason = "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and \
+                      try `ecmsk doctor`";
+        return Err(LinkError::NoBoard { name, reason: reason.to_owned() });
     }
     EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))
 }

@@ -56,7 +56,19 @@ impl Rig {
     pub fn with_drift(list: &str, name: &str, drift_ppm: u16) -> Self {
         enter_namespace();
         make_pair(MASTER, SLAVES);
-        Self::serve(list, name, drift_ppm, None)
+        Self::serve(list, name, drift_ppm, None, None)
+    }
+
+    /// The same slaves with a script of what happens to them, as `ecmsk serve ethercat --script` has it.
+    ///
+    /// # Panics
+    /// As [`Self::new`], or they are no lines of a script.
+    pub fn with_script(list: &str, name: &str, lines: &str) -> Self {
+        enter_namespace();
+        make_pair(MASTER, SLAVES);
+        let script = support::out_dir().join(format!("{name}.ecmscript"));
+        std::fs::write(&script, lines).expect("a file in the target folder");
+        Self::serve(list, name, 0, None, Some(script))
     }
 
     /// The same slaves with a second pair of interfaces at the other end of their cable.
@@ -67,7 +79,7 @@ impl Rig {
         enter_namespace();
         make_pair(MASTER, SLAVES);
         make_pair(SECOND_MASTER, SECOND_SLAVES);
-        Self::serve(list, name, 0, Some(SECOND_SLAVES))
+        Self::serve(list, name, 0, Some(SECOND_SLAVES), None)
     }
 
     /// The same with something in the middle of the cable that loses, delays and doubles frames, as it is told.
@@ -80,10 +92,10 @@ impl Rig {
         make_pair(MASTER, near);
         make_pair(far, SLAVES);
         let middle = Middle::start();
-        (Self::serve(list, name, 0, None), middle)
+        (Self::serve(list, name, 0, None, None), middle)
     }
 
-    fn serve(list: &str, name: &str, drift_ppm: u16, second: Option<&str>) -> Self {
+    fn serve(list: &str, name: &str, drift_ppm: u16, second: Option<&str>, script: Option<PathBuf>) -> Self {
         let recording = support::target_dir().join("masters").join(format!("{name}.pcapng"));
         std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
         // Otherwise it would be kept as another file.
@@ -95,7 +107,7 @@ impl Rig {
             second: second.map(str::to_owned),
             slaves: slaves.clone(),
             drift_ppm,
-            script: None,
+            script,
             record: Some(recording.clone()),
             allow_default_route: false,
             // Masters wait some milliseconds for an answer, and the machine that runs tests may be busy with others.

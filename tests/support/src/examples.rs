@@ -38,9 +38,15 @@ pub const PYTHON: [(&str, &str); 3] =
 
 /// Runs a program of `examples/python/` on a link.
 pub fn run_python(name: &str, link: &str) -> Ended {
+    run(&mut python(name, link))
+}
+
+/// A program of `examples/python/` on a link.
+pub fn python(name: &str, link: &str) -> Command {
     let mut python = Command::new("python3");
     python.arg(root().join("examples/python").join(name).with_extension("py"));
     // No compiled files beside the examples.
     python.env("PYTHONDONTWRITEBYTECODE", "1").env("ECMSK_LIBRARY", &library().shared);
-    run(python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root()))
+    python.env("ECMSK_LINK", link).env_remove("ECMSK_LOG").current_dir(root());
+    python
 }

@@ -118,26 +118,37 @@ pub fn cargo() -> Command {
 pub fn library() -> &'static Library {
     static LIBRARY: OnceLock<Library> = OnceLock::new();
     LIBRARY.get_or_init(|| {
-        let target = target_dir();
-        let mut cargo = cargo();
-        cargo.args(["build", "--quiet", "--package", "NEXTWUSBLib", "--target-dir"]).arg(target);
-        let profile = if cfg!(debug_assertions) {
-            "debug"
-        } else {
-            cargo.arg("--release");
-            "release"
-        };
-        let built = cargo.output().expect("cargo runs");
-        assert!(built.status.success(), "the library does not build:\n{}", String::from_utf8_lossy(&built.stderr));
-
-        let shared = target.join(profile).join("libNEXTWUSBLib.so");
-        let archive = target.join(profile).join("libNEXTWUSBLib.a");
+        let built = build("NEXTWUSBLib");
+        let (shared, archive) = (built.join("libNEXTWUSBLib.so"), built.join("libNEXTWUSBLib.a"));
         let dir = out_dir().join("lib");
         fs::create_dir_all(&dir).expect("a folder in the target folder");
         link(&shared, &dir.join("libNEXTWUSBLib.so.0"));
         link(Path::new("libNEXTWUSBLib.so.0"), &dir.join("libNEXTWUSBLib.so"));
         Library { shared, archive, dir }
     })
+}
+
+/// The tool, for tests of other packages than its own: built once per test program, with the test's profile into the test's
+/// target folder.
+pub fn tool() -> &'static Path {
+    static TOOL: OnceLock<PathBuf> = OnceLock::new();
+    TOOL.get_or_init(|| build("ecmsk-tool").join(format!("ecmsk{}", env::consts::EXE_SUFFIX)))
+}
+
+/// Builds a package of the workspace, with the test's profile into the test's target folder; where it lies.
+fn build(package: &str) -> PathBuf {
+    let target = target_dir();
+    let mut cargo = cargo();
+    cargo.args(["build", "--quiet", "--package", package, "--target-dir"]).arg(target);
+    let profile = if cfg!(debug_assertions) {
+        "debug"
+    } else {
+        cargo.arg("--release");
+        "release"
+    };
+    let built = cargo.output().expect("cargo runs");
+    assert!(built.status.success(), "{package} does not build:\n{}", String::from_utf8_lossy(&built.stderr));
+    target.join(profile)
 }
 
 #[cfg(unix)]

@@ -4,7 +4,7 @@
 //!
 //! - `command_line.rs`, `details.rs`, `words.rs`, `bad_input.rs`: help, options, units, and what is wrong on a
 //!   command line
-//! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`: the pages of `docs/` and README show what the tool prints
+//! - `page.rs`, `recordings_page.rs`, `readme_picture.rs`, `card_picture.rs`: the pages of `docs/` and README show what the tool prints
 //! - `exec.rs`, `exec_library.rs`, `exec_reasons.rs`: `ecmsk exec`: the program, its library, what went wrong
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
@@ -23,6 +23,7 @@ mod bad_input;
 mod behind_chip;
 mod bus;
 mod captures;
+mod card_picture;
 mod cards;
 mod command_line;
 mod common;

@@ -1,0 +1,111 @@
+//! What there is, how well clocks keep together, and which cable is bad.
+
+mod needs_network_namespace {
+    use masters::{MASTER, Rig};
+    use serde_json::json;
+
+    use crate::card::{LIST, look, run};
+
+    /// BUS-2.1, BUS-2.2, BUS-3.1, BUS-3.3, BUS-4.1, BUS-7.1 On a card the verbs say of slaves what they say of the same ones in
+    /// virtual time, which snapshots keep, in words and as JSON. NIC-4.1 `list --scan` shows them behind the list.
+    #[test]
+    fn a_card_shows_what_its_slaves_are() {
+        let _rig = Rig::new(LIST, "tool_shows");
+        let simulated = format!("sim:?slaves={LIST}");
+        for words in [
+            &["scan"][..],
+            &["scan", "--json"],
+            &["sdo", "list", "3"],
+            &["sdo", "list", "2", "--entries"],
+            &["sdo", "list", "2", "--entries", "--json"],
+            &["sdo", "dump", "1"],
+            &["sdo", "dump", "3", "--json"],
+            &["sdo", "read", "2", "0x1018:2"],
+            &["sdo", "read", "2", "0x1018", "--complete", "--json"],
+            &["sii", "read", "3"],
+            &["sii", "read", "1", "--json"],
+            &["foe", "read", "1", "firmware"],
+            &["errors"],
+            &["errors", "--json"],
+        ] {
+            let card = look(words);
+            let simulated = run(&[&["bus"], words, &["--link", &simulated]].concat());
+            assert!(simulated.code == Some(0) && simulated.out.len() > 5, "{simulated:?}");
+            // In virtual time a drive was switched on only just before, and has no state yet.
+            let lines =
+                |out: &str| out.lines().filter(|line| !line.starts_with("0x6041:0 ")).collect::<Vec<_>>().join("\n");
+            assert_eq!((card.code, lines(&card.out)), (simulated.code, lines(&simulated.out)), "{words:?}");
+            // The run before has left a slave in PreOP, which is told.
+            let others = |line: &&str| !(line.starts_with("note: slave ") && line.contains("was found in PreOP"));
+            assert_eq!(card.err.lines().filter(others).collect::<Vec<_>>(), simulated.err.lines().collect::<Vec<_>>());
+        }
+        let tree = look(&["scan"]).good();
+        let (list, with_slaves) = (run(&["list"]), run(&["list", "--scan", MASTER]));
+        assert_eq!((with_slaves.code, with_slaves.out), (list.code, list.out + &tree));
+        let (list, with_slaves) = (run(&["list", "--json"]), run(&["list", "--json", "--scan", MASTER]));
+        let slaves = with_slaves.lines().split_off(list.lines().len());
+        let names: Vec<&str> = slaves.iter().filter_map(|slave| slave["name"].as_str()).collect();
+        assert_eq!((with_slaves.code, names), (list.code, vec!["drive", "drive", "io"]));
+    }
+
+    /// BUS-6.1 The clocks of crystals that are alike keep together, and those that drift are measured; the exit code is what each
+    /// clock is said to be.
+    #[test]
+    fn clocks_are_measured() {
+        for drift_ppm in [0, 50] {
+            let _rig = Rig::with_drift(LIST, "tool_clocks", drift_ppm);
+            let measured = look(&["dc", "--seconds", "1", "--json"]);
+            let lines = measured.lines();
+            let [reference, other] = &lines[..] else { panic!("two drives have clocks: {measured:?}") };
+            assert_eq!((&reference["slave"], &reference["reference"]), (&json!(1), &json!(true)), "{reference}");
+            assert_eq!(
+                (&other["slave"], &other["reference"], &other["delay_ns"]),
+                (&json!(2), &json!(false), &json!(310))
+            );
+            let [min, mean, max] = ["min_ns", "mean_ns", "max_ns"].map(|name| other[name].as_i64().expect("a number"));
+            assert!(min <= mean && mean <= max, "{other}");
+            let is_good = -1000 < min && max < 1000;
+            assert_eq!((&other["good"], measured.code), (&json!(is_good), Some(i32::from(!is_good))), "{other}");
+            if drift_ppm == 0 {
+                assert!(is_good, "{other}");
+            } else {
+                assert_ne!((min, max), (0, 0), "{other}");
+            }
+            let text = look(&["dc", "--seconds", "1"]).out;
+            assert!(
+                text.contains(" 1  drive  delay      0 ns") && text.contains(" 2  drive  delay    310 ns"),
+                "{text}"
+            );
+        }
+    }
+
+    /// BUS-7.1, BUS-7.2, BUS-7.3 A bad cable is named while it is watched and by what was counted, until the counters are cleared.
+    #[test]
+    fn a_bad_cable_is_named() {
+        let rig = Rig::new("io*3", "tool_noise");
+        let blamed = "bad: the cable from slave 2, port 1 to slave 3, port 0: ";
+        assert!(look(&["errors", "--clear"]).err.contains("the counters of all slaves were cleared"));
+        rig.happen("noise 3 20");
+        let watched = look(&["errors", "--watch", "1"]);
+        rig.happen("end noise 3");
+        assert!(watched.code == Some(1) && watched.out.contains(blamed), "{watched:?}");
+        assert!(watched.err.contains("frames did not come back"), "{watched:?}");
+        let told = look(&["errors"]);
+        assert!(told.code == Some(1) && told.out.contains(blamed), "{told:?}");
+        let first = told.out.lines().next().expect("slave 1");
+        assert!(
+            first.starts_with("slave 1: port 1: ") && first.ends_with(" damaged before"),
+            "blamed on no one: {told:?}"
+        );
+        let cleared = look(&["errors", "--clear", "--json"]);
+        assert_eq!(cleared.code, Some(1), "{cleared:?}");
+        let trouble = cleared.lines().pop().expect("a line");
+        assert_eq!(
+            (&trouble["near"], &trouble["far"]),
+            (&json!({"slave": 2, "port": 1}), &json!({"slave": 3, "port": 0}))
+        );
+        let after = look(&["errors"]);
+        assert_eq!((after.code, &*after.out), (Some(0), "slave 1: nothing\nslave 2: nothing\nslave 3: nothing\n"));
+        assert!(after.err.contains("no cable is bad"), "{after:?}");
+    }
+}

@@ -151,7 +151,7 @@ impl Mailboxes for XfNetwork {
             if let Some((_, done)) = self.master.take_done() {
                 return Ok(done);
             }
-            // Emergencies are the chip's own matter.
+            // An emergency that a slave sends meanwhile is taken with its answers, and the chip never lists it.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(TURN) {
                 self.master.cancel(id);

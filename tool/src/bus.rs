@@ -2,13 +2,14 @@
 //!
 //! - `session.rs`: the network of a verb
 //! - `scan.rs`, `sdo.rs`, `sii.rs`, `foe.rs`, `dc.rs`, `errors.rs`: one verb each; `contents.rs`: an EEPROM in words
-//! - `words.rs`: states, ports and identities in words
+//! - `words.rs`: states, ports and identities in words; `file.rs`: files of this machine
 //! - `error.rs`: why a verb failed
 
 mod contents;
 mod dc;
 mod error;
 mod errors;
+mod file;
 mod foe;
 mod scan;
 mod sdo;
@@ -21,6 +22,7 @@ use std::process::ExitCode;
 use clap::Subcommand;
 
 pub use error::BusVerbError;
+use file::read_file;
 use session::{NetworkArgs, Session, SlaveArgs};
 
 /// Look at a network: its slaves, their objects, EEPROMs and files, clocks, and which cable is bad

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Subcommand, ValueHint};
 use serde_json::json;
 
-use super::{BusVerbError, SlaveArgs};
+use super::{BusVerbError, SlaveArgs, read_file};
 
 /// Read or write a file of a slave (FoE, in PreOP)
 ///
@@ -88,8 +88,15 @@ fn read(whose: &Whose, name: &str, output: Option<&Path>) -> Result<(), BusVerbE
     Ok(session.reporter.result(text, &json)?)
 }
 
+/// \[OURS] The longest file that is written to a slave.
+const FILE_BYTES_MAX: usize = 64 << 20;
+
 fn write(whose: &Whose, file: &Path, name: Option<&str>) -> Result<(), BusVerbError> {
-    let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
+    let content = read_file(file, FILE_BYTES_MAX)?;
+    if content.len() > FILE_BYTES_MAX {
+        let why = format!("{} has more than {} MB", file.display(), FILE_BYTES_MAX >> 20);
+        return Err(BusVerbError::WrongRequest { what: "bus foe write", why, next: "name another file".into() });
+    }
     let own = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let name = name.unwrap_or(&own);
     let mut session = whose.of.open()?;

@@ -7,7 +7,7 @@ use ecmsk::bus::eeprom::{self, Change, ContentError};
 use serde_json::json;
 
 use super::contents::{self, word_name};
-use super::{BusVerbError, Session, SlaveArgs};
+use super::{BusVerbError, Session, SlaveArgs, read_file};
 use crate::hex::hex;
 use crate::signals;
 
@@ -89,7 +89,7 @@ const FILE_BYTES_MAX: usize = 2 << 16;
 
 fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Result<(), BusVerbError> {
     let fit = |error: ContentError| BusVerbError::Content { file: file.to_owned(), error };
-    let content = std::fs::read(file).map_err(|source| BusVerbError::Read { file: file.to_owned(), source })?;
+    let content = read_file(file, FILE_BYTES_MAX)?;
     if content.len() > FILE_BYTES_MAX {
         return Err(fit(ContentError::Len { len: content.len() }));
     }

@@ -9,6 +9,9 @@ use crate::common::{json_lines, run};
 /// Two drives, a stepper and an IO slave.
 const NETWORK: &str = "sim:?slaves=drive*2,dp3cl,io";
 
+/// A file without an end.
+const ENDLESS: &str = "/dev/zero";
+
 /// BUS-2.1, BUS-2.2, BUS-6.1 `scan` and `dc`, in words and as JSON.
 #[test]
 fn scan_and_dc_show_slaves_and_clocks() {
@@ -25,7 +28,7 @@ fn scan_and_dc_show_slaves_and_clocks() {
     );
 }
 
-/// BUS-3.1, BUS-3.3, BUS-5.1 Objects and files of a slave.
+/// BUS-3.1, BUS-3.3, BUS-5.1, BUS-8.2 Objects and files of a slave.
 #[test]
 fn sdo_and_foe_show_and_write() {
     let missing = file("bus_none").display().to_string();
@@ -50,6 +53,11 @@ fn sdo_and_foe_show_and_write() {
         &["bus", "foe", "write", "1", &written, "--name", "firmware", "--link", NETWORK],
         &["bus", "foe", "read", "3", "firmware", "--link", NETWORK],
         &["bus", "foe", "write", "1", &missing, "--link", NETWORK],
+        &["bus", "foe", "write", "1", ENDLESS, "--link", NETWORK],
+        &["bus", "sii", "write", "1", ENDLESS, "--link", NETWORK],
+        &["bus", "sdo", "list", "2", "--link", "xf-sim:?slaves=drive,io"],
+        &["bus", "foe", "write", "1", &written, "--name", "table.csv", "--link", "xf-sim:?slaves=drive,io"],
+        &["bus", "foe", "read", "2", "firmware", "--link", "xf-sim:?slaves=drive,io"],
     ]);
     let lines = lines.replace(&written, "TABLE").replace(&out, "OUT").replace(&missing, "NONE");
     support::snapshot("tool_bus_sdo", &lines);

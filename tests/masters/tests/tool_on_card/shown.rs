@@ -1,10 +1,14 @@
 //! What there is, how well clocks keep together, and which cable is bad.
 
 mod needs_network_namespace {
+    use std::io::{BufRead, BufReader};
+    use std::process::Stdio;
+    use std::time::Duration;
+
     use masters::{MASTER, Rig};
     use serde_json::json;
 
-    use crate::card::{LIST, look, run};
+    use crate::card::{CARD, LIST, look, run, tool};
 
     /// BUS-2.1, BUS-2.2, BUS-3.1, BUS-3.3, BUS-4.1, BUS-7.1 On a card the verbs say of slaves what they say of the same ones in
     /// virtual time, which snapshots keep, in words and as JSON. NIC-4.1 `list --scan` shows them behind the list.
@@ -107,5 +111,40 @@ mod needs_network_namespace {
         let after = look(&["errors"]);
         assert_eq!((after.code, &*after.out), (Some(0), "slave 1: nothing\nslave 2: nothing\nslave 3: nothing\n"));
         assert!(after.err.contains("no cable is bad"), "{after:?}");
+    }
+
+    /// BUS-7.3, BUS-7.2 A slave that goes while cables are watched is told, the others go on, and what it has counted is told when
+    /// it is back.
+    #[test]
+    fn a_slave_that_goes_while_cables_are_watched_is_told() {
+        let rig = Rig::new("io*3", "tool_watch");
+        // What the watch finds of it shows when it has scanned.
+        look(&["sdo", "read", "3", "0x1000"]).good();
+        let mut watch = tool(&["bus", "errors", "--watch", "5", "--link", CARD]);
+        let mut watch = watch.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+        let mut note = String::new();
+        BufReader::new(watch.stderr.as_mut().expect("a pipe")).read_line(&mut note).expect("a note");
+        assert_eq!(note, "note: slave 3 was found in PreOP, and was brought to Init\n");
+        std::thread::sleep(Duration::from_millis(500));
+        rig.happen("cut 3");
+        let mut said = String::new();
+        for line in BufReader::new(watch.stdout.take().expect("a pipe")).lines() {
+            let line = line.expect("text");
+            if line.ends_with("slave 3: it does not answer") {
+                rig.happen("heal");
+            }
+            said += &(line + "\n");
+        }
+        assert_eq!(watch.wait().expect("it ends").code(), Some(1), "{said}");
+        assert!(said.contains("slave 3: it does not answer"), "{said}");
+        assert!(
+            said.contains("slave 2: port 1: 1 lost link") && said.contains("slave 3: port 0: 1 lost link"),
+            "{said}"
+        );
+        assert!(!said.contains("slave 1") && said.matches("bad: ").count() == 1, "{said}");
+        assert!(
+            said.contains("bad: the cable from slave 2, port 1 to slave 3, port 0: slave 2 has 1 lost link"),
+            "{said}"
+        );
     }
 }

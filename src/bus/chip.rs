@@ -10,6 +10,7 @@ use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DESCRIPTOR};
 use crate::ethercat::sii::SiiIdentity;
+use crate::fieldbus::RingState;
 #[cfg(feature = "sim")]
 use crate::link::chip::ChipOptions;
 use crate::link::chip::{self, ChipLink};
@@ -313,6 +314,10 @@ impl Network for XfNetwork {
     }
 
     fn reference_clock(&self) -> Option<u8> {
+        None
+    }
+
+    fn ring(&self) -> Option<RingState> {
         None
     }
 

@@ -7,6 +7,7 @@ use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DlStatus};
 use crate::ethercat::sii::{MailboxProtocols, SiiIdentity};
+use crate::fieldbus::RingState;
 use crate::master::{FrameCounters, Upstream};
 
 /// The AL state of a slave.
@@ -158,6 +159,9 @@ pub trait Network {
 
     /// The slave with the reference clock; `None`: no slave has a clock, or it is not known.
     fn reference_clock(&self) -> Option<u8>;
+
+    /// How the ring is in which the cables run back to a second network card; `None`: there is none.
+    fn ring(&self) -> Option<RingState>;
 
     /// What became of the frames so far; `None`: it is not known.
     fn frames(&self) -> Option<FrameCounters>;

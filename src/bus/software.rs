@@ -8,6 +8,7 @@ use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState};
 use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
+use crate::fieldbus::RingState;
 use crate::fieldbus::nic::NicWires;
 use crate::master::{
     DatagramAnswer, FrameCounters, JobDone, JobId, MailboxInfo, Master, ProcessManager, Settings, SlaveInfo,
@@ -265,6 +266,10 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 
     fn reference_clock(&self) -> Option<u8> {
         self.master.reference_clock()
+    }
+
+    fn ring(&self) -> Option<RingState> {
+        self.wires.ring()
     }
 
     fn frames(&self) -> Option<FrameCounters> {

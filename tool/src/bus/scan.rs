@@ -42,7 +42,8 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
     } else {
         errors::read(&mut *network, &slaves)?
     };
-    let mut tree = Tree { slaves: &slaves, errors: &errors, text: "master\n".to_owned() };
+    let in_ring = network.ring().and_then(|_| slaves.last()).map(|last| last.slave);
+    let mut tree = Tree { slaves: &slaves, errors: &errors, in_ring, text: "master\n".to_owned() };
     tree.put(0, "");
     let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
     reporter.results(tree.text.trim_end(), &lines)?;
@@ -53,6 +54,8 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
 struct Tree<'a> {
     slaves: &'a [FoundSlave],
     errors: &'a [SlaveErrors],
+    /// The slave from which the cable runs to a second card.
+    in_ring: Option<u8>,
     text: String,
 }
 
@@ -66,7 +69,7 @@ impl Tree<'_> {
         let below = if behind.is_empty() { ' ' } else { '|' };
         // Writing to a String does not fail.
         let _ = writeln!(self.text, "{indent}+- {}  {}: {}", slave.slave, name(slave), state_text(slave.found));
-        for detail in details(self.slaves, slave, &self.errors[place]) {
+        for detail in self.details(slave, &self.errors[place]) {
             let _ = writeln!(self.text, "{indent}{below}     {detail}");
         }
         let Some((last, branches)) = behind.split_last() else { return };
@@ -77,44 +80,47 @@ impl Tree<'_> {
         }
         self.put(*last, indent);
     }
-}
 
-fn details(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Vec<String> {
-    let identity = slave.identity;
-    let mut lines = vec![format!(
-        "vendor 0x{:08X}, product 0x{:08X}, revision 0x{:08X}, serial {}, alias {}, station 0x{:04X}",
-        identity.vendor, identity.product, identity.revision, identity.serial, slave.alias, slave.station
-    )];
-    if let Some(error) = &slave.eeprom_error {
-        lines.push(format!("EEPROM: {error}"));
+    fn details(&self, slave: &FoundSlave, errors: &SlaveErrors) -> Vec<String> {
+        let identity = slave.identity;
+        let mut lines = vec![format!(
+            "vendor 0x{:08X}, product 0x{:08X}, revision 0x{:08X}, serial {}, alias {}, station 0x{:04X}",
+            identity.vendor, identity.product, identity.revision, identity.serial, slave.alias, slave.station
+        )];
+        if let Some(error) = &slave.eeprom_error {
+            lines.push(format!("EEPROM: {error}"));
+        }
+        let protocols = protocols(slave).join(", ");
+        let clock = if slave.has_clock { "distributed clocks" } else { "no distributed clocks" };
+        let (outputs, inputs) = slave.process_bytes;
+        let mailbox = match slave.protocols {
+            None => "mailbox not known".to_owned(),
+            Some(_) if protocols.is_empty() => "no mailbox".to_owned(),
+            Some(_) => protocols,
+        };
+        lines.push(format!("{mailbox}; {clock}; {outputs} bytes out, {inputs} in"));
+        lines.extend(ports(slave).map(|port| {
+            let kind = port_kind(slave.port_types, port).unwrap_or_default();
+            let counted = counted(&errors.ports[port]);
+            let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
+            format!("port {port} ({kind}): {}{counted}", self.connected(slave, port))
+        }));
+        lines
     }
-    let protocols = protocols(slave).join(", ");
-    let clock = if slave.has_clock { "distributed clocks" } else { "no distributed clocks" };
-    let (outputs, inputs) = slave.process_bytes;
-    let mailbox = match slave.protocols {
-        None => "mailbox not known".to_owned(),
-        Some(_) if protocols.is_empty() => "no mailbox".to_owned(),
-        Some(_) => protocols,
-    };
-    lines.push(format!("{mailbox}; {clock}; {outputs} bytes out, {inputs} in"));
-    lines.extend(ports(slave).map(|port| {
-        let kind = port_kind(slave.port_types, port).unwrap_or_default();
-        let counted = counted(&errors.ports[port]);
-        let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
-        format!("port {port} ({kind}): {}{counted}", connected(slaves, slave, port))
-    }));
-    lines
-}
 
-/// What is connected to a port.
-fn connected(slaves: &[FoundSlave], slave: &FoundSlave, port: usize) -> String {
-    if port == 0 {
-        return slave.upstream.map_or("the master".to_owned(), |up| format!("slave {}, port {}", up.slave, up.port));
-    }
-    match (behind(slaves, slave.slave, port), slave.ports.has_link(port)) {
-        (Some(other), _) => format!("slave {other}"),
-        (None, true) => "a link, and nobody who answers".to_owned(),
-        (None, false) => "nothing".to_owned(),
+    /// What is connected to a port.
+    fn connected(&self, slave: &FoundSlave, port: usize) -> String {
+        if port == 0 {
+            return slave
+                .upstream
+                .map_or("the master".to_owned(), |up| format!("slave {}, port {}", up.slave, up.port));
+        }
+        match (behind(self.slaves, slave.slave, port), slave.ports.has_link(port)) {
+            (Some(other), _) => format!("slave {other}"),
+            (None, true) if self.in_ring == Some(slave.slave) => "the second card".to_owned(),
+            (None, true) => "a link, and nobody who answers".to_owned(),
+            (None, false) => "nothing".to_owned(),
+        }
     }
 }
 

@@ -36,6 +36,8 @@ mod needs_network_namespace {
             assert_eq!(errors.out.contains("lost link"), what.starts_with("cut"), "{what}: {errors:?}");
         }
         rig.happen("heal");
+        let tree = run(&["bus", "scan", "--link", RING]).good();
+        assert!(tree.contains(": the second card"), "{tree}");
         let network = bus::open(RING).expect("it opens");
         for card in [CARD, "nic:veth2"] {
             run(&["bus", "scan", "--link", card]).fails(1, &["is in use by another program of ecmsk"]);

@@ -180,6 +180,25 @@ pub(super) struct Measurement {
     delays: Vec<u32>,
 }
 
+impl Measurement {
+    /// With room for so many slaves.
+    pub(super) fn new(slaves: usize) -> Self {
+        let mut measurement = Self {
+            reads: Vec::with_capacity(slaves),
+            passed: Vec::with_capacity(slaves),
+            delays: Vec::with_capacity(slaves),
+        };
+        measurement.make_room(slaves);
+        measurement
+    }
+
+    fn make_room(&mut self, slaves: usize) {
+        while self.reads.len() < slaves {
+            self.reads.push(place(|(bus, station): (Bus, u16)| async move { passed_at(&bus, station).await.ok() }));
+        }
+    }
+}
+
 /// A measurement under way. Dropped, it gives its memory back.
 pub(super) struct Measuring<'a> {
     bus: &'a Bus,
@@ -199,11 +218,9 @@ impl<'a> Measuring<'a> {
     async fn new(bus: &'a Bus) -> Self {
         let (measurement, all) = bus.with(|shared| (shared.measurements.pop(), shared.clocks.all));
         let mut measuring = Self { bus, measurement: measurement.unwrap_or_default() };
-        let Measurement { reads, passed, delays } = &mut measuring.measurement;
         let slaves = bus.with(|shared| shared.clocks.places.len());
-        while reads.len() < slaves {
-            reads.push(place(|(bus, station): (Bus, u16)| async move { passed_at(&bus, station).await.ok() }));
-        }
+        measuring.measurement.make_room(slaves);
+        let Measurement { reads, passed, delays } = &mut measuring.measurement;
         passed.clear();
         passed.resize(slaves, None);
         let mut left = all;

@@ -14,9 +14,12 @@ use crate::ethercat::{
 
 /// \[OURS] How many frames may be on the way.
 const FLIGHTS: usize = 32;
-/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory: of each slave one of the watch, one of a
-/// change of state and one of a change that was given up, and some.
-const REQUESTS: usize = 3 * MAX_SLAVES + 16;
+/// \[OURS] How many datagrams beside the cycle there is room for before more needs memory. Short ones: of each slave one of the watch,
+/// one of a change of state and one of a change that was given up, and some. Long ones: two of each mailbox, and some.
+const SHORT_REQUESTS: usize = 3 * MAX_SLAVES + 16;
+const LONG_REQUESTS: usize = 2 * MAX_SLAVES + 16;
+/// \[OURS] How many bytes a short one has at most. Registers have fewer.
+const SHORT_LEN: usize = 64;
 /// \[OURS] How many datagrams a frame has at most.
 const DATAGRAMS_MAX: usize = 64;
 
@@ -121,16 +124,39 @@ struct Request {
     command: Command,
     address: u32,
     data: Vec<u8>,
+    /// There is room for more than [`SHORT_LEN`] bytes.
+    is_long: bool,
     /// How often it may still be sent.
     tries: u8,
     /// Nobody waits for it any more.
     is_abandoned: bool,
 }
 
-impl Default for Request {
-    fn default() -> Self {
+impl Request {
+    /// A long or a short one that is not in use.
+    fn new(is_long: bool) -> Self {
         let (state, command) = (RequestState::Unused, Command::Nop);
-        Self { state, command, address: 0, data: Vec::with_capacity(DATA_LEN_MAX), tries: 0, is_abandoned: false }
+        let data = Vec::with_capacity(if is_long { DATA_LEN_MAX } else { SHORT_LEN });
+        Self { state, command, address: 0, data, is_long, tries: 0, is_abandoned: false }
+    }
+}
+
+/// The requests that are not in use, by their numbers.
+#[derive(Debug)]
+struct Unused {
+    short: Vec<usize>,
+    long: Vec<usize>,
+}
+
+impl Unused {
+    const fn of(&mut self, is_long: bool) -> &mut Vec<usize> {
+        if is_long { &mut self.long } else { &mut self.short }
+    }
+
+    /// Nobody uses a request any more.
+    fn take_back(&mut self, number: usize, request: &mut Request) {
+        request.state = RequestState::Unused;
+        self.of(request.is_long).push(number);
     }
 }
 
@@ -143,8 +169,7 @@ pub(super) struct Exchange {
     next_index: u8,
     flights: Vec<Flight>,
     requests: Vec<Request>,
-    /// The requests that are not in use.
-    unused: Vec<usize>,
+    unused: Unused,
     queue: VecDeque<usize>,
     buffer: [u8; FRAME_LEN_MAX],
     pub(super) counters: FrameCounters,
@@ -187,26 +212,46 @@ fn send(wire: &mut (impl Wire + ?Sized), writer: FrameWriter<'_>, counters: &mut
 impl Exchange {
     pub(super) fn new(settings: Settings) -> Self {
         let flight = || Flight { datagrams: Vec::with_capacity(DATAGRAMS_MAX), ..Flight::default() };
-        Self {
+        let mut exchange = Self {
             settings,
             indices: [IndexUse::Free; 256],
             next_index: 0,
             flights: (0..FLIGHTS).map(|_| flight()).collect(),
-            requests: (0..REQUESTS).map(|_| Request::default()).collect(),
-            unused: (0..REQUESTS).collect(),
-            queue: VecDeque::with_capacity(REQUESTS),
+            requests: Vec::new(),
+            unused: Unused { short: Vec::new(), long: Vec::new() },
+            queue: VecDeque::new(),
             buffer: [0; FRAME_LEN_MAX],
             counters: FrameCounters::default(),
             other_source: None,
-        }
+        };
+        exchange.reserve(SHORT_REQUESTS, false);
+        exchange.reserve(LONG_REQUESTS, true);
+        exchange
+    }
+
+    /// Makes room for so many short datagrams besides those that there is room for from the start.
+    pub(super) fn reserve_short(&mut self, more: usize) {
+        let has = self.requests.iter().filter(|request| !request.is_long).count();
+        self.reserve((SHORT_REQUESTS + more).saturating_sub(has), false);
+    }
+
+    /// Makes room for so many more datagrams, long or short ones.
+    fn reserve(&mut self, more: usize, is_long: bool) {
+        let has = self.requests.len();
+        let all = has + more;
+        self.requests.extend((0..more).map(|_| Request::new(is_long)));
+        self.queue.reserve(all - self.queue.len());
+        let unused = self.unused.of(is_long);
+        unused.extend(has..all);
+        unused.reserve(all - unused.len());
     }
 
     /// Queues a datagram, which has at most [`DATA_LEN_MAX`] bytes; its number, by which the answer is taken.
     pub(super) fn request(&mut self, command: Command, address: u32, data: &[u8], tries: u8) -> usize {
-        let number = self.unused.pop().unwrap_or_else(|| {
-            self.requests.push(Request::default());
-            self.unused.reserve(self.requests.len());
-            self.requests.len() - 1
+        let is_long = data.len() > SHORT_LEN;
+        let number = self.unused.of(is_long).pop().unwrap_or_else(|| {
+            self.reserve(1, is_long);
+            self.unused.of(is_long).pop().unwrap_or_default()
         });
         let request = &mut self.requests[number];
         (request.command, request.address) = (command, address);
@@ -235,8 +280,7 @@ impl Exchange {
         let Some(request) = self.requests.get_mut(number) else { return };
         request.is_abandoned = true;
         if matches!(request.state, RequestState::Answered(_) | RequestState::Lost) {
-            request.state = RequestState::Unused;
-            self.unused.push(number);
+            self.unused.take_back(number, request);
         }
     }
 
@@ -285,8 +329,7 @@ impl Exchange {
         while let Some(number) = self.queue.front().copied()
             && self.requests[number].is_abandoned
         {
-            self.requests[number].state = RequestState::Unused;
-            self.unused.push(number);
+            self.unused.take_back(number, &mut self.requests[number]);
             self.queue.pop_front();
         }
         let Some(first) = self.queue.front() else { return false };
@@ -300,8 +343,7 @@ impl Exchange {
         while let Some(number) = queue.front().copied() {
             let request = &mut requests[number];
             if request.is_abandoned {
-                request.state = RequestState::Unused;
-                unused.push(number);
+                unused.take_back(number, request);
             } else {
                 let header = DatagramHeader::new(request.command, flight.index, request.address);
                 if flight.datagrams.len() == DATAGRAMS_MAX || writer.push(header, &request.data).is_err() {
@@ -372,8 +414,7 @@ impl Exchange {
                 Owner::Request(number) => {
                     let request = &mut self.requests[number];
                     if request.is_abandoned {
-                        request.state = RequestState::Unused;
-                        self.unused.push(number);
+                        self.unused.take_back(number, request);
                         continue;
                     }
                     request.data.clear();
@@ -426,8 +467,7 @@ impl Exchange {
             let Owner::Request(number) = sent.owner else { continue };
             let request = &mut self.requests[number];
             if request.is_abandoned {
-                request.state = RequestState::Unused;
-                self.unused.push(number);
+                self.unused.take_back(number, request);
             } else if request.tries > 0 {
                 request.state = RequestState::Queued;
                 self.queue.push_back(number);

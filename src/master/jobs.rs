@@ -148,6 +148,7 @@ impl Master {
                 let found = slaves.len() as u8;
                 self.process.reset(&slaves);
                 self.places = Places::new(&self.bus, slaves.len());
+                self.bus.with(|shared| shared.make_room(slaves.len()));
                 self.watch = Some(Box::pin(Watch::new(self.bus.clone(), slaves.clone()).run()));
                 self.slaves = slaves;
                 JobDone::Scan(Ok(found))

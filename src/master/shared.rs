@@ -185,6 +185,14 @@ impl Shared {
         }
     }
 
+    /// Makes room for what so many slaves need at most: all of them may be back from being without power at once, and the clock of each
+    /// is set by a measurement of its own.
+    pub(super) fn make_room(&mut self, slaves: usize) {
+        let clocks = usize::from(self.clocks.all.len());
+        self.measurements.resize_with(clocks, || Measurement::new(slaves));
+        self.exchange.reserve_short(clocks * clocks);
+    }
+
     /// The datagram that brings the time to all clocks; `None`: no clock has been set.
     pub(super) fn clock_datagram(&self) -> Option<ClockDatagram> {
         let station = self.clocks.reference_station(self.missing)?;

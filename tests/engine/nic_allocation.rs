@@ -86,6 +86,13 @@ fn jobs_allocate_nothing(wires: impl NicWires + Send + 'static, network: &SimHan
         host.cycles(500);
         go(&mut host, MasterState::Op);
     });
+    allocates_nothing("all were without power", || {
+        (1..=DRIVES as u8).for_each(|slave| network.lose(slave));
+        host.cycles(300);
+        (1..=DRIVES as u8).for_each(|slave| network.find(slave));
+        host.cycles(2000);
+        go(&mut host, MasterState::Op);
+    });
     allocates_nothing("OP again", || {
         host.cycles(100);
     });

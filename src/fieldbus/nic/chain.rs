@@ -14,8 +14,8 @@ const CARD_NS: Ns = 20_000;
 /// Time passes for slaves that get no frame after so long, ns. \[OURS]
 const STEP_NS: Ns = 1_000_000;
 
-/// How many frames there are buffers for from the start: as many as the master has on the way.
-const FRAMES: usize = 32;
+/// How many frames there are buffers for from the start: as many as the master has on the way, each with what a ring sends for it.
+const FRAMES: usize = 4 * 32;
 
 /// A frame on its way back.
 struct Returning {

@@ -105,18 +105,15 @@ impl XfNetwork {
         let timeout_us = u32::try_from(EEPROM_MAX.as_micros()).unwrap_or(u32::MAX);
         let request = EepromRequest { slave: self.number(slave)?, position, timeout_us, operation };
         // On a bad cable the next one may come through. A word is written once.
-        let tries = if operation == EepromOperation::Read { TRIES } else { 1 };
-        for _ in 1..tries {
+        let mut tries = if operation == EepromOperation::Read { TRIES } else { 1 };
+        loop {
+            tries -= 1;
             match self.xf.run_pair(&request, &EepromGet, 2 * EEPROM_MAX) {
                 Ok(EepromAnswer { error: 0, data }) => return Ok(data.to_vec()),
-                Ok(_) | Err(XfError::Chip(HostError::Failed { .. })) => {}
+                Ok(_) | Err(XfError::Chip(HostError::Failed { .. })) if tries > 0 => {}
+                Ok(EepromAnswer { error, .. }) => return Err(BusError::ChipEeprom { slave, error }),
                 Err(error) => return Err(error.into()),
             }
-        }
-        let answer = self.xf.run_pair(&request, &EepromGet, 2 * EEPROM_MAX)?;
-        match answer.error {
-            0 => Ok(answer.data.to_vec()),
-            error => Err(BusError::ChipEeprom { slave, error }),
         }
     }
 

@@ -60,7 +60,7 @@ pub enum InterfaceError {
 }
 
 /// How long a frame of EtherCAT may be without its Ethernet header, bytes: as long as Ethernet has them.
-pub const MTU_MIN: u32 = 1500;
+const MTU_MIN: u32 = 1500;
 
 /// The address of an Ethernet card.
 pub type MacAddress = [u8; 6];

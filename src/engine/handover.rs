@@ -92,10 +92,10 @@ impl Handover {
         }
     }
 
-    /// Runner: takes the oldest frame, if it arrives at `by` or before, and gives its time of arrival.
-    pub(super) fn next_frame(&self, out: &mut Frame, by: Ns) -> Option<Ns> {
+    /// Runner: takes the oldest frame, if `is_there` says so of its time of arrival, and gives that.
+    pub(super) fn next_frame(&self, out: &mut Frame, is_there: impl FnOnce(Ns) -> bool) -> Option<Ns> {
         let mut inbox = lock(&self.inbox);
-        if inbox.frames.front().is_none_or(|(_, at)| *at > by) {
+        if inbox.frames.front().is_none_or(|(_, at)| !is_there(*at)) {
             return None;
         }
         let was_full = inbox.frames.len() == inbox.room;

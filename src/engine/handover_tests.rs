@@ -26,11 +26,11 @@ fn a_full_inbox_makes_a_writer_wait() {
         let writer = scope.spawn(|| send(30, PATIENCE));
         // It waits by now, or finds room when it comes.
         thread::sleep(Duration::from_millis(50));
-        assert_eq!(handover.next_frame(&mut out, 9), None);
-        assert_eq!(handover.next_frame(&mut out, 10), Some(10));
+        assert_eq!(handover.next_frame(&mut out, |at| at <= 9), None);
+        assert_eq!(handover.next_frame(&mut out, |at| at <= 10), Some(10));
         assert_eq!(writer.join().unwrap(), Ok(()), "it is told that there is room");
     });
-    let times = [19, 25, 29, u64::MAX, u64::MAX].map(|by| handover.next_frame(&mut out, by));
+    let times = [19, 25, 29, u64::MAX, u64::MAX].map(|by| handover.next_frame(&mut out, |at| at <= by));
     assert_eq!(times, [None, Some(20), None, Some(30), None]);
 }
 

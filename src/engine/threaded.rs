@@ -54,6 +54,10 @@ struct Shared {
     cycles: AtomicU64,
     worst_ns: AtomicU64,
     skipped_ns: AtomicU64,
+    /// When the next cycle is due, board time.
+    due: AtomicU64,
+    /// Cycles that are later than that will be skipped, nanoseconds.
+    late_max_ns: AtomicU64,
 }
 
 impl Shared {
@@ -71,6 +75,8 @@ impl Shared {
             cycles: AtomicU64::new(0),
             worst_ns: AtomicU64::new(0),
             skipped_ns: AtomicU64::new(0),
+            due: AtomicU64::new(board.next_cycle()),
+            late_max_ns: AtomicU64::new(late_max(board)),
         }
     }
 }
@@ -142,11 +148,9 @@ impl Threaded {
             if limit.is_none_or(|limit| rate.real(arrival - now) <= limit) {
                 writes.next = arrival + self.host;
             }
-            // Board time does not include what was skipped.
-            let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
-            let at = self.zero + (arrival.as_nanos() as Ns).saturating_sub(skipped);
-            // A write during a gap got a time that the board reaches only later, since the gap was skipped: it does not
-            // delay later writes.
+            let (now_there, skipped) = self.board_time(now);
+            let at = now_there + (arrival - now).as_nanos() as Ns;
+            // A write during a gap that had only begun got a time in the gap, which was skipped: it does not delay later writes.
             let newest = if std::mem::replace(&mut writes.skipped, skipped) == skipped { writes.newest } else { 0 };
             writes.newest = newest.max(at);
             (arrival, writes.newest)
@@ -154,6 +158,16 @@ impl Threaded {
         let turn = self.clock.instant(arrival);
         self.shared.handover.send(frame, at, turn, limit.and_then(end_after))?;
         Ok(at)
+    }
+
+    /// Board time at that time of the runner's clock, and how much was skipped. It does not include what was skipped, nor what will
+    /// be: while the runner is so late that the gap will be skipped, what is written arrives with the cycle that is due.
+    fn board_time(&self, now: Duration) -> (Ns, Ns) {
+        let due = self.shared.due.load(Ordering::Acquire);
+        let skipped = self.shared.skipped_ns.load(Ordering::Relaxed);
+        let at = self.zero + (now.as_nanos() as Ns).saturating_sub(skipped);
+        let is_gap = at.saturating_sub(due) > self.shared.late_max_ns.load(Ordering::Relaxed);
+        (if is_gap { due } else { at }, skipped)
     }
 
     /// The oldest report that was not read yet. Waits at most `limit` for one; `None`: no limit.
@@ -254,6 +268,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     let longest_part = if catches_up { between_visits.as_nanos() as Ns } else { 0 };
     while !shared.stop.load(Ordering::Acquire) {
         let mut due = skipped + Duration::from_nanos(board.next_cycle() - zero);
+        shared.late_max_ns.store(late_max(&board), Ordering::Relaxed);
+        // Who sees this sees also what was skipped before.
+        shared.due.store(board.next_cycle(), Ordering::Release);
         let wake = due.min(now + between_visits);
         let board_time = |time: Duration| zero + time.saturating_sub(skipped).as_nanos() as Ns;
         board.work_until(board_time(clock.now()), board_time(wake));
@@ -297,16 +314,21 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
     board
 }
 
+/// How late a cycle may be without being skipped, board time.
+fn late_max(board: &Board) -> Ns {
+    if board.catches_up() { CATCH_UP_MAX.as_nanos() as Ns } else { board.period_ns() / 2 }
+}
+
 /// How many cycles are left out where they are not caught up on: as many as there have to be for the next one to be due in time
 /// again; none, if this one is at most half a cycle late \[OURS].
 const fn cycles_to_leave_out(late_ns: Ns, period_ns: Ns) -> u64 {
     if late_ns <= period_ns / 2 { 0 } else { late_ns.div_ceil(period_ns) }
 }
 
-/// Takes the frames that have come by `until` from the inbox; all frames if `until` is the present time of the board.
+/// Takes the frames that have come by `until` from the inbox. One that seems to come after `board_now` was written before the gap
+/// that its time is in was skipped: it is there.
 fn take_frames(board: &mut Board, until: Ns, board_now: Ns, shared: &Shared, frame: &mut Frame) {
-    let by = if until == board_now { Ns::MAX } else { until };
-    while let Some(at) = shared.handover.next_frame(frame, by) {
+    while let Some(at) = shared.handover.next_frame(frame, |at| at <= until || at >= board_now) {
         let at = at.clamp(board.now(), until.max(board.now()));
         board.host(frame, at, &mut |frame, at| shared.handover.publish(frame, at));
     }

@@ -148,10 +148,8 @@ impl Fieldbus for Away {
     }
 }
 
-/// NIC-2.4 A machine that was away leaves out just the cycles that it has missed, however long that was, and then goes on. It never
-/// sends the outputs of several cycles at once, also if it is late again and again.
-#[test]
-fn what_is_not_caught_up_on_is_left_out_once() {
+/// A link to a board with one drive whose cycles are not caught up on, and the gaps to come.
+fn open_away() -> (Client, Arc<EngineLink>, Arc<Mutex<VecDeque<Duration>>>, Arc<AtomicU32>) {
     let gaps = Arc::new(Mutex::new(VecDeque::new()));
     let most_in_a_row = Arc::new(AtomicU32::new(0));
     let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
@@ -160,9 +158,45 @@ fn what_is_not_caught_up_on_is_left_out_once() {
     assert!(board.boot(60_000 * MS));
     most_in_a_row.store(0, Ordering::Relaxed);
     let options = RunOptions { virtual_time: false, ..RunOptions::default() };
-    let start = Instant::now();
     let link = Arc::new(EngineLink::open("away", board, options, None).expect("opens"));
-    let mut client = Client::on(Arc::clone(&link) as Arc<dyn Link>);
+    (Client::on(Arc::clone(&link) as Arc<dyn Link>), link, gaps, most_in_a_row)
+}
+
+/// NIC-2.4 What is written while the machine is away is executed when it is back, and not only after as long again as it was away:
+/// axes would stand, and then run on.
+#[test]
+fn what_is_written_in_a_gap_is_executed_at_its_end() {
+    let (mut client, link, gaps, _) = open_away();
+    client.op();
+    gaps.lock().expect("no panic").push_back(Duration::from_millis(1500));
+    while !gaps.lock().expect("no panic").is_empty() {
+        sleep(Duration::from_millis(1));
+    }
+    sleep(Duration::from_millis(300));
+    let mut before = client.try_read(PATIENCE).expect("a report");
+    while let Ok(report) = client.try_read(Wait::Now) {
+        before = report;
+    }
+    assert!(link.lateness().expect("on the real clock").skipped_ns < 1_000_000_000, "the machine is away yet");
+    let told = [1, 2].map(|n| client.link.write(&target(n, n as u8), Wait::Forever).expect("is taken"));
+    let executed = loop {
+        let report = client.try_read(PATIENCE).expect("reports go on");
+        if client.slot(1).index == 2 {
+            break report;
+        }
+    };
+    let cycles = executed.sequence - before.sequence;
+    assert!(cycles <= 4, "it was executed {cycles} cycles later");
+    assert!(told[0] <= told[1] && told[1] <= executed.at, "told {told:?}, executed {:?}", executed.at);
+    link.close();
+}
+
+/// NIC-2.4 A machine that was away leaves out just the cycles that it has missed, however long that was, and then goes on. It never
+/// sends the outputs of several cycles at once, also if it is late again and again.
+#[test]
+fn what_is_not_caught_up_on_is_left_out_once() {
+    let start = Instant::now();
+    let (mut client, link, gaps, most_in_a_row) = open_away();
     client.try_read(PATIENCE).expect("a report");
     gaps.lock().expect("no panic").extend([7; 20].map(Duration::from_millis));
     gaps.lock().expect("no panic").push_back(Duration::from_millis(1500));

@@ -1,4 +1,4 @@
-//! Two axes go round a square. A drive has an alarm on the way: the other axis is ramped to a standstill, the alarm is
+//! Two axes go round a square. A drive has an alarm on the way: the other axis is stopped, the alarm is
 //! cleared, the axis switched on, and the way goes on. An alarm that stays ends the program, with all axes off.
 //!
 //! `cargo run --example alarm_recovery -- 'sim:?slaves=drive*2&script=examples/scripts/alarm_on_the_way.ecmscript'`
@@ -27,7 +27,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// However it ends, the stream ramps what moves to a standstill.
+/// However it ends, the axes hold their last targets.
 fn go(ecm: &Ecm, corner: [i32; 2]) -> Result<(), EcmError> {
     let mut stream = ecm.stream(common::AHEAD)?;
     common::go(&mut stream, &corner, 1000)?;

@@ -12,8 +12,8 @@ fn main() -> Result<(), Failure> {
     ecm.servo_on(&[1])?;
     let mut stream = ecm.stream(20)?;
     let start = stream.snapshot()?.position(1).unwrap_or_default();
-    for n in 1..=1010 {
-        stream.csp(1, start + 10 * n.min(1000))?; // the last ones hold: what still moves is ramped on
+    for n in 1..=1000 {
+        stream.csp(1, start + 10 * n)?; // however the stream ends, no frame leads beyond the last one
         stream.step()?;
     }
     println!("{:?}", stream.finish()?);

@@ -46,12 +46,15 @@ fn press(ecm: &Ecm, button: Button) -> Result<(), EcmError> {
     }
 }
 
-/// As long as the button is held the axis moves; then the end of the stream brings it to a standstill.
+/// As long as the button is held the axis moves; then it slows down. If a call fails it holds its last target.
 fn jog(stream: &mut Stream<'_>, slave: u8, ticks: i32) -> Result<(), EcmError> {
     let mut target = stream.snapshot()?.position(slave).unwrap_or_default();
     let mut speed = 0;
-    for _ in 0..ticks.unsigned_abs() as usize * TICK {
-        speed += (SPEED * ticks.signum() - speed).clamp(-RAMP, RAMP);
+    let mut ticks_left = ticks.unsigned_abs() as usize * TICK;
+    while ticks_left > 0 || speed != 0 {
+        let wanted = if ticks_left > 0 { SPEED * ticks.signum() } else { 0 };
+        ticks_left = ticks_left.saturating_sub(1);
+        speed += (wanted - speed).clamp(-RAMP, RAMP);
         target += speed;
         stream.csp(slave, target)?;
         stream.step()?;

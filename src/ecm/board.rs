@@ -50,7 +50,7 @@ impl Ecm {
     /// the stream instead.
     ///
     /// A [`Stream`](super::Stream) that is open takes no target and no step any more, as its next targets do not begin where the
-    /// axes are ([`EcmError::Cleared`]). Its end ramps what still moves.
+    /// axes are ([`EcmError::Cleared`]). Its end brings to rest what still moves.
     ///
     /// # Errors
     /// [`EcmError::WrongState`], [`EcmError::Timeout`], [`EcmError::Link`].
@@ -65,7 +65,7 @@ impl Ecm {
         )
     }
 
-    /// Restarts the board (SW_RESET). Moving axes are ramped to a standstill first; then the board forgets everything but the
+    /// Restarts the board (SW_RESET). Axes that move are brought to a standstill first; then the board forgets everything but the
     /// CRC switches, and the connection ends. The slaves lose their master, so that drives switch off. To go on, wait for the
     /// board with [`Ecm::open_when_there`].
     ///
@@ -93,7 +93,7 @@ impl Ecm {
         let task = Task::new("SW_RESET", hint, limit, &commands);
         let seen = |session: &Session| format!("it still reports, in {}", session.board().state);
         let done = self.exchange.run(&task.seen(&seen), |_, _| Ok(None::<()>));
-        // No axis is left to be ramped.
+        // No axis is left to be stopped.
         // Closing in this way cannot fail.
         let _ = self.end(Close::Leave);
         match done {

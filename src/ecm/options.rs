@@ -10,7 +10,8 @@ pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
 /// What becomes of the axes when an [`Ecm`](super::Ecm) is closed or dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Close {
-    /// Moving axes are ramped to a standstill and stay enabled, so that a vertical axis does not drop.
+    /// Axes that move are brought to a standstill and stay enabled, so that a vertical axis does not drop: in CSP they hold the last
+    /// target that the board has accepted, velocities and torques are ramped to 0.
     #[default]
     Hold,
     /// As [`Close::Hold`], then the axes are switched off.
@@ -40,7 +41,7 @@ pub struct Options {
     pub servo_limit: Duration,
     /// What becomes of the axes when the [`Ecm`](super::Ecm) is dropped.
     pub close: Close,
-    /// How long the ramp to a standstill takes: 250 ms, at most 1.5 s.
+    /// How long the ramp of a velocity or a torque to 0 takes: 250 ms, at most 1.5 s.
     pub ramp: Duration,
 }
 

@@ -208,7 +208,7 @@ fn a_limit_of_any_length_does_not_overflow() {
     }
 }
 
-/// API-10 Two targets half the range apart are a speed like any other: it is braked, and nothing overflows.
+/// API-10 Two targets half the range apart: nothing overflows, and what is left of the way to the last one is not gone beyond it.
 #[test]
 fn targets_half_the_range_apart() {
     let tap = Tap::open("slaves=drive");
@@ -222,7 +222,11 @@ fn targets_half_the_range_apart() {
     }
     tap.take();
     stream.finish().ok();
-    assert!(count(&tap, 1, CommandId::Csp) > 100, "a ramp");
+    let targets: Vec<i32> = tap.take_slots(1).iter().map(|slot| slot.data1 as i32).collect();
+    assert!(
+        !targets.is_empty() && targets.iter().all(|target| *target <= 0),
+        "from where it is towards it: {targets:?}"
+    );
 }
 
 /// API-10 A velocity that was lost on the way has not been executed: its axis stands, and the ramp does not set it going.
@@ -312,39 +316,6 @@ fn a_stream_is_no_deeper_than_closing_can_wait_for() {
         let least = if cycle_us < 256_000 { 4 } else { 2 };
         assert!(ramp.len() >= least && ramp.last().unwrap().data1 == 0, "{cycle_us} us: {} frames", ramp.len());
     }
-}
-
-/// API-10 The ramp begins with the speed of the last steps, also where a program gives a target every second or third step
-/// only; one that has held its last target for longer stands.
-#[test]
-fn the_ramp_knows_targets_of_every_few_steps() {
-    for every in [1, 2, 3] {
-        for steps in 300..300 + every {
-            let tap = Tap::open("slaves=drive");
-            let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
-            let mut stream = ecm.stream(16).unwrap();
-            for n in 0..steps {
-                stream.csp(1, n / every * every * 50).unwrap();
-                stream.step().unwrap();
-            }
-            tap.take();
-            let last = (steps - 1) / every * every * 50;
-            stream.finish().unwrap();
-            let ramp: Vec<i32> = tap.take_slots(1).iter().map(|slot| slot.data1 as i32).collect();
-            let first = ramp.first().unwrap_or_else(|| panic!("{steps} steps, every {every}: a ramp")) - last;
-            assert!((49..=50).contains(&first), "{steps} steps, every {every}: {first} counts in the first frame");
-        }
-    }
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
-    let mut stream = ecm.stream(16).unwrap();
-    for n in 0..300 {
-        stream.csp(1, n.min(297) / 2 * 100).unwrap();
-        stream.step().unwrap();
-    }
-    tap.take();
-    stream.finish().unwrap();
-    assert_eq!(tap.take_slots(1), [], "it stands at its end");
 }
 
 /// API-9 API-50 A stream that cannot have the board when it ends is over all the same: the next one begins.

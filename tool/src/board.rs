@@ -88,7 +88,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
     counts_per_unit: Option<Scales>,
 
-    /// What becomes of the axes at the end: hold (ramp to a standstill, stay on), servo-off (then switch off), leave
+    /// What becomes of the axes at the end: hold (come to a standstill, stay on), servo-off (then switch off), leave
     /// [default: hold; leave for a verb that moves nothing]
     #[arg(long, value_name = "HOW", value_parser = close, global = true, help_heading = HEADING)]
     close: Option<Close>,

@@ -1,11 +1,9 @@
-//! The targets that go out with every frame while a stream is open: the slots of the next frame and of the last ones, as they
+//! The targets that go out with every frame while a stream is open: the slots of the next frame and of the last one, as they
 //! stand on the wire.
 
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
-use crate::sk::{AxisTarget, Frame, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize};
+use crate::sk::{Frame, RawSlot, SlaveCommand, SlotCommand, SlotSize};
 
-/// \[OURS] Steps that the speed of an axis is derived from.
-const STEPS: usize = 9;
 const SLOTS: usize = SlotSize::Bytes12.slots();
 
 /// The digital outputs of an HSP's two channels.
@@ -14,13 +12,12 @@ pub type Outputs = [u16; 2];
 /// The targets of slaves, by slot. A slot that is all zero has none.
 pub struct CyclicTargets {
     size: SlotSize,
-    /// Slaves that have a target in `next` or in `steps`.
+    /// Slaves that have a target in `next` or in `last`.
     set: SlaveSet,
     /// Goes out with the next frame, and with every one after it until there are other targets.
     next: Box<Frame>,
-    /// The targets of the last steps; `newest` is the place of the last one.
-    steps: [Box<Frame>; STEPS],
-    newest: usize,
+    /// The targets of the last step.
+    last: Box<Frame>,
     /// The outputs that HSPs were told last, by slot: they outlive the targets.
     outputs: [Outputs; SLOTS],
     /// Slaves whose targets were withdrawn since the stream looked last.
@@ -33,8 +30,7 @@ impl CyclicTargets {
             size,
             set: SlaveSet::EMPTY,
             next: Box::default(),
-            steps: Default::default(),
-            newest: 0,
+            last: Box::default(),
             outputs: [[0; 2]; SLOTS],
             withdrawn: SlaveSet::EMPTY,
         }
@@ -74,7 +70,7 @@ impl CyclicTargets {
 
     fn forget(&mut self, slaves: SlaveSet) {
         for slave in self.set.intersection(slaves).iter() {
-            for frame in self.steps.iter_mut().chain([&mut self.next]) {
+            for frame in [&mut self.next, &mut self.last] {
                 frame.put(self.size, slave.into(), &RawSlot::ZERO);
             }
         }
@@ -94,20 +90,17 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// What another program has told a slave last, and before that.
-    pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>, before: Option<SlaveCommand>) {
-        for (back, command) in [(0, last), (1, before)] {
-            let slot = command.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
-            self.steps[(self.newest + STEPS - back) % STEPS].put(self.size, slave.into(), &slot);
-        }
+    /// What another program has told a slave last.
+    pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
+        let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
+        self.last.put(self.size, slave.into(), &slot);
         self.note_outputs(slave, last);
         self.set.insert(slave);
     }
 
     /// The next targets went out with a frame; `hsps` have outputs in it.
     pub fn stepped(&mut self, hsps: SlaveSet) {
-        self.newest = (self.newest + 1) % STEPS;
-        self.steps[self.newest].clone_from(&self.next);
+        self.last.clone_from(&self.next);
         for slave in hsps.intersection(self.set).iter() {
             self.note_outputs(slave, self.last(slave));
         }
@@ -121,45 +114,15 @@ impl CyclicTargets {
 
     /// The frame was not written: the targets that it held for the first time go out with no later one.
     pub fn revert(&mut self) {
-        self.next.clone_from(&self.steps[self.newest]);
+        self.next.clone_from(&self.last);
     }
 
     /// What a slave was told last.
     pub fn last(&self, slave: u8) -> Option<SlaveCommand> {
-        self.told(slave, 0)
-    }
-
-    /// How far the targets of a slave's axes went in a step, lately, counts. A program may give a new target every few steps:
-    /// then its way counts for all of them. A target that is held for longer than that means that the axis stands.
-    pub fn speeds(&self, slave: u8) -> [f64; 2] {
-        let motions = std::array::from_fn(|k| match self.told(slave, k) {
-            Some(SlaveCommand::Csp(motion)) => Some(motion),
-            _ => None,
-        });
-        [|motion: &Motion| motion.first, |motion: &Motion| motion.second].map(|axis| speed(&motions, axis))
-    }
-
-    /// What a slave was told so many steps ago.
-    fn told(&self, slave: u8, steps: usize) -> Option<SlaveCommand> {
-        let slot = self.steps[(self.newest + STEPS - steps) % STEPS].slot(self.size, slave.into());
+        let slot = self.last.slot(self.size, slave.into());
         if slot.is_zero() {
             return None;
         }
         SlotCommand::decode(&slot, self.size).ok().map(|slot| slot.command)
     }
-}
-
-/// The speed of an axis by its targets, the newest first.
-fn speed(motions: &[Option<Motion>; STEPS], axis: impl Fn(&Motion) -> AxisTarget) -> f64 {
-    let target = |k: usize| motions[k].as_ref().map(|motion| axis(motion).target);
-    // Steps whose target is another one than that of the step before.
-    let mut changes = (0..STEPS - 1).filter_map(|k| match (target(k), target(k + 1)) {
-        (Some(to), Some(from)) if to != from => Some((k, to.wrapping_sub(from))),
-        _ => None,
-    });
-    let Some((held, by)) = changes.next() else { return 0.0 };
-    // A first target that has no other before it has been given once a step, until more is known.
-    let known = (0..STEPS).take_while(|k| target(*k).is_some()).count();
-    let period = changes.next().map_or(if known < STEPS { 1 } else { STEPS - 1 }, |(before, _)| before - held);
-    if held < period { f64::from(by) / period as f64 } else { 0.0 }
 }

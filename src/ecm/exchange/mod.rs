@@ -12,6 +12,7 @@
 //!   frame, and the targets that a stream repeats in every frame;
 //! - `credit.rs`, `marks.rs`, `answers.rs`: how much room the FIFO has, which frames the board has executed, which answers
 //!   belong to which command;
+//! - `patience.rs`: the clock by which calls wait, which leaves out the time for which this process stood still;
 //! - `second_channels.rs`: what only SDO transfers tell of HSPs with two channels;
 //! - `stats.rs`: counts, and news for a log; `slot_set.rs`: sets of slots.
 
@@ -20,6 +21,7 @@ mod credit;
 pub mod cyclic_targets;
 pub mod marks;
 mod outgoing;
+mod patience;
 mod posts;
 mod reports;
 mod second_channels;
@@ -31,11 +33,12 @@ mod task;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
 pub use outgoing::Sent;
+use patience::Patience;
 pub use second_channels::SecondChannels;
 pub use session::Session;
 pub use stats::{News, Stats};
@@ -50,6 +53,9 @@ use crate::sk::{RawSlot, SlotSize};
 
 /// \[OURS] A stream that has not stepped for that long no longer carries commands of other threads.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
+/// \[OURS] A report shows what the axes do now if it was read no longer ago than that, or than so many cycles.
+const REPORT_AGE_MIN: Duration = Duration::from_millis(5);
+const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest limit of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
 /// \[OURS] Reports read in a row without waiting: more than any queue of a link holds by default.
@@ -59,7 +65,7 @@ pub struct Exchange {
     pub link: Arc<dyn Link>,
     pub info: LinkInfo,
     pub options: Options,
-    started: Instant,
+    patience: Patience,
     session: Mutex<Session>,
     /// Counts the changes after which a stream has to look at the session again: a report, another configuration, an axis
     /// that homes, a FIFO that was cleared.
@@ -88,7 +94,7 @@ impl Exchange {
             link,
             info,
             options,
-            started: Instant::now(),
+            patience: Patience::new(),
             session: Mutex::new(Session::new(size, options.strict_crc)),
             changes: AtomicU64::new(0),
             news: Condvar::new(),
@@ -98,14 +104,31 @@ impl Exchange {
         }
     }
 
-    /// The time on the link's clock, since any moment.
+    /// The time by which calls wait, since any moment. It goes with the link's clock, but does not count the time for which this
+    /// process stood still (SIGSTOP, swap, a suspended machine): a board that nobody could hear was not silent.
     pub fn now(&self) -> Duration {
+        self.now_at(self.clock())
+    }
+
+    /// As [`Exchange::now`], for a caller that knows the time on the link's clock.
+    pub fn now_at(&self, clock: Duration) -> Duration {
+        self.patience.at(clock)
+    }
+
+    /// The time on the link's clock, since any moment.
+    pub fn clock(&self) -> Duration {
         if self.info.virtual_time
             && let Ok(Some(at)) = self.link.pass(Duration::ZERO)
         {
             return Duration::from_nanos(at.0);
         }
-        self.started.elapsed()
+        self.patience.elapsed()
+    }
+
+    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`]: it does not show what the axes do now.
+    pub fn is_stale(&self, session: &Session) -> bool {
+        let age = self.clock().saturating_sub(session.reports.read_at);
+        age > (session.network.cycle() * REPORT_AGE_CYCLES).max(REPORT_AGE_MIN)
     }
 
     pub fn lock(&self) -> Result<MutexGuard<'_, Session>, EcmError> {
@@ -172,12 +195,15 @@ impl Exchange {
 
     /// As [`Exchange::read`], for a caller that knows the time.
     pub fn read_at(&self, session: &mut Session, now: Duration, deadline: Duration) -> Result<bool, EcmError> {
-        let wait = Wait::at_most(deadline.saturating_sub(now).min(self.silence_max(session)));
-        match self.link.read(&mut session.reports.incoming, wait) {
+        let wait = deadline.saturating_sub(now).min(self.silence_max(session)).min(patience::WAIT_MAX);
+        self.patience.expect(wait);
+        match self.link.read(&mut session.reports.incoming, Wait::at_most(wait)) {
             Ok(meta) => {
                 let usable = session.take_report(meta);
                 if usable {
                     session.reports.heard_at = now;
+                    session.reports.read_at =
+                        if self.info.virtual_time { Duration::from_nanos(meta.at.0) } else { self.patience.elapsed() };
                     self.changed();
                     self.news.notify_all();
                 }
@@ -233,6 +259,7 @@ impl Exchange {
     pub fn write_within(&self, session: &mut Session, limit: Duration) -> Result<(), EcmError> {
         session.compose();
         let clears = session.fifo_clears;
+        self.patience.expect(limit);
         match self.link.write(&session.outgoing.frame, Wait::For(limit)) {
             Ok(at) => {
                 session.wrote(at);

@@ -22,8 +22,10 @@ pub struct Reports {
     last_sequence: u64,
     /// Slot 0 of the newest report.
     pub board: MasterResponse,
-    /// When a report was read last that could be used, on the caller's clock.
+    /// When a report was read last that could be used, by the time by which calls wait.
     pub heard_at: Duration,
+    /// The same on the link's clock; in virtual time when the report was made.
+    pub read_at: Duration,
 }
 
 impl Reports {
@@ -39,6 +41,7 @@ impl Reports {
             last_sequence: 0,
             board: MasterResponse::default(),
             heard_at: Duration::ZERO,
+            read_at: Duration::ZERO,
         }
     }
 

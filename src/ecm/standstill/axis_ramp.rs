@@ -1,13 +1,16 @@
-//! How one axis is brought to a standstill: by a linear ramp of what was commanded last.
+//! How one axis is brought to a standstill.
 //!
-//! In CSP the speed of the last targets falls to 0, and the axis then holds its position. In CSV the velocity falls to 0. In CST
-//! a torque that holds a standing axis stays, and one that moves it falls to 0: only the program that commanded the torque
-//! could know how to stop the axis better. \[OURS]
+//! In CSP it holds the last target that the board has accepted: it is the furthest point that the program has asked for, and what
+//! lies beyond it nobody knows. In CSV the velocity falls to 0 in a straight line. In CST a torque that holds a standing axis stays,
+//! and one that moves it falls to 0: only the program that commanded the torque could know how to stop the axis better. \[OURS]
+//!
+//! No frame of a brake goes beyond what the axis was told, turns it round or makes it faster, however late the frame is: this process
+//! may stand still before each of them.
 
 use super::left_behind::LeftBehind;
 use super::movement::{self, Observation};
 use crate::cia402::Mode;
-use crate::ecm::config::{Guard, Slave};
+use crate::ecm::config::Slave;
 use crate::ecm::exchange::Session;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
@@ -17,7 +20,7 @@ const STANDSTILL_COUNTS: f64 = 2.0;
 /// The ramp of one slave's axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum AxisRamp {
-    /// From these targets on, with speeds that begin with so many counts in a frame.
+    /// From these targets on, short of those that the axis is on its way to, with speeds that begin with so many counts in a frame.
     Position(Motion, [f64; 2]),
     /// From these velocities to 0.
     Velocity(Motion),
@@ -26,6 +29,10 @@ pub(super) enum AxisRamp {
 }
 
 impl AxisRamp {
+    pub(super) const fn is_of_position(&self) -> bool {
+        matches!(self, Self::Position(..))
+    }
+
     /// The command of frame `k` of `n`, from 1.
     pub(super) fn at(&self, k: u32, n: u32) -> SlaveCommand {
         let left = f64::from(n - k) / f64::from(n);
@@ -76,7 +83,7 @@ pub(super) fn ramp_of(
     config: &Slave,
     left: &LeftBehind,
 ) -> Option<AxisRamp> {
-    let axis = config.axis()?;
+    let mode = config.axis()?.mode;
     if !movement::may_be_on(session, slave, config) || session.homing.active.contains(slave) {
         return None;
     }
@@ -87,7 +94,7 @@ pub(super) fn ramp_of(
         let [first, second] = [0, 1].map(|i| AxisTarget { target: velocities[i], outputs: outputs[i] });
         AxisRamp::Velocity(Motion { first, second })
     };
-    match (axis.mode, last(session, slave, left)) {
+    match (mode, last(session, slave, left)) {
         (Mode::Csv, Some(SlaveCommand::Csv(motion))) if motion.first.target != 0 || motion.second.target != 0 => {
             // An axis that stands all the same has not executed its velocity, or hardly moves: a ramp must not set it going.
             let stands = fifo_is_empty && !movement::may_move(session, slave, config);
@@ -105,31 +112,14 @@ pub(super) fn ramp_of(
         (Mode::Cst, None) if fifo_is_empty && is_moving => {
             Some(AxisRamp::Torque(DriveResponse::decode(&session.slot(slave.into())).torque))
         }
-        (Mode::Csp, Some(SlaveCommand::Csp(last))) => {
-            let commanded = session.targets.speeds(slave);
-            let mut speed = commanded;
-            if fifo_is_empty {
-                // An axis without further targets has stopped already: a ramp must not move it again, nor have it jump to a
-                // target that was never executed.
-                let moved = movement::moved_in_last_cycle(session, slave, config);
-                speed = [0, 1].map(|i| slower(commanded[i], f64::from(moved[i])));
-                let position = session.slot(slave.into()).data1 as i32;
-                let away = last.first.target.wrapping_sub(position).unsigned_abs();
-                if matches!(axis.guard, Guard::Within(limit) if away > limit) {
-                    return None;
-                }
-            }
-            let moves = speed.iter().any(|counts| counts.abs() > STANDSTILL_COUNTS);
-            moves.then_some(AxisRamp::Position(last, speed))
-        }
-        // A position that another program has commanded is held once the FIFO is empty.
+        // A position is held.
         _ => None,
     }
 }
 
 /// The ramp of an axis in CSP whose target is so far away that it does not reach it within `cycles`: lost frames have made its
-/// way a jump, and a drive goes on to its last target by itself. It is ramped from its actual position. `None` for an axis
-/// that stands, or that will reach its target. If the target is not known `overdue` says whether it is too far.
+/// way a jump, and a drive goes on to its last target by itself. It is ramped from its actual position; the ramp ends before that
+/// target, since the axis would take longer to it than the ramp does. `None` for an axis that stands, or that will reach its target. If the target is not known `overdue` says whether it is too far.
 pub(super) fn ramp_from_position(
     session: &Session,
     observed: &Observation,
@@ -167,15 +157,4 @@ pub(super) fn ramp_from_position(
     });
     let speed = [0, 1].map(|i| if is_ramped[i] { speed[i] } else { 0.0 });
     (is_ramped != [false; 2]).then_some(AxisRamp::Position(Motion { first, second }, speed))
-}
-
-/// The slower of two speeds; 0 if their directions are opposite.
-fn slower(a: f64, b: f64) -> f64 {
-    if a * b <= 0.0 {
-        0.0
-    } else if a.abs() < b.abs() {
-        a
-    } else {
-        b
-    }
 }

@@ -1,8 +1,8 @@
 //! Bringing axes to a standstill from the host. The axes stay enabled.
 //!
-//! Entries that are ahead of the ramp are executed first: they are the way on which the axes were sent, and the ramp begins at
-//! its end. Of a program's own axes it is known what was commanded last. Of those of another program it may not be known, and
-//! then the ramp waits until the FIFO is empty, and begins with what reports show.
+//! Entries that are ahead are executed first: they are the way on which the axes were sent. In CSP the axes then hold its end; velocities
+//! and torques are ramped from there. Of a program's own axes it is known what was commanded last. Of those of another program it may
+//! not be known, and then the ramp waits until the FIFO is empty, and begins with what reports show.
 //!
 //! How to read this folder: here is the whole of a stop; `movement.rs` says whether an axis moves, `axis_ramp.rs` how one axis is
 //! ramped, `left_behind.rs` what becomes of entries that wait in the FIFO, `close.rs` what closing a board does beside it.
@@ -33,6 +33,10 @@ const AHEAD_MAX: u16 = 64;
 const SETTLING_TIME: Duration = Duration::from_millis(200);
 /// \[OURS] The same in cycles, if the cycle is long.
 const SETTLING_CYCLES: u32 = 3;
+
+/// \[OURS] For how long a stop waits for a report that shows the present, and for how many cycles.
+const PRESENT_MAX: Duration = Duration::from_millis(20);
+const PRESENT_CYCLES: u32 = 3;
 
 /// \[OURS] A ramp has at least that many frames, if the cycle is long.
 pub const RAMP_FRAMES_MIN: u32 = 4;
@@ -98,7 +102,7 @@ impl<'a, 's> Stop<'a, 's> {
     }
 
     fn until_all_stand(&mut self) -> Result<(), EcmError> {
-        self.ecm.exchange.catch_up(self.session)?;
+        self.see_the_present()?;
         if !self.session.in_op() || self.session.network.count == 0 {
             return Ok(());
         }
@@ -119,6 +123,18 @@ impl<'a, 's> Stop<'a, 's> {
         if self.left.has_threshold && !self.unlocked && self.session.in_op() {
             // Nothing had to be done. The frames of the next program must not wait for a threshold that it does not know.
             self.write()?;
+        }
+        Ok(())
+    }
+
+    /// Reads a report that shows what the axes do now: the newest one may be from before this process stood still. A board that makes
+    /// none is braked all the same, by the last one.
+    fn see_the_present(&mut self) -> Result<(), EcmError> {
+        let exchange = &self.ecm.exchange;
+        exchange.catch_up(self.session)?;
+        let (began, limit) = (exchange.now(), PRESENT_MAX.max(self.session.network.cycle() * PRESENT_CYCLES));
+        while exchange.is_stale(self.session) && exchange.now() < (began + limit).min(self.deadline) {
+            exchange.read(self.session, began + limit)?;
         }
         Ok(())
     }
@@ -166,6 +182,13 @@ impl<'a, 's> Stop<'a, 's> {
         let frames = self.frames();
         let network = Arc::clone(&self.session.network);
         for k in 1..=frames {
+            if k > 1 && ramps.iter().flatten().any(AxisRamp::is_of_position) {
+                self.ecm.exchange.catch_up(self.session)?;
+                if self.session.credit.ahead() == 0 {
+                    // The board ran dry, and an axis in CSP stands where the ramp was: the rest would set it going again.
+                    return Ok(());
+                }
+            }
             self.write_with(|session| {
                 for (slave, config) in network.slaves() {
                     let Some(ramp) = &ramps[usize::from(slave)] else { continue };

@@ -37,7 +37,7 @@ pub struct StreamStats {
 ///
 /// Set targets with [`csp`](Stream::csp), [`csv`](Stream::csv) or [`cst`](Stream::cst), then call [`step`](Stream::step), which
 /// sends them. A target is repeated in each frame until there is another one. [`finish`](Stream::finish) and dropping the stream
-/// ramp the axes that move to a standstill; they stay enabled.
+/// bring the axes to a standstill: in CSP they hold their last targets, velocities and torques are ramped to 0. They stay enabled.
 ///
 /// Commands of [`Ecm`]'s calls in other threads go out in the frames of steps. A call by the thread that steps writes frames of
 /// its own, which repeat the last targets: between two steps of a motion the axes stand for a cycle with each of them.
@@ -240,7 +240,7 @@ impl Stream<'_> {
         self.frames += 1;
         self.stepped = true;
         // In virtual time the time stamp of the frame is the time.
-        let now = exchange.info.virtual_time.then(|| Duration::from_nanos(session.outgoing.last.at.0));
+        let now = exchange.info.virtual_time.then(|| exchange.now_at(Duration::from_nanos(session.outgoing.last.at.0)));
         self.ecm.pace(&mut session, self.depth, now)?;
         self.targets.refresh(&mut session, exchange.changes());
         Ok(self.stats_of(&session))
@@ -287,7 +287,8 @@ impl Stream<'_> {
         }
     }
 
-    /// Ends the stream: axes that move are ramped to a standstill, within 2 s, and stay enabled.
+    /// Ends the stream within 2 s, and the axes stay enabled: in CSP they hold their last targets, velocities and torques are ramped to a
+    /// standstill.
     ///
     /// # Errors
     /// [`EcmError::Timeout`] if axes still move after that, [`EcmError::NoReport`], [`EcmError::Link`].

@@ -27,7 +27,7 @@ pub(crate) enum Succeeded {
 
 impl Ecm {
     /// As [`Ecm::adopt`], for a network that another program has run until now. What that program commanded last is known too,
-    /// so that closing can ramp it to a standstill.
+    /// so that closing can bring it to a standstill.
     ///
     /// # Errors
     /// As [`Ecm::adopt`]. A network of which nothing is known is adopted as one without slaves.
@@ -36,7 +36,7 @@ impl Ecm {
         self.adopt(&config)?;
         let mut session = self.exchange.lock()?;
         for (slave, seen) in (1..=config.slaves.len() as u8).zip(&watch.slaves) {
-            session.targets.assume(slave, seen.last, seen.before);
+            session.targets.assume(slave, seen.last);
         }
         Ok(())
     }
@@ -80,7 +80,7 @@ impl Ecm {
             self.next_cycle(limit)?;
             return self.next_cycle(limit).map(drop);
         }
-        let now = self.exchange.now();
+        let now = self.exchange.clock();
         let is_old = |at: Stamp| Duration::from_nanos(at.0) < now;
         while is_old(self.next_cycle(limit)?.meta.at) {}
         // A report of this very moment may have been made before the last frames arrived.

@@ -8,9 +8,8 @@ use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, Slave
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     mode: Option<(Mode, DriveSync)>,
-    /// The last motion command (CSP, CSV, CST), and the one in the frame before.
+    /// The last motion command (CSP, CSV, CST).
     pub(super) last: Option<SlaveCommand>,
-    pub(super) before: Option<SlaveCommand>,
     homing: Homing,
 }
 
@@ -47,7 +46,7 @@ impl Seen {
 
     /// It is not certain any more that the last commands were executed.
     pub(super) fn forget_targets(&mut self) {
-        (self.last, self.before) = (None, None);
+        self.last = None;
     }
 
     /// The slave is declared anew, or the network is not in OP. The mode that DRIVE_MODE has set stays (SK-4.42).
@@ -61,7 +60,7 @@ impl Seen {
             Ok(SlaveCommand::DriveMode { mode, sync }) if set_up => self.mode = Some((mode, sync)),
             _ if !in_op => {}
             Ok(command @ (SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_))) => {
-                (self.before, self.last) = (self.last, Some(command));
+                self.last = Some(command);
             }
             Ok(SlaveCommand::GoHome) => {
                 self.forget_targets();
@@ -69,7 +68,7 @@ impl Seen {
             }
             Ok(SlaveCommand::ServoOff | SlaveCommand::AlarmClear) => self.forget_targets(),
             // A frame without a target: the axis holds the last one.
-            _ => self.before = self.last,
+            _ => {}
         }
     }
 

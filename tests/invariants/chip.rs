@@ -7,7 +7,7 @@ mod line;
 
 use crate::followed;
 use crate::run_all;
-use how::How;
+pub use how::How;
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
 const SCHEDULES: u64 = 40;

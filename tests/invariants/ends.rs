@@ -1,5 +1,5 @@
 //! A writer's end at a server: whatever ends it, at whatever message, every axis that it moved stands within the documented
-//! time, and nothing that it left in the FIFO moves an axis later. The server has no sockets and nobody who takes what it
+//! time, and nothing that it left in the FIFO moves an axis later; so it is if the server's process stands still meanwhile. The server has no sockets and nobody who takes what it
 //! tells people, as one whose log stalls; time is the board's.
 //!
 //! `cargo xtask soak` runs 10,000 of them. One again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
@@ -45,6 +45,7 @@ struct Done {
     slow: u64,
     spoiled: u64,
     broken: u64,
+    stood: u64,
     longest: Duration,
 }
 
@@ -61,6 +62,7 @@ impl AddAssign for Done {
         self.slow += other.slow;
         self.spoiled += other.spoiled;
         self.broken += other.broken;
+        self.stood += other.stood;
         self.longest = self.longest.max(other.longest);
     }
 }
@@ -109,6 +111,10 @@ fn schedule(seed: u64, may_break: bool) -> Done {
             [Break::Cable(0), Break::Cable(slave), Break::Silence(slave), Break::Power(slave), Break::Alarm(slave)];
         eyes.break_in(breaks.below(calls + 1), breaks.pick(&what));
     }
+    let mut stalls = Dice(seed ^ 0x5374_616C_6C21);
+    if may_break && stalls.one_in(4) {
+        eyes.stand_still(stalls);
+    }
     let end = End::of(caller, &server, &eyes, cycle);
     let was_broken = heal(&eyes, cycle);
     if !was_broken {
@@ -116,8 +122,9 @@ fn schedule(seed: u64, may_break: bool) -> Done {
     }
     // With a cycle of 64 ms there are 31 in the time, and a homing that is aborted takes its own.
     let failed = end.has_failed();
+    let stood = eyes.stood() > Duration::ZERO;
     assert!(
-        !failed || was_broken || cycle > 16_000,
+        !failed || was_broken || stood || cycle > 16_000,
         "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}",
         end.told
     );
@@ -134,6 +141,7 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         slow: u64::from(cycle > 8000),
         spoiled: u64::from(life.spoiled > 0),
         broken: was_broken.into(),
+        stood: stood.into(),
         longest: end.took,
     }
 }
@@ -164,7 +172,7 @@ fn writers_that_died_badly() {
 fn writers_that_die() {
     let (schedules, all) = run_all("writers_that_die", SCHEDULES, |seed| schedule(seed, true));
     if schedules >= SCHEDULES {
-        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, .. } = all;
+        let Done { moving, full, thresholds, held, still, homing, torn, slow, spoiled, broken, stood, .. } = all;
         for (what, n, of) in [
             ("moving", moving, 3),
             ("full", full, 12),
@@ -176,6 +184,7 @@ fn writers_that_die() {
             ("slow", slow, 12),
             ("spoiled", spoiled, 10),
             ("broken", broken, 20),
+            ("stood", stood, 8),
         ] {
             assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
         }

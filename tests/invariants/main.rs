@@ -8,6 +8,7 @@
 //!   - `chip.rs`, `chip/`: a board behind an ECM-XF, with every fault of that chip and its wires
 //!   - `wires.rs`, `wires/`: a board on a network card, with every fault of the cable
 //! - `ends.rs`, `day.rs`: writers that die, and the long day
+//! - `stalls.rs`, `stalls/`: programs and boards whose process stands still
 //!
 //! `cargo xtask soak` runs many more of them. One schedule again: `ECMSK_SOAK_FIRST=<seed> ECMSK_SOAK_SCHEDULES=1`.
 
@@ -21,6 +22,7 @@ mod machine;
 mod paced;
 mod path;
 mod program;
+mod stalls;
 mod tap;
 mod watch;
 mod wires;

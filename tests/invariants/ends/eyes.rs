@@ -10,6 +10,7 @@ use ecmsk::link::engine::EngineLink;
 use ecmsk::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use ecmsk::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SlotSize};
 use ecmsk::slave::{DeviceFault, Fault};
+use support::dice::Dice;
 
 use crate::machine::Unit;
 use crate::tap::Seen as Taken;
@@ -51,6 +52,10 @@ struct Seen {
     /// Calls until something breaks, and what.
     breaks_in: Option<(u64, Break)>,
     is_broken: bool,
+    /// By these the server's process stands still, so many times yet.
+    stalls: Option<(Dice, u64)>,
+    /// For how long it stood still.
+    stood: Duration,
     /// A drive was sent home: it may begin to move by itself.
     has_homed: bool,
     /// Entries that the board has executed, and where the shafts were when it was one more.
@@ -79,6 +84,8 @@ impl Eyes {
             last,
             breaks_in: None,
             is_broken: false,
+            stalls: None,
+            stood: Duration::ZERO,
             has_homed: false,
             executed: 0,
             since,
@@ -195,7 +202,39 @@ impl Eyes {
         self.seen().breaks_in = Some((calls, what));
     }
 
+    /// The server's process stands still at some of the calls from now on.
+    pub fn stand_still(&self, mut dice: Dice) {
+        let times = 1 + dice.below(3);
+        self.seen().stalls = Some((dice, times));
+    }
+
+    /// For how long it stood still.
+    pub fn stood(&self) -> Duration {
+        self.seen().stood
+    }
+
+    fn may_stand(&self) {
+        let time = {
+            let mut seen = self.seen();
+            let Some((dice, left)) = &mut seen.stalls else { return };
+            if *left == 0 || !dice.one_in(20) {
+                return;
+            }
+            *left -= 1;
+            let most = dice.pick(&[20, 200, 1200, 5000]);
+            let time = Duration::from_millis(dice.below(most));
+            seen.stood += time;
+            time
+        };
+        // In short parts, so that what drives are told meanwhile is seen.
+        for _ in 0..time.as_millis() {
+            self.inner.pass(Duration::from_millis(1)).expect("it is there");
+            self.look();
+        }
+    }
+
     fn count_down(&self) {
+        self.may_stand();
         let mut seen = self.seen();
         let Some((left, what)) = &mut seen.breaks_in else { return };
         if *left > 0 {
@@ -222,6 +261,7 @@ impl Eyes {
 
     /// All is whole, and stays so.
     pub fn heal(&self) {
+        self.seen().stalls = None;
         self.network.heal();
         for (slave, ..) in &self.axes {
             self.network.find(*slave);

@@ -39,7 +39,7 @@ impl End {
         if was_held {
             eyes.assert_still(&stood, STANDS, "that stood, by what waited behind a threshold");
         }
-        let limit = DOCUMENTED + CYCLES * Duration::from_micros(cycle_us.into());
+        let limit = DOCUMENTED + eyes.stood() + CYCLES * Duration::from_micros(cycle_us.into());
         assert!(took <= limit, "it took {took:?} with a cycle of {cycle_us} us");
         Self { took, told: server.told(), was_held }
     }

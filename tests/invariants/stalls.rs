@@ -1,0 +1,234 @@
+//! A process that stands still at any moment, for up to 5 s: stopped, swapped out, on a machine that was suspended. It may be the
+//! program that moves axes, or the runner of its board. Whatever the program does about it, and wherever its brake is when the
+//! process stands still again:
+//!
+//! - an axis in CSP is told the targets that the program has given, in their order, and nothing else: no brake goes beyond the last
+//!   one, or back;
+//! - a velocity and a torque that a brake writes are of the sign of the last one, and smaller each time;
+//! - in the end all axes stand, by their shafts, and a velocity is 0;
+//! - a board that answers every cycle is never silent for the program, however long that did not listen.
+//!
+//! So it is on simulated slaves, behind an ECM-XF, and over slave controllers at a network card, of which those leave OP by themselves
+//! whose watchdog expires meanwhile. `cargo xtask soak` runs 10,000 of them. One again: `ECMSK_SOAK_FIRST=<seed>
+//! ECMSK_SOAK_SCHEDULES=1`.
+
+mod bus;
+mod link;
+
+use std::ops::AddAssign;
+use std::sync::Arc;
+use std::time::Duration;
+
+use ecmsk::cia402::Mode;
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Slave, Stream};
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::link::Link;
+use ecmsk::link::engine::{EngineLink, RunOptions};
+use ecmsk::sk::{MasterState, SlaveCommand, SlotSize};
+use support::dice::Dice;
+
+use crate::run_all;
+use bus::{Net, Told, net};
+use link::Stalling;
+
+/// Schedules of the test; `cargo xtask soak` asks for more.
+const SCHEDULES: u64 = 150;
+const SIZE: SlotSize = SlotSize::Bytes12;
+const MS: Duration = Duration::from_millis(1);
+/// Noise and friction may move a shaft that stands by so much, counts.
+const STANDS: i64 = 60;
+
+/// What schedules did, so that none passes for lack of it.
+#[derive(Debug, Default)]
+struct Done {
+    stalls: u64,
+    in_brakes: u64,
+    moving: u64,
+    positions: u64,
+    velocities: u64,
+}
+
+impl AddAssign for Done {
+    fn add_assign(&mut self, other: Self) {
+        self.stalls += other.stalls;
+        self.in_brakes += other.in_brakes;
+        self.moving += other.moving;
+        self.positions += other.positions;
+        self.velocities += other.velocities;
+    }
+}
+
+/// An axis as the program leads it.
+struct Led {
+    mode: Mode,
+    /// Where it stood when it was switched on.
+    start: i32,
+    position: i32,
+    speed: i32,
+    told: Told,
+}
+
+impl Led {
+    /// Gives the axis its next target.
+    fn aim(&mut self, stream: &mut Stream<'_>, slave: u8, dice: &mut Dice) -> Result<(), EcmError> {
+        self.speed = (self.speed + dice.below(21) as i32 - 10).clamp(-300, 300);
+        match self.mode {
+            Mode::Csv => stream.csv(slave, self.speed * 500),
+            // Less than friction holds: how fast a torque makes an axis is the program's affair.
+            Mode::Cst => stream.cst(slave, (self.speed % 25) as i16),
+            _ => {
+                self.position += self.speed;
+                stream.csp(slave, self.position)
+            }
+        }
+    }
+}
+
+fn value(command: SlaveCommand) -> Option<i32> {
+    match command {
+        SlaveCommand::Csp(motion) | SlaveCommand::Csv(motion) => Some(motion.first.target),
+        SlaveCommand::Cst(torque) => Some(torque.into()),
+        _ => None,
+    }
+}
+
+/// Moves the axes, until the program has had enough or a call has failed.
+fn lead(ecm: &Ecm, axes: &mut [Led], depth: u16, dice: &mut Dice) -> Result<(), EcmError> {
+    let mut stream = ecm.stream(depth)?;
+    let mut steps = || {
+        for _ in 0..dice.below(500) {
+            for (slave, axis) in (1..).zip(axes.iter_mut()) {
+                axis.aim(&mut stream, slave, dice)?;
+            }
+            stream.step()?;
+        }
+        Ok(())
+    };
+    let led = steps();
+    if dice.one_in(2) {
+        return led.and(stream.finish().map(drop));
+    }
+    // It is dropped, or forgotten by a program whose board is dropped next.
+    if dice.one_in(2) {
+        std::mem::forget(stream);
+    }
+    led
+}
+
+fn schedule(seed: u64) -> Done {
+    let mut dice = Dice(seed ^ 0x7374_616C_6C73);
+    let count = 1 + dice.below(3) as usize;
+    let modes: Vec<Mode> = (0..count).map(|_| dice.pick(&[Mode::Csp, Mode::Csp, Mode::Csv, Mode::Cst])).collect();
+    let Net { bus, network, told, cycle_us, runner } = net(seed, count, &mut dice);
+    let mut board = Board::new(EngineConfig { slot: SIZE, ..EngineConfig::default() }, bus);
+    assert!(board.boot(60_000_000_000));
+    let run =
+        RunOptions { queue: dice.pick(&[1, 4, 32]), host_ns: dice.pick(&[1_000, 125_000]), ..RunOptions::default() };
+    let inner = EngineLink::open("stalls", board, run, None).expect("it talks");
+    let link = Arc::new(Stalling::new(inner, Dice(dice.roll())));
+
+    let options = Options { close: dice.pick(&[Close::Hold, Close::ServoOff]), ..Options::default() };
+    let ecm = Ecm::over(Arc::clone(&link) as Arc<dyn Link>, options).expect("it reports");
+    let slaves = modes.iter().map(|mode| Slave::Drive(Axis { mode: *mode, ..Axis::CSP })).collect();
+    ecm.configure(&Config { slaves, cycle_us }).expect("they are there");
+    ecm.set_state(MasterState::Op).expect("it comes up");
+    let all: Vec<u8> = (1..=count as u8).collect();
+    ecm.servo_on(&all).expect("they are well");
+    let start = ecm.snapshot().expect("it reports");
+    let axis = |(n, mode): (usize, &Mode)| {
+        let start = start.position(n as u8 + 1).expect("an axis");
+        Led { mode: *mode, start, position: start, speed: 0, told: Arc::clone(&told[n]) }
+    };
+    let mut axes: Vec<Led> = modes.iter().enumerate().map(axis).collect();
+    told.iter().for_each(|told| told.lock().expect("no panic").values.clear());
+
+    let rarely = dice.pick(&[10, 50, 200]);
+    link.stand_still(Some(rarely));
+    runner.stand_still(dice.pick(&[None, None, Some(100)]));
+    let depth = dice.pick(&[1, 2, 8, 64, 150]);
+    let led = lead(&ecm, &mut axes, depth, &mut dice);
+    link.begin_to_brake();
+    let moving = link.is_moving(&network, count);
+    let closed = if dice.one_in(2) { ecm.close(options.close) } else { drop_it(ecm) };
+    for ended in [led, closed] {
+        let is_late = matches!(ended, Err(EcmError::Timeout { .. }));
+        let is_silent = matches!(ended, Err(EcmError::NoReport { .. }));
+        assert!(!is_silent || runner.stood() > 0, "a board that answers every cycle: {ended:?}");
+        assert!(!is_late || link.stood() + runner.stood() > 0, "{ended:?}");
+    }
+    link.stand_still(None);
+    runner.stand_still(None);
+
+    link.let_pass(5000 * MS);
+    let before: Vec<_> = (1..=count as u8).map(|slave| network.shaft(slave, 0).expect("an axis")).collect();
+    link.let_pass(500 * MS);
+    for (n, axis) in axes.iter().enumerate() {
+        let slave = n as u8 + 1;
+        let way = network.shaft(slave, 0).expect("an axis") - before[n];
+        let at = format!("slave {slave} in {:?}", axis.mode);
+        assert!(way.abs() <= STANDS, "{at} moves {way} counts in 500 ms");
+        check(axis, &link.accepted(n + 1), &link.braked(n + 1), &at);
+    }
+    Done {
+        stalls: link.stood() + runner.stood(),
+        in_brakes: link.stood_in_brake(),
+        moving: moving.into(),
+        positions: modes.iter().filter(|mode| **mode == Mode::Csp).count() as u64,
+        velocities: modes.iter().filter(|mode| **mode == Mode::Csv).count() as u64,
+    }
+}
+
+fn drop_it(ecm: Ecm) -> Result<(), EcmError> {
+    drop(ecm);
+    Ok(())
+}
+
+/// What an axis was told, by what the program had written and what its brake wrote.
+fn check(axis: &Led, accepted: &[SlaveCommand], braked: &[SlaveCommand], at: &str) {
+    let accepted: Vec<i32> = accepted.iter().copied().filter_map(value).collect();
+    let braked: Vec<i32> = braked.iter().copied().filter_map(value).collect();
+    let told = axis.told.lock().expect("no panic");
+    let last = accepted.last().copied().unwrap_or_default();
+    match axis.mode {
+        Mode::Csp => {
+            assert!(
+                braked.iter().all(|target| *target == last),
+                "{at}: {last} was the last, the brake wrote {braked:?}"
+            );
+            let all: Vec<i32> = [axis.start].into_iter().chain(accepted).collect();
+            let mut left = all.iter();
+            for target in &told.values {
+                assert!(left.any(|one| one == target), "{at} was told {target}, which is none of {all:?} in order");
+            }
+        }
+        _ => {
+            let mut before = last;
+            for value in &braked {
+                let falls = value.abs() <= before.abs() && (*value == 0 || value.signum() == before.signum());
+                assert!(falls, "{at}: {value} after {before}, in {braked:?} after {last}");
+                before = *value;
+            }
+            if axis.mode == Mode::Csv && told.is_on && last != 0 {
+                assert_eq!(told.values.last(), Some(&0), "{at}: the velocity is in force, {braked:?} after {last}");
+            }
+        }
+    }
+}
+
+/// API-10 API-47: brakes of programs that stand still at any moment, and boards whose runner does.
+#[test]
+fn a_process_that_stands_still() {
+    let (schedules, all) = run_all("a_process_that_stands_still", SCHEDULES, schedule);
+    if schedules >= SCHEDULES {
+        let Done { stalls, in_brakes, moving, positions, velocities } = all;
+        for (what, n, of) in [
+            ("stalls", stalls, 1),
+            ("stalls in brakes", in_brakes, 10),
+            ("moving when braked", moving, 4),
+            ("positions", positions, 2),
+            ("velocities", velocities, 4),
+        ] {
+            assert!(n >= schedules / of, "{what}: only {n} of {schedules}");
+        }
+    }
+}

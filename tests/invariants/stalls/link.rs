@@ -1,0 +1,159 @@
+//! The link of a program that stands still at any call, before it or after it.
+
+use std::sync::{Mutex, MutexGuard};
+use std::time::Duration;
+
+use ecmsk::link::engine::EngineLink;
+use ecmsk::link::{Dir, Layer, Link, LinkError, ReadMeta, Stamp, Wait};
+use ecmsk::sk::{Frame, SlaveCommand, SlotCommand};
+use ecmsk::slave::handle::SimHandle;
+use support::dice::Dice;
+
+use super::SIZE;
+
+/// The link.
+pub struct Stalling {
+    inner: EngineLink,
+    inside: Mutex<Inside>,
+}
+
+struct Inside {
+    dice: Dice,
+    /// It stands still in one of so many calls; `None`: in none.
+    rarely: Option<u64>,
+    /// How often it may do so yet.
+    left: u64,
+    stood: u64,
+    stood_in_brake: u64,
+    is_braking: bool,
+    /// Frames that the board has taken, of the program and of its brake.
+    accepted: Vec<Frame>,
+    braked: Vec<Frame>,
+}
+
+impl Stalling {
+    pub fn new(inner: EngineLink, dice: Dice) -> Self {
+        let (stood, stood_in_brake, is_braking) = (0, 0, false);
+        let (accepted, braked) = (Vec::new(), Vec::new());
+        let inside = Inside { dice, rarely: None, left: 0, stood, stood_in_brake, is_braking, accepted, braked };
+        Self { inner, inside: Mutex::new(inside) }
+    }
+
+    fn inside(&self) -> MutexGuard<'_, Inside> {
+        self.inside.lock().expect("no panic")
+    }
+
+    /// From now on it stands still in one of so many calls, some times. What was written before is none of the program's motion.
+    pub fn stand_still(&self, rarely: Option<u64>) {
+        let mut inside = self.inside();
+        if rarely.is_some() {
+            inside.accepted.clear();
+        }
+        (inside.rarely, inside.left) = (rarely, 1 + inside.dice.below(3));
+    }
+
+    /// What is written from now on is the brake's.
+    pub fn begin_to_brake(&self) {
+        let mut inside = self.inside();
+        (inside.is_braking, inside.left) = (true, 1 + inside.dice.below(4));
+    }
+
+    /// The commands that the program has given a slave, in order.
+    pub fn accepted(&self, slave: usize) -> Vec<SlaveCommand> {
+        commands(&self.inside().accepted, slave)
+    }
+
+    /// Those of its brake.
+    pub fn braked(&self, slave: usize) -> Vec<SlaveCommand> {
+        commands(&self.inside().braked, slave)
+    }
+
+    pub fn stood(&self) -> u64 {
+        self.inside().stood
+    }
+
+    pub fn stood_in_brake(&self) -> u64 {
+        self.inside().stood_in_brake
+    }
+
+    /// Whether a shaft moves within a few cycles.
+    pub fn is_moving(&self, network: &SimHandle, count: usize) -> bool {
+        let shafts = || (1..=count as u8).map(|slave| network.shaft(slave, 0)).collect::<Vec<_>>();
+        let before = shafts();
+        self.inner.pass(Duration::from_millis(4)).expect("it is there");
+        let moves = |(a, b): (Option<i64>, Option<i64>)| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > 40);
+        before.into_iter().zip(shafts()).any(moves)
+    }
+
+    /// Time passes for the board.
+    pub fn let_pass(&self, time: Duration) {
+        self.inner.pass(time).expect("it is there");
+    }
+
+    /// Stands still, or not. For how long.
+    fn may_stand(&self) -> Option<Duration> {
+        let time = {
+            let mut inside = self.inside();
+            let rarely = inside.rarely?;
+            if inside.left == 0 || !inside.dice.one_in(rarely) {
+                return None;
+            }
+            inside.left -= 1;
+            inside.stood += 1;
+            inside.stood_in_brake += u64::from(inside.is_braking);
+            let most = inside.dice.pick(&[20, 200, 1200, 5000]);
+            Duration::from_micros(inside.dice.below(most * 1000))
+        };
+        let _ = self.inner.pass(time);
+        Some(time)
+    }
+}
+
+fn commands(frames: &[Frame], slave: usize) -> Vec<SlaveCommand> {
+    frames
+        .iter()
+        .filter_map(|frame| SlotCommand::decode(&frame.slot(SIZE, slave), SIZE).ok())
+        .map(|slot| slot.command)
+        .collect()
+}
+
+impl Layer for Stalling {
+    fn inner(&self) -> &dyn Link {
+        &self.inner
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.may_stand();
+        let done = self.inner.write(frame, wait);
+        if done.is_ok() {
+            let mut inside = self.inside();
+            let frames = if inside.is_braking { &mut inside.braked } else { &mut inside.accepted };
+            frames.push(frame.clone());
+        }
+        self.may_stand();
+        done
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        let stood = self.may_stand();
+        if let (Some(waited), Wait::For(limit)) = (stood, wait)
+            && waited > limit
+        {
+            // When it is back its wait is over, and nobody has looked for a report.
+            return Err(LinkError::Timeout { dir: Dir::Read, waited, what: "it stood still" });
+        }
+        let done = self.inner.read(out, wait);
+        self.may_stand();
+        done
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        let done = self.inner.pass(time);
+        self.may_stand();
+        done
+    }
+    /// A real board goes on when it is closed, and so does this one.
+    fn close(&self) {}
+
+    fn vanish(&self) {}
+}

@@ -224,7 +224,7 @@ fn a_process_that_stands_still() {
         for (what, n, of) in [
             ("stalls", stalls, 1),
             ("stalls in brakes", in_brakes, 10),
-            ("moving when braked", moving, 4),
+            ("moving when braked", moving, 8),
             ("positions", positions, 2),
             ("velocities", velocities, 4),
         ] {

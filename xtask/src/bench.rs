@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::command;
 use crate::error::Error;
-use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need};
+use crate::needs::{self, IP, MCS, MONO, NETWORK_NAMESPACE, Need, PIP, SOEM_SOURCES};
 use crate::project::Project;
 use crate::{rig, windows};
 
 /// The programs and rights that benches need; a bench without its own says so and is left out.
-const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE];
+const NEEDS: &[Need] = &[MCS, MONO, IP, NETWORK_NAMESPACE, PIP, SOEM_SOURCES];
 
 #[derive(clap::Args)]
 pub struct Arguments {

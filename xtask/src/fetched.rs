@@ -1,5 +1,5 @@
 //! Fetches programs with pip or npm into the target folder. They are checked and unpacked; nothing is installed, and
-//! nothing in them is run meanwhile.
+//! nothing in them is run before it is checked.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,6 +29,8 @@ pub struct Fetched {
 pub enum Index {
     /// As a Python wheel, with pip.
     Pip,
+    /// As the sources of a Python package, with pip.
+    PipSources,
     /// As a package of npm.
     Npm {
         /// The paths in the package that are unpacked.
@@ -40,7 +42,7 @@ impl Index {
     /// The program that fetches from it.
     pub const fn need(self) -> Need {
         match self {
-            Self::Pip => PIP,
+            Self::Pip | Self::PipSources => PIP,
             Self::Npm { .. } => NPM,
         }
     }
@@ -50,7 +52,8 @@ impl Fetched {
     /// The folder of its files after fetching.
     pub fn folder(&self, project: &Project) -> PathBuf {
         // The version contains dots, so no extension of the name may be replaced.
-        project.target.join("xtask").join(format!("{}-{}.d", self.name, self.version))
+        let what = if self.index == Index::PipSources { "-sources" } else { "" };
+        project.target.join("xtask").join(format!("{}-{}{what}.d", self.name, self.version))
     }
 
     /// The file of the program after fetching.
@@ -75,11 +78,13 @@ impl Fetched {
         println!("fetching with {}: {} {} ({})", self.index.need().program, self.name, self.version, self.cost);
         match self.index {
             Index::Pip => wheel::download(self, &fetched),
+            Index::PipSources => wheel::download_sources(self, &fetched),
             Index::Npm { .. } => npm::download(self, &fetched),
         }?;
         let archive = checked(&fetched, self.sha256)?;
         match self.index {
             Index::Pip => wheel::unpack(self, &archive, &unpacked),
+            Index::PipSources => wheel::unpack_sources(&archive, &unpacked),
             Index::Npm { parts } => npm::unpack(parts, &archive, &unpacked),
         }?;
         remove(&fetched)?;

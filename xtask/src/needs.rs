@@ -10,7 +10,7 @@ use crate::npm::{DOTNET_X64, DOTNET_X86};
 use crate::project::Project;
 use crate::tidy;
 use crate::tools::{self, Tool};
-use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, TYPOS as TYPOS_WHEEL};
+use crate::wheel::{DOTNET_CORE_3, PYSOEM as PYSOEM_WHEEL, SOEM_SOURCES as SOEM, TYPOS as TYPOS_WHEEL};
 
 /// A program and its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +58,8 @@ pub const MONO: Need = Need { program: "mono", source: Source::Debian(&["mono-ru
 pub const PIP: Need = Need { program: "pip3", source: Source::Debian(&["python3-pip"]) };
 pub const DOTNET_CORE: Need = Need { program: "dotnet", source: Source::Fetched(&DOTNET_CORE_3) };
 pub const PYSOEM: Need = Need { program: "pysoem", source: Source::Fetched(&PYSOEM_WHEEL) };
+/// The sources of SOEM, for a bench.
+pub const SOEM_SOURCES: Need = Need { program: "SOEM's sources", source: Source::Fetched(&SOEM) };
 pub const IP: Need = Need { program: "/sbin/ip", source: Source::DebianFile(&["iproute2"]) };
 pub const TSHARK: Need = Need { program: "tshark", source: Source::Debian(&["tshark"]) };
 /// The right to make network interfaces in a namespace of their own.

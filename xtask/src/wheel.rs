@@ -39,6 +39,33 @@ pub const PYSOEM: Fetched = Fetched {
     cost: "1 MB to fetch, 3 MB in the target folder",
 };
 
+/// The sources of SOEM, which are in those of the Python package.
+pub const SOEM_SOURCES: Fetched = Fetched {
+    index: Index::PipSources,
+    name: "pysoem",
+    version: "1.1.13",
+    sha256: "4be98d8531e492f2ee5d21f6ef51e51493a10ee1322ed22e909c91a8bcfff950",
+    program: "pysoem-1.1.13/soem/soem/ethercatmain.c",
+    cost: "500 kB to fetch, 4 MB in the target folder",
+};
+
+/// Downloads the sources of a package into the empty folder `into`. Pip runs their setup to know their name, once it has
+/// compared their checksum.
+pub fn download_sources(sources: &Fetched, into: &Path) -> Result<(), Error> {
+    let wanted = into.with_extension("txt");
+    let line = format!("{}=={} --hash=sha256:{}\n", sources.name, sources.version, sources.sha256);
+    std::fs::write(&wanted, line).map_err(Error::file("write", &wanted))?;
+    let mut pip = Command::new(PIP.program);
+    pip.args(["--quiet", "--disable-pip-version-check", "download", "--no-deps", "--require-hashes"]);
+    pip.arg(format!("--no-binary={}", sources.name)).arg("--dest").arg(into).arg("--requirement").arg(&wanted);
+    command::run(&mut pip)
+}
+
+/// Unpacks sources into the folder `into`.
+pub fn unpack_sources(archive: &Path, into: &Path) -> Result<(), Error> {
+    command::run(Command::new("tar").arg("--extract").arg("--file").arg(archive).arg("--directory").arg(into))
+}
+
 /// Downloads the wheel into the empty folder `into`.
 pub fn download(wheel: &Fetched, into: &Path) -> Result<(), Error> {
     let mut pip = Command::new(PIP.program);

@@ -18,7 +18,7 @@ const OPTIONS: [&[&str]; 6] = [
     &["--up"],
     &["--up", "--json", "--counts-per-unit", "1=5000,2=0.001"],
     &["--slaves", "drive:csv,drive:cst,io", "--cycle-us", "250"],
-    &["--guard", "off", "--timeout", "500ms", "--close", "leave", "--up"],
+    &["--guard", "1000", "--lead-limit", "off", "--timeout", "500ms", "--close", "leave", "--up"],
     &["--close", "servo-off", "--slaves", "drive,io"],
     &["--counts-per-unit=-1e300", "--cycle-us", "4000", "--up"],
 ];

@@ -7,13 +7,16 @@ use super::scale::Scale;
 use crate::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
-/// \[OURS] The default guard of an axis, counts: a target may be one turn of a 17-bit encoder away from the actual position.
+/// \[OURS] The default guard of an axis, counts: the target of a cycle may be one turn of a 17-bit encoder away from the actual
+/// position.
 pub const DEFAULT_GUARD_COUNTS: u32 = 1 << 17;
 
 /// \[OURS] How far an axis that stands may move within 8 cycles by default, counts: encoders have noise.
 pub const DEFAULT_STANDSTILL_COUNTS: u32 = 16;
 
-/// How far a target in CSP may be from the actual position of the axis.
+/// How far the target of a cycle in CSP may be from the actual position of the axis. It is a limit for each target of a stream, in
+/// the tool `--lead-limit`: an axis that does not follow is not led on, and a motion does not begin elsewhere. The way of a motion
+/// has no limit by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
     /// At most that many counts, 1 or more.

@@ -158,6 +158,12 @@ impl Axis {
         follows
     }
 
+    /// 0x6060 was written. A drive that shows Operation enabled (`newest`) takes targets from the next outputs on if that is
+    /// the mode of DRIVE_MODE: the entry that comes next is not too early for it.
+    pub(super) fn mode_written(&mut self, newest: Option<DriveState>, in_mode: bool) {
+        self.enabled = newest == Some(DriveState::OperationEnabled) && in_mode;
+    }
+
     /// Takes the inputs of the cycle at `at`: chooses the next controlword and, while the axis does not follow, the
     /// target that holds it where it is. `written` is the value that was written to 0x6060 last.
     ///

@@ -106,7 +106,7 @@ impl Engine {
         self.volatile.restores.running = None;
         match result {
             Ok(mode) => {
-                self.volatile.modes_written[usize::from(restore.slave) - 1][restore.axis] = mode as u8;
+                self.note_mode(restore.slave, restore.axis, mode as u8);
                 self.volatile.restores.cancel(restore);
             }
             // The next change to SafeOP writes the mode anyway.
@@ -123,7 +123,7 @@ impl Engine {
 
     /// The host has written a mode of operation by SDO, which replaces the mode that was to be restored.
     pub(super) fn mode_written(&mut self, slave: u8, axis: usize, mode: u8, now: Ns) {
-        self.volatile.modes_written[usize::from(slave) - 1][axis] = mode;
+        self.note_mode(slave, axis, mode);
         self.volatile.restores.cancel(Restore { slave, axis });
         self.end_homing_of_axis(slave.into(), axis, HomingEnd::ModeWritten, now);
         // The mode has changed already: a standstill is not waited for, and no mode is restored.
@@ -131,6 +131,15 @@ impl Engine {
         let homing = &mut self.volatile.axes[usize::from(slave) - 1][axis].homing;
         homing.skip_standstill();
         homing.mode_written(since);
+    }
+
+    /// That value of 0x6060 is in force from now on.
+    fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
+        let n = usize::from(slave) - 1;
+        self.volatile.modes_written[n][axis] = mode;
+        let in_mode = self.role(slave.into()).mode().is_some_and(|declared| declared.code() == mode);
+        let newest = self.inputs.slaves[n][axis].statusword.state();
+        self.volatile.axes[n][axis].mode_written(newest, in_mode);
     }
 
     /// Whether the waiting transfer of the host has to wait longer, because it writes the mode of an axis that has not

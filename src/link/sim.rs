@@ -198,6 +198,9 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
         index: said.index.unwrap_or(usual.index),
         stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
         search_limit: said.search.unwrap_or(usual.search_limit),
+        // [OURS] Who says where the limits of an axis are wants them kept. The usual ones are there for homing, and an axis
+        // that turns for ever passes them.
+        limits_stop_motion: said.limits.flatten().is_some(),
     }
 }
 

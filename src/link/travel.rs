@@ -51,7 +51,8 @@ impl fmt::Display for PositionRange {
 pub struct TravelSpec {
     /// The position at power-on; 0 if not given.
     pub start: Option<i64>,
-    /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above.
+    /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above. Those that are
+    /// given act in every mode; the default ones, but for a DP3CL's, in homing alone.
     pub limits: Option<Option<PositionRange>>,
     /// Where the home switch is active: a cam, or, if one end is missing, everything beyond the other one.
     pub home: Option<Option<PositionRange>>,
@@ -86,7 +87,8 @@ const PARTS: [Part; 6] = [
     Part {
         word: "limits",
         form: "N..P|N..|..P|none",
-        meaning: "limit switches: the negative one at N and below, the positive one at P and above",
+        meaning: "limit switches: the negative one at N and below, the positive one at P and above; limits that are given\n      \
+                  stop the axis in every mode, with bit 11 of the statusword, and the way back is free",
         read: |travel, text| set(&mut travel.limits, unless_none(text, PositionRange::parse)),
         write: |travel| travel.limits.map(or_none),
     },
@@ -185,7 +187,7 @@ impl fmt::Display for TravelSpec {
 }
 
 /// What is along the way of an axis of which nothing is said.
-const USUAL: &str = "Of what is not given there is the usual:\n  \
+const USUAL: &str = "Of what is not given there is the usual, whose limits are for homing (and for all of a dp3cl):\n  \
                      step, dp3cl, hsp, hsp2   :limits@-100000..100000:home@-2500..2500:index@0, 10000 counts a turn\n  \
                      drive                    :limits@-1310720..1310720:home@-32768..32768:index@0, 131072 counts a turn\n";
 

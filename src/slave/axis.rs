@@ -116,8 +116,12 @@ pub struct Axis {
     motion: Motion,
     /// The next target position in process data is discarded: the master made it before it could see where the axis is.
     skip_next_target: bool,
-    /// A software position limit (0x607D) limits the target.
+    /// A software position limit (0x607D) or a limit switch keeps the axis from its target.
     position_limited: bool,
+    /// The limit switches act in the cyclic modes, see [`Travel::limits_stop_motion`].
+    limits_stop_motion: bool,
+    /// In CSP the demand brakes, or stands, because of a limit switch.
+    held_by_switch: bool,
     /// The target is reached, statusword bit 10.
     target_reached: bool,
     /// [`Axis::begin_step`] has handed the motor out, and [`Axis::end_step`] has not been called yet.
@@ -181,6 +185,8 @@ impl Axis {
             demand: Demand { whole: position, fraction: 0.0, velocity: 0.0 },
             outside_ns: 0,
             position_limited: false,
+            limits_stop_motion: false,
+            held_by_switch: false,
             target_reached: false,
             position_reached: i64::from(reached.counts),
             velocity_reached: reached.velocity,
@@ -195,6 +201,7 @@ impl Axis {
     /// The same axis with switches along its travel; without this call it has none.
     pub fn with_travel(mut self, travel: &Travel, counts_per_turn: u32) -> Self {
         self.switches = Switches::new(travel, counts_per_turn);
+        self.limits_stop_motion = travel.limits_stop_motion;
         self.plant.set_stops(travel.stops);
         self
     }

@@ -94,8 +94,7 @@ pub enum HomeSwitch {
 /// The switches and end stops along the travel of an axis, in counts of its shaft. An input that is `None` is not wired: it
 /// reads 0, and a homing method that needs it ends in a homing error.
 ///
-/// The limit switches act in homing only \[OURS]: in CSP, CSV and CST an axis runs past them, like a drive that leaves
-/// them to its master.
+/// What limit switches do in CSP, CSV and CST says [`Travel::limits_stop_motion`]; homing goes by them in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
     /// The negative limit switch is active at this count and below.
@@ -110,6 +109,10 @@ pub struct Travel {
     pub stops: Option<(i64, i64)>,
     /// A homing run whose distance, there and back, exceeds this many counts ends in a homing error.
     pub search_limit: u64,
+    /// \[OURS] Whether a limit switch acts in CSP, CSV and CST, too: it stops a motion in its direction on the quick-stop ramp
+    /// (0x6085), the statusword shows internal limit active (bit 11) while a target is beyond it, and the other direction is
+    /// free. Without it an axis runs past them, like a drive that leaves them to its master.
+    pub limits_stop_motion: bool,
 }
 
 impl Travel {
@@ -121,11 +124,12 @@ impl Travel {
         index: None,
         stops: None,
         search_limit: u64::MAX,
+        limits_stop_motion: false,
     };
 
     /// \[OURS] A travel on which every homing method finds home from position 0, where an axis stands at power-on:
     /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
-    /// whole turn, no end stops, and runs of 100 turns at most.
+    /// whole turn, no end stops, and runs of 100 turns at most. Nobody has asked for these limits: they act in homing only.
     pub fn for_turn(counts_per_turn: u32) -> Self {
         let turn = i64::from(counts_per_turn.max(1));
         Self {
@@ -135,6 +139,7 @@ impl Travel {
             index: Some(0),
             stops: None,
             search_limit: SEARCH_LIMIT_TURNS * turn.unsigned_abs(),
+            limits_stop_motion: false,
         }
     }
 }

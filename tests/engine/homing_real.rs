@@ -52,6 +52,7 @@ fn travel(places: &Places) -> Travel {
         positive_limit: Some(places.limits.1),
         home: Some(HomeSwitch::Cam { first: places.cam.0, last: places.cam.1 }),
         index: Some(places.index as u32),
+        limits_stop_motion: false,
         stops: None,
         search_limit: 20 * places.turn.unsigned_abs(),
     }

@@ -201,6 +201,43 @@ fn streams_around_homing_make_no_jump() {
     }
 }
 
+/// SK-7.18 SK-7.24 A program that streams its target over the end of homing: from the entry on that follows the mode, written by
+/// the program or by the board, the target is taken. Each entry before it is counted as what it is, and none is discarded as
+/// too early: the drive shows Operation enabled all the while.
+#[test]
+fn the_first_target_in_the_mode_is_taken() {
+    const HOME: i32 = -700_000;
+    for how in buses() {
+        for writes_mode in [true, false] {
+            let firmware = if writes_mode { Firmware::V15 } else { Firmware::V17 };
+            let mut home = Home::ready(firmware, how);
+            home.go_home(1).drained();
+            home.host.until("home", |host| host.drive(1).position == HOME);
+            if writes_mode {
+                home.host.cycles(60).sdo(write_mode(1, 8));
+            }
+            let before = home.host.counters();
+            // The FIFO gives one of them to each cycle.
+            for _ in 0..150 {
+                home.host.csp(1, HOME + 10);
+            }
+            home.host.drained().cycles(20);
+            let after = home.host.counters();
+            let what = format!("{how:?}, the mode written by the program: {writes_mode}");
+            let early = if writes_mode {
+                after.rejected[Reason::WrongMode.kind()] - before.rejected[Reason::WrongMode.kind()]
+            } else {
+                after.ignored_homing - before.ignored_homing
+            };
+            assert!((1..150).contains(&early), "{what}: {early}");
+            let not_taken =
+                after.rejected_total() - before.rejected_total() + after.ignored_homing - before.ignored_homing;
+            assert_eq!((not_taken, after.discarded_before_enabled), (early, 0), "{what}");
+            assert_eq!((home.drive().jump(), home.drive().position()), (10, HOME + 10), "{what}");
+        }
+    }
+}
+
 /// SK-7.43 SV_OFF and ALM_CLR always act, while the mode is restored, too.
 #[test]
 fn servo_off_and_alarm_clear_act_while_restoring() {

@@ -1,11 +1,12 @@
 //! The travel of simulated axes in a link: `slaves=drive:limits@-200000..300000:home@-500..500`.
 
+use ecmsk::cia402::Statusword;
 use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::link::keys::help;
 use ecmsk::link::options::SimOptions;
 use ecmsk::link::travel::{PositionRange, TravelSpec};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::sk::{DriveResponse, SdoCommand, SdoResponse, SlaveCommand};
+use ecmsk::sk::{DriveResponse, Motion, SdoCommand, SdoResponse, SlaveCommand, SlotCommand};
 use proptest::prelude::*;
 use support::script_client::{Client, SIZE};
 
@@ -176,6 +177,53 @@ fn axes_have_the_travel_that_the_link_says() {
             assert!(off <= about, "{what}, not {expected:?}");
         }
     }
+}
+
+/// LINK-4 The limits that a link says are kept in CSP, with bit 11, and let the axis come back; those that every axis has, without
+/// being said, are for homing.
+#[test]
+fn limits_that_are_said_stop_a_motion() {
+    let said = "drive:limits@-1000..1000,step:limits@..1000,hsp:limits@-1000..1000,dp3cl:limits@-1000..1000";
+    for (list, kept) in [(said, true), ("drive,step,hsp", false)] {
+        let mut client = Client::with(list, "limits", "clock=virtual", "");
+        client.op();
+        let slaves = list.split(',').count();
+        let drive = |c: &Client, slave| DriveResponse::decode(&c.slot(slave));
+        for slave in 1..=slaves {
+            client.write(|f| f.put_slave(SIZE, slave, &SlaveCommand::ServoOn.into()));
+            client.until("on", |c| drive(c, slave).statusword.is_enabled());
+        }
+        let send = |client: &mut Client, target: i32| {
+            client.write(|f| (1..=slaves).for_each(|slave| f.put_slave(SIZE, slave, &csp(target))));
+            client.read();
+        };
+        for target in (0..=5000).step_by(10) {
+            send(&mut client, target);
+        }
+        (0..200).for_each(|_| {
+            client.read();
+        });
+        for slave in 1..=slaves {
+            let DriveResponse { position, statusword, .. } = drive(&client, slave);
+            let limited = statusword.0 & Statusword::INTERNAL_LIMIT != 0;
+            let there = if kept { (1000..1100).contains(&position) } else { position == 5000 };
+            assert!(there && limited == kept, "{list}, slave {slave}: {position} {:04X}", statusword.0);
+        }
+        for target in (0..5000).rev().step_by(10) {
+            send(&mut client, target);
+        }
+        (0..200).for_each(|_| {
+            client.read();
+        });
+        for slave in 1..=slaves {
+            let DriveResponse { position, statusword, .. } = drive(&client, slave);
+            assert_eq!((position, statusword.0 & Statusword::INTERNAL_LIMIT), (9, 0), "{list}, slave {slave}");
+        }
+    }
+}
+
+fn csp(target: i32) -> SlotCommand {
+    SlaveCommand::Csp(Motion::to(target)).into()
 }
 
 fn item() -> impl Strategy<Value = String> {

@@ -31,6 +31,7 @@ fn travel() -> Travel {
         positive_limit: Some(POSITIVE_LIMIT),
         home: Some(HomeSwitch::Cam { first: FIRST, last: LAST }),
         index: Some(INDEX as u32),
+        limits_stop_motion: true,
         stops: None,
         search_limit: 500_000,
     }

@@ -1,8 +1,8 @@
 //! The board of a verb: the options that every verb with a board has, and what is shared by those verbs. `session.rs`
 //! is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network up,
 //! checking one that was found running, and waiting so that Ctrl-C ends the wait. `network.rs`, `slaves.rs` and
-//! `number.rs` read options and operands; `reporter.rs` prints results and progress, `error.rs` has the errors,
-//! `interrupt.rs` the signals.
+//! `number.rs` read options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal,
+//! `error.rs` has the errors, `interrupt.rs` the signals.
 
 mod adopted;
 mod bring_up;
@@ -11,6 +11,7 @@ mod interrupt;
 mod interruptible;
 pub mod network;
 mod number;
+mod question;
 mod reporter;
 mod session;
 mod slaves;
@@ -35,7 +36,8 @@ pub use slaves::SlaveList;
 
 use super::link_option::ChosenLink;
 use super::{record_option, slot_size};
-use network::{Network, Scales};
+use network::Network;
+pub use network::Scales;
 
 const HEADING: &str = "Board";
 
@@ -80,9 +82,15 @@ pub struct Args {
     #[arg(long, value_name = "TIME", value_parser = duration, global = true, help_heading = HEADING)]
     timeout: Option<Duration>,
 
-    /// Refuse targets further than this from the actual position: counts, or off [default: 131072]
+    /// Refuse a move, before it begins, whose target is further than this from where the axis is: counts, or off
+    /// [default: off]
     #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
     guard: Option<Guard>,
+
+    /// End a move if the target of a cycle is further than this ahead of the actual position, as when the axis does not
+    /// follow: counts, or off [default: 131072]
+    #[arg(long, value_name = "COUNTS|off", value_parser = network::guard, global = true, help_heading = HEADING)]
+    lead_limit: Option<Guard>,
 
     /// Counts of one unit, for positions and speeds in mm or degrees: one number for all axes, or e.g. 1=5000,2=131072/360
     #[arg(long, value_name = "N", value_parser = Scales::parse, allow_hyphen_values = true, global = true, help_heading = HEADING)]
@@ -133,7 +141,12 @@ impl Args {
         let network = self.slaves.clone().or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
         let scales = self.counts_per_unit.clone().or_else(|| Scales::parse(&known?.counts_per_unit).ok());
-        Some(network.config(self.cycle_us, self.guard, scales.as_ref()))
+        Some(network.config(self.cycle_us, self.lead_limit, scales.as_ref()))
+    }
+
+    /// The units that the options of this command give, not those that a server knows.
+    pub const fn scales(&self) -> Option<&Scales> {
+        self.counts_per_unit.as_ref()
     }
 }
 

@@ -26,7 +26,7 @@ use clap::Subcommand;
 use ecmsk::ecm::Config;
 pub use line::Line;
 
-use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource};
+use super::board::{self, Board, BoardError, BoardUse, Interrupt, Scales, StepSource};
 
 /// One verb with its options.
 #[derive(Clone, Debug, Subcommand)]
@@ -53,11 +53,14 @@ impl Step {
         }
     }
 
-    /// Checks the step before anything is sent.
+    /// Checks the step before anything is sent. `scales`: the units that options give.
     ///
     /// # Errors
-    /// The network cannot carry out the step.
-    pub fn check(&self, network: Option<&Config>) -> Result<(), BoardError> {
+    /// The network cannot carry out the step, or a unit is missing.
+    pub fn check(&self, network: Option<&Config>, scales: Option<&Scales>) -> Result<(), BoardError> {
+        if let Self::Move(args) = self {
+            args.check_units(scales)?;
+        }
         let Some(network) = network else { return Ok(()) };
         match self {
             Self::Io(args) => args.check(network),
@@ -76,7 +79,7 @@ impl Step {
     /// [`BoardError`]
     pub fn run(&self, board: &Board) -> Result<(), BoardError> {
         board.check_stop()?;
-        self.check(board.config.as_ref())?;
+        self.check(board.config.as_ref(), board.scales.as_ref())?;
         match self {
             Self::Info(args) => args.run(board),
             Self::State(args) => args.run(board),
@@ -138,6 +141,9 @@ verbs! {
 /// [`BoardError`]
 pub fn run(verb: Verb) -> Result<(), BoardError> {
     let (step, args) = verb.split();
+    if let Step::Move(step) = &step {
+        step.check_only_units(args.scales())?;
+    }
     let board = Board::open(&args, step.uses(), StepSource::CommandLine, Interrupt::watch()?)?;
     let done = step.run(&board);
     board.close(done)

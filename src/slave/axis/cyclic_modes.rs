@@ -1,9 +1,11 @@
-//! How an axis moves its plant: after the targets of CSP, CSV and CST, and to a standstill on a ramp.
+//! How an axis moves its plant: after the targets of CSP, CSV and CST, to a standstill on a ramp, and no further than a limit
+//! switch that acts in these modes.
 
 use super::{Axis, Demand, Motion};
 use crate::ethercat::Ns;
 use crate::slave::plant::Setpoint;
 use crate::slave::state_machine::Ramp;
+use crate::slave::switches::Input;
 
 /// \[OURS] Bit 10 in CST: the torque is that near to its target, as a part of the rated one.
 const TORQUE_REACHED: f64 = 0.01;
@@ -28,6 +30,13 @@ impl Axis {
         let Demand { whole, fraction, .. } = self.demand;
         let remaining = target.wrapping_sub(whole) as f64 - fraction;
         let by = if ns == left { remaining } else { remaining * (ns as f64 / left as f64) };
+        if self.limits_stop_motion && self.is_at_switch(remaining) {
+            let by = self.brake_at_switch(by, ns);
+            self.move_demand(by);
+            (self.position_limited, self.target_reached) = (true, false);
+            return Setpoint::Position { from: whole, fraction, by };
+        }
+        self.held_by_switch = false;
         if ns == left {
             (self.demand.whole, self.demand.fraction) = (target, 0.0);
         } else {
@@ -35,6 +44,34 @@ impl Axis {
         }
         self.target_reached = remaining == 0.0;
         Setpoint::Position { from: whole, fraction, by }
+    }
+
+    /// Whether a limit switch in the direction of a motion is active.
+    fn is_at_switch(&self, direction: f64) -> bool {
+        let inputs = self.inputs();
+        direction > 0.0 && inputs.has(Input::PositiveLimit) || direction < 0.0 && inputs.has(Input::NegativeLimit)
+    }
+
+    /// How far the demand of CSP goes in `ns`, if a limit switch is in the way of the `wanted` counts: to a standstill on the
+    /// quick-stop ramp, and never further than was wanted.
+    fn brake_at_switch(&mut self, wanted: f64, ns: Ns) -> f64 {
+        if !self.held_by_switch {
+            self.held_by_switch = true;
+            self.demand.velocity = self.plant.velocity();
+        }
+        let towards = if wanted < 0.0 { -1.0 } else { 1.0 };
+        let from = (self.demand.velocity * towards).max(0.0);
+        let to = slower(from, f64::from(self.settings.quick_stop), ns);
+        self.demand.velocity = to * towards;
+        ((from + to) * 0.5 * (ns as f64 / 1e9)).min(wanted.abs()) * towards
+    }
+
+    /// CSV and CST: a limit switch is in the way, so that the axis comes to a standstill on the quick-stop ramp.
+    fn stop_at_switch(&mut self, ns: Ns) {
+        let from = self.demand.velocity;
+        let to = slower(from, f64::from(self.settings.quick_stop), ns);
+        self.run_velocity(from, to, ns);
+        self.position_limited = true;
     }
 
     /// The plant has followed that setpoint for `ns`.
@@ -52,6 +89,9 @@ impl Axis {
     /// CSV: `ns` pass out of the `left` in which the target velocity is reached.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
         let target = f64::from(self.targets.velocity);
+        if self.limits_stop_motion && self.is_at_switch(target) {
+            return self.stop_at_switch(ns);
+        }
         let from = self.demand.velocity;
         let to = if ns == left { target } else { from + (target - from) * (ns as f64 / left as f64) };
         self.run_velocity(from, to, ns);
@@ -61,6 +101,9 @@ impl Axis {
     /// CST: `ns` pass.
     pub(super) fn follow_torque(&mut self, ns: Ns) {
         let target = f64::from(self.targets.torque) / 1000.0;
+        if self.limits_stop_motion && self.is_at_switch(target) {
+            return self.stop_at_switch(ns);
+        }
         self.plant.run(Setpoint::Torque(target), ns);
         self.set_demand_to_actual();
         self.target_reached = (target - self.plant.torque()).abs() <= TORQUE_REACHED;
@@ -82,14 +125,7 @@ impl Axis {
             Ramp::TorqueLimit => self.plant.torque_as_acceleration(),
         };
         let from = self.demand.velocity;
-        let cut = deceleration * (ns as f64 / 1e9);
-        let to = if from > cut {
-            from - cut
-        } else if from < -cut {
-            from + cut
-        } else {
-            0.0
-        };
+        let to = slower(from, deceleration, ns);
         self.run_velocity(from, to, ns);
         if to == 0.0 && self.plant.is_at_standstill() {
             self.motion = Motion::Hold;
@@ -101,5 +137,17 @@ impl Axis {
         self.plant.run(Setpoint::Velocity { from, to }, ns);
         self.set_demand_to_actual();
         self.demand.velocity = to;
+    }
+}
+
+/// A velocity after `ns` of braking on a ramp, counts/s².
+fn slower(from: f64, ramp: f64, ns: Ns) -> f64 {
+    let cut = ramp * (ns as f64 / 1e9);
+    if from > cut {
+        from - cut
+    } else if from < -cut {
+        from + cut
+    } else {
+        0.0
     }
 }

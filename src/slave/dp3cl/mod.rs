@@ -184,7 +184,9 @@ impl Dp3cl {
 
     fn axis_at_power_on(config: &Dp3clConfig, turn: u16, position: i64, values: &super::dictionary::Values) -> Axis {
         let train = PulseTrain { max_rate: u32::MAX };
-        let travel = Travel { index: config.travel.index.map(|index| index % u32::from(turn)), ..config.travel };
+        let index = config.travel.index.map(|index| index % u32::from(turn));
+        // The modes of the drive stop at its limit switches themselves, see `motion.rs`.
+        let travel = Travel { index, limits_stop_motion: false, ..config.travel };
         let mut axis = Axis::of_pulses(&train, config.times, objects::settings(values), position)
             .with_travel(&travel, turn.into());
         if config.variants.without_index {

@@ -47,6 +47,8 @@ pub(super) struct Motion {
     set_points: SetPoints,
     /// A limit switch or a software limit holds the axis back.
     limited: bool,
+    /// The demand of CSP brakes on a ramp in this slice, so that its velocity is the ramp's.
+    brakes: bool,
     was_enabled: bool,
     outside: Stopwatch,
     inside: Stopwatch,
@@ -67,6 +69,7 @@ impl Motion {
             profile: Profile::default(),
             set_points: SetPoints::default(),
             limited: false,
+            brakes: false,
             was_enabled: false,
             outside: Stopwatch::default(),
             inside: Stopwatch::default(),
@@ -108,6 +111,7 @@ impl Dp3cl {
 
     fn run_slice(&mut self, ns: Ns) {
         let in_control = self.is_in_control();
+        self.motion.brakes = false;
         let next_mode = Dp3clMode::from_code(self.motion.requested).filter(|mode| *mode != self.motion.active);
         match next_mode {
             None if in_control => self.move_demand(ns),
@@ -120,7 +124,8 @@ impl Dp3cl {
         }
         let before = self.axis.demand();
         self.axis.step(ns);
-        if matches!(self.motion.active, Dp3clMode::CyclicPosition | Dp3clMode::Homing) && self.axis.follows() {
+        let moves_by_axis = matches!(self.motion.active, Dp3clMode::CyclicPosition | Dp3clMode::Homing);
+        if moves_by_axis && self.axis.follows() && !self.motion.brakes {
             let moved = self.axis.demand().wrapping_sub(before) as f64;
             let homed = self.motion.active == Dp3clMode::Homing;
             let velocity = if homed { self.axis.plant().velocity() } else { moved / (ns as f64 / 1e9) };
@@ -149,6 +154,7 @@ impl Dp3cl {
     fn brake_for_change(&mut self, ns: Ns) {
         let ramp = self.ramp(objects::QUICK_STOP);
         self.motion.profile.brake(ramp, ns);
+        self.motion.brakes = true;
         self.put_demand();
     }
 
@@ -189,12 +195,20 @@ impl Dp3cl {
         // The position nearest to the demand that has those low 32 bits.
         let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
         let allowed = self.within_limits(wanted);
-        if self.is_blocked(allowed.wrapping_sub(demand) as f64) {
-            let ramp = self.ramp(objects::QUICK_STOP);
-            self.motion.profile.brake(ramp, ns);
-        } else {
+        let way = allowed.wrapping_sub(demand);
+        if !self.is_blocked(way as f64) {
             self.motion.profile = Profile::standing_at(allowed);
+            return;
         }
+        let ramp = self.ramp(objects::QUICK_STOP);
+        let profile = &mut self.motion.profile;
+        profile.brake(ramp, ns);
+        let beyond = profile.position().wrapping_sub(allowed);
+        if beyond.signum() == way.signum() {
+            // From beyond the target the way back would be a jump.
+            *profile = Profile::moving_at(allowed, profile.velocity());
+        }
+        self.motion.brakes = true;
     }
 
     fn run_profile_position(&mut self, ns: Ns) {

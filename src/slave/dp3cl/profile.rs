@@ -94,6 +94,10 @@ impl Profile {
     }
 
     fn move_on(&mut self, to: f64, seconds: f64) {
+        if self.velocity == 0.0 && to == 0.0 {
+            // Half a unit would be rounded up and down for ever.
+            return;
+        }
         self.fraction += (self.velocity + to) * 0.5 * seconds;
         let counts = rounded(self.fraction);
         self.whole = self.whole.wrapping_add(counts);

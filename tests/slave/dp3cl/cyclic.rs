@@ -31,7 +31,8 @@ fn targets() {
 /// DP3CL-6.14 A target beyond the ends of 32 bits is the next position that has those bits.
 #[test]
 fn targets_wrap() {
-    let mut bench = Bench::enabled(8);
+    let travel = Travel { negative_limit: None, positive_limit: None, ..Travel::for_turn(10_000) };
+    let mut bench = Bench::enabled_with(Dp3clConfig { travel, ..Dp3clConfig::default() }, 8);
     for _ in 0..1100 {
         bench.target = bench.target.wrapping_add(1 << 21);
         bench.cycle();
@@ -123,6 +124,63 @@ fn limit_switches() {
     (bench.target, bench.word) = (0, 0x1F);
     bench.run_until(5000, |bench| bench.bit(10));
     assert_eq!(bench.shaft(), 0);
+}
+
+/// DP3CL-6.16 So in CSP at any speed, a count in a cycle or a thousand: the demand is never faster than its targets, never
+/// passes the one that it has, and the way back begins where it stands.
+#[test]
+fn limit_switches_at_any_speed() {
+    const END: i64 = 10_000;
+    for step in [1, 3, 10, 99, 1000] {
+        for (last, direction) in [(2 * END, 1), (END + 7, 1), (2 * END, -1)] {
+            let start = END - 20 * step.min(400);
+            let mut bench = Bench::enabled_with(with_limits_at(END), 8);
+            let follow = |bench: &mut Bench, target: i64| {
+                let before = bench.drive.axis().demand();
+                bench.target = (direction * target) as i32;
+                bench.cycle();
+                let moved = bench.drive.axis().demand() - before;
+                let beyond = (bench.drive.axis().demand() - direction * target) * direction;
+                assert!(beyond <= 0 || moved * direction <= 0, "{step}: {beyond} beyond the target");
+                moved
+            };
+            for target in (0..=start).step_by(500) {
+                follow(&mut bench, target);
+            }
+            let mut target = start;
+            for _ in 0..300 {
+                target = last.min(target + step);
+                let moved = follow(&mut bench, target);
+                assert!(moved.abs() <= step.max(500), "{step}: {moved} in a cycle");
+            }
+            let stands = bench.shaft() * direction;
+            // v^2 / 2a, with a = 0x6085, and a cycle's way until the switch is seen.
+            let ramp = (step * step / 2 + 2 * step + 2).min(last - END);
+            assert!((END..=END + ramp).contains(&stands), "{step}: stands at {stands}");
+            assert_eq!(bench.bit(11), stands < target, "{step}");
+            while target > stands {
+                target -= step.min(target - stands);
+                assert_eq!(follow(&mut bench, target), 0, "{step}");
+            }
+            assert_eq!(follow(&mut bench, target - 1), -direction, "{step}");
+            assert!(!bench.bit(11), "{step}");
+        }
+    }
+}
+
+/// DP3CL-6.15 A mode is left from CSP at any speed, too.
+#[test]
+fn csp_is_left_at_any_speed() {
+    for step in [1, 10, 99] {
+        let mut bench = Bench::enabled(8);
+        for n in 1..=100 {
+            bench.target = n * step;
+            bench.cycle();
+        }
+        bench.write(0x6060, 0, 1);
+        let cycles = bench.run_until(200, |bench| bench.read(0x6061, 0) == 1);
+        assert!(cycles <= step as usize + 3, "{step}: {cycles}");
+    }
 }
 
 /// DP3CL-6.17 Software limits hold targets back.

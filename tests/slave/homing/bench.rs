@@ -30,6 +30,7 @@ pub fn travel(home: HomeSwitch) -> Travel {
         positive_limit: Some(POSITIVE_LIMIT),
         home: Some(home),
         index: Some(INDEX),
+        limits_stop_motion: true,
         stops: None,
         search_limit: 2_000_000,
     }

@@ -41,6 +41,7 @@ fn travels() -> impl Strategy<Value = Travel> {
             index,
             stops: Some((-600_000, 600_000)),
             search_limit: 3_000_000,
+            limits_stop_motion: true,
         },
     )
 }

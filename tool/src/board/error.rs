@@ -83,6 +83,22 @@ pub enum BoardError {
         /// What to do.
         next: String,
     },
+    /// The target of a cycle is too far ahead of its axis.
+    #[error(
+        "axis {slave} does not follow: it is at {actual}, and the target {target} of this cycle is {} counts away, the limit is \
+         {limit}; see its load and its limits, move slower, or widen --lead-limit",
+        target.wrapping_sub(*actual).unsigned_abs()
+    )]
+    TooFarAhead {
+        /// The slave.
+        slave: u8,
+        /// The target, counts.
+        target: i32,
+        /// The actual position, counts.
+        actual: i32,
+        /// The greatest distance that `--lead-limit` allows, counts.
+        limit: u32,
+    },
     /// The slaves of the network are not known.
     #[error("{what} needs to know what the network is; say it with --slaves, e.g. --slaves drive*2,io")]
     UnknownNetwork {

@@ -1,4 +1,4 @@
-//! The network as options describe it: kinds and modes of the slaves, guards and units of the axes.
+//! The network as options describe it: kinds and modes of the slaves, limits and units of the axes.
 
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
@@ -57,11 +57,11 @@ impl Network {
     }
 
     /// The configuration with these slaves and the other options of the axes.
-    pub fn config(self, cycle_us: u32, guard: Option<Guard>, scales: Option<&Scales>) -> Config {
+    pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scales: Option<&Scales>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
             if let Slave::Drive(axis) | Slave::Step(axis) | Slave::Hsp(axis) = slave {
-                axis.guard = guard.unwrap_or(axis.guard);
+                axis.guard = lead_limit.unwrap_or(axis.guard);
                 axis.scale = scales.map_or(axis.scale, |scales| scales.of(number));
             }
         }
@@ -121,7 +121,7 @@ pub fn list(config: &Config) -> String {
     slaves.collect::<Vec<_>>().join(", ")
 }
 
-/// Parses the value of `--guard`.
+/// Parses the value of `--guard` and of `--lead-limit`.
 ///
 /// # Errors
 /// The text is invalid; the error says what is allowed.
@@ -157,6 +157,16 @@ impl Scales {
             "allowed: a number that is not 0, or a fraction, for all axes or AXIS=N for some, e.g. 1=5000,2=131072/360"
                 .into()
         })
+    }
+
+    /// Whether the scale of an axis is given, for all axes or for this one.
+    pub fn has(&self, axis: u8) -> bool {
+        self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
+    }
+
+    /// The axes whose own scale is given.
+    pub fn axes(&self) -> impl Iterator<Item = u8> {
+        self.0.iter().filter_map(|(of, _)| *of)
     }
 
     /// The scale of an axis; without one positions are in counts.
@@ -198,6 +208,8 @@ mod tests {
         assert_eq!([1, 2].map(|axis| scales.of(axis).counts_per_unit), [5000.0, 32768.0]);
         assert_eq!(Scales::parse("1=-10").unwrap().of(1), Scale::per_unit(-10.0));
         assert_eq!(Scales::parse("1=-10").unwrap().of(2), Scale::COUNTS);
+        assert_eq!([1, 2].map(|axis| Scales::parse("1=-10").unwrap().has(axis)), [true, false]);
+        assert_eq!((scales.has(7), scales.axes().collect::<Vec<_>>()), (true, vec![2]));
         for wrong in ["", "0", "1=", "0=5", "1/0", "x", "inf", "1=2=3"] {
             assert!(Scales::parse(wrong).is_err(), "{wrong}");
         }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ecmsk::cia402::{Mode, Statusword};
-use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Scale, SlaveView, Snapshot, Suspect};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Options, Scale, SlaveView, Snapshot, Suspect};
 use ecmsk::engine::StateFailure;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Link, LinkError, Share};
@@ -16,7 +16,7 @@ use ecmsk::sk::{MasterState, SlotSize, StateByte};
 use super::Args;
 use super::error::BoardError;
 use super::interrupt::Interrupt;
-use super::network::find_axis;
+use super::network::{Scales, find_axis};
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
 
@@ -55,6 +55,10 @@ pub struct Board {
     pub options: Options,
     /// The value of `--timeout`.
     pub limit: Option<Duration>,
+    /// How far a move may go, by `--guard`.
+    pub guard: Guard,
+    /// The value of `--counts-per-unit`.
+    pub scales: Option<Scales>,
     pub(super) link: Arc<dyn Link>,
     /// Whether `--up` is given.
     pub(super) up: bool,
@@ -85,7 +89,7 @@ impl Board {
         let limit = |default| args.timeout.unwrap_or(default);
         let options = Options {
             slot,
-            guard: args.guard != Some(ecmsk::ecm::Guard::Off),
+            guard: args.lead_limit != Some(Guard::Off),
             state_limit: limit(default.state_limit),
             sdo_limit: limit(default.sdo_limit),
             servo_limit: limit(default.servo_limit),
@@ -124,6 +128,8 @@ impl Board {
             uri,
             options,
             limit: args.timeout,
+            guard: args.guard.unwrap_or(Guard::Off),
+            scales: args.scales().cloned(),
             link,
             up: args.up,
             close,
@@ -192,6 +198,9 @@ impl Board {
     /// Adds what the tool knows to an error of the library: what to type, and why a change of state has failed.
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
+            EcmError::TooFar { slave, target, actual, limit } => {
+                BoardError::TooFarAhead { slave, target, actual, limit }
+            }
             EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
             // The wire does not tell which slave has refused, but the link may know.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {

@@ -1,5 +1,7 @@
 //! `move`: moves axes to positions, all together, with limited speed, acceleration and jerk.
 
+mod duration;
+mod held;
 mod path;
 mod target;
 
@@ -11,7 +13,9 @@ use ecmsk::sk::{AxisTarget, SlotSize};
 use serde_json::json;
 
 use super::profile::{PathPoint, Profile};
-use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, find_axis, in_mode, positive};
+use crate::board::{Board, BoardError, NEAR_COUNTS, Needs, Scales, find_axis, in_mode, numbered, positive};
+use duration::Asked;
+use held::Watched;
 use path::{AxisPath, Path, Speeds};
 use target::{Jerk, outside};
 pub use target::{Target, counts};
@@ -25,6 +29,9 @@ const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 /// \[OURS] How long axes may take to settle after the last target, and how far from it they may be then, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
+/// \[OURS] An axis that has stood so long under an internal limit of its drive, away from its target, will not get there. It
+/// is more than twice the time that targets are ahead, too: what is shown then is the answer to them.
+const HELD_LIMIT: Duration = Duration::from_millis(150);
 /// \[OURS] How long braking after Ctrl-C may take. The rest of the 2 s is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
@@ -58,11 +65,50 @@ pub struct Args {
     /// Units a second cubed, or off [default: what reaches the acceleration in 0.1 s]
     #[arg(long, value_name = "N|off", value_parser = Jerk::parse, allow_negative_numbers = true)]
     jerk: Option<Jerk>,
+
+    /// Do not ask, at a terminal, before a move that takes more than a minute
+    #[arg(long)]
+    yes: bool,
 }
 
 impl Args {
+    /// Checks that the units are those of the axes: where `--counts-per-unit` gives them axis by axis, each axis of the move
+    /// needs its own.
+    ///
     /// # Errors
-    /// A slave has no axis in CSP, a target does not fit into 32 bits, or the guard would refuse the speed.
+    /// An axis has none.
+    pub fn check_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
+        let Some(scales) = scales else { return Ok(()) };
+        match self.targets.iter().find(|target| !scales.has(target.slave)) {
+            None => Ok(()),
+            Some(Target { slave, .. }) => {
+                let why = format!("--counts-per-unit says nothing of axis {slave}, which would move in counts");
+                let next = format!("add its counts per unit, or {slave}=1 if its target is in counts");
+                Err(refused(why, &next))
+            }
+        }
+    }
+
+    /// As [`Args::check_units`], for a move that is all that these units are for: each of them is for an axis of the move.
+    ///
+    /// # Errors
+    /// An axis has no unit, or there is one for another axis.
+    pub fn check_only_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
+        self.check_units(scales)?;
+        let of = |axis: &u8| self.targets.iter().any(|target| target.slave == *axis);
+        match scales.and_then(|scales| scales.axes().find(|axis| !of(axis))) {
+            None => Ok(()),
+            Some(axis) => {
+                let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
+                let why =
+                    format!("--counts-per-unit names axis {axis}, the move {}", numbered("axis", "axes", &slaves));
+                Err(refused(why, "name the same axes in both, or one number for all: --counts-per-unit N"))
+            }
+        }
+    }
+
+    /// # Errors
+    /// A slave has no axis in CSP, a target does not fit into 32 bits, or the axis cannot follow so closely at that speed.
     pub fn check(&self, network: &Config) -> Result<(), BoardError> {
         for (index, target) in self.targets.iter().enumerate() {
             let slave = target.slave;
@@ -78,9 +124,9 @@ impl Args {
                 && behind > f64::from(limit)
             {
                 let why = format!(
-                    "at {velocity} counts/s the target of axis {slave} runs {behind:.0} counts ahead of it, its guard is {limit}"
+                    "at {velocity} counts/s the target of axis {slave} runs {behind:.0} counts ahead of it, the limit is {limit}"
                 );
-                return Err(refused(why, "lower --velocity, or widen --guard"));
+                return Err(refused(why, "lower --velocity, or widen --lead-limit"));
             }
         }
         Ok(())
@@ -106,11 +152,11 @@ impl Args {
         let depth = depth(config);
         // Entries that are still in the FIFO may move the axes.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
-        let snapshot = board.ecm.snapshot()?;
-        let path = self.path(board, &snapshot)?;
+        let (snapshot, path) = self.agreed_path(board)?;
         let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
-        let moved =
-            Run { board, path: &path, snapshot: &snapshot, cycle: f64::from(config.cycle_us) * 1e-6 }.go(stream);
+        let cycle = f64::from(config.cycle_us) * 1e-6;
+        let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
+        let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
         board.reporter.clear();
         let (seconds, stats) = match moved {
             Ok(moved) => moved,
@@ -146,10 +192,29 @@ impl Args {
             let off = axis.off(&after);
             if off > NEAR_COUNTS {
                 let why = format!("axis {} is {off} counts off its target", axis.slave);
-                return Err(refused(why, "see its load, its limits and its tuning, or move slower"));
+                return Err(if held::is_limited(board, &after, axis.slave) {
+                    refused(format!("{why}: {}", held::WHY), held::NEXT)
+                } else {
+                    refused(why, "see its load, its limits and its tuning, or move slower")
+                });
             }
         }
         Ok(())
+    }
+
+    /// The path, with the report from which it begins, once it is known that the user wants one so long.
+    fn agreed_path(&self, board: &Board) -> Result<(Snapshot, Path), BoardError> {
+        let snapshot = board.ecm.snapshot()?;
+        let path = self.path(board, &snapshot)?;
+        if duration::announce(board, &path, self.yes)? == Asked::No {
+            return Ok((snapshot, path));
+        }
+        // Who has taken time to answer may have turned an axis meanwhile, or it has an alarm.
+        let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
+        board.ready(WHAT, Needs::On(&slaves))?;
+        let snapshot = board.ecm.snapshot()?;
+        let path = self.path(board, &snapshot)?;
+        Ok((snapshot, path))
     }
 
     /// The path from the present positions to the targets.
@@ -160,6 +225,13 @@ impl Args {
             let end = counts(WHAT, target, scale)?;
             let end = if self.relative { start.checked_add(end) } else { Some(end) };
             let end = end.ok_or_else(|| outside(WHAT, target))?;
+            if let Guard::Within(limit) = board.guard
+                && end.abs_diff(start) > limit
+            {
+                let (slave, way) = (target.slave, end.abs_diff(start));
+                let why = format!("axis {slave} is at {start}, and {end} is {way} counts away; --guard allows {limit}");
+                return Err(refused(why, "name a nearer target, or widen --guard"));
+            }
             Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(scale) })
         };
         let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
@@ -177,6 +249,8 @@ struct Run<'a> {
     snapshot: &'a Snapshot,
     /// The cycle time in seconds.
     cycle: f64,
+    /// How long an axis may stand under an internal limit of its drive, seconds.
+    held_limit_s: f64,
 }
 
 impl Run<'_> {
@@ -195,13 +269,16 @@ impl Run<'_> {
         let Some(profile) = &self.path.profile else { return Ok(0.0) };
         let mut pace = self.board.reporter.pace();
         let mut last = PathPoint::default();
+        let mut watched: Vec<Watched> = self.path.axes.iter().map(|axis| Watched::new(axis.slave)).collect();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             if self.board.interrupt.signal().is_some() {
-                let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
-                let brake = brake.map_err(|why| refused(why, "the board ramps the axes to a standstill"))?;
-                self.brake(stream, &brake)?;
+                self.brake(stream, last)?;
                 return Ok(time);
+            }
+            if let Some((slave, at)) = self.held_axis(stream, &mut watched, last, time)? {
+                self.brake(stream, last)?;
+                return Err(refused(format!("axis {slave} stands at {at}: {}", held::WHY), held::NEXT));
             }
             last = profile.at(time);
             let done = time >= profile.seconds();
@@ -219,7 +296,28 @@ impl Run<'_> {
         Ok(0.0)
     }
 
-    fn brake(&self, stream: &mut Stream<'_>, brake: &Profile) -> Result<(), BoardError> {
+    /// The first axis that its drive has held back for too long, and where it stands.
+    fn held_axis(
+        &self,
+        stream: &Stream<'_>,
+        watched: &mut [Watched],
+        last: PathPoint,
+        time: f64,
+    ) -> Result<Option<(u8, i32)>, BoardError> {
+        let now = stream.snapshot().map_err(|error| self.board.explain(error))?;
+        for (axis, watched) in self.path.axes.iter().zip(watched) {
+            let target = axis.at(last.length / self.path.length);
+            if watched.held_for(self.board, &now, target, time) >= self.held_limit_s {
+                return Ok(Some((axis.slave, now.position(axis.slave).unwrap_or_default())));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Brakes on the path from its point `last` on.
+    fn brake(&self, stream: &mut Stream<'_>, last: PathPoint) -> Result<(), BoardError> {
+        let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
+        let brake = brake.map_err(|why| refused(why, "the board ramps the axes to a standstill"))?;
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             let along = brake.at(time).length / self.path.length;

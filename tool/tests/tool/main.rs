@@ -9,7 +9,7 @@
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and those of others
-//! - `verbs.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
+//! - `verbs.rs`, `moves.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `slave.rs`: `ecmsk slave`
@@ -46,6 +46,7 @@ mod migrate;
 mod monitor;
 mod monitor_tcp;
 mod monitor_terminal;
+mod moves;
 mod objects;
 mod page;
 mod plot;

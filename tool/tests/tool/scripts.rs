@@ -146,21 +146,23 @@ fn targets_are_in_units_and_stay_within_32_bits() {
     assert!(ran.err.contains(":5: expect: axis 1 is at 2.5, not at 2500"), "{}", ran.err);
 }
 
-/// TOOL-20 The guard: a speed that it would refuse is refused at once, and `--guard` widens it.
+/// TOOL-20 A speed at which targets would be too far ahead of the axis is refused at once, and `--lead-limit` allows it.
 #[test]
-fn a_speed_that_the_guard_would_refuse_is_refused_at_once() {
+fn a_speed_that_the_lead_limit_would_refuse_is_refused_at_once() {
     let line = ["move", "1=50000", "--velocity", "1000000", "--up", "--link", BOARD];
-    let guarded = run(line.into_iter().chain(["--guard", "1000"]));
-    guarded.expect_failure(
+    let limited = run(line.into_iter().chain(["--lead-limit", "1000"]));
+    limited.expect_failure(
         1,
-        &["runs 64000 counts ahead of it, its guard is 1000"],
-        "lower --velocity, or widen --guard",
+        &["runs 64000 counts ahead of it, the limit is 1000"],
+        "lower --velocity, or widen --lead-limit",
     );
-    for passes in [run(line), run(line.into_iter().chain(["--guard", "off"]))] {
+    for passes in [run(line), run(line.into_iter().chain(["--lead-limit", "off"]))] {
         let at: i32 = passes.out.trim().trim_start_matches("axis 1: at ").parse().expect("a position");
         assert!(passes.code == Some(0) && at.abs_diff(50_000) <= 2, "it has settled: {passes:?}");
     }
-    run(line.into_iter().chain(["--guard", "0"])).expect_misuse(&["counts, 1 or more, or off"]);
+    for option in ["--guard", "--lead-limit"] {
+        run(line.into_iter().chain([option, "0"])).expect_misuse(&["counts, 1 or more, or off"]);
+    }
 }
 
 fn shell(lines: &str) -> Ran {

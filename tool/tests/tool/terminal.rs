@@ -214,6 +214,53 @@ fn signals_end_a_step_or_the_shell_and_restore_the_terminal() {
     assert_eq!(on, off, "bracketed paste is off again");
 }
 
+/// TOOL-202 At a terminal a move that takes more than a minute is asked for: no, the end of the input and Ctrl-C let nothing
+/// move, `--yes` does not ask, and in the shell the next line is the next line.
+#[test]
+fn a_long_move_is_asked_for_at_a_terminal() {
+    const QUESTION: &str = "move for 16 min 42 s? [y/N] ";
+    let line = ["move", "1=100000", "--velocity", "100", "--up", "--link", "sim:?slaves=drive"];
+    for (keys, code, said) in [
+        ("\r", 1, "nobody has said yes to 16 min 42 s; give a higher --velocity, or --yes"),
+        ("no\r", 1, "nobody has said yes to 16 min 42 s"),
+        ("\x04", 1, "nobody has said yes to 16 min 42 s"),
+        ("\x03", 130, "stopped by Ctrl-C; no axis moves"),
+    ] {
+        let mut terminal = Terminal::start_as(&line, Owner::Tool);
+        terminal.until("note: this move takes 16 min 42 s, for 100000 counts; --velocity makes it shorter");
+        terminal.until(QUESTION);
+        terminal.keys(keys);
+        let (ended, screen) = terminal.end();
+        assert!(ended == Some(code) && screen.contains(said) && !screen.contains("moving"), "{keys:?}: {screen}");
+    }
+    let mut terminal = Terminal::start_as(&line, Owner::Tool);
+    terminal.until(QUESTION);
+    terminal.keys("y\r");
+    terminal.until("moving, ");
+    terminal.keys("\x03");
+    assert_eq!(terminal.end().0, Some(130));
+
+    let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive"]);
+    terminal.until("ecmsk> ");
+    terminal.servo_on();
+    terminal.keys("move 1=100000 --velocity 100\r");
+    terminal.until(QUESTION);
+    terminal.keys("n\r");
+    terminal.until("error: move: nobody has said yes");
+    terminal.until("ecmsk> ");
+    terminal.keys("move 1=500\r");
+    terminal.until("axis 1: at ");
+    terminal.until("ecmsk> ");
+    terminal.keys("move 1=100000 --velocity 100 --yes\r");
+    terminal.until("note: this move takes 16 min ");
+    terminal.until("moving, ");
+    terminal.signal(Signal::INT);
+    terminal.until("ecmsk> ");
+    terminal.keys("quit\r");
+    let (code, screen) = terminal.end();
+    assert!(code == Some(0) && screen.matches("[y/N]").count() == 1, "{screen}");
+}
+
 /// TOOL-137 The shell ends when its terminal is closed: at the prompt, and while a step runs; also where no signal tells it.
 #[test]
 fn a_closed_terminal_ends_the_shell() {

@@ -1,0 +1,31 @@
+//! A line that is typed at the terminal, without a thread that waits for it.
+
+use std::io;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+/// \[OURS] The longest answer; terminals give a line at once, and cut longer ones.
+const LINE_BYTES_MAX: usize = 256;
+const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
+
+/// The line that is being typed.
+pub struct TypedLine;
+
+impl TypedLine {
+    pub const fn start() -> Self {
+        Self
+    }
+
+    /// The line, if it has been typed; empty at the end of the input. Past the buffer of [`io::Stdin`]: what is typed after it
+    /// belongs to who reads next.
+    pub fn take(&mut self) -> Option<String> {
+        let stdin = io::stdin();
+        let mut fds = [PollFd::new(&stdin, PollFlags::IN)];
+        if !poll(&mut fds, Some(&AT_ONCE)).is_ok_and(|ready| ready > 0) {
+            return None;
+        }
+        let mut line = [0; LINE_BYTES_MAX];
+        let read = rustix::io::read(&stdin, &mut line).unwrap_or(0);
+        Some(String::from_utf8_lossy(&line[..read]).into_owned())
+    }
+}

@@ -1,0 +1,66 @@
+//! How long a move takes: a long one is told before it begins, and at a terminal it is asked for.
+
+use std::fmt;
+
+use super::path::Path;
+use super::{WHAT, refused};
+use crate::board::{Board, BoardError};
+
+/// \[OURS] A move that takes longer than this is told first. Nobody waits a minute for a slip of the finger.
+const TOLD_FROM_S: f64 = 60.0;
+
+/// A time for people, in seconds: `8 min 20 s`, `3 h 5 min`.
+struct Long(f64);
+
+impl fmt::Display for Long {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.0.round() as u64;
+        let (minutes, hours, days) = (seconds / 60, seconds / 3600, seconds / 86_400);
+        match (days, hours) {
+            (1.., _) => write!(f, "{days} d {} h", hours % 24),
+            (_, 1..) => write!(f, "{hours} h {} min", minutes % 60),
+            _ => write!(f, "{minutes} min {} s", seconds % 60),
+        }
+    }
+}
+
+/// Tells how long a long move takes. At a terminal it asks whether to go on, unless `yes`; \[OURS] without one it goes on, so
+/// that scripts of before do.
+///
+/// # Errors
+/// [`BoardError::Refused`] without a yes, [`BoardError::Stopped`], and those of reading reports.
+pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardError> {
+    let seconds = path.profile.as_ref().map_or(0.0, super::Profile::seconds);
+    if seconds <= TOLD_FROM_S {
+        return Ok(Asked::No);
+    }
+    let (takes, way) = (Long(seconds), path.length);
+    board.reporter.note(format_args!("this move takes {takes}, for {way:.0} counts; --velocity makes it shorter"));
+    if yes || !board.can_ask() {
+        return Ok(Asked::No);
+    }
+    if board.ask(&format!("{WHAT} for {takes}?"))? {
+        return Ok(Asked::Yes);
+    }
+    Err(refused(format!("nobody has said yes to {takes}"), "give a higher --velocity, or --yes"))
+}
+
+/// Whether time has passed for an answer, in which the axes may have been moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    No,
+    Yes,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_times_are_told_in_their_units() {
+        let said = [60.4, 61.0, 500.0, 3599.4, 3600.0, 11_100.0, 86_400.0, 90_000.0].map(|s| Long(s).to_string());
+        let expected =
+            ["1 min 0 s", "1 min 1 s", "8 min 20 s", "59 min 59 s", "1 h 0 min", "3 h 5 min", "1 d 0 h", "1 d 1 h"];
+        assert_eq!(said, expected);
+    }
+}

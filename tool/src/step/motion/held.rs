@@ -1,0 +1,47 @@
+//! Whether a drive holds an axis back from its targets, as it says by bit 11 of its statusword (internal limit active, CiA 402):
+//! at a limit switch, at a software limit, or because its torque does not suffice.
+
+use ecmsk::cia402::Statusword;
+use ecmsk::ecm::Snapshot;
+
+use crate::board::{Board, NEAR_COUNTS};
+
+/// \[OURS] How far an axis that stands may move meanwhile: encoders have noise.
+const STANDING_COUNTS: u32 = 16;
+
+/// An axis of a move, watched in each cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct Watched {
+    pub slave: u8,
+    /// Since when the axis stands under an internal limit, in seconds of the move, and where.
+    since: Option<(f64, i32)>,
+}
+
+impl Watched {
+    pub const fn new(slave: u8) -> Self {
+        Self { slave, since: None }
+    }
+
+    /// Takes the newest report at a time of the move. For how many seconds the axis has been held back from its target.
+    pub fn held_for(&mut self, board: &Board, now: &Snapshot, target: i32, seconds: f64) -> f64 {
+        let at = now.position(self.slave).unwrap_or_default();
+        if !is_limited(board, now, self.slave) || target.wrapping_sub(at).unsigned_abs() <= NEAR_COUNTS {
+            self.since = None;
+            return 0.0;
+        }
+        let stands = |(_, place): &(f64, i32)| place.wrapping_sub(at).unsigned_abs() <= STANDING_COUNTS;
+        let (since, place) = self.since.filter(stands).unwrap_or((seconds, at));
+        self.since = Some((since, place));
+        seconds - since
+    }
+}
+
+/// Whether the drive of an axis shows internal limit active.
+pub fn is_limited(board: &Board, now: &Snapshot, slave: u8) -> bool {
+    board.statusword(now, slave).0 & Statusword::INTERNAL_LIMIT != 0
+}
+
+/// What an internal limit may be, for errors.
+pub const WHY: &str = "its drive holds it back (internal limit active, statusword bit 11)";
+/// What to do about it.
+pub const NEXT: &str = "see its limit switches (0x60FD), its software limits (0x607D), its torque limit and its load";

@@ -152,14 +152,36 @@ impl Args {
         let depth = depth(config);
         // Entries that are still in the FIFO may move the axes.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
-        let (snapshot, path) = self.agreed_path(board)?;
-        let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
+        let (mut snapshot, mut path) = self.agreed_path(board)?;
         let cycle = f64::from(config.cycle_us) * 1e-6;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
-        let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
-        board.reporter.clear();
-        let (seconds, stats) = match moved {
-            Ok(moved) => moved,
+        let (mut seconds, mut underruns) = (0.0, 0);
+        let moved = loop {
+            let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
+            let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
+            board.reporter.clear();
+            let (ended, stats) = match moved {
+                Ok(moved) => moved,
+                Err(error) => break Err(error),
+            };
+            underruns += stats.underruns;
+            match ended {
+                Ended::Arrived(s) => {
+                    seconds += s;
+                    break Ok(());
+                }
+                Ended::Stood(s) => {
+                    seconds += s;
+                    board
+                        .reporter
+                        .note(format_args!("this process was late, and the axes stood: they go on from rest"));
+                    snapshot = board.ecm.snapshot()?;
+                    path = path.from_rest(|axis| board.standing_position(&snapshot, axis)).map_err(no_path)?;
+                }
+            }
+        };
+        match moved {
+            Ok(()) => {}
             Err(error) => {
                 let after = board.ecm.snapshot()?;
                 for axis in &path.axes {
@@ -169,9 +191,9 @@ impl Args {
                 }
                 return Err(error);
             }
-        };
-        if stats.underruns > 0 {
-            let cycles = stats.underruns;
+        }
+        if underruns > 0 {
+            let cycles = underruns;
             board.reporter.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
         }
         let after = settled(board, &path)?;
@@ -181,7 +203,7 @@ impl Args {
             let (text, units) = board.in_units(axis.slave, position);
             let mut json = json!({
                 "verb": WHAT, "axis": axis.slave, "target_counts": axis.end, "position_counts": position,
-                "seconds": seconds, "underruns": stats.underruns,
+                "seconds": seconds, "underruns": underruns,
             });
             if let Some(units) = units {
                 json["position"] = units.into();
@@ -235,12 +257,24 @@ impl Args {
             Ok(AxisPath { slave: target.slave, start, end, speeds: self.speeds(scale) })
         };
         let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
-        Path::new(axes).map_err(|why| refused(why, "choose a speed and an acceleration nearer to each other"))
+        Path::new(axes).map_err(no_path)
     }
 }
 
-/// \[OURS] How often the last target is repeated: as many steps as the native API looks back to determine a speed.
-const HOLD_FRAMES: usize = 9;
+fn no_path(why: String) -> BoardError {
+    refused(why, "choose a speed and an acceleration nearer to each other")
+}
+
+/// \[OURS] After a gap of so long axes stand, and go on from rest. After a shorter one they go on with the speed that they had.
+const GAP_MAX: Duration = Duration::from_millis(16);
+
+/// How a move has ended, after so many seconds.
+enum Ended {
+    /// All axes have got their last targets, or the user has ended it.
+    Arrived(f64),
+    /// The board ran dry on the way.
+    Stood(f64),
+}
 
 /// A move that is being carried out.
 struct Run<'a> {
@@ -254,27 +288,26 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Sends one target per cycle until all axes have arrived. Returns the duration in seconds and the counters of
-    /// the stream.
-    fn go(&self, mut stream: Stream<'_>) -> Result<(f64, StreamStats), BoardError> {
+    /// Sends one target per cycle until all axes have arrived, or the board ran dry. Returns that and the counters of the stream.
+    fn go(&self, mut stream: Stream<'_>) -> Result<(Ended, StreamStats), BoardError> {
         let stepped = self.steps(&mut stream);
         // Whatever has failed, moving axes are brought to a standstill.
         let finished = stream.finish();
-        let seconds = stepped?;
+        let ended = stepped?;
         self.board.check_stop()?;
-        Ok((seconds, finished.map_err(|error| self.board.explain(error))?))
+        Ok((ended, finished.map_err(|error| self.board.explain(error))?))
     }
 
-    fn steps(&self, stream: &mut Stream<'_>) -> Result<f64, BoardError> {
-        let Some(profile) = &self.path.profile else { return Ok(0.0) };
+    fn steps(&self, stream: &mut Stream<'_>) -> Result<Ended, BoardError> {
+        let Some(profile) = &self.path.profile else { return Ok(Ended::Arrived(0.0)) };
         let mut pace = self.board.reporter.pace();
-        let mut last = PathPoint::default();
+        let (mut last, mut before) = (PathPoint::default(), 0);
         let mut watched: Vec<Watched> = self.path.axes.iter().map(|axis| Watched::new(axis.slave)).collect();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             if self.board.interrupt.signal().is_some() {
                 self.brake(stream, last)?;
-                return Ok(time);
+                return Ok(Ended::Arrived(time));
             }
             if let Some((slave, at)) = self.held_axis(stream, &mut watched, last, time)? {
                 self.brake(stream, last)?;
@@ -282,10 +315,14 @@ impl Run<'_> {
             }
             last = profile.at(time);
             let done = time >= profile.seconds();
-            self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
+            let stats =
+                self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
             if done {
-                self.hold(stream, |axis| axis.end)?;
-                return Ok(time);
+                return Ok(Ended::Arrived(time));
+            }
+            let underruns = stats.underruns - std::mem::replace(&mut before, stats.underruns);
+            if underruns as f64 * self.cycle > GAP_MAX.as_secs_f64() {
+                return Ok(Ended::Stood(time));
             }
             if pace.due(Duration::from_secs_f64(time)) {
                 let (all, part) = (profile.seconds(), time / profile.seconds());
@@ -293,7 +330,7 @@ impl Run<'_> {
                 self.board.reporter.part(part, text, || json!({"verb": WHAT, "progress": part, "seconds": time}))?;
             }
         }
-        Ok(0.0)
+        Ok(Ended::Arrived(0.0))
     }
 
     /// The first axis that its drive has held back for too long, and where it stands.
@@ -317,30 +354,24 @@ impl Run<'_> {
     /// Brakes on the path from its point `last` on.
     fn brake(&self, stream: &mut Stream<'_>, last: PathPoint) -> Result<(), BoardError> {
         let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
-        let brake = brake.map_err(|why| refused(why, "the board ramps the axes to a standstill"))?;
+        let brake = brake.map_err(|why| refused(why, "the axes hold their last targets"))?;
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
             let along = brake.at(time).length / self.path.length;
             self.step(stream, |axis| axis.at(along))?;
             if time >= brake.seconds() {
-                return self.hold(stream, |axis| axis.at(along));
+                return Ok(());
             }
         }
         Ok(())
     }
 
-    /// Repeats the last targets, so that the axes count as standing and the end of the stream does not ramp them any
-    /// further, however abrupt the end of the move is.
-    fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
-        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at))
-    }
-
-    fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+    fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<StreamStats, BoardError> {
         let explain = |error| self.board.explain(error);
         for axis in &self.path.axes {
             self.aim(stream, axis.slave, at(axis)).map_err(explain)?;
         }
-        stream.step().map_err(explain).map(|_| ())
+        stream.step().map_err(explain)
     }
 
     /// Sets the target of an axis; the second channel of an HSP stays where it is.

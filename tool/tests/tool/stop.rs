@@ -128,6 +128,33 @@ fn a_slow_brake_is_cut_short() {
     assert!(tape.is_on(1) && *speed.last().unwrap() <= 1);
 }
 
+/// A move whose process stands still (SIGSTOP) until the board has run dry goes on from rest, with the move's own acceleration, to its
+/// end and no further.
+#[test]
+fn a_move_that_stands_still_goes_on_from_rest() {
+    const END: i32 = 200_000;
+    let (board, file) = recorded("stands-still", "slaves=drive");
+    let line = ["move", &format!("1={END}"), "--velocity", "100000", "--acceleration", "200000"];
+    let mut work = Work::start(&[&line[..], &["--up", "--link", &board]].concat());
+    work.until("progress: moving");
+    work.signal(Signal::STOP);
+    // Longer than what lies ahead of the board.
+    std::thread::sleep(std::time::Duration::from_millis(600));
+    work.signal(Signal::CONT);
+    let (ended, said) = work.end();
+    assert_eq!(ended, Some(0), "{said}");
+    assert!(said.contains("note: this process was late, and the axes stood: they go on from rest"), "{said}");
+
+    let tape = RecordedTraffic::read(&file);
+    let targets = tape.targets(1);
+    let (speed, change) = steps(&targets);
+    assert!(speed.iter().all(|step| (0..=101).contains(step)), "never back, and never faster");
+    assert!(change.iter().all(|change| *change <= 2), "it never gets faster at once: {change:?}");
+    assert!(change.iter().any(|change| *change < -10), "it stood");
+    assert_eq!(targets.last(), Some(&END));
+    assert!(tape.positions(1).iter().all(|at| *at <= END + 2), "the drive makes up for its lag");
+}
+
 /// TOOL-17 A second Ctrl-C ends the program at once.
 #[test]
 fn a_second_ctrl_c_leaves() {

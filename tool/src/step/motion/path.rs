@@ -91,4 +91,12 @@ impl Path {
         let profile = if length > 0.0 { Some(Profile::rest_to_rest(length, limits)?) } else { None };
         Ok(Self { axes, length, limits, profile })
     }
+
+    /// The path to the same ends from where the axes stand now.
+    ///
+    /// # Errors
+    /// As [`Path::new`].
+    pub fn from_rest(&self, at: impl Fn(u8) -> i32) -> Result<Self, String> {
+        Self::new(self.axes.iter().map(|axis| AxisPath { start: at(axis.slave), ..*axis }).collect())
+    }
 }

@@ -116,6 +116,9 @@ pub enum MonitorError {
     /// An operation on the terminal failed.
     #[error("the terminal: {0}; for other places use --once or --json")]
     Terminal(io::Error),
+    /// The system provides no thread.
+    #[error("cannot start a thread: {0}; free some of the system's memory or threads, then run it again")]
+    Thread(io::Error),
 }
 
 impl From<LinkError> for MonitorError {
@@ -213,7 +216,7 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
 fn feed(args: &Args) -> Result<Feed, MonitorError> {
     if let Some(file) = &args.recording {
         let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
-        return Ok(Feed::recording(file.clone(), args.size(), watched)?);
+        return Feed::recording(file.clone(), args.size(), watched);
     }
     let chosen = ChosenLink::find(args.link.as_ref())?;
     let uri = as_reader(&chosen.uri);

@@ -1,11 +1,11 @@
-//! Checks the recording of a program that has ended.
+//! Checks the recording of a program, or of a verb, that has ended.
 
 use std::path::Path;
 
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
-/// The exit code if the program succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
+/// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
 /// program that it has ended, and none that shells or `env` use.
 pub const NOT_WHOLE: u8 = 124;
 

@@ -5,7 +5,6 @@
 //! A share of all blows is dealt here, chosen by a seed, and all of them by `cargo xtask soak`. One again: `ECMSK_BLOW=CALL.ERROR`,
 //! as the failure names it.
 //!
-//! - `main.rs`: which blows are dealt, and what holds after each
 //! - `verbs.rs`: `ecmsk move`, in this process and on a served board, recorded or not
 //! - `programs.rs`: a C program on the library, by itself and below `ecmsk exec`
 //! - `server.rs`: `ecmsk serve tcp`
@@ -17,146 +16,17 @@ mod served;
 mod server;
 mod verbs;
 
-use std::collections::BTreeMap;
-use std::os::unix::process::ExitStatusExt;
 use std::time::Duration;
 
-use support::dice::Dice;
-use support::failing_calls::{Blow, Call, Struck};
-use support::schedules::asked;
+use support::failing_calls::{self, Blow, Run};
 
 /// A run takes a fraction of a second. The limit is there so that one that hangs ends.
 const LIMIT: Duration = Duration::from_secs(60);
-/// How many blows of each kind of run are dealt without being asked for.
-const SHARE: usize = 24;
+/// Without being asked for, each error of each call is dealt once, at any of the places where the call is made.
+const EACH_ONCE: usize = usize::MAX;
+/// So many blows are dealt where a run takes a good part of a second.
+const FEW: usize = 24;
 
-/// A run that was struck, and what was found wrong about it.
-struct Run {
-    struck: Struck,
-    wrong: Option<String>,
-}
-
-impl Run {
-    /// The rules for every program: it has ended by itself; with status 0 only if `is_done`; with another one it says why.
-    fn judge(struck: Struck, is_done: impl FnOnce(&Struck) -> Result<(), String>) -> Self {
-        let wrong = wrong(&struck).or_else(|| {
-            struck
-                .ended
-                .status
-                .success()
-                .then(|| is_done(&struck).err())?
-                .map(|why| format!("exit status 0, but {why}"))
-        });
-        Self { struck, wrong }
-    }
-
-    fn and(mut self, look: impl FnOnce(&Struck) -> Result<(), String>) -> Self {
-        if self.wrong.is_none() {
-            self.wrong = look(&self.struck).err();
-        }
-        self
-    }
-}
-
-fn wrong(struck: &Struck) -> Option<String> {
-    let ended = &struck.ended;
-    if struck.hung {
-        return Some("it hangs".into());
-    }
-    let dealt = struck.dealt?;
-    let without_memory = dealt.errno == Some(libc::ENOMEM);
-    match ended.status.signal() {
-        Some(libc::SIGKILL) if dealt.errno.is_none() => None,
-        // The loader has no word for it; the allocator, and a thread that cannot begin, end the process.
-        Some(libc::SIGSEGV) if dealt.is_loading && without_memory => None,
-        Some(libc::SIGABRT) if without_memory => None,
-        Some(signal) => Some(format!("signal {signal}")),
-        None if ended.stderr.contains("panicked at") => Some("a panic".into()),
-        None if !ended.status.success() && ended.stderr.is_empty() => {
-            let has_reason = dealt.errno.is_none() || dealt.is_write_to(2);
-            (!has_reason).then(|| "it fails without a word".into())
-        }
-        None => None,
-    }
-}
-
-/// Deals blows to runs of one kind: first none, which tells what calls there are, then a share of all, or all that are asked
-/// for.
-fn strike(test: &str, run: impl Fn(Option<Blow>) -> Run) {
-    if let Ok(blow) = std::env::var("ECMSK_BLOW") {
-        let (call, error) = blow.split_once('.').expect("CALL.ERROR");
-        let error = if error == "kill" { Blow::KILL } else { error.parse().expect("a number") };
-        let struck = run(Some(Blow { call: call.parse().expect("a number"), error }));
-        println!("{}", story(&struck));
-        assert_eq!(struck.wrong, None);
-        return;
-    }
-    let whole = run(None);
-    assert_eq!((&whole.wrong, whole.struck.ended.status.success()), (&None, true), "{}", story(&whole));
-    let all = whole.struck.calls;
-    let seed = asked("ECMSK_SOAK_FIRST").unwrap_or(0);
-    let blows = match asked("ECMSK_SOAK_SCHEDULES") {
-        Some(count) => sample(every(&all), count as usize, seed),
-        None => share(&all, seed),
-    };
-    let count = blows.len();
-    let mut failed = Vec::new();
-    let mut dealt = 0;
-    for blow in blows {
-        let ran = run(Some(blow));
-        dealt += usize::from(ran.struck.dealt.is_some());
-        if ran.wrong.is_some() {
-            let error = if blow.error == Blow::KILL { "kill".into() } else { blow.error.to_string() };
-            let again = format!("ECMSK_BLOW={}.{error} cargo test --test failing_calls {test}", blow.call);
-            let text = format!("{}\nagain: {again}", story(&ran));
-            println!("{text}");
-            failed.push(text);
-        }
-    }
-    println!("{test}: {} calls that may fail, {count} blows, {dealt} dealt, {} wrong", all.len(), failed.len());
-    assert!(failed.is_empty(), "{test}: {} of {count} blows do harm (above)", failed.len());
-    assert!(dealt * 2 >= count, "{test}: {dealt} of {count} blows hit a call");
-}
-
-fn story(run: &Run) -> String {
-    let Run { struck, wrong } = run;
-    let dealt = struck.dealt.map_or_else(|| "no blow".to_owned(), |dealt| dealt.to_string());
-    let wrong = wrong.as_deref().unwrap_or("nothing wrong");
-    format!(
-        "{dealt}: {wrong}; {}\n--- stdout\n{}--- stderr\n{}---",
-        struck.ended.status, struck.ended.stdout, struck.ended.stderr
-    )
-}
-
-/// Every error of every call, and the end at each.
-fn every(calls: &[Call]) -> Vec<Blow> {
-    let blows =
-        |(call, at): (usize, &Call)| (0..at.errors.len()).chain([Blow::KILL]).map(move |error| Blow { call, error });
-    calls.iter().enumerate().flat_map(blows).collect()
-}
-
-fn sample(mut blows: Vec<Blow>, count: usize, seed: u64) -> Vec<Blow> {
-    let mut dice = Dice(seed);
-    while blows.len() > count {
-        let at = dice.below(blows.len() as u64) as usize;
-        blows.swap_remove(at);
-    }
-    blows
-}
-
-/// Kinds of calls with their errors are drawn first, so that rare calls are not lost among those that every cycle makes.
-fn share(calls: &[Call], seed: u64) -> Vec<Blow> {
-    let mut dice = Dice(seed);
-    let mut kinds: BTreeMap<(Call, usize), Vec<usize>> = BTreeMap::new();
-    for Blow { call, error } in every(calls) {
-        kinds.entry((calls[call], error)).or_default().push(call);
-    }
-    let mut kinds: Vec<_> = kinds.into_iter().collect();
-    let mut blows = Vec::new();
-    while blows.len() < SHARE && !kinds.is_empty() {
-        let at = dice.below(kinds.len() as u64) as usize;
-        let ((_, error), at) = kinds.swap_remove(at);
-        blows.push(Blow { call: dice.pick(&at), error });
-    }
-    blows
+fn strike(test: &str, usual: usize, run: impl Fn(Option<Blow>) -> Run) {
+    failing_calls::strike("cargo test --test failing_calls", test, usual, run);
 }

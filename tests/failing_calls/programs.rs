@@ -4,12 +4,12 @@ mod needs_cxx {
     use std::fs;
     use std::process::Command;
 
-    use support::failing_calls::{self, Blow, Struck, Whose};
+    use support::failing_calls::{self, Blow, Run, Struck, Whose};
     use support::{Language, Program};
 
     use crate::served::Served;
     use crate::verbs::{tool, whole};
-    use crate::{LIMIT, Run, strike};
+    use crate::{EACH_ONCE, FEW, LIMIT, strike};
 
     const END: i32 = 2500;
     /// It goes so far in a cycle.
@@ -32,7 +32,7 @@ mod needs_cxx {
     #[test]
     fn a_program() {
         let program = program();
-        strike("a_program", |blow| {
+        strike("a_program", EACH_ONCE, |blow| {
             let mut command = program.command("sim:?slaves=drive&clock=virtual");
             Run::judge(struck(&mut command, Whose::Program, blow), |struck| accepted(struck).map(drop))
         });
@@ -41,7 +41,7 @@ mod needs_cxx {
     #[test]
     fn a_program_on_the_real_clock() {
         let program = program();
-        strike("a_program_on_the_real_clock", |blow| {
+        strike("a_program_on_the_real_clock", FEW, |blow| {
             let mut command = program.command("sim:?slaves=drive&clock=real");
             Run::judge(struck(&mut command, Whose::Program, blow), |struck| accepted(struck).map(drop))
         });
@@ -50,7 +50,7 @@ mod needs_cxx {
     #[test]
     fn a_program_on_a_served_board() {
         let program = program();
-        strike("a_program_on_a_served_board", |blow| {
+        strike("a_program_on_a_served_board", FEW, |blow| {
             let served = Served::start();
             let mut command = program.command(&served.uri());
             let run = Run::judge(struck(command.arg("tcp"), Whose::Program, blow), |struck| {
@@ -68,7 +68,7 @@ mod needs_cxx {
         let name = file.to_str().expect("UTF-8").to_owned();
         let library = support::library().shared.to_str().expect("UTF-8").to_owned();
         let exe = program.exe.to_str().expect("UTF-8").to_owned();
-        strike(test, |blow| {
+        strike(test, EACH_ONCE, |blow| {
             let _ = fs::remove_file(&file);
             let link = "sim:?slaves=drive&clock=virtual";
             let words = ["exec", "--library", &library, "--link", link, "--record", &name, "--", &exe];

@@ -9,11 +9,11 @@ use ecmsk::ecm::{Close, Config, Ecm, EcmError, Options};
 use ecmsk::link::{self, Share};
 use ecmsk::sk::MasterState;
 use rustix::process::{Pid, Signal, kill_process};
-use support::failing_calls::{self, Watched, Whose};
+use support::failing_calls::{self, Run, Watched, Whose};
 
 use crate::served::Served;
 use crate::verbs::tool;
-use crate::{LIMIT, Run, strike};
+use crate::{FEW, LIMIT, strike};
 
 const END: i32 = 1000;
 const STEPS: i32 = 50;
@@ -69,7 +69,7 @@ fn listening(watched: &Watched, has_ended: impl Fn() -> bool) -> Option<String> 
 }
 
 fn serve(test: &str, closes: bool) {
-    strike(test, |blow| {
+    strike(test, FEW, |blow| {
         let served = Served::start();
         let link = served.uri();
         let watched = Watched::default();

@@ -5,10 +5,10 @@ use std::path::Path;
 use std::process::Command;
 
 use ecmsk::recording::{Recorded, Recording};
-use support::failing_calls::{self, Blow, Struck, Whose};
+use support::failing_calls::{self, Blow, Run, Struck, Whose};
 
 use crate::served::Served;
-use crate::{LIMIT, Run, strike};
+use crate::{EACH_ONCE, FEW, LIMIT, strike};
 
 const TARGET: i32 = 500;
 /// It goes so far in a cycle at most.
@@ -52,19 +52,19 @@ pub fn whole(file: &Path) -> Result<usize, String> {
 
 #[test]
 fn a_move() {
-    strike("a_move", |blow| Run::judge(moves("sim:?slaves=drive&clock=virtual", blow), arrived));
+    strike("a_move", EACH_ONCE, |blow| Run::judge(moves("sim:?slaves=drive&clock=virtual", blow), arrived));
 }
 
 #[test]
 fn a_move_on_the_real_clock() {
-    strike("a_move_on_the_real_clock", |blow| Run::judge(moves("sim:?slaves=drive&clock=real", blow), arrived));
+    strike("a_move_on_the_real_clock", FEW, |blow| Run::judge(moves("sim:?slaves=drive&clock=real", blow), arrived));
 }
 
 #[test]
 fn a_recorded_move() {
     let file = support::out_dir().join("move.pcapng");
     let link = format!("sim:?slaves=drive&clock=virtual&record={}", file.display());
-    strike("a_recorded_move", |blow| {
+    strike("a_recorded_move", EACH_ONCE, |blow| {
         let _ = fs::remove_file(&file);
         Run::judge(moves(&link, blow), |struck| {
             arrived(struck)?;
@@ -75,7 +75,7 @@ fn a_recorded_move() {
 
 #[test]
 fn a_move_on_a_served_board() {
-    strike("a_move_on_a_served_board", |blow| {
+    strike("a_move_on_a_served_board", FEW, |blow| {
         let served = Served::start();
         let run = Run::judge(moves(&served.uri(), blow), arrived);
         run.and(|struck| served.stands_within(TARGET, SPEED_COUNTS, struck.ended.status.success()))

@@ -139,7 +139,11 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
 
 /// The exit code of a server that was told to end: what it has recorded on the way is whole or not.
 fn ended<'a>(links: impl IntoIterator<Item = &'a LinkUri>) -> ExitCode {
-    let lacking: Vec<String> = links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect();
+    ended_with(links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect())
+}
+
+/// The exit code, by what recordings lack.
+fn ended_with(lacking: Vec<String>) -> ExitCode {
     lacking.iter().for_each(|lacks| say("warning", lacks));
     if lacking.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(recording_end::NOT_WHOLE) }
 }

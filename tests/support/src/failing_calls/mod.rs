@@ -3,9 +3,11 @@
 //! program runs on at full speed.
 //!
 //! - `mod.rs`: what is struck and how that ended
+//! - `deal.rs`: which blows a test deals, and what holds after each
 //! - `table.rs`: which errors a call may give
 //! - `tracer.rs`: the tracing itself
 
+mod deal;
 mod table;
 mod tracer;
 
@@ -13,6 +15,7 @@ use std::fmt;
 use std::sync::Mutex;
 
 use crate::Ended;
+pub use deal::{Run, strike};
 pub use table::Of;
 pub use tracer::run;
 
@@ -91,8 +94,8 @@ pub struct Struck {
     pub calls: Vec<Call>,
     /// The blow; `None` if the program made no such call.
     pub dealt: Option<Dealt>,
-    /// It did not end in the given time and was killed.
-    pub hung: bool,
+    /// If it did not end in the given time and was killed: what its threads were at.
+    pub hung: Option<String>,
 }
 
 /// What a program that runs has said so far, for a test that has to do with it meanwhile.

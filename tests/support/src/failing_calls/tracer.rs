@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::OnceLock;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 use std::{fs, mem, ptr, thread};
@@ -50,16 +51,15 @@ pub fn run(
         *watched.id.lock().expect("no panic") = Some(root);
     }
     let (mut stdout, mut stderr) = (child.stdout.take().expect("piped"), child.stderr.take().expect("piped"));
-    let expired = AtomicBool::new(false);
+    let hung = OnceLock::new();
+    let noted = &hung;
     let (done, is_done) = mpsc::channel::<()>();
-    thread::scope(|scope| {
-        scope.spawn(|| {
-            let expired = &expired;
+    let mut struck = thread::scope(|scope| {
+        scope.spawn(move || {
             if is_done.recv_timeout(limit) == Err(RecvTimeoutError::Timeout) {
-                expired.store(true, Ordering::Release);
+                noted.get_or_init(|| threads(root));
                 kill_group(root);
             }
-            drop(is_done);
         });
         let said = scope.spawn(move || drain(&mut stdout, watched));
         let complained = scope.spawn(move || drain(&mut stderr, None));
@@ -68,8 +68,22 @@ pub fn run(
         let ended =
             Ended { status, stdout: said.join().expect("no panic"), stderr: complained.join().expect("no panic") };
         drop(done);
-        Struck { ended, calls: tracer.calls, dealt: tracer.dealt, hung: expired.load(Ordering::Acquire) }
-    })
+        Struck { ended, calls: tracer.calls, dealt: tracer.dealt, hung: None }
+    });
+    struck.hung = hung.into_inner();
+    struck
+}
+
+/// What the threads of a process are at: name, state, and the number of its call with the arguments.
+fn threads(process: pid_t) -> String {
+    let tasks = fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
+    let file = |folder: &Path, name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default().trim().to_owned();
+    let thread = |folder: PathBuf| {
+        let status = file(&folder, "status");
+        let state = status.lines().find(|line| line.starts_with("State:")).unwrap_or_default();
+        format!("{}: {state}, call {}", file(&folder, "comm"), file(&folder, "syscall"))
+    };
+    tasks.map(|entry| thread(entry.path())).collect::<Vec<_>>().join("\n")
 }
 
 fn kill_group(leader: pid_t) {
@@ -182,8 +196,8 @@ impl Tracer {
                 }
             }
             (libc::SIGTRAP, 1..) => self.go_on(id, 0),
-            // With this a traced thread or process begins.
-            (libc::SIGSTOP, _) if is_new => self.go_on(id, 0),
+            // With this a traced thread or process begins; nobody else sends it.
+            (libc::SIGSTOP, _) => self.go_on(id, 0),
             (signal, _) => self.go_on(id, signal),
         }
     }

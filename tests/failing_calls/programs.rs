@@ -5,10 +5,10 @@ mod needs_cxx {
     use std::process::Command;
 
     use support::failing_calls::{self, Blow, Run, Struck, Whose};
-    use support::{Language, Program};
+    use support::{Language, Program, tool_without_link};
 
     use crate::served::Served;
-    use crate::verbs::{tool, whole};
+    use crate::verbs::whole;
     use crate::{EACH_ONCE, FEW, LIMIT, strike};
 
     const END: i32 = 2500;
@@ -29,22 +29,23 @@ mod needs_cxx {
         said.ok_or_else(|| format!("it says `{}`", struck.ended.stdout))
     }
 
-    #[test]
-    fn a_program() {
+    fn simulated(test: &str, usual: usize, clock: &str) {
         let program = program();
-        strike("a_program", EACH_ONCE, |blow| {
-            let mut command = program.command("sim:?slaves=drive&clock=virtual");
-            Run::judge(struck(&mut command, Whose::Program, blow), |struck| accepted(struck).map(drop))
+        let link = format!("sim:?slaves=drive&clock={clock}");
+        strike(test, usual, |blow| {
+            let struck = struck(&mut program.command(&link), Whose::Program, blow);
+            Run::judge(struck, |struck| accepted(struck).map(drop))
         });
     }
 
     #[test]
+    fn a_program() {
+        simulated("a_program", EACH_ONCE, "virtual");
+    }
+
+    #[test]
     fn a_program_on_the_real_clock() {
-        let program = program();
-        strike("a_program_on_the_real_clock", FEW, |blow| {
-            let mut command = program.command("sim:?slaves=drive&clock=real");
-            Run::judge(struck(&mut command, Whose::Program, blow), |struck| accepted(struck).map(drop))
-        });
+        simulated("a_program_on_the_real_clock", FEW, "real");
     }
 
     #[test]
@@ -72,7 +73,7 @@ mod needs_cxx {
             let _ = fs::remove_file(&file);
             let link = "sim:?slaves=drive&clock=virtual";
             let words = ["exec", "--library", &library, "--link", link, "--record", &name, "--", &exe];
-            Run::judge(struck(&mut tool(&words), whose, blow), |struck| {
+            Run::judge(struck(&mut tool_without_link(&words), whose, blow), |struck| {
                 let (accepted, frames) = (accepted(struck)?, whole(&file)? as u64);
                 if frames > accepted { Ok(()) } else { Err(format!("{frames} frames of {accepted} are recorded")) }
             })

@@ -10,9 +10,9 @@ use ecmsk::link::{self, Share};
 use ecmsk::sk::MasterState;
 use rustix::process::{Pid, Signal, kill_process};
 use support::failing_calls::{self, Run, Watched, Whose};
+use support::tool_without_link;
 
 use crate::served::Served;
-use crate::verbs::tool;
 use crate::{FEW, LIMIT, strike};
 
 const END: i32 = 1000;
@@ -76,8 +76,9 @@ fn serve(test: &str, closes: bool) {
         let (struck, written) = thread::scope(|scope| {
             let words = ["serve", "tcp", "--listen", "127.0.0.1:0", "--link", &link];
             let watched = &watched;
-            let server =
-                scope.spawn(move || failing_calls::run(&mut tool(&words), Whose::Program, blow, LIMIT, Some(watched)));
+            let server = scope.spawn(move || {
+                failing_calls::run(&mut tool_without_link(&words), Whose::Program, blow, LIMIT, Some(watched))
+            });
             let written =
                 listening(watched, || server.is_finished()).map(|address| write(&format!("tcp://{address}"), closes));
             if let Some(id) = watched.id().and_then(Pid::from_raw).filter(|_| !server.is_finished()) {

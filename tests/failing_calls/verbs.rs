@@ -2,10 +2,10 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use ecmsk::recording::{Recorded, Recording};
 use support::failing_calls::{self, Blow, Run, Struck, Whose};
+use support::tool_without_link;
 
 use crate::served::Served;
 use crate::{EACH_ONCE, FEW, LIMIT, strike};
@@ -14,21 +14,10 @@ const TARGET: i32 = 500;
 /// It goes so far in a cycle at most.
 const SPEED_COUNTS: i32 = 20;
 
-/// The tool in an environment that names no link.
-pub fn tool(words: &[&str]) -> Command {
-    let nowhere = support::out_dir();
-    let mut tool = Command::new(support::tool());
-    tool.args(words).current_dir(&nowhere).env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
-    for variable in ["ECMSK_LINK", "ECMSK_LOG", "CLICOLOR_FORCE"] {
-        tool.env_remove(variable);
-    }
-    tool
-}
-
 fn moves(link: &str, blow: Option<Blow>) -> Struck {
     let target = format!("1={TARGET}");
     let words = ["move", &target, "--up", "--velocity", "20000", "--acceleration", "400000", "--link", link];
-    failing_calls::run(&mut tool(&words), Whose::Program, blow, LIMIT, None)
+    failing_calls::run(&mut tool_without_link(&words), Whose::Program, blow, LIMIT, None)
 }
 
 /// With exit status 0 the axis is said to be there; whoever reads it may have gone.

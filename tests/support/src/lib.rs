@@ -138,6 +138,17 @@ pub fn tool() -> &'static Path {
     TOOL.get_or_init(|| build("ecmsk-tool").join(format!("ecmsk{}", env::consts::EXE_SUFFIX)))
 }
 
+/// The tool with these words, in an environment that names no link.
+pub fn tool_without_link(words: &[&str]) -> Command {
+    let nowhere = out_dir();
+    let mut tool = Command::new(tool());
+    tool.args(words).current_dir(&nowhere).env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
+    for variable in ["ECMSK_LINK", "ECMSK_LOG", "CLICOLOR_FORCE"] {
+        tool.env_remove(variable);
+    }
+    tool
+}
+
 /// Builds a package of the workspace, with the test's profile into the test's target folder; where it lies.
 fn build(package: &str) -> PathBuf {
     let target = target_dir();

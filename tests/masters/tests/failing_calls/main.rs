@@ -4,7 +4,6 @@
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 
 mod needs_network_namespace {
-    use std::process::Command;
     use std::thread;
     use std::time::{Duration, Instant};
 
@@ -74,15 +73,9 @@ mod needs_network_namespace {
     }
 
     fn moves(blow: Option<Blow>) -> Struck {
-        let nowhere = support::out_dir();
-        let mut tool = Command::new(support::tool());
         let words =
             ["move", "1=500", "--up", "--velocity", "20000", "--slaves", "drive", "--link", "nic:veth0?priority=20"];
-        tool.args(words).current_dir(&nowhere).env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
-        for variable in ["ECMSK_LINK", "ECMSK_LOG", "CLICOLOR_FORCE"] {
-            tool.env_remove(variable);
-        }
-        failing_calls::run(&mut tool, Whose::Program, blow, LIMIT, None)
+        failing_calls::run(&mut support::tool_without_link(&words), Whose::Program, blow, LIMIT, None)
     }
 
     #[test]

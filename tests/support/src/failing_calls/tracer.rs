@@ -30,6 +30,7 @@ const OPTIONS: c_int = libc::PTRACE_O_TRACESYSGOOD
 ///
 /// # Panics
 /// It cannot be started or traced.
+#[allow(clippy::zombie_processes, reason = "the tracer waits for it")]
 pub fn run(
     command: &mut Command,
     whose: Whose,

@@ -67,7 +67,7 @@ impl Served {
     /// `speed_counts` in a cycle may take it on.
     pub fn stands_within(&self, target: i32, speed_counts: i32, has_arrived: bool) -> Result<(), String> {
         let options = Options { close: Close::Leave, ..Options::default() };
-        let look = || Ecm::open_with(&self.uri(), options.clone()).ok();
+        let look = || Ecm::open_with(&self.uri(), options).ok();
         let ecm = tcp::until("place for a writer", look);
         let told = || self.told.lines().join("; ");
         let failed = |error: ecmsk::ecm::EcmError| format!("{error} ({})", told());

@@ -131,6 +131,12 @@ fn a_verb_and_a_server_tell_of_their_recording() {
     let last = moved.err.lines().last().expect("a line");
     assert!(last.starts_with("error: ") && last.contains("frames are missing: File too large"), "{moved:?}");
 
+    let watched = run(&format!(
+        "{tool} monitor --link '{board}&record=watched.pcapng' --json --seconds 1 --interval 10ms >/dev/null"
+    ));
+    assert_eq!(watched.code, Some(124), "{watched:?}");
+    assert!(watched.err.contains("warning: watched.pcapng: "), "{watched:?}");
+
     let served = run(&format!(
         "{tool} serve tcp --listen 127.0.0.1:0 --link '{board}&record=served.pcapng' >said & server=$!
          until address=$(sed -n 's/^listening on \\(.*\\); .*/\\1/p' said) && test \"$address\"; do sleep 0.01; done

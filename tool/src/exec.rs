@@ -9,7 +9,6 @@ mod child;
 mod library;
 mod link;
 mod reasons;
-mod recording_end;
 
 use std::ffi::{OsStr, OsString};
 use std::io;
@@ -23,7 +22,7 @@ use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
 use super::error::say;
-use super::record_option;
+use super::{record_option, recording_end};
 use library::LibraryFolder;
 pub use library::find as find_library;
 use reasons::{ReasonReader, ReportMode};

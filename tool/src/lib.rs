@@ -14,7 +14,8 @@
 //!   each; `image.rs` reads Windows programs for `doctor` and `exec`
 //! - `bus.rs`: `ecmsk bus`, the look at any network, one file each verb in `bus/`
 //! - `xf.rs`: `ecmsk xf`, the verbs that talk to a chip ECM-XF, one file each in `xf/`
-//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`
+//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`; `recording_end.rs`
+//!   looks whether a recording is whole
 //! - `transfer.rs`, `hex.rs`: objects and bytes, as `bus` and `xf` take and show them
 //! - `error.rs`, `output.rs`, `stderr.rs`, `visible.rs`, `signals/`: errors, standard output and error, control
 //!   characters, Ctrl-C
@@ -45,6 +46,7 @@ mod output;
 mod plot;
 mod record_option;
 mod recording;
+mod recording_end;
 mod replay;
 mod script;
 mod serve;
@@ -71,6 +73,7 @@ Exit codes:
   0    done (also when whoever read the output has closed it)
   1    failed; the last line on standard error says why and what to do, with --json as an object of `error` and `exit_code`
   2    the command line is wrong
+  124  done, and the recording that was asked for (--record, record=) is not whole
   130  ended by Ctrl-C, 143 by SIGTERM: what moved came to a standstill first, unless a second one ended it at once;
        `serve`, which nothing else ends, has 0 then
   compare

@@ -30,10 +30,10 @@ use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
-use super::error::CliError;
+use super::error::{CliError, say};
 use super::kinds::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
-use super::{output, slot_size};
+use super::{output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};
 
@@ -116,6 +116,9 @@ pub enum MonitorError {
     /// An operation on the terminal failed.
     #[error("the terminal: {0}; for other places use --once or --json")]
     Terminal(io::Error),
+    /// The system provides no thread.
+    #[error("cannot start a thread: {0}; free some of the system's memory or threads, then run it again")]
+    Thread(io::Error),
 }
 
 impl From<LinkError> for MonitorError {
@@ -131,8 +134,20 @@ impl Args {
     }
 }
 
-/// Runs the monitor; returns the exit code.
+/// Runs the monitor; returns the exit code, which also says whether what it has recorded is whole.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
+    let code = show(args)?;
+    if code != ExitCode::SUCCESS || args.recording.is_some() {
+        return Ok(code);
+    }
+    let link = ChosenLink::find(args.link.as_ref()).map_err(MonitorError::from)?.uri;
+    Ok(recording_end::not_whole(Some(&link)).map_or(code, |lacks| {
+        say("warning", &lacks);
+        ExitCode::from(recording_end::NOT_WHOLE)
+    }))
+}
+
+fn show(args: &Args) -> Result<ExitCode, CliError> {
     if args.once || args.json {
         return match &args.recording {
             Some(file) => replay(args, file),
@@ -198,7 +213,7 @@ fn replay(args: &Args, file: &Path) -> Result<ExitCode, CliError> {
         return Err(MonitorError::NoReport { file: file.to_owned() }.into());
     }
     if let Some(damage) = walked {
-        super::error::say("note", &damage);
+        say("note", &damage);
         watched.end = Some(damage);
     }
     print(args, &watched.view())?;
@@ -213,7 +228,7 @@ fn print(args: &Args, view: &View) -> Result<(), CliError> {
 fn feed(args: &Args) -> Result<Feed, MonitorError> {
     if let Some(file) = &args.recording {
         let watched = Watched::new(file.display().to_string(), kinds(args, None).as_deref());
-        return Ok(Feed::recording(file.clone(), args.size(), watched)?);
+        return Feed::recording(file.clone(), args.size(), watched);
     }
     let chosen = ChosenLink::find(args.link.as_ref())?;
     let uri = as_reader(&chosen.uri);

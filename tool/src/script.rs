@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
 ///
 /// # Errors
 /// [`BoardError`]
-pub fn play(text: &str, args: &Args, watch: fn() -> io::Result<Interrupt>) -> Result<(), BoardError> {
+pub fn play(text: &str, args: &Args, watch: fn() -> Result<Interrupt, BoardError>) -> Result<(), BoardError> {
     let name = args.name();
     let uri = args.board.chosen()?.uri;
     let steps = parse(text, &name, args.board.network(&uri, None).as_ref(), args.board.scales())?;

@@ -20,7 +20,7 @@ use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
 use super::board::{BoardError, slaves_words, units_words};
 use super::error::say;
 use super::link_option::ChosenLink;
-use super::{CliError, output, signals, stderr};
+use super::{CliError, output, recording_end, signals, stderr};
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
@@ -108,7 +108,8 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     stderr::queue().map_err(no_thread)?;
-    let uri = served(args.link.as_ref())?.to_string();
+    let recorded = served(args.link.as_ref())?;
+    let uri = recorded.to_string();
     let options = ServeOptions {
         listen: args.listen,
         secret: Secret::find(args.secret_file.as_deref()).map_err(ServeError::from)?,
@@ -133,7 +134,18 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
     server.stop();
-    Ok(ExitCode::SUCCESS)
+    Ok(ended([&recorded]))
+}
+
+/// The exit code of a server that was told to end: what it has recorded on the way is whole or not.
+fn ended<'a>(links: impl IntoIterator<Item = &'a LinkUri>) -> ExitCode {
+    ended_with(links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect())
+}
+
+/// The exit code, by what recordings lack.
+fn ended_with(lacking: Vec<String>) -> ExitCode {
+    lacking.iter().for_each(|lacks| say("warning", lacks));
+    if lacking.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(recording_end::NOT_WHOLE) }
 }
 
 /// The board to serve. It must be named, so that nobody serves a real board by forgetting an option.
@@ -146,20 +158,23 @@ fn served(link: Option<&LinkUri>) -> Result<LinkUri, CliError> {
 }
 
 fn no_thread(error: io::Error) -> ServeError {
-    ServeError::System { what: "start the thread of standard error", message: error.to_string() }
+    ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
 /// Prints what is served. It does not wait for a reader that has stalled: the server must serve, and end on a signal,
 /// in any case.
 ///
 /// # Errors
-/// Standard output cannot be written to.
-fn announce(text: String) -> io::Result<()> {
+/// Standard output cannot be written to, or the system provides no thread.
+fn announce(text: String) -> Result<(), CliError> {
     let (done, said) = mpsc::channel();
     // The thread is not joined, because its write may never end.
-    thread::Builder::new().name("ecmsk-output".into()).spawn(move || done.send(output::print(text)))?;
+    thread::Builder::new()
+        .name("ecmsk-output".into())
+        .spawn(move || done.send(output::print(text)))
+        .map_err(no_thread)?;
     match said.recv_timeout(FLUSH_LIMIT) {
-        Ok(printed) => printed,
+        Ok(printed) => Ok(printed?),
         Err(_) => {
             say("note", &"standard output takes nothing, what is served stands there when it is read");
             Ok(())

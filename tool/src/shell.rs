@@ -35,7 +35,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode, BoardError> {
     let board = Board::open(&args.board, BoardUse::Moves, StepSource::Lines, Interrupt::watch()?)?;
     let typed = io::stdin().is_terminal();
-    let input = Input::start(typed);
+    let input = Input::start(typed)?;
     let mut failed = false;
     let mut number = 0;
     let done = loop {

@@ -1,17 +1,21 @@
 //! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
 //! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
 //! network of tests/engine and against slaves in every state in tests/ethercat, all of tests/engine over a bus that takes
-//! outputs ahead, the schedules of faults between the ECM-XF's driver and its model in tests/xf, and programs on a board and
-//! behind a chip in tests/migration.
+//! outputs ahead, the schedules of faults between the ECM-XF's driver and its model in tests/xf, programs on a board and
+//! behind a chip in tests/migration, and system calls that fail in tests/failing_calls and in those of tests/masters.
 
 use std::process::Command;
 
 use crate::command;
 use crate::error::Error;
+use crate::needs;
 use crate::project::Project;
+use crate::test::GATES;
 
 /// A program of tests/migration runs twice, each time for some seconds of the board: for so many schedules there is one.
 const PER_MIGRATION: u64 = 25;
+/// A motion on a network card takes seconds of the real clock: for so many schedules there is one.
+const PER_CARD: u64 = 25;
 
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -42,14 +46,34 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         ("xf", &["schedules::"], arguments.schedules),
         ("migration", &["generated_programs"], few),
     ];
-    for (group, filter, count) in groups {
-        let mut schedules = test(project, group, filter);
+    let groups = groups.map(|(group, filter, count)| (test(project, group, filter), count));
+    for (mut schedules, count) in groups.into_iter().chain(failing_calls(project, arguments.schedules)) {
         schedules.env("ECMSK_SOAK_SCHEDULES", count.to_string());
         schedules.env("ECMSK_SOAK_FIRST", arguments.first.to_string());
         schedules.env("ECMSK_SOAK_MINUTES", (arguments.hours * 60).to_string());
         command::run(&mut schedules)?;
     }
     Ok(())
+}
+
+/// As many blows of each kind as there are schedules, at most all that there are, where this machine can run them.
+fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
+    let mut on_boards = test(project, "failing_calls", &[]);
+    // On the real clock each is to have the machine for itself.
+    on_boards.arg("--test-threads=1");
+    let mut on_card = project.cargo();
+    on_card.args(["test", "--release", "--package=masters", "--test=failing_calls", "--", "--nocapture"]);
+    let parts = [(on_boards, count, "needs_cxx"), (on_card, count.div_ceil(PER_CARD), "needs_network_namespace")];
+    let parts = parts.map(|(mut part, count, module)| {
+        let gate = GATES.iter().find(|gate| gate.module == module);
+        let missing = gate.map(|gate| needs::set_up(project, gate.needs)).unwrap_or_default();
+        if !missing.is_empty() {
+            println!("left out: tests in modules {module}: no {}", needs::names(&missing));
+            part.arg(format!("--skip={module}::"));
+        }
+        (part, count)
+    });
+    parts.into()
 }
 
 /// A test program of the library, or the part of it that `filter` names.

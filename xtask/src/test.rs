@@ -136,7 +136,7 @@ const WINDOWS: [Part; 5] = [
 
 /// A module name for tests that need more than Rust, so that they can be left out by name.
 pub struct Gate {
-    module: &'static str,
+    pub module: &'static str,
     pub needs: &'static [Need],
 }
 

@@ -7,6 +7,7 @@
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
 //! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
+//! - programs whose system calls fail: `failing_calls`
 //!
 //! At the top, C and C++ programs on the library of this build: it is built once, programs are compiled against `include/`,
 //! linked with the library and run with the link that the test names.
@@ -22,6 +23,8 @@ pub mod dice;
 pub mod dotnet;
 pub mod ears;
 pub mod examples;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+pub mod failing_calls;
 pub mod faulty_wire;
 pub mod fieldbus_rig;
 pub mod guide;
@@ -133,6 +136,17 @@ pub fn library() -> &'static Library {
 pub fn tool() -> &'static Path {
     static TOOL: OnceLock<PathBuf> = OnceLock::new();
     TOOL.get_or_init(|| build("ecmsk-tool").join(format!("ecmsk{}", env::consts::EXE_SUFFIX)))
+}
+
+/// The tool with these words, in an environment that names no link.
+pub fn tool_without_link(words: &[&str]) -> Command {
+    let nowhere = out_dir();
+    let mut tool = Command::new(tool());
+    tool.args(words).current_dir(&nowhere).env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
+    for variable in ["ECMSK_LINK", "ECMSK_LOG", "CLICOLOR_FORCE"] {
+        tool.env_remove(variable);
+    }
+    tool
 }
 
 /// Builds a package of the workspace, with the test's profile into the test's target folder; where it lies.

@@ -18,6 +18,20 @@ pub enum BoardError {
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(#[from] io::Error),
+    /// The system has no thread, no memory or no file for it.
+    #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
+    System {
+        /// What was to be done.
+        what: &'static str,
+        /// The error of the operating system.
+        source: io::Error,
+    },
+    /// The recording lacks frames, or its end.
+    #[error("{lacks}")]
+    NotRecorded {
+        /// The file, what it lacks, and what to do.
+        lacks: String,
+    },
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),
@@ -174,10 +188,16 @@ pub enum BoardError {
 }
 
 impl BoardError {
-    /// The exit code: 128 + n after signal n, otherwise 1.
+    /// An error of the operating system that has nothing to do with standard output.
+    pub const fn system(what: &'static str) -> impl Fn(io::Error) -> Self {
+        move |source| Self::System { what, source }
+    }
+
+    /// The exit code: 128 + n after signal n, that of a recording that is not whole, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Stopped { signal, .. } => 128 + *signal,
+            Self::NotRecorded { .. } => crate::recording_end::NOT_WHOLE,
             _ => 1,
         }
     }

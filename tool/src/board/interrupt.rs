@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use super::error::BoardError;
 use crate::signals;
 
 /// The signal that has come. Made once in a program.
@@ -17,10 +18,11 @@ impl Interrupt {
     /// Watches for signals from now on: SIGINT, SIGTERM and SIGHUP, on Windows the events of the console.
     ///
     /// # Errors
-    /// Errors of the operating system.
-    pub fn watch() -> std::io::Result<Self> {
+    /// [`BoardError::System`]
+    pub fn watch() -> Result<Self, BoardError> {
         let interrupt = Self::default();
-        signals::note_once(&interrupt.signal, &interrupt.armed)?;
+        let noted = signals::note_once(&interrupt.signal, &interrupt.armed);
+        noted.map_err(BoardError::system("catch signals"))?;
         Ok(interrupt)
     }
 

@@ -41,11 +41,12 @@ impl Board {
         let mut pace = self.reporter.pace();
         let mut stopped: Option<Instant> = None;
         let (ecm, (running, ended)) = (&self.ecm, mpsc::channel::<()>());
-        let done = thread::scope(|scope| {
-            let worker = scope.spawn(move || {
+        let done: Result<_, BoardError> = thread::scope(|scope| {
+            let worker = thread::Builder::new().spawn_scoped(scope, move || {
                 let _running = running;
                 work(ecm)
             });
+            let worker = worker.map_err(BoardError::system("start a thread"))?;
             while ended.recv_timeout(POLL_INTERVAL) == Err(RecvTimeoutError::Timeout) {
                 if self.interrupt.signal().is_some() {
                     if stopped.is_none() {
@@ -67,9 +68,10 @@ impl Board {
                     );
                 }
             }
-            worker.join().unwrap_or_else(|panic| resume_unwind(panic))
+            Ok(worker.join().unwrap_or_else(|panic| resume_unwind(panic)))
         });
         self.reporter.clear();
+        let done = done?;
         if done.is_err() {
             self.check_stop()?;
         }

@@ -19,6 +19,7 @@ use super::interrupt::Interrupt;
 use super::network::{Scales, find_axis};
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
+use crate::recording_end;
 
 /// \[OURS] An axis that is at most this far from its last target stands at it, since drives settle within a few
 /// counts; its next move begins at that target. An axis further away has not completed its move.
@@ -164,7 +165,7 @@ impl Board {
     /// # Errors
     /// The error of the steps, or else that of closing.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
-        let Self { ecm, reporter, close, .. } = self;
+        let Self { ecm, reporter, close, uri, .. } = self;
         reporter.clear();
         let closed = ecm.close(close);
         if let (Err(BoardError::Stopped { signal, .. }), Ok(())) = (&done, &closed) {
@@ -176,7 +177,10 @@ impl Board {
             return Err(BoardError::Stopped { signal: *signal, next: next.into() });
         }
         match (done, closed) {
-            (Ok(()), closed) => Ok(closed?),
+            (Ok(()), closed) => {
+                closed?;
+                recording_end::not_whole(Some(&uri)).map_or(Ok(()), |lacks| Err(BoardError::NotRecorded { lacks }))
+            }
             (Err(error), Err(also)) => {
                 reporter.note(format_args!("closing the board failed too: {also}"));
                 Err(error)

@@ -46,20 +46,20 @@ impl Feed {
         watched.report(nanoseconds(first.meta), first.frame(), size);
         let failed = Arc::new(Mutex::new(None));
         let problem = Arc::clone(&failed);
-        Ok(Self::start(watched, Some(link), failed, move |watched, stop| {
+        Self::start(watched, Some(link), failed, move |watched, stop| {
             let end = read(&ecm, size, watched, stop);
             if let Err(error) = end {
                 lock(watched).end = Some(error.to_string());
                 *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
             }
-        }))
+        })
     }
 
     /// Opens a recording and plays it as fast as it was recorded.
-    pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, RecordError> {
+    pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, MonitorError> {
         // An invalid file is an error before the screen is taken over.
         drop(Frames::open(&file, slot, None)?);
-        Ok(Self::start(watched, None, Arc::default(), move |watched, stop| {
+        Self::start(watched, None, Arc::default(), move |watched, stop| {
             let began = Instant::now();
             let played = walk(&file, slot, |framed| {
                 let due = began + Duration::from_nanos(framed.time_ns.max(0).unsigned_abs());
@@ -74,7 +74,7 @@ impl Feed {
                 Ok(Some(damage)) => damage,
                 Err(error) => error.to_string(),
             });
-        }))
+        })
     }
 
     fn start(
@@ -82,12 +82,12 @@ impl Feed {
         link: Option<Arc<dyn Link>>,
         failed: Arc<Mutex<Option<EcmError>>>,
         work: impl FnOnce(&Mutex<Watched>, &AtomicBool) + Send + 'static,
-    ) -> Self {
+    ) -> Result<Self, MonitorError> {
         let watched = Arc::new(Mutex::new(watched));
         let stop = Arc::new(AtomicBool::new(false));
         let (seen, end) = (Arc::clone(&watched), Arc::clone(&stop));
-        let thread = thread::spawn(move || work(&seen, &end));
-        Self { watched, stop, link, failed, thread: Some(thread) }
+        let thread = thread::Builder::new().name("board".into()).spawn(move || work(&seen, &end));
+        Ok(Self { watched, stop, link, failed, thread: Some(thread.map_err(MonitorError::Thread)?) })
     }
 
     /// The present view, and why the source has ended, if it has.

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
     server.stop();
-    Ok(ExitCode::SUCCESS)
+    Ok(super::ended(&links))
 }
 
 /// The links of the options, or the one that the library would find.

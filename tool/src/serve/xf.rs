@@ -54,7 +54,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before anything can move.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
     stderr::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
-    let uri = super::served(args.link.as_ref())?.to_string();
+    let recorded = super::served(args.link.as_ref())?;
+    let uri = recorded.to_string();
     let options = Options {
         listen: args.listen.clone(),
         insecure_anyone: args.insecure_anyone,
@@ -77,7 +78,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     server.flush();
     say("serve", &format_args!("stopped by {signal}"));
     server.stop();
-    Ok(ExitCode::SUCCESS)
+    Ok(super::ended([&recorded]))
 }
 
 fn described(info: &ChipInfo) -> String {

@@ -37,11 +37,14 @@ pub struct Input {
 
 impl Input {
     /// Starts the thread; `typed` tells whether standard input is a terminal.
-    pub fn start(typed: bool) -> Self {
+    ///
+    /// # Errors
+    /// [`BoardError::System`]
+    pub fn start(typed: bool) -> Result<Self, BoardError> {
         let terminal = Terminal::now();
         let (wanted, asked) = mpsc::channel();
         let (sender, lines) = mpsc::channel();
-        thread::spawn(move || {
+        let read = move || {
             let mut next: Box<dyn FnMut() -> Typed> = match typed.then(terminal_lines) {
                 Some(Ok(next)) => Box::new(next),
                 Some(Err(error)) => {
@@ -51,8 +54,9 @@ impl Input {
                 None => Box::new(piped_lines()),
             };
             while asked.recv().is_ok() && sender.send(next()).is_ok() {}
-        });
-        Self { wanted, typed: lines, terminal }
+        };
+        thread::Builder::new().name("lines".into()).spawn(read).map_err(BoardError::system("start a thread"))?;
+        Ok(Self { wanted, typed: lines, terminal })
     }
 
     /// The next line; `None` after the last one.

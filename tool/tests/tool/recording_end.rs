@@ -3,9 +3,10 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::process::Command;
 
 use crate::common::exec::ExecFolder;
-use crate::common::run;
+use crate::common::{Ran, run};
 use serde_json::Value;
 use support::recorded::{Program, Run};
 
@@ -111,4 +112,37 @@ fn exec_tells_of_its_recording() {
     // Nothing was recorded, and nothing is left of what was there.
     place.run(&again, ":").expect_quiet();
     assert!(!file.exists());
+}
+
+/// A verb, and a server, that have done what they were to do and whose disk was full say what the recording lacks, and end with
+/// 124.
+#[test]
+fn a_verb_and_a_server_tell_of_their_recording() {
+    let place = ExecFolder::new();
+    let tool = env!("CARGO_BIN_EXE_ecmsk");
+    // The disk is full after 64 KiB.
+    let run = |script: &str| {
+        let script = format!("trap '' XFSZ; ulimit -f 128; {script}");
+        Ran::from(Command::new("sh").args(["-c", &script]).current_dir(place.path()).output().expect("sh starts"))
+    };
+    let board = "sim:?slaves=drive&clock=virtual";
+    let moved = run(&format!("{tool} move 1=100000 --up --link '{board}' --record moved.pcapng"));
+    assert_eq!((moved.code, moved.out.as_str()), (Some(124), "axis 1: at 100000\n"), "{moved:?}");
+    let last = moved.err.lines().last().expect("a line");
+    assert!(last.starts_with("error: ") && last.contains("frames are missing: File too large"), "{moved:?}");
+
+    let watched = run(&format!(
+        "{tool} monitor --link '{board}&record=watched.pcapng' --json --seconds 1 --interval 10ms >/dev/null"
+    ));
+    assert_eq!(watched.code, Some(124), "{watched:?}");
+    assert!(watched.err.contains("warning: watched.pcapng: "), "{watched:?}");
+
+    let served = run(&format!(
+        "{tool} serve tcp --listen 127.0.0.1:0 --link '{board}&record=served.pcapng' >said & server=$!
+         until address=$(sed -n 's/^listening on \\(.*\\); .*/\\1/p' said) && test \"$address\"; do sleep 0.01; done
+         {tool} move 1=100000 --up --link tcp://$address && kill -TERM $server && wait $server"
+    ));
+    assert_eq!((served.code, served.out.as_str()), (Some(124), "axis 1: at 100000\n"), "{served:?}");
+    let last = served.err.lines().last().expect("a line");
+    assert!(last.starts_with("warning: ") && last.contains("frames are missing: File too large"), "{served:?}");
 }

@@ -45,13 +45,7 @@ impl Ran {
 
 /// The tool in this thread's network, in an environment that names no link.
 pub fn tool(words: &[&str]) -> Command {
-    let nowhere = support::out_dir();
-    let mut tool = Command::new(support::tool());
-    tool.args(words).current_dir(&nowhere).env("HOME", &nowhere).env("XDG_CONFIG_HOME", &nowhere);
-    for variable in ["ECMSK_LINK", "ECMSK_LOG", "CLICOLOR_FORCE"] {
-        tool.env_remove(variable);
-    }
-    tool
+    support::tool_without_link(words)
 }
 
 pub fn run(words: &[&str]) -> Ran {

@@ -2,10 +2,13 @@
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-use std::process::{Child, Command, ExitCode, ExitStatus};
+use std::process::{Command, ExitCode, ExitStatus};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::{io, thread};
 
-use rustix::process::{Pid, Signal, kill_process};
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::iterator::Signals;
 
 use super::{ExecError, failed, not_started};
@@ -24,20 +27,36 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     // tool was started to ignore (`nohup`) stay ignored. This happens before the program starts, so that no signal is
     // lost in between.
     let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
-    let mut signals = Signals::new(ours.chain([SIGCHLD])).map_err(failed("catch signals"))?;
-    let mut child = command.spawn().map_err(|source| not_started(program, source))?;
-    loop {
-        for signal in signals.wait() {
+    let mut signals = Signals::new(ours).map_err(failed("catch signals"))?;
+    // The process id as long as it is the program's.
+    let running = Arc::new(Mutex::new(None));
+    let mut started = running.lock().unwrap_or_else(PoisonError::into_inner);
+    // A thread of its own, so that the end of the program is noticed even if the system loses a signal. It waits for the
+    // lock until the program runs.
+    let passed_on = Arc::clone(&running);
+    let pass_on = move || {
+        for signal in signals.forever() {
             match signal {
-                SIGTERM => pass_on(&child, Signal::TERM),
-                SIGHUP => pass_on(&child, Signal::HUP),
+                SIGTERM => pass_on(&passed_on, Signal::TERM),
+                SIGHUP => pass_on(&passed_on, Signal::HUP),
                 _ => {}
             }
         }
-        if let Some(ended) = child.try_wait().map_err(failed("wait for the program"))? {
-            return Ok(ended);
+    };
+    thread::Builder::new().name("signals".into()).spawn(pass_on).map_err(failed("start a thread"))?;
+    let mut child = command.spawn().map_err(|source| not_started(program, source))?;
+    let id = Pid::from_child(&child);
+    *started = Some(id);
+    drop(started);
+
+    let wait = || waitid(WaitId::Pid(id), WaitIdOptions::EXITED | WaitIdOptions::NOWAIT);
+    while let Err(error) = wait() {
+        if error != Errno::INTR {
+            return Err(failed("wait for the program")(io::Error::from(error)));
         }
     }
+    running.lock().unwrap_or_else(PoisonError::into_inner).take();
+    child.wait().map_err(failed("wait for the program"))
 }
 
 /// The exit code of the program, or 128 + n after signal n, as shells have it.
@@ -47,9 +66,11 @@ pub fn end_as(ended: ExitStatus) -> ExitCode {
     ExitCode::from(code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX))
 }
 
-/// Passes a signal on to the program, which has not been waited for yet, so its process id cannot be that of another
-/// process.
-fn pass_on(child: &Child, signal: Signal) {
-    // The program may have ended already.
-    let _ = kill_process(Pid::from_child(child), signal);
+/// Passes a signal on to the program, unless that was waited for: then its process id may be that of another process.
+fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
+    let running = running.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(id) = *running {
+        // The program may have ended already.
+        let _ = kill_process(id, signal);
+    }
 }

@@ -1,19 +1,23 @@
-//! Checks the recording of a program that has ended.
+//! Checks the recording of a program, or of a verb, that has ended.
 
 use std::path::Path;
 
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
-/// The exit code if the program succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
+/// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
 /// program that it has ended, and none that shells or `env` use.
 pub const NOT_WHOLE: u8 = 124;
 
 /// What the recording of the link lacks, with its file's name; `None` if nothing is known to be missing, or the link
 /// does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
-    let file = link?.value("record")?;
-    let path = Path::new(file);
+    file_not_whole(Path::new(link?.value("record")?))
+}
+
+/// The same of a file.
+pub fn file_not_whole(path: &Path) -> Option<String> {
+    let file = path.display();
     // The end of a pipe is checked by its reader. A program that has opened no board has made no file.
     if !path.metadata().is_ok_and(|there| there.is_file()) {
         return None;

@@ -1,0 +1,100 @@
+//! A board that this process serves, whose writer is struck: after the writer's end its axis stands, and nothing of what the
+//! board has taken is unaccounted for.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ecmsk::ecm::{Close, Config, Ecm, Options};
+use ecmsk::link::{self, Layer, Link, LinkError, Share, Stamp, Wait};
+use ecmsk::port::tcp::Server;
+use ecmsk::sk::{Frame, MasterState};
+use support::tcp::{self, Told};
+
+/// A brake from full speed takes an axis as far as fewer cycles at that speed.
+const BRAKE_CYCLES: i32 = 150;
+/// Cycles in which a drive whose targets have come to a standstill comes to rest.
+const REST: usize = 50;
+/// Cycles that are looked on at an axis that has to stand.
+const LOOKED_ON: usize = 50;
+/// A standing drive may be off by this much.
+const NOISE_COUNTS: u32 = 2;
+
+/// Counts the frames that reach the board.
+struct Counted {
+    inner: Arc<dyn Link>,
+    written: Arc<AtomicU64>,
+}
+
+impl Layer for Counted {
+    fn inner(&self) -> &dyn Link {
+        self.inner.as_ref()
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        let stamp = self.inner.write(frame, wait)?;
+        self.written.fetch_add(1, Ordering::Relaxed);
+        Ok(stamp)
+    }
+}
+
+pub struct Served {
+    server: Server,
+    told: Told,
+    written: Arc<AtomicU64>,
+}
+
+impl Served {
+    /// Serves a drive in virtual time.
+    pub fn start() -> Self {
+        let (options, told) = tcp::options();
+        let written = Arc::new(AtomicU64::new(0));
+        let uri = tcp::own("sim:?slaves=drive&clock=virtual");
+        let inner = link::open(&uri, Share::ByUri).expect("a board");
+        let link = Arc::new(Counted { inner, written: Arc::clone(&written) });
+        Self { server: tcp::serve_link(link, options), told, written }
+    }
+
+    pub fn uri(&self) -> String {
+        tcp::uri(&self.server, "")
+    }
+
+    /// The frames that have reached the board.
+    pub fn written(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
+    }
+
+    /// The axis stands, between where it began and the target; at the target if the writer `has_arrived`. A brake from
+    /// `speed_counts` in a cycle may take it on.
+    pub fn stands_within(&self, target: i32, speed_counts: i32, has_arrived: bool) -> Result<(), String> {
+        let options = Options { close: Close::Leave, ..Options::default() };
+        let look = || Ecm::open_with(&self.uri(), options).ok();
+        let ecm = tcp::until("place for a writer", look);
+        let told = || self.told.lines().join("; ");
+        let failed = |error: ecmsk::ecm::EcmError| format!("{error} ({})", told());
+        ecm.adopt(&Config::drives(1)).map_err(failed)?;
+        let mut first = ecm.next_cycle(tcp::LIMIT).map_err(failed)?;
+        let is_up = first.state().state() == Some(MasterState::Op);
+        if has_arrived && !is_up {
+            return Err(format!("the network is in {:?} ({})", first.state(), told()));
+        }
+        if !is_up {
+            return Ok(());
+        }
+        for _ in 0..REST {
+            first = ecm.next_cycle(tcp::LIMIT).map_err(failed)?;
+        }
+        let from = first.position(1).ok_or("no axis")?;
+        let mut to = from;
+        for _ in 0..LOOKED_ON {
+            to = ecm.next_cycle(tcp::LIMIT).map_err(failed)?.position(1).ok_or("no axis")?;
+        }
+        ecm.close(Close::Leave).map_err(failed)?;
+        if from.abs_diff(to) > NOISE_COUNTS {
+            return Err(format!("the axis moves without a writer: from {from} to {to} ({})", told()));
+        }
+        let noise = NOISE_COUNTS.cast_signed();
+        let expected =
+            if has_arrived { target - noise..=target + noise } else { -noise..=target + speed_counts * BRAKE_CYCLES };
+        if expected.contains(&to) { Ok(()) } else { Err(format!("the axis is at {to} ({})", told())) }
+    }
+}

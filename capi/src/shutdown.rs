@@ -77,6 +77,9 @@ extern "C" fn at_exit() {
     if process::id() == OWNER.load(Ordering::Relaxed) && !is_forked() {
         let _ = std::panic::catch_unwind(crate::exported::boards::vanish_all);
     }
+    if !is_forked() {
+        let _ = std::panic::catch_unwind(crate::logger::finish);
+    }
 }
 
 #[cfg(unix)]

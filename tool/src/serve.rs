@@ -14,7 +14,7 @@ use std::{io, thread};
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, KnownNetwork, LinkError, LinkInfo, Share, tcp::Secret};
-use ecmsk::port::notes::FLUSH_LIMIT;
+use ecmsk::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};

@@ -4,7 +4,7 @@
 use std::io::{self, Write};
 use std::sync::OnceLock;
 
-use ecmsk::port::notes::{Note, Notes, Teller};
+use ecmsk::notes::{Note, Notes, Teller};
 
 use super::visible::visible_bytes;
 

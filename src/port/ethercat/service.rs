@@ -15,8 +15,8 @@ use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
 use crate::io::ethernet::{Claim, LinkState, Socket};
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
+use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
-use crate::port::notes::Notes;
 use crate::port::serving::Shared;
 
 /// How often time passes for slaves that get no frame, and how often their states are looked at. \[OURS]

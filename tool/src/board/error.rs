@@ -8,6 +8,7 @@ use ecmsk::link::LinkError;
 use ecmsk::sk::{MasterState, StateByte};
 
 use crate::link_option::{ChoiceError, Unnamed};
+use crate::streams;
 
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +18,7 @@ pub enum BoardError {
     Record(#[from] crate::record_option::RecordError),
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
-    Output(#[from] io::Error),
+    Output(io::Error),
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of text")]
     Input(io::Error),
@@ -155,6 +156,16 @@ pub enum BoardError {
         /// What the axes do, and what to do.
         next: String,
     },
+}
+
+impl From<io::Error> for BoardError {
+    /// An error of standard output, or the signal that has ended the wait for its reader.
+    fn from(error: io::Error) -> Self {
+        match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
+            Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
+            None => Self::Output(error),
+        }
+    }
 }
 
 impl BoardError {

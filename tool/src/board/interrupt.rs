@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::signals;
+use crate::{signals, streams};
 
 /// The signal that has come. Made once in a program.
 #[derive(Debug, Default)]
@@ -21,6 +21,7 @@ impl Interrupt {
     pub fn watch() -> std::io::Result<Self> {
         let interrupt = Self::default();
         signals::note_once(&interrupt.signal, &interrupt.armed)?;
+        streams::end_waits_on(&interrupt.signal);
         Ok(interrupt)
     }
 

@@ -164,7 +164,7 @@ pub(crate) struct Cards {
     first: Card,
     second: Card,
     /// What is said when the first one is gone, the second one, and both.
-    gone: [CardsGone; 3],
+    gone: Box<[CardsGone; 3]>,
 }
 
 impl Cards {
@@ -182,7 +182,7 @@ impl Cards {
         }
         };
         let both = CardsGone { text: gone_text(&first.name, &[&second.name]).into(), is_all: true };
-        Self { gone: [one(&first, &second), one(&second, &first), both], first, second }
+        Self { gone: Box::new([one(&first, &second), one(&second, &first), both]), first, second }
     }
 }
 
@@ -221,7 +221,7 @@ impl CardPair for Cards {
     }
 
     fn cards_gone(&self) -> Option<CardsGone> {
-        let [first, second, both] = &self.gone;
+        let [first, second, both] = &*self.gone;
         let gone = match (self.first.is_gone, self.second.is_gone) {
             (false, false) => return None,
             (true, false) => first,

@@ -25,11 +25,14 @@ mod needs_network_namespace {
         }
     }
 
-    /// Waits until it has claimed the card.
+    /// Waits until it has opened the card.
     fn until_opened(child: &mut Child) {
+        let shown = support::succeed(Command::new("ip").args(["-o", "link", "show", MASTER]));
+        let index = shown.split(':').next().expect("its number");
         let is_open = || {
-            let sockets = std::fs::read_to_string("/proc/thread-self/net/unix").expect("the sockets of this namespace");
-            sockets.contains("@ecmsk/nic/")
+            let sockets =
+                std::fs::read_to_string("/proc/thread-self/net/packet").expect("the sockets of this namespace");
+            sockets.lines().any(|line| line.split_whitespace().nth(4) == Some(index))
         };
         while !is_open() {
             assert!(child.try_wait().expect("it is ours").is_none(), "it has ended");

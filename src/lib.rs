@@ -137,6 +137,7 @@
 //! | [`recording`] | reads recordings, and USB captures of Wireshark |
 //! | [`compare`], `replay`, [`summary`] | what differs between two runs, what the model answers to a recorded one, what went wrong in one |
 //! | [`migrate`] | what a recorded program needs of an ECM-XF |
+//! | [`notes`] | a bounded queue of lines for a log that nobody may read |
 //! | `port` | serves a board to other programs and machines, by TCP or as a virtual USB device |
 //! | `machine` | whether this machine is set up for a board, and what to do if it is not |
 //! | [`io`] | HID on USB and SPI with its lines, below the links `usb:`, `spi:` and `xf-spi:` |
@@ -200,6 +201,8 @@ pub mod machine;
 pub mod master;
 #[cfg(feature = "std")]
 pub mod migrate;
+#[cfg(feature = "std")]
+pub mod notes;
 #[cfg(all(feature = "serve", any(unix, windows)))]
 pub mod port;
 #[cfg(feature = "std")]

@@ -65,6 +65,10 @@ impl OpenBoard {
             OPEN.fetch_sub(1, Ordering::Relaxed);
         }
         end(self.link.as_ref());
+        #[cfg(windows)]
+        if !any_open() {
+            crate::logger::rest();
+        }
         lock(&self.module).take();
     }
 

@@ -1,22 +1,169 @@
 //! The log. It is written to standard error as far as `ECMSK_LOG` asks for it, and its warnings go to `ecmsk exec` if that has
 //! started the program. Without either the library prints nothing, like the vendor's library.
+//!
+//! No call of the program waits for it: standard error may be a pipe that nobody reads, or a terminal that is held, while an axis
+//! moves. Lines go into a queue ([`notes`](ecmsk::notes)), and a thread writes them. At the end of the process they are waited
+//! for, after the boards were released and for a limited time.
+
+use std::io::Write;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+use std::{io, mem, process};
 
 use ecmsk::link::config;
+use ecmsk::notes::{Note, Notes, Teller};
 use ecmsk::summary::writer::{self, SummaryWriter};
 use log::{Level, LevelFilter, Log, Metadata, Record};
+
+/// How long the end of the process waits for the last lines. \[OURS] A reader that works takes them at once.
+const END_WAIT_MAX: Duration = Duration::from_millis(100);
 
 /// Installs the log of the process. A Rust program that links the static library may have installed its own before, which is
 /// used then.
 pub fn set_up() {
     let wanted = config::variable("ECMSK_LOG").and_then(|wanted| wanted.into_string().ok());
     let shown = wanted.filter(|wanted| !wanted.is_empty());
-    let shown = shown.map(|wanted| env_logger::Builder::new().parse_filters(&wanted).build());
+    let shown = shown.map(|wanted| {
+        let target = env_logger::Target::Pipe(Box::new(StandardError));
+        env_logger::Builder::new().parse_filters(&wanted).target(target).build()
+    });
     let summary_writer = writer::of_process();
     let level = |wanted: bool, level| if wanted { level } else { LevelFilter::Off };
     let shown_level = shown.as_ref().map_or(LevelFilter::Off, env_logger::Logger::filter);
     let max = shown_level.max(level(summary_writer.is_some(), LevelFilter::Warn));
     if max > LevelFilter::Off && log::set_boxed_logger(Box::new(Logger { shown, summary_writer })).is_ok() {
         log::set_max_level(max);
+    }
+}
+
+/// Waits until the lines so far are written, at most 100 ms. For the end of the process.
+pub fn finish() {
+    // A thread that holds the lock does so for some instructions. If this process ends in a handler of a signal that has
+    // interrupted them, the lock never becomes free.
+    if let Ok(lines) = LINES.try_lock()
+        && let Some(lines) = lines.as_ref().filter(|lines| lines.process == process::id())
+        && let Some(teller) = &lines.teller
+    {
+        teller.flush_within(END_WAIT_MAX);
+    }
+}
+
+/// Ends the thread that writes lines, since Windows may unload this library when no board is open. It begins again with the next
+/// line of an open board.
+#[cfg(windows)]
+pub fn rest() {
+    let lines = LINES.lock().unwrap_or_else(PoisonError::into_inner).take();
+    if let Some(teller) = lines.and_then(|lines| lines.teller) {
+        teller.end_within(END_WAIT_MAX);
+    }
+}
+
+/// The lines of this process on their way to standard error. The lock is held by calls of this library for some instructions, never
+/// by the thread that writes: a child of fork that may use this library finds it free.
+static LINES: Mutex<Option<Lines>> = Mutex::new(None);
+
+struct Lines {
+    /// A child of fork has another id, and no thread of its parent. It begins anew.
+    process: u32,
+    notes: Notes<Vec<u8>>,
+    /// `None`: the system had no thread. The lines are kept, and it is asked again with the next one.
+    teller: Option<Teller<Vec<u8>>>,
+}
+
+impl Lines {
+    fn begin(process: u32) -> Self {
+        Self { process, notes: Notes::default(), teller: None }
+    }
+
+    fn add(&mut self, line: Vec<u8>) {
+        self.notes.tell(line);
+        if self.teller.is_none() {
+            self.teller = Teller::start(&self.notes, tell).ok();
+        }
+    }
+}
+
+/// Writes a line, in the thread that does so.
+fn tell(note: Note<Vec<u8>>) {
+    match note {
+        Note::Told(line) => write_now(&line),
+        Note::Dropped(count) => write_now(
+            format!("ecmsk: {count} lines of the log were dropped here, those before were not read in time\n")
+                .as_bytes(),
+        ),
+    }
+}
+
+/// A standard error that takes nothing any more is ignored.
+fn write_now(bytes: &[u8]) {
+    let _ = raw::write_all(bytes);
+}
+
+/// Standard error as `env_logger` sees it, which writes a record in one piece.
+struct StandardError;
+
+impl Write for StandardError {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if cfg!(windows) && !crate::board::any_open() {
+            // No thread of ours may be left when the library is unloaded, and no board is there that could wait.
+            write_now(bytes);
+            return Ok(bytes.len());
+        }
+        let mut lines = LINES.lock().unwrap_or_else(PoisonError::into_inner);
+        let here = process::id();
+        let lines = lines.get_or_insert_with(|| Lines::begin(here));
+        if lines.process != here {
+            // A thread of the parent may have held a lock of the old ones.
+            mem::forget(mem::replace(lines, Lines::begin(here)));
+        }
+        lines.add(bytes.to_vec());
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(unix)]
+mod raw {
+    use std::io;
+
+    /// Writes to standard error without the lock of [`std::io::stderr`]: a child of fork would find it held by a thread of its
+    /// parent that waits for the reader.
+    pub fn write_all(mut bytes: &[u8]) -> io::Result<()> {
+        while !bytes.is_empty() {
+            // SAFETY: the bytes are valid for that length, and are only read.
+            let written = unsafe { libc::write(libc::STDERR_FILENO, bytes.as_ptr().cast(), bytes.len()) };
+            match usize::try_from(written) {
+                Ok(written) => bytes = &bytes[written..],
+                Err(_) => wait_for_room(io::Error::last_os_error())?,
+            }
+        }
+        Ok(())
+    }
+
+    /// After a write that was interrupted or, where the program has set standard error so, has found no room.
+    fn wait_for_room(error: io::Error) -> io::Result<()> {
+        match error.kind() {
+            io::ErrorKind::Interrupted => Ok(()),
+            io::ErrorKind::WouldBlock => {
+                let mut polled = libc::pollfd { fd: libc::STDERR_FILENO, events: libc::POLLOUT, revents: 0 };
+                // SAFETY: one valid structure. If the wait fails the next write says why.
+                unsafe { libc::poll(&raw mut polled, 1, -1) };
+                Ok(())
+            }
+            _ => Err(error),
+        }
+    }
+}
+
+#[cfg(not(unix))]
+mod raw {
+    use std::io::{self, Write};
+
+    pub fn write_all(bytes: &[u8]) -> io::Result<()> {
+        io::stderr().write_all(bytes)
     }
 }
 
@@ -53,5 +200,7 @@ impl Log for Logger {
         }
     }
 
-    fn flush(&self) {}
+    fn flush(&self) {
+        finish();
+    }
 }

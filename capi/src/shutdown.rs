@@ -2,7 +2,7 @@
 //!
 //! When the process ends the boards' threads are stopped and recordings completed, and a server of a board is told that the
 //! program has vanished, whatever the exit code. A child of fork has no threads of its parent, so it cannot use the boards
-//! that were open.
+//! that were open; it lets go of their connections, so that a server notices the end of its parent.
 
 #[cfg(unix)]
 use std::process;
@@ -77,6 +77,9 @@ extern "C" fn at_exit() {
     if process::id() == OWNER.load(Ordering::Relaxed) && !is_forked() {
         let _ = std::panic::catch_unwind(crate::exported::boards::vanish_all);
     }
+    if !is_forked() {
+        let _ = std::panic::catch_unwind(crate::logger::finish);
+    }
 }
 
 #[cfg(unix)]
@@ -85,10 +88,12 @@ extern "C" fn watch_forks() {
         // FORKED is never cleared, so that it holds in children of the child too.
         if board::any_open() || CALLS_THAT_MAY_HOLD_LOCK.load(Ordering::SeqCst) > 0 {
             FORKED.store(true, Ordering::Relaxed);
+            // SAFETY: this is a child that was just forked, and no call of it reaches a board of its parent from here on.
+            unsafe { ecmsk::link::tcp::close_in_child() };
         }
     }
 
-    // SAFETY: the function only reads two atomics and sets another one, and the library stays in memory (`nodelete`). If the
+    // SAFETY: the function only reads and sets atomics and closes descriptors, and the library stays in memory (`nodelete`). If the
     // system has no memory for the registration forks are not noticed.
     unsafe { libc::pthread_atfork(None, None, Some(in_child)) };
 }

@@ -28,6 +28,9 @@ pub enum BusError {
          cable into a network card and name that, e.g. --link nic:eth1"
     )]
     IsBoard { link: String },
+    /// The network card is gone, or both are.
+    #[error("{text}")]
+    CardGone { text: String },
     /// See [`ScanError`].
     #[error("the slaves were not found: {0}")]
     Scan(#[from] ScanError),

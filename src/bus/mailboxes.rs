@@ -124,5 +124,12 @@ pub(super) fn unless_gone(network: &mut impl Mailboxes, slave: u8, error: BusErr
         BusError::File { error, .. } => matches!(error, FileError::File(_)),
         _ => false,
     };
-    if is_refusal || network.read(slave, AL_STATUS, &mut [0; 2]).is_ok() { error } else { BusError::Gone { slave } }
+    if is_refusal {
+        return error;
+    }
+    match network.read(slave, AL_STATUS, &mut [0; 2]) {
+        Ok(()) => error,
+        Err(gone @ BusError::CardGone { .. }) => gone,
+        Err(_) => BusError::Gone { slave },
+    }
 }

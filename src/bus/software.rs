@@ -73,6 +73,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
     fn look(&mut self) -> Result<(), BusError> {
         self.found.clear();
         let counted = self.datagram(Command::Brd, 0, AL_STATUS, 2).map_or(0, |answer| answer.working_counter);
+        self.check_cards()?;
         for position in 0..counted {
             let answer = self.datagram(Command::Aprd, position.wrapping_neg(), AL_STATUS, 6);
             let bytes = answer.and_then(|answer| answer.data.first_chunk().copied()).unwrap_or_default();
@@ -83,6 +84,24 @@ impl<W: NicWires> SoftwareNetwork<W> {
             self.found.push(SlaveState { status, code });
         }
         Ok(())
+    }
+
+    /// Waits for the end of something that was started.
+    ///
+    /// # Errors
+    /// [`BusError::CardGone`]
+    fn finish(&mut self, id: JobId) -> Result<JobDone, BusError> {
+        let done = self.wait_for(id);
+        self.check_cards().map(|()| done)
+    }
+
+    /// # Errors
+    /// [`BusError::CardGone`]
+    fn check_cards(&self) -> Result<(), BusError> {
+        match self.wires.cards_gone().filter(|gone| gone.is_all) {
+            Some(gone) => Err(BusError::CardGone { text: gone.text.to_string() }),
+            None => Ok(()),
+        }
     }
 
     fn info(&self, slave: u8) -> Result<&SlaveInfo, BusError> {
@@ -102,7 +121,7 @@ impl<W: NicWires> Mailboxes for SoftwareNetwork<W> {
 
     fn run(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
         let id = start(&mut self.master, slave);
-        Ok(self.wait_for(id))
+        self.finish(id)
     }
 }
 
@@ -110,7 +129,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError> {
         self.look()?;
         let id = self.master.scan();
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::Scan(Ok(1..)) => {}
             JobDone::Scan(Err(error)) => return Err(error.into()),
             _ => return Err(BusError::NoSlave),
@@ -155,7 +174,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
             while self.master.take_event().is_some() {}
             self.wires.wait(until.min(self.wires.now().saturating_add(TURN_NS)));
         }
-        Ok(())
+        self.check_cards()
     }
 
     fn load(&mut self, time: Duration) -> Result<(), BusError> {
@@ -174,7 +193,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError> {
         self.info(slave)?;
         let id = self.master.read_registers(slave, address, data.len());
-        if let JobDone::ReadRegisters(read) = self.wait_for(id) {
+        if let JobDone::ReadRegisters(read) = self.finish(id)? {
             let read = read.map_err(|error| BusError::Register { slave, address, error })?;
             data.iter_mut().zip(read).for_each(|(to, from)| *to = from);
         }
@@ -184,7 +203,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError> {
         self.info(slave)?;
         let id = self.master.write_registers(slave, address, data);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::WriteRegisters(written) => written.map_err(|error| BusError::Register { slave, address, error }),
             _ => Ok(()),
         }
@@ -193,7 +212,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError> {
         self.info(slave)?;
         let id = self.master.request_state([slave].into_iter().collect::<SlaveSet>(), AlState::PreOp, PREOP_MAX_NS);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::State(Ok(())) => Ok(()),
             JobDone::State(Err(error)) => Err(BusError::State(error)),
             _ => Err(BusError::State(StateError { slave, target: AlState::PreOp, reason: StateReason::NoAnswer })),
@@ -203,7 +222,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError> {
         mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
         let id = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::Upload(value) => {
                 value.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
             }
@@ -214,7 +233,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError> {
         mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
         let id = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::Download(written) => {
                 written.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
             }
@@ -241,7 +260,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError> {
         self.info(slave)?;
         let id = self.master.read_eeprom(slave, first, count);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::ReadEeprom(words) => words.map_err(|error| BusError::Eeprom { slave, error }),
             _ => Ok(Vec::new()),
         }
@@ -250,7 +269,7 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError> {
         self.info(slave)?;
         let id = self.master.write_eeprom(slave, first, words);
-        match self.wait_for(id) {
+        match self.finish(id)? {
             JobDone::WriteEeprom(written) => written.map_err(|error| BusError::Eeprom { slave, error }),
             _ => Ok(()),
         }

@@ -2,7 +2,7 @@
 
 use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
-use crate::fieldbus::{Fieldbus, Ns};
+use crate::fieldbus::{CardsGone, Fieldbus, Ns};
 use crate::sk::Frame;
 
 /// A script: what is done to a board and its network at given times.
@@ -83,6 +83,11 @@ impl Board {
     /// not look at it sees zeros (SK-4).
     pub const fn busy(&self) -> bool {
         !self.engine.talks()
+    }
+
+    /// The network cards that are gone ([`Fieldbus::cards_gone`]).
+    pub fn cards_gone(&self) -> Option<CardsGone> {
+        self.bus.cards_gone()
     }
 
     /// Whether frames come back from the network.

@@ -36,6 +36,8 @@ pub enum Stop {
     Closed,
     /// The wait was cancelled.
     Cancelled,
+    /// The hardware that runs the bus is gone for good ([`Fieldbus::cards_gone`](crate::fieldbus::Fieldbus::cards_gone)).
+    BusGone,
 }
 
 struct State {
@@ -106,6 +108,9 @@ impl Stepped {
             if let Some(report) = reports.pop(out) {
                 return Ok(report);
             }
+            if board.cards_gone().is_some_and(|gone| gone.is_all) {
+                return Err(Stop::BusGone);
+            }
             if let Some((since, cycles)) = board.silence() {
                 return Err(Stop::Silent { since, cycles });
             }
@@ -136,9 +141,14 @@ impl Stepped {
         let to = board.now().saturating_add(time);
         board.advance(to, &mut |frame, at| reports.push(frame, at));
         let (now, is_same_boot) = (board.now(), board.engine().boots() == *boots);
+        let is_gone = board.cards_gone().is_some_and(|gone| gone.is_all);
         // A thread that waits for the lock gets it next.
         MutexGuard::unlock_fair(state);
-        if is_same_boot { Ok(now) } else { Err(Stop::Rebooted) }
+        match (is_gone, is_same_boot) {
+            (true, _) => Err(Stop::BusGone),
+            (false, true) => Ok(now),
+            (false, false) => Err(Stop::Rebooted),
+        }
     }
 
     /// Whether the interface is open. No time passes.
@@ -164,5 +174,8 @@ impl Stepped {
 
 fn alive(board: &mut Option<Board>, boots: u64) -> Result<&mut Board, Stop> {
     let board = board.as_mut().ok_or(Stop::Closed)?;
+    if board.cards_gone().is_some_and(|gone| gone.is_all) {
+        return Err(Stop::BusGone);
+    }
     if board.engine().boots() == boots { Ok(board) } else { Err(Stop::Rebooted) }
 }

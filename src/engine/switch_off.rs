@@ -44,7 +44,8 @@ impl Board {
 
     fn pass_until(&mut self, limit_ns: Ns, done: impl Fn(&Self) -> bool) {
         let end = self.now().saturating_add(limit_ns);
-        while !done(self) && self.now() < end {
+        let is_gone = |board: &Self| board.cards_gone().is_some_and(|gone| gone.is_all);
+        while !done(self) && self.now() < end && !is_gone(self) {
             // No runner keeps the time here: the board is never late.
             self.work_until(self.now(), self.next_cycle());
             self.cycle(&mut |_, _| {});

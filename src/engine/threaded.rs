@@ -1,7 +1,7 @@
 //! The runner with real time: a thread that runs the cycles at absolute deadlines.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use super::realtime::{Clock, Rate, RealTime};
 use super::reports::Report;
 use super::stepped::Stop;
 use super::{Board, Counters, Event, Snapshot};
-use crate::fieldbus::Ns;
+use crate::fieldbus::{CardsGone, Ns};
 use crate::sk::Frame;
 
 /// How often the runner takes frames from the inbox at least, however long the cycle is. Closing takes no longer either.
@@ -58,6 +58,9 @@ struct Shared {
     due: AtomicU64,
     /// Cycles that are later than that will be skipped, nanoseconds.
     late_max_ns: AtomicU64,
+    /// The first card of two that is gone, and the last one that there was.
+    card_gone: OnceLock<CardsGone>,
+    all_gone: OnceLock<CardsGone>,
 }
 
 impl Shared {
@@ -77,6 +80,19 @@ impl Shared {
             skipped_ns: AtomicU64::new(0),
             due: AtomicU64::new(board.next_cycle()),
             late_max_ns: AtomicU64::new(late_max(board)),
+            card_gone: OnceLock::new(),
+            all_gone: OnceLock::new(),
+        }
+    }
+
+    /// Ends the interface when the last network card is gone.
+    fn note_cards(&self, gone: CardsGone) {
+        // What was told before stays.
+        if gone.is_all {
+            let _ = self.all_gone.set(gone);
+            self.handover.end(Stop::BusGone);
+        } else {
+            let _ = self.card_gone.set(gone);
         }
     }
 }
@@ -207,6 +223,11 @@ impl Threaded {
         self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner).snapshot
     }
 
+    /// The network cards that are gone.
+    pub fn cards_gone(&self) -> Option<&CardsGone> {
+        self.shared.all_gone.get().or_else(|| self.shared.card_gone.get())
+    }
+
     /// Takes the events since the last call, with the counters and the time of the board's last cycle.
     pub fn take_events(&self) -> (Vec<Event>, Counters, Ns) {
         let mut shown = self.shared.shown.lock().unwrap_or_else(PoisonError::into_inner);
@@ -303,6 +324,9 @@ fn run(mut board: Board, shared: &Shared, clock: &Clock) -> Board {
             board.advance(part, &mut |frame, at| shared.handover.publish(frame, at));
             shared.cycles.store(board.cycles() - cycles, Ordering::Relaxed);
             publish_view(&board, shared);
+        }
+        if let Some(gone) = board.cards_gone() {
+            shared.note_cards(gone);
         }
         if board.engine().boots() != boots {
             shared.handover.end(Stop::Rebooted);

@@ -28,6 +28,8 @@ pub mod pdo;
 pub mod sim;
 pub mod xf;
 
+use std::sync::Arc;
+
 use crate::cia402::{Controlword, Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::sk::{CycleTime, DriveSync};
@@ -364,6 +366,16 @@ impl RingState {
     }
 }
 
+/// Network cards that are gone for good: their adapter was pulled, or their interface deleted. If one comes back it has to be opened
+/// again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CardsGone {
+    /// Which, and what to do.
+    pub text: Arc<str>,
+    /// Whether no card is left, so that no frame reaches a slave any more.
+    pub is_all: bool,
+}
+
 /// A way to run an EtherCAT network. The page of this module says who calls what when.
 pub trait Fieldbus: Send {
     /// Who owns the cycle. The answer never changes.
@@ -440,6 +452,11 @@ pub trait Fieldbus: Send {
 
     /// How the ring of cables is; `None`: the bus has no second card.
     fn ring(&self) -> Option<RingState> {
+        None
+    }
+
+    /// The network cards that are gone; `None`: all are there, or the bus has none. Asked in each cycle, so it must not allocate.
+    fn cards_gone(&self) -> Option<CardsGone> {
         None
     }
 

@@ -8,7 +8,7 @@ use super::call_counts::CallCounts;
 use super::rejections::RejectionLog;
 use super::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::engine::{Board, Counters, Rate, RealTime, Stepped, Stop, Threaded};
-use crate::fieldbus::Ns;
+use crate::fieldbus::{CardsGone, Ns};
 use crate::sk::Frame;
 
 /// Called with the board when its link is closed, so that the board can be kept: a real board does not vanish with the
@@ -48,6 +48,9 @@ impl Default for RunOptions {
     }
 }
 
+/// Why a board is lost whose bus does not say more.
+const BUS_GONE: &str = "the hardware that runs its network is gone";
+
 enum Runner {
     Stepped(Box<Stepped>),
     Threaded(Threaded),
@@ -70,6 +73,8 @@ struct Logged {
     /// How many events have been logged (virtual time only; a cyclic thread hands over each event once).
     events: u64,
     rejections: RejectionLog,
+    /// Whether a network card that is gone has been.
+    is_card_told: bool,
 }
 
 impl EngineLink {
@@ -99,8 +104,11 @@ impl EngineLink {
             read_wait: options.read_wait,
             write_wait: options.write_wait,
         };
-        let logged =
-            Logged { events: board.engine().events_total(), rejections: RejectionLog::new(board.engine().counters()) };
+        let logged = Logged {
+            events: board.engine().events_total(),
+            rejections: RejectionLog::new(board.engine().counters()),
+            is_card_told: false,
+        };
         let runner = if options.virtual_time {
             Runner::Stepped(Box::new(Stepped::new(board, options.host_ns, options.queue)))
         } else {
@@ -142,8 +150,19 @@ impl EngineLink {
             Stop::Rebooted => {
                 LinkError::Lost { name: self.info.name.clone(), reason: "it was reset (SW_RESET)".into() }
             }
+            Stop::BusGone => {
+                let reason = self.cards_gone().map_or(BUS_GONE.into(), |gone| gone.text.to_string().into());
+                LinkError::Lost { name: self.info.name.clone(), reason }
+            }
             Stop::Closed => LinkError::Closed,
             Stop::Cancelled => LinkError::Cancelled { dir },
+        }
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        match &self.runner {
+            Runner::Threaded(threaded) => threaded.cards_gone().cloned(),
+            Runner::Stepped(stepped) => stepped.look(|board, _| board.cards_gone()).flatten(),
         }
     }
 
@@ -157,7 +176,7 @@ impl EngineLink {
         let mut lines = Vec::new();
         let mut say = |level, line| lines.push((level, line));
         let mut logged = self.logged();
-        let Logged { events: seen, rejections } = &mut *logged;
+        let Logged { events: seen, rejections, .. } = &mut *logged;
         match &self.runner {
             Runner::Threaded(threaded) => {
                 let (events, counters, now) = threaded.take_events();
@@ -170,6 +189,13 @@ impl EngineLink {
                     rejections.log(engine.events_since(from), engine.counters(), board.now(), &mut say);
                 });
             }
+        }
+        // That the last one is gone is the error of each call.
+        if !logged.is_card_told
+            && let Some(gone) = self.cards_gone().filter(|gone| !gone.is_all)
+        {
+            logged.is_card_told = true;
+            lines.push((log::Level::Warn, gone.text.to_string()));
         }
         drop(logged);
         write_log(lines);

@@ -19,7 +19,7 @@ pub(super) fn boots(board: &mut Board) -> bool {
         if board.boot(SCAN_NS) {
             return true;
         }
-        if board.engine().state().is_failed() {
+        if board.engine().state().is_failed() || board.cards_gone().is_some_and(|gone| gone.is_all) {
             break;
         }
     }
@@ -30,7 +30,12 @@ pub(super) fn boots(board: &mut Board) -> bool {
 pub(super) fn switching_off() -> Keeper {
     Box::new(|board| {
         let Some(mut board) = board else { return };
-        for slave in board.switch_off().iter() {
+        let still_on = board.switch_off();
+        if board.cards_gone().is_some_and(|gone| gone.is_all) {
+            // No frame reaches them any more, and their watchdogs stop them.
+            return;
+        }
+        for slave in still_on.iter() {
             log::error!("the axis of slave {slave} was still on when its board was closed: stop it by hand");
         }
     })

@@ -8,13 +8,12 @@
 //! - `xf`: a chip ECM-XF for hosts that are not ours, as a stream of bytes
 //! - `ethercat`: simulated slaves on a network interface, for any EtherCAT master (Linux)
 //! - `log_limit`: limits repeated lines in the log
-//! - `notes`: the queue of log lines of a server; `serving`: the thread of a server that has one
+//! - `serving`: the thread of a server that has one
 
 #[cfg(all(feature = "sim", target_os = "linux"))]
 pub mod ethercat;
 mod listen;
 mod log_limit;
-pub mod notes;
 mod serving;
 pub mod spi;
 pub mod tcp;

@@ -1,9 +1,32 @@
 /* A program that ends while axis 1 turns in CSV. Argument: how. close: it closes the board first; return, fails, exit,
- * abort: it does not; waits: it ends by nothing at all, until somebody kills it. */
-#define _DEFAULT_SOURCE
+ * abort: it does not; waits: it ends by nothing at all, until somebody kills it; forks, clones: the same, with a child that lives for
+ * two minutes; handler: a handler of SIGUSR1 that has interrupted a read never returns, and says `stuck`. */
+#define _GNU_SOURCE
 #include "check.h"
 
+#include <signal.h>
+#include <sys/syscall.h>
 #include <unistd.h>
+
+static volatile sig_atomic_t reads;
+
+static void handler(int signal)
+{
+    (void)signal;
+    if (reads) {
+        CHECK(write(STDOUT_FILENO, "stuck\n", 6) == 6);
+        for (;;) {
+            pause();
+        }
+    }
+}
+
+static void wait_for_ever(void)
+{
+    for (;;) {
+        pause();
+    }
+}
 
 int main(int count, char **arguments)
 {
@@ -42,8 +65,25 @@ int main(int count, char **arguments)
     } else if (strcmp(how, "abort") == 0) {
         abort();
     } else if (strcmp(how, "waits") == 0) {
+        wait_for_ever();
+    } else if (strcmp(how, "forks") == 0 || strcmp(how, "clones") == 0) {
+        long child = strcmp(how, "forks") == 0 ? fork() : syscall(SYS_clone, SIGCHLD, NULL, NULL, NULL, NULL);
+        CHECK(child >= 0);
+        if (child == 0) {
+            alarm(120);
+        } else {
+            puts("forked");
+            fflush(stdout);
+        }
+        wait_for_ever();
+    } else if (strcmp(how, "handler") == 0) {
+        signal(SIGUSR1, handler);
+        puts("reads");
+        fflush(stdout);
         for (;;) {
-            pause();
+            reads = 1;
+            CHECK(read_response());
+            reads = 0;
         }
     }
     return 0;

@@ -4,7 +4,7 @@
 
 /// Links that most programs run on: on virtual time every run is the same, on the real clock a thread runs the board.
 #[cfg(test)]
-const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves=drive*2&clock=real"];
+pub const CLOCKS: [&str; 2] = ["sim:?slaves=drive*2&clock=virtual", "sim:?slaves=drive*2&clock=real"];
 
 /// Compiles `tests/c/NAME.c`.
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! - `cpp_examples.rs`, `cpp_guide.rs`, `python_examples.rs`, `dotnet/`: the examples in C, C++, Python and .NET
 //! - `set_user_id.rs`, `vanish.rs`: programs with more rights than their user; programs that end without closing the
 //!   board
+//! - `log.rs`: the log, whose reader may have stalled
 //! - `dist_config.rs`: the `ecmsk.toml` that is shipped with the DLLs
 
 mod behaviour;
@@ -15,6 +16,7 @@ mod cpp_guide;
 mod dist_config;
 mod dotnet;
 mod headers;
+mod log;
 mod python_examples;
 mod set_user_id;
 mod symbols;

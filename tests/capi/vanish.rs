@@ -2,8 +2,8 @@
 #![cfg(target_os = "linux")]
 
 mod needs_cxx {
-    use std::io::BufRead as _;
-    use std::process::Stdio;
+    use std::io::{BufRead as _, BufReader};
+    use std::process::{Child, ChildStdout, Command, Stdio};
 
     use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
     use ecmsk::link::Dir;
@@ -65,6 +65,91 @@ mod needs_cxx {
         let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
         let written = frames.expect("whole").into_iter().filter(|frame| frame.dir == Dir::Write).count();
         assert!(written > 100, "{written}");
+    }
+
+    /// The program at work, once it has said that.
+    fn at_work(server: &Server, keys: &str, how: &str, said: &str) -> (Child, BufReader<ChildStdout>) {
+        let mut child = program().command(&uri(server, keys)).arg(how).stdout(Stdio::piped()).spawn().unwrap();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        while line.trim_end() != said {
+            line.clear();
+            assert!(out.read_line(&mut line).unwrap() > 0, "it ended without {said}");
+        }
+        (child, out)
+    }
+
+    fn kill(mut child: Child) {
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    /// The server's line on the end of its writer.
+    fn end_of_writer(told: &Told) -> String {
+        told.wait("is gone");
+        told.lines().into_iter().find(|line| line.contains("is gone")).unwrap()
+    }
+
+    /// TCP-9 LIB-60 SAFETY: "at once: the system closes its connection, and children that a program on the library has forked have let
+    /// go of it". A keep-alive time of an hour would take four hours.
+    #[test]
+    fn a_child_that_lives_hides_no_end() {
+        let (server, told) = serve(CLOCKS[1]);
+        let (child, _out) = at_work(&server, "keepalive_ms=3600000", "forks", "forked");
+        kill(child);
+        let said = end_of_writer(&told);
+        assert!(said.contains("without closing its link"), "{said}");
+        assert!(!turns(&server), "{:?}", told.lines());
+    }
+
+    /// TCP-5 TCP-9 SAFETY: with a child "made by `clone` without `fork`" the end is noticed "after four keep-alive times".
+    #[test]
+    fn a_child_that_keeps_the_connection() {
+        let (server, told) = serve(CLOCKS[1]);
+        let (child, _out) = at_work(&server, "keepalive_ms=100", "clones", "forked");
+        kill(child);
+        let said = end_of_writer(&told);
+        assert!(said.contains("no word for"), "{said}");
+        assert!(!turns(&server), "{:?}", told.lines());
+    }
+
+    /// TCP-5 TCP-22 SAFETY: "a signal handler of the program never returns, while the thread that it interrupted is in a call": noticed
+    /// "with `hang_ms=` after that time", though a keep-alive time is an hour, and otherwise "after four keep-alive times", by the
+    /// program's own library, which ends the connection.
+    #[test]
+    fn a_handler_that_never_returns() {
+        for keys in ["hang_ms=100&keepalive_ms=3600000", "keepalive_ms=200"] {
+            // Where it has interrupted the library within a lock, which is seldom, the server has to wait for four keep-alive times.
+            let is_noticed = (0..5).any(|_| {
+                let (server, told) = serve(CLOCKS[1]);
+                let (child, mut out) = at_work(&server, keys, "handler", "reads");
+                let signals = ["-USR1", &child.id().to_string()].map(str::to_owned);
+                let mut said = String::new();
+                std::thread::scope(|scope| {
+                    let reader = scope.spawn(|| out.read_line(&mut said).unwrap());
+                    until("the handler", || {
+                        support::succeed(Command::new("kill").args(&signals));
+                        reader.is_finished().then_some(())
+                    });
+                });
+                assert_eq!(said, "stuck\n");
+                let began = std::time::Instant::now();
+                let line = loop {
+                    if let Some(line) = told.lines().into_iter().find(|line| line.contains("is gone")) {
+                        break Some(line);
+                    }
+                    if began.elapsed() > LIMIT / 6 {
+                        break None;
+                    }
+                    std::thread::sleep(std::time::Duration::from_millis(2));
+                };
+                kill(child);
+                let by_library = line.is_some_and(|line| line.contains("without closing its link"));
+                assert!(!turns(&server), "{keys}: {:?}", told.lines());
+                by_library
+            });
+            assert!(is_noticed, "{keys}");
+        }
     }
 
     /// TCP-22 A program that makes no call while its axis turns is given up after `hang_ms=`, and its axis is braked; by

@@ -58,6 +58,7 @@ mod modes;
 mod network_rig;
 mod nic_allocation;
 mod nic_bus;
+mod nic_gone;
 mod nic_ring;
 mod nic_runner;
 mod nic_terminals;

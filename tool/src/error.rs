@@ -144,7 +144,6 @@ pub fn wrong_command_line(error: &clap::Error) -> ! {
         let text = error.render().to_string();
         let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
         failed_in_json(text.trim_start_matches("error: "), 2);
-        super::stderr::finish();
         std::process::exit(2);
     }
     error.exit()

@@ -17,8 +17,8 @@
 //! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`; `recording_end.rs`
 //!   looks whether a recording is whole
 //! - `transfer.rs`, `hex.rs`: objects and bytes, as `bus` and `xf` take and show them
-//! - `error.rs`, `output.rs`, `stderr.rs`, `visible.rs`, `signals/`: errors, standard output and error, control
-//!   characters, Ctrl-C
+//! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`, `visible.rs`, `signals/`: errors, standard output and error, and how
+//!   nobody waits for their readers, control characters, Ctrl-C
 //! - `fuzzed.rs`: what `fuzz/` calls
 
 mod board;
@@ -56,6 +56,7 @@ mod slave;
 mod slot_size;
 mod stderr;
 mod step;
+mod streams;
 mod summary;
 mod transfer;
 mod visible;
@@ -138,8 +139,14 @@ pub fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => error.report(),
     };
-    stderr::finish();
-    code
+    match streams::finish() {
+        Err(error) if code == ExitCode::SUCCESS => {
+            let code = CliError::Output(error).report();
+            streams::settle();
+            code
+        }
+        _ => code,
+    }
 }
 
 impl Verb {

@@ -1,8 +1,9 @@
-//! Standard output, buffered.
+//! Standard output, buffered. Verbs during which axes move write it by [`streams`](super::streams).
 
 use std::io::{self, BufWriter, StdoutLock, Write};
 
-use super::visible::Visible;
+use super::streams::{self, Stream};
+use super::visible::{Visible, visible_bytes};
 
 /// Standard output for text, see [`Visible`].
 pub type Out = Visible<BufWriter<StdoutLock<'static>>>;
@@ -14,17 +15,39 @@ pub fn stdout() -> Out {
     Visible::new(BufWriter::with_capacity(64 * 1024, io::stdout().lock()))
 }
 
-/// Writes `text` and flushes. A picture in pixels is no text and is written to [`io::stdout`] directly.
+/// Writes `text` and waits until it is written. A picture in pixels is no text and is written to [`io::stdout`] directly.
+///
+/// # Errors
+/// It cannot be written; of a verb that talks to a board, [`io::ErrorKind::Interrupted`]: a signal came before it was.
 pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
-    let mut out = stdout();
-    out.write_all(text.as_ref())?;
-    out.flush()
+    print_bytes(&visible_bytes(text.as_ref()))
 }
 
-/// Writes text with the tool's own colours and flushes. Text from outside in it must have passed
+/// Writes text with the tool's own colours and waits until it is written. Text from outside in it must have passed
 /// [`visible`](super::visible::visible).
+///
+/// # Errors
+/// As [`print`].
 pub fn print_coloured(text: &str) -> io::Result<()> {
+    print_bytes(text.as_bytes())
+}
+
+/// As [`print`], while axes move: waits for nothing.
+///
+/// # Errors
+/// What was told before could not be written.
+pub fn tell(text: impl AsRef<[u8]>) -> io::Result<()> {
+    streams::check_output()?;
+    let bytes = visible_bytes(text.as_ref());
+    if streams::tell(Stream::Output, &bytes) { Ok(()) } else { print_now(&bytes) }
+}
+
+fn print_bytes(bytes: &[u8]) -> io::Result<()> {
+    if streams::tell(Stream::Output, bytes) { streams::wait_for_output() } else { print_now(bytes) }
+}
+
+fn print_now(bytes: &[u8]) -> io::Result<()> {
     let mut out = io::stdout().lock();
-    out.write_all(text.as_bytes())?;
+    out.write_all(bytes)?;
     out.flush()
 }

@@ -14,13 +14,13 @@ use std::{io, thread};
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, KnownNetwork, LinkError, LinkInfo, Share, tcp::Secret};
-use ecmsk::port::notes::FLUSH_LIMIT;
+use ecmsk::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
 use super::error::say;
 use super::link_option::ChosenLink;
-use super::{CliError, output, recording_end, signals, stderr};
+use super::{CliError, output, recording_end, signals, streams};
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines
 #[derive(clap::Args)]
@@ -107,7 +107,7 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     let failed = |message: std::io::Error| ServeError::System { what: "catch signals", message: message.to_string() };
     // Signals are watched before anything can move.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
-    stderr::queue().map_err(no_thread)?;
+    streams::queue().map_err(no_thread)?;
     let recorded = served(args.link.as_ref())?;
     let uri = recorded.to_string();
     let options = ServeOptions {

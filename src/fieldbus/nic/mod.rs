@@ -44,8 +44,8 @@ use std::collections::VecDeque;
 
 use super::pdo::ProcessData;
 use super::{
-    AlState, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs, Pacing,
-    RingState, SdoRequest, SlaveSet,
+    AlState, BusError, Busy, CardsGone, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs,
+    Pacing, RingState, SdoRequest, SlaveSet,
 };
 use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
@@ -338,6 +338,10 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn ring(&self) -> Option<RingState> {
         self.wires.ring()
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        self.wires.cards_gone()
     }
 
     fn is_down(&self) -> bool {

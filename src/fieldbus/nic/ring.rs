@@ -15,7 +15,7 @@
 //!
 //! \[OURS] How long is waited for the other of the two: [`GRACE_NS`].
 
-use super::{CardPair, NicWires, RingState};
+use super::{CardPair, CardsGone, NicWires, RingState};
 use crate::ethercat::registers::TYPE;
 use crate::ethercat::{
     CableEnd, Command, DatagramHeader, FRAME_LEN_MAX, FRAME_LEN_MIN, Frame, FrameHeader, FrameWriter, Ns,
@@ -288,5 +288,9 @@ impl<P: CardPair> NicWires for Ring<P> {
 
     fn ring(&self) -> Option<RingState> {
         Some(self.state)
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        self.pair.cards_gone()
     }
 }

@@ -1,7 +1,7 @@
 //! What the bus needs of a way to the slaves besides its frames: a clock, and waiting.
 
 use crate::ethercat::{CableEnd, Ns};
-use crate::fieldbus::RingState;
+use crate::fieldbus::{CardsGone, RingState};
 use crate::master::{FrameBuffer, Wire, WireDown};
 
 /// A way to the slaves with a clock of its own.
@@ -17,6 +17,11 @@ pub trait NicWires: Wire {
 
     /// How the ring of the cables is; `None`: there is one card alone.
     fn ring(&self) -> Option<RingState> {
+        None
+    }
+
+    /// The cards that are gone; `None`: all are there. It does not allocate.
+    fn cards_gone(&self) -> Option<CardsGone> {
         None
     }
 }
@@ -40,4 +45,9 @@ pub trait CardPair {
 
     /// As [`NicWires::is_real_time`].
     fn is_real_time(&self) -> bool;
+
+    /// As [`NicWires::cards_gone`].
+    fn cards_gone(&self) -> Option<CardsGone> {
+        None
+    }
 }

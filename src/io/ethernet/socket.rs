@@ -11,6 +11,37 @@ use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, So
 
 use super::interface::{Interface, InterfaceError, request_about};
 
+/// Why a frame was neither sent nor taken.
+///
+/// What the codes of packet(7) mean for whoever uses the interface:
+///
+/// | code | what has happened | what it means |
+/// | --- | --- | --- |
+/// | `ENXIO`, `ENODEV` | the interface of the socket does not exist any more: its adapter was pulled, it was deleted, or moved to another namespace | [`SocketError::Gone`]: an interface of the same name that comes later is another one, which this socket never reaches |
+/// | `ENETDOWN` | the interface is switched off; from `recv` also once when it was deleted | [`SocketError::System`]: the frame is lost, and frames go on when it is switched on |
+/// | `ENOBUFS`, `EAGAIN`, `ENOMEM` | there is no room for the frame | the frame is lost, as on a cable |
+/// | `EMSGSIZE` | the frame is longer than the MTU, which was lowered since the interface was opened | the frame is lost |
+/// | `EINTR` | a signal | the frame is lost; one to be taken comes with the next call |
+/// | any other one | | the frame is lost |
+#[derive(Debug, thiserror::Error)]
+pub enum SocketError {
+    /// The interface does not exist any more. Open it again when it is back.
+    #[error("the network interface is gone; plug it in, and open it again")]
+    Gone,
+    /// The error of the system for this frame.
+    #[error("{0}; look at the interface with: ip link")]
+    System(io::Error),
+}
+
+impl From<Errno> for SocketError {
+    fn from(error: Errno) -> Self {
+        match error {
+            Errno::NXIO | Errno::NODEV => Self::Gone,
+            error => Self::System(error.into()),
+        }
+    }
+}
+
 /// A socket of one network interface.
 pub struct Socket {
     fd: OwnedFd,
@@ -99,8 +130,8 @@ impl Socket {
     /// Takes a frame; its length, which is that of the frame even if it has no room in `frame`. `None`: there is none.
     ///
     /// # Errors
-    /// That of the system, such as an interface that is down.
-    pub fn take(&self, frame: &mut [u8]) -> io::Result<Option<usize>> {
+    /// [`SocketError`].
+    pub fn take(&self, frame: &mut [u8]) -> Result<Option<usize>, SocketError> {
         match recv(&self.fd, frame, RecvFlags::DONTWAIT | RecvFlags::TRUNC) {
             Ok((_, len)) => Ok(Some(len)),
             Err(Errno::AGAIN | Errno::INTR) => Ok(None),
@@ -111,8 +142,8 @@ impl Socket {
     /// Sends a frame. It never waits: without room the frame is lost, as on a cable.
     ///
     /// # Errors
-    /// That of the system, such as an interface that is down.
-    pub fn send(&self, frame: &[u8]) -> io::Result<()> {
+    /// [`SocketError`].
+    pub fn send(&self, frame: &[u8]) -> Result<(), SocketError> {
         send(&self.fd, frame, SendFlags::DONTWAIT)?;
         Ok(())
     }

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
+use crate::fieldbus::CardsGone;
 use crate::fieldbus::nic::{CardPair, NicWires};
-use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress, Socket};
+use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress, Socket, SocketError};
 use crate::link::LinkError;
 use crate::link::uri::{LinkUri, UriError};
 use crate::master::{FrameBuffer, Wire, WireDown};
@@ -18,7 +19,12 @@ const PASSED: u8 = 0x02;
 
 /// A network card that one master alone uses.
 pub(crate) struct Card {
+    name: String,
     socket: Socket,
+    /// Its interface does not exist any more.
+    is_gone: bool,
+    /// What is said then.
+    gone: CardsGone,
     source: MacAddress,
     begin: Instant,
     /// Nobody else on this machine has the card while this is open.
@@ -59,7 +65,9 @@ impl Card {
         let socket = Socket::open(&interface, ETHERTYPE).map_err(refused)?;
         let mut source = interface.mac_address;
         source[0] &= !PASSED;
-        let mut card = Self { socket, source, begin: Instant::now(), _claim: claim };
+        let gone = CardsGone { text: gone_text(&interface.name, &[]).into(), is_all: true };
+        let name = interface.name;
+        let mut card = Self { name, socket, is_gone: false, gone, source, begin: Instant::now(), _claim: claim };
         if let Some(other) = card.other_master() {
             let other = other.map(|byte| format!("{byte:02X}")).join(":");
             return Err(LinkError::NoBoard {
@@ -76,6 +84,13 @@ impl Card {
     /// The source of its frames.
     pub(super) const fn source(&self) -> MacAddress {
         self.source
+    }
+
+    /// Notes that it is gone, if that is why a frame was neither sent nor taken.
+    const fn note(&mut self, error: &SocketError) {
+        if matches!(error, SocketError::Gone) {
+            self.is_gone = true;
+        }
     }
 
     /// The source of a frame that somebody else sends; `None`: the wire is quiet.
@@ -98,7 +113,10 @@ impl Card {
 
 impl Wire for Card {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
-        self.socket.send(frame).map_err(|_| WireDown)
+        self.socket.send(frame).map_err(|error| {
+            self.note(&error);
+            WireDown
+        })
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
@@ -107,7 +125,10 @@ impl Wire for Card {
             match self.socket.take(buffer) {
                 Ok(Some(len)) if len > buffer.len() => {}
                 Ok(taken) => return taken,
-                Err(_) => return None,
+                Err(error) => {
+                    self.note(&error);
+                    return None;
+                }
             }
         }
     }
@@ -132,12 +153,46 @@ impl NicWires for Card {
     fn is_real_time(&self) -> bool {
         true
     }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        self.is_gone.then(|| self.gone.clone())
+    }
 }
 
 /// Two cards, one at each end of the slaves' cable.
 pub(crate) struct Cards {
-    pub(super) first: Card,
-    pub(super) second: Card,
+    first: Card,
+    second: Card,
+    /// What is said when the first one is gone, the second one, and both.
+    gone: Box<[CardsGone; 3]>,
+}
+
+impl Cards {
+    pub(super) fn new(first: Card, second: Card) -> Self {
+        let one = |card: &Card, other: &Card| {
+            CardsGone {
+            text: format!(
+                "{}. The ring goes on by {}, and the next cut of a cable costs slaves; the card is used again when the board is opened \
+                 again",
+                gone_text(&card.name, &[]),
+                other.name
+            )
+            .into(),
+            is_all: false,
+        }
+        };
+        let both = CardsGone { text: gone_text(&first.name, &[&second.name]).into(), is_all: true };
+        Self { gone: Box::new([one(&first, &second), one(&second, &first), both]), first, second }
+    }
+}
+
+/// Which cards are gone, and what to do.
+fn gone_text(first: &str, others: &[&str]) -> String {
+    let names = [&[first], others].concat().join(" and ");
+    let (card, was) = if others.is_empty() { ("card", "was") } else { ("cards", "were") };
+    format!(
+        "the network {card} {names} {was} pulled, or deleted: plug in what was pulled, and look for it with: ip link"
+    )
 }
 
 impl CardPair for Cards {
@@ -163,6 +218,17 @@ impl CardPair for Cards {
         let left_ns = until.saturating_sub(self.first.now());
         let sockets = [&self.first.socket, &self.second.socket];
         wait_for_frames(&mut sockets.map(|socket| PollFd::new(socket, PollFlags::IN)), left_ns);
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        let [first, second, both] = &*self.gone;
+        let gone = match (self.first.is_gone, self.second.is_gone) {
+            (false, false) => return None,
+            (true, false) => first,
+            (false, true) => second,
+            (true, true) => both,
+        };
+        Some(gone.clone())
     }
 
     fn is_real_time(&self) -> bool {

@@ -43,7 +43,7 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
     if probe_source == settings.source {
         return Err(no_board("both cards have the same address; name two"));
     }
-    Ok((Wires::Ring(Ring::new(Cards { first, second }, probe_source)), settings))
+    Ok((Wires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
 /// Opens the board: the network is scanned, and its slaves are brought to PreOP.
@@ -56,6 +56,9 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, 
     };
     let mut board = Board::new(options.engine(), bus);
     if !boots(&mut board) {
+        if let Some(gone) = board.cards_gone().filter(|gone| gone.is_all) {
+            return Err(LinkError::NoBoard { name, reason: gone.text.to_string() });
+        }
         let reason = "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and \
                       try `ecmsk doctor`";
         return Err(LinkError::NoBoard { name, reason: reason.to_owned() });

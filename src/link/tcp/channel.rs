@@ -112,6 +112,18 @@ impl Channel {
         PollFd::new(&self.socket, if to_send { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN })
     }
 
+    /// Whether bytes have come that nobody has taken.
+    pub fn has_unread(&self) -> bool {
+        let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut [self.waits_for(false)], Some(&now)).is_ok_and(|ready| ready > 0)
+    }
+
+    /// The descriptor of the socket.
+    #[cfg(unix)]
+    pub fn descriptor(&self) -> std::os::fd::RawFd {
+        std::os::fd::AsRawFd::as_raw_fd(&self.socket)
+    }
+
     /// Makes the TLS handshake until `deadline`; returns the keying material of the session.
     ///
     /// # Errors

@@ -36,8 +36,19 @@ impl TcpLink {
     /// the name of the present writer; [`LinkError::Io`].
     pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
         let name = uri.to_string();
-        let Connected { channel, mut inbox, out, slot, virtual_time, now, sequence, board, network } =
-            connect(&name, options)?;
+        let Connected {
+            #[cfg(unix)]
+            let_go,
+            channel,
+            mut inbox,
+            out,
+            slot,
+            virtual_time,
+            now,
+            sequence,
+            board,
+            network,
+        } = connect(&name, options)?;
         // Virtual time advances by the writer's calls, so for a reader it seems to pass by itself.
         let virtual_time = virtual_time && options.role == Role::Writer;
         let info = LinkInfo { virtual_time, opened_at: now, ..common.info(name.clone(), common.slot.or(slot)) };
@@ -57,6 +68,8 @@ impl TcpLink {
             role: options.role,
             keepalive: options.keepalive,
             in_force,
+            #[cfg(unix)]
+            _let_go: let_go,
             channel,
             out: Mutex::new(Sender { out, last: Instant::now() }),
             inbox: Mutex::new(inbox),

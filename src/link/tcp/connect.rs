@@ -6,6 +6,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::channel::{Came, Channel, Out, first_message};
+#[cfg(unix)]
+use super::forks::LetGo;
 use super::inbox::Inbox;
 use super::options::TcpOptions;
 use super::proof::{PROOF_LEN, Secret, Side, how_to_give};
@@ -17,6 +19,8 @@ use crate::span::Span;
 
 /// An accepted connection, and what the server says of the board.
 pub(super) struct Connected {
+    #[cfg(unix)]
+    pub(super) let_go: LetGo,
     pub(super) channel: Channel,
     pub(super) inbox: Inbox,
     pub(super) out: Out,
@@ -72,6 +76,8 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
     let secret = Secret::find(options.secret_file.as_deref())?;
     let failed = |error: io::Error| ConnectError::NoBoard(explain(&error, options));
     let mut channel = Channel::new(dial(options, deadline).map_err(failed)?).map_err(failed)?;
+    #[cfg(unix)]
+    let let_go = LetGo::of(channel.descriptor());
     let greeting = greeting(&channel, deadline, options)?;
     let failed = |error: io::Error| match error.kind() {
         ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => {
@@ -132,7 +138,19 @@ fn try_connect(options: &TcpOptions, deadline: Instant) -> Result<Connected, Con
         other => Err(ConnectError::NoBoard(WireError::OutOfTurn { kind: other.kind() }.to_string())),
     });
     let (slot, virtual_time, now, sequence, board, network) = answer.map_err(failed)??;
-    Ok(Connected { channel, inbox, out, slot, virtual_time, now, sequence, board, network })
+    Ok(Connected {
+        #[cfg(unix)]
+        let_go,
+        channel,
+        inbox,
+        out,
+        slot,
+        virtual_time,
+        now,
+        sequence,
+        board,
+        network,
+    })
 }
 
 fn dial(options: &TcpOptions, deadline: Instant) -> io::Result<TcpStream> {

@@ -8,7 +8,9 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
-use super::hang::{CallMonitor, MotionInForce};
+#[cfg(unix)]
+use super::forks::LetGo;
+use super::hang::{CallMonitor, MotionInForce, StuckCall};
 use super::inbox::Inbox;
 use super::wire::{Message, Role};
 use crate::link::call_counts::CallCounts;
@@ -30,6 +32,9 @@ pub(super) struct Shared {
     pub(super) keepalive: Duration,
     /// The motion in force, if a program that has stopped calling is to be detected.
     pub(super) in_force: Option<MotionInForce>,
+    /// Before the channel, which closes the socket.
+    #[cfg(unix)]
+    pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
     pub(super) out: Mutex<Sender>,
     pub(super) inbox: Mutex<Inbox>,
@@ -78,6 +83,7 @@ impl Shared {
     pub(super) fn run_background(&self) {
         let look = IDLE_POLL_INTERVAL.min(self.keepalive / 4);
         let mut idle = CallMonitor::new(Instant::now());
+        let mut stuck = StuckCall::default();
         let mut state = self.state.lock();
         while state.exchange.ended.is_none() {
             self.over.wait_for(&mut state, look);
@@ -88,14 +94,18 @@ impl Shared {
             if silent > self.patience() {
                 state.exchange.lose(format!("no word of its server for {}", Span(silent)));
             }
-            if let Some(in_force) = &self.in_force
-                && let Some(silent) =
-                    idle.look(self.calls(&state), is_call_in_progress(&state), Instant::now(), in_force)
-            {
-                let reason = format!(
-                    "the program made no call for {} while axes move by its velocity or torque (hang_ms=); open it again",
-                    Span(silent)
-                );
+            if let Some(reason) = self.in_force.as_ref().and_then(|in_force| {
+                let now = Instant::now();
+                let is_in_call = is_call_in_progress(&state);
+                let idle = idle.look(self.calls(&state), is_in_call, now, in_force);
+                let takes_nothing = state.receiving && self.channel.has_unread();
+                let stuck = stuck.look(takes_nothing, state.exchange.heard, now, in_force);
+                let made = idle.map(|silent| format!("the program made no call for {}", Span(silent)));
+                made.or_else(|| {
+                    stuck.map(|silent| format!("a call of the program has stood still for {}", Span(silent)))
+                })
+            }) {
+                let reason = format!("{reason} while axes move by its velocity or torque (hang_ms=); open it again");
                 state.exchange.lose(reason.clone());
                 // The connection ends before the log is written, so that the server stops the axes at once.
                 self.channel.end(true);
@@ -105,7 +115,12 @@ impl Shared {
                 MutexGuard::unlocked(&mut state, || self.ping());
             }
         }
+        let is_lost = state.exchange.ended.as_ref().is_some_and(|ended| !matches!(ended.error, LinkError::Closed));
         drop(state);
+        if is_lost {
+            // The server stops the axes now, and not when it has heard nothing for as long.
+            self.channel.end(true);
+        }
         self.changed.notify_all();
         self.channel.wake();
     }

@@ -75,6 +75,37 @@ impl CallMonitor {
     }
 }
 
+/// Measures how long a call has taken nothing of what came: a handler of a signal has interrupted it and does not return.
+#[derive(Default)]
+pub(super) struct StuckCall {
+    /// When the link had heard something last, and since when the call has been seen to stand still since.
+    since: Option<(Instant, Instant)>,
+}
+
+impl StuckCall {
+    /// `takes_nothing`: a call receives, and bytes are there that it has not taken; `heard`: when something was taken last. Returns
+    /// how long that has been so, if it is longer than the limit while a motion without an end is in force.
+    pub(super) fn look(
+        &mut self,
+        takes_nothing: bool,
+        heard: Instant,
+        now: Instant,
+        in_force: &MotionInForce,
+    ) -> Option<Duration> {
+        if !takes_nothing || in_force.slaves.load(Ordering::Relaxed) == 0 {
+            self.since = None;
+            return None;
+        }
+        let since = match self.since {
+            Some((then, since)) if then == heard => since,
+            _ => now,
+        };
+        self.since = Some((heard, since));
+        let stuck = now.saturating_duration_since(since);
+        (stuck >= in_force.limit).then_some(stuck)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,6 +152,25 @@ mod tests {
             assert_eq!(looks(Some(command)), None);
         }
         assert_eq!(looks(None), None);
+    }
+
+    /// TCP-22 A call that takes nothing of what comes is given up after the limit, and neither one that waits for what does not come,
+    /// nor one that takes something now and then.
+    #[test]
+    fn a_call_that_stands_still_is_given_up() {
+        let began = Instant::now();
+        let at = |seconds| began + Duration::from_secs(seconds);
+        let in_force = MotionInForce::new(Duration::from_secs(10), SIZE);
+        let mut stuck = StuckCall::default();
+        assert_eq!(stuck.look(true, at(0), at(1), &in_force), None);
+        assert_eq!(stuck.look(true, at(0), at(99), &in_force), None, "nothing moves");
+        in_force.wrote(&frame(SlaveCommand::Csv(Motion::to(7))));
+        assert_eq!(stuck.look(true, at(100), at(100), &in_force), None);
+        assert_eq!(stuck.look(true, at(105), at(109), &in_force), None, "something was taken");
+        assert_eq!(stuck.look(false, at(105), at(112), &in_force), None, "nothing has come");
+        assert_eq!(stuck.look(true, at(105), at(120), &in_force), None);
+        assert_eq!(stuck.look(true, at(105), at(129), &in_force), None);
+        assert_eq!(stuck.look(true, at(105), at(130), &in_force), Some(Duration::from_secs(10)));
     }
 
     /// TCP-22 Leaving OP, a reset and SV_OFF end a velocity that was in force.

@@ -21,7 +21,7 @@
 //! - `exchange.rs`: the client's side of the protocol, without I/O
 //! - `connection.rs`: how the program's threads and the background thread share the connection
 //! - `client.rs`: [`TcpLink`], the link itself
-//! - `hang.rs`: a program that has stopped calling (`hang_ms=`)
+//! - `hang.rs`: a program that has stopped calling (`hang_ms=`); `forks.rs`: one that has forked
 //! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
 
 mod channel;
@@ -32,6 +32,8 @@ mod counts;
 mod exchange;
 mod failure;
 mod fields;
+#[cfg(unix)]
+mod forks;
 mod hang;
 mod inbox;
 mod message;
@@ -53,6 +55,9 @@ pub use client::TcpLink;
 pub(crate) use exchange::each_message;
 #[doc(hidden)]
 pub use exchange::{messages, replay};
+#[cfg(unix)]
+#[doc(hidden)]
+pub use forks::close_in_child;
 pub(crate) use inbox::Inbox;
 pub use options::{DEFAULT_PORT, TcpOptions};
 pub(crate) use proof::{Material, PROOF_LEN, Side};

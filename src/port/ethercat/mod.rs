@@ -23,7 +23,6 @@ pub use crate::io::ethernet::InterfaceError;
 pub use network::Network;
 
 use super::log_limit::LogLimit;
-use super::notes::{Notes, Teller};
 use super::serving::{Serving, Shared};
 use crate::engine::RealTime;
 use crate::ethercat::ETHERTYPE;
@@ -31,6 +30,7 @@ use crate::io::ethernet::{self, Claim, DefaultRoute, Socket};
 use crate::link::record::NetworkRecording;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::slaves::SlaveSpec;
+use crate::notes::{Notes, Teller};
 use crate::slave::cable::Cable;
 use crate::slave::esc::UndescribedError;
 use masters::Masters;

@@ -1,6 +1,5 @@
 //! The thread that has the slaves and the sockets.
 
-use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -12,19 +11,20 @@ use super::masters::Masters;
 use super::network::Network;
 use crate::engine::RealTime;
 use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
-use crate::io::ethernet::{Claim, LinkState, Socket};
+use crate::io::ethernet::{Claim, LinkState, Socket, SocketError};
 use crate::link::Dir;
 use crate::link::record::NetworkRecording;
+use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
-use crate::port::notes::Notes;
 use crate::port::serving::Shared;
 
 /// How often time passes for slaves that get no frame, and how often their states are looked at. \[OURS]
 const TICK: Duration = Duration::from_millis(5);
 /// The pause after the interface has failed. \[OURS]
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
-/// How often the interfaces are asked for their links. \[OURS]
-const LINK_PERIOD: Duration = Duration::from_millis(100);
+/// How often the interfaces are asked for their links. \[OURS] A slave turns frames round at an open port some milliseconds after its link
+/// has gone, long before the watchdog of its process data expires.
+const LINK_PERIOD: Duration = Duration::from_millis(10);
 
 /// An interface at an end of the slaves.
 pub(super) struct Port {
@@ -216,7 +216,7 @@ impl Service {
         self.tell_limited("lines on the ring", &line, now);
     }
 
-    fn interface_failed(&mut self, port: usize, error: &io::Error) {
+    fn interface_failed(&mut self, port: usize, error: &SocketError) {
         let line = format!("the network interface {} fails: {error}", self.ports[port].interface);
         self.tell_limited("the network interface fails", &line, Instant::now());
     }

@@ -13,7 +13,7 @@ use crate::ecm::Watch;
 use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
 use crate::link::tcp::{Channel, PROOF_LEN};
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
-use crate::port::notes::Notes;
+use crate::notes::Notes;
 use crate::sk::Frame;
 
 /// A board that is connected.

@@ -13,7 +13,7 @@ use crate::engine::Counters;
 use crate::link::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
 use crate::link::tcp::{Inbox, PROOF_LEN, each_message};
 use crate::link::{Link, Stamp, Wait};
-use crate::port::notes::Note;
+use crate::notes::Note;
 use crate::sk::Frame;
 
 /// The server of a link on virtual time. Its log is only collected.

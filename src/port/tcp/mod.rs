@@ -59,7 +59,7 @@ use std::time::Duration;
 
 use crate::link::tcp::Secret;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
-use crate::port::notes::Teller;
+use crate::notes::Teller;
 use crate::threads;
 
 use accept::Acceptor;

@@ -12,7 +12,7 @@ use super::session::{Session, SessionEnd};
 use super::stream::Stream;
 use super::wire::{DeviceEntry, Refusal, device_id};
 use crate::link::{Link, LinkError};
-use crate::port::notes::Notes;
+use crate::notes::Notes;
 
 /// The number of the server's only bus.
 const BUS: u16 = 1;

@@ -19,8 +19,8 @@ use super::keep_attached;
 use super::stream::{SEND_TIMEOUT, Stream};
 use super::wire::{self, BUS_ID_LEN, DeviceEntry, OP_LEN, Op, PORT, Refusal, WireError};
 use crate::link::LinkError;
+use crate::notes::{Note, Notes, Teller};
 use crate::port::listen::advice;
-use crate::port::notes::{Note, Notes, Teller};
 use crate::threads;
 
 /// How long a client may take for its request. \[OURS]

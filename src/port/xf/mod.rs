@@ -29,9 +29,9 @@ use std::time::Duration;
 
 pub use address::{DEFAULT_PORT, Listen, ListenError};
 
-use super::notes::{Notes, Teller};
 use super::serving::{Serving, Shared};
 use crate::link::chip::{ChipError, ChipInfo, ChipLink};
+use crate::notes::{Notes, Teller};
 use crate::xf::host::HostConfig;
 use address::Listener;
 use service::Service;

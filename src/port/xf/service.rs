@@ -11,8 +11,8 @@ use super::vanish::{self, Stopped};
 use super::wire::{Kind, Request, Status};
 use super::{OnVanish, Opened, Options};
 use crate::link::chip::{ChipError, ChipLink};
+use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
-use crate::port::notes::Notes;
 use crate::port::serving::Shared;
 use crate::xf::host::HostConfig;
 

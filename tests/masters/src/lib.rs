@@ -2,6 +2,7 @@
 //! slaves at one end of it, the master, a program or a crate, at the other.
 #![cfg(target_os = "linux")]
 
+mod elsewhere;
 mod middle;
 
 use std::io::{BufRead, BufReader, Write};
@@ -17,6 +18,7 @@ use ecmsk::port::ethercat::{Options, Server};
 use nix::sched::{CloneFlags, unshare};
 use parking_lot::Mutex;
 
+pub use elsewhere::Elsewhere;
 pub use middle::{Middle, Trouble};
 
 /// The interface of the master.

@@ -54,7 +54,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
-use std::{env, fs};
+use std::{env, fs, io};
 
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
@@ -370,6 +370,23 @@ fn wait(child: &mut Child) -> Option<ExitStatus> {
     child.kill().expect("a child can be ended");
     child.wait().expect("a child can be waited for");
     None
+}
+
+/// A pipe that takes no byte more until somebody reads it. What it holds are points.
+///
+/// # Panics
+/// If the system gives no pipe.
+#[cfg(unix)]
+pub fn full_pipe() -> (io::PipeReader, io::PipeWriter) {
+    use rustix::fs::{OFlags, fcntl_setfl};
+    use std::io::Write as _;
+
+    let (reader, mut writer) = io::pipe().expect("a pipe");
+    fcntl_setfl(&writer, OFlags::NONBLOCK).expect("a pipe");
+    while writer.write(&[b'.'; 4096]).is_ok() {}
+    while writer.write(b".").is_ok() {}
+    fcntl_setfl(&writer, OFlags::empty()).expect("a pipe");
+    (reader, writer)
 }
 
 /// Checks a program's output against `tests/snapshots/NAME.txt`, see [`kept`].

@@ -8,6 +8,7 @@ use ecmsk::link::LinkError;
 use ecmsk::sk::{MasterState, StateByte};
 
 use crate::link_option::{ChoiceError, Unnamed};
+use crate::streams;
 
 /// Why a verb that talks to a board failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +18,7 @@ pub enum BoardError {
     Record(#[from] crate::record_option::RecordError),
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
-    Output(#[from] io::Error),
+    Output(io::Error),
     /// The system has no thread, no memory or no file for it.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
@@ -185,6 +186,16 @@ pub enum BoardError {
         /// What the axes do, and what to do.
         next: String,
     },
+}
+
+impl From<io::Error> for BoardError {
+    /// An error of standard output, or the signal that has ended the wait for its reader.
+    fn from(error: io::Error) -> Self {
+        match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
+            Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
+            None => Self::Output(error),
+        }
+    }
 }
 
 impl BoardError {

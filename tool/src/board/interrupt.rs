@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use super::error::BoardError;
-use crate::signals;
+use crate::{signals, streams};
 
 /// The signal that has come. Made once in a program.
 #[derive(Debug, Default)]
@@ -23,6 +23,7 @@ impl Interrupt {
         let interrupt = Self::default();
         let noted = signals::note_once(&interrupt.signal, &interrupt.armed);
         noted.map_err(BoardError::system("catch signals"))?;
+        streams::end_waits_on(&interrupt.signal);
         Ok(interrupt)
     }
 

@@ -2,15 +2,15 @@
 //! that a program reads is on standard output, as one object per line.
 
 use std::fmt::Display;
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
 use serde_json::Value;
 
 use crate::error::say;
-use crate::output;
 use crate::visible::visible;
+use crate::{output, stderr};
 
 /// How long progress is shown once a second, where it becomes rarer after that.
 const EVERY_SECOND_LIMIT: Duration = Duration::from_secs(10);
@@ -43,11 +43,12 @@ impl Reporter {
         }
     }
 
-    /// Prints a result: lines of text without the last line feed, or a JSON object.
+    /// Prints a result: lines of text without the last line feed, or a JSON object. Waits until it is written; no axis moves
+    /// meanwhile.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
         if self.json {
-            return self.object(json.clone());
+            return output::print(self.object(json.clone()));
         }
         output::print(format!("{text}\n"))
     }
@@ -65,12 +66,12 @@ impl Reporter {
         self.line.store(line, Ordering::Relaxed);
     }
 
-    fn object(&self, mut json: Value) -> io::Result<()> {
+    fn object(&self, mut json: Value) -> String {
         let line = self.line.load(Ordering::Relaxed);
         if line > 0 {
             json["line"] = line.into();
         }
-        output::print(format!("{json}\n"))
+        format!("{json}\n")
     }
 
     /// Prints a note for the user.
@@ -79,14 +80,13 @@ impl Reporter {
         say("note", &text);
     }
 
-    /// Shows progress.
+    /// Shows progress. Axes may move, so it waits for no reader.
     pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if self.json {
-            return self.object(json());
+            return output::tell(self.object(json()));
         }
         if self.terminal {
-            let _ = write!(io::stderr(), "\r\x1b[K{}", visible(&text.to_string()));
-            let _ = io::stderr().flush();
+            stderr::raw(&format!("\r\x1b[K{}", visible(&text.to_string())));
             self.shown.store(true, Ordering::Relaxed);
         } else {
             say("progress", &text);
@@ -107,7 +107,7 @@ impl Reporter {
     /// Removes the line of progress.
     pub fn clear(&self) {
         if self.shown.swap(false, Ordering::Relaxed) {
-            let _ = write!(io::stderr(), "\r\x1b[K");
+            stderr::raw("\r\x1b[K");
         }
     }
 

@@ -19,7 +19,7 @@ use super::interrupt::Interrupt;
 use super::network::{Scales, find_axis};
 use super::reporter::Reporter;
 use crate::link_option::as_reader;
-use crate::recording_end;
+use crate::{recording_end, streams};
 
 /// \[OURS] An axis that is at most this far from its last target stands at it, since drives settle within a few
 /// counts; its next move begins at that target. An axis further away has not completed its move.
@@ -83,6 +83,11 @@ impl Board {
         source: StepSource,
         interrupt: Interrupt,
     ) -> Result<Self, BoardError> {
+        // Axes may move from here on.
+        streams::queue().map_err(|error| LinkError::Io {
+            what: "cannot start the threads of standard output and error".into(),
+            message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
+        })?;
         let chosen = args.chosen()?;
         let uri = args.with_record(&chosen.uri)?;
         let slot = args.slot_size();

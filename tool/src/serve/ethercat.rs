@@ -10,7 +10,7 @@ use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, ServeError, Server};
 
 use crate::error::say;
-use crate::{CliError, recording_end, signals, stderr};
+use crate::{CliError, recording_end, signals, streams};
 
 /// Serve simulated slaves on a network interface: any EtherCAT master finds them there
 ///
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before anything answers.
     let system = |what| move |source| ServeError::System { what, source };
     let end_request = signals::EndRequest::watch().map_err(system("catch signals"))?;
-    stderr::queue().map_err(system("start the thread of standard error"))?;
+    streams::queue().map_err(system("start the thread of standard error"))?;
     let SlaveList { words, slaves } = args.slaves.clone();
     let ender = end_request.ender();
     let options = Options {

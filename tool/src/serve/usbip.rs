@@ -11,7 +11,7 @@ use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
 use crate::error::say;
-use crate::{CliError, signals, stderr};
+use crate::{CliError, signals, streams};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change
 ///
@@ -80,7 +80,7 @@ const IDENTITY: &str = "How the boards show themselves";
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     // Signals are watched before anything is attached.
     let end_request = signals::EndRequest::watch().map_err(ServeError::Signals)?;
-    stderr::queue().map_err(ServeError::Thread)?;
+    streams::queue().map_err(ServeError::Thread)?;
     let links = links(args)?;
     let boards = links.iter().enumerate().map(|(index, link)| board(args, index, link)).collect();
     let options = Options {

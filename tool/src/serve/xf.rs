@@ -9,7 +9,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::port::xf::{Listen, OnVanish, Options, ServeError, Server};
 
 use crate::error::say;
-use crate::{CliError, signals, stderr};
+use crate::{CliError, signals, streams};
 
 /// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim in the place of SPI
 ///
@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let failed = |source| ServeError::System { what: "catch signals", source };
     // Signals are watched before anything can move.
     let end_request = signals::EndRequest::watch().map_err(failed)?;
-    stderr::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
+    streams::queue().map_err(|source| ServeError::System { what: "start the thread of standard error", source })?;
     let recorded = super::served(args.link.as_ref())?;
     let uri = recorded.to_string();
     let options = Options {

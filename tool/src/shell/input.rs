@@ -13,6 +13,7 @@ use rustyline::{Editor, Helper, Highlighter, Hinter, Validator};
 use super::complete;
 use super::terminal::Terminal;
 use crate::board::{Board, BoardError};
+use crate::streams;
 
 const PROMPT: &str = "ecmsk> ";
 /// \[OURS] How often signals are checked while no line comes.
@@ -59,13 +60,19 @@ impl Input {
         Ok(Self { wanted, typed: lines, terminal })
     }
 
+    /// Asks for a line. The prompt comes after what was told before.
+    fn ask(&self) {
+        streams::settle();
+        // If the thread has ended, its last message says so.
+        let _ = self.wanted.send(());
+    }
+
     /// The next line; `None` after the last one.
     ///
     /// # Errors
     /// [`BoardError::Stopped`], [`BoardError::Input`].
     pub fn next(&self, board: &Board) -> Result<Option<String>, BoardError> {
-        // If the thread has ended, its last message says so.
-        let _ = self.wanted.send(());
+        self.ask();
         loop {
             if let Err(stopped) = board.check_stop() {
                 self.terminal.restore();
@@ -77,7 +84,7 @@ impl Input {
                 Ok(Typed::Failed(error)) => return Err(BoardError::Input(error)),
                 Ok(Typed::Nothing) => {
                     board.reporter.note("nothing runs; type quit to leave");
-                    let _ = self.wanted.send(());
+                    self.ask();
                 }
                 Err(RecvTimeoutError::Timeout) => {}
             }

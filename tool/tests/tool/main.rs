@@ -9,7 +9,8 @@
 //! - `dump_*.rs`, `plot*.rs`, `compare.rs`, `captures.rs`, `filters.rs`, `migrate.rs`: recordings and
 //!   captures, shown, drawn, compared, replayed, and judged
 //! - `recording_end.rs`, `foreign_recording.rs`: recordings that were not ended, and those of others
-//! - `verbs.rs`, `moves.rs`, `stop.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk to a board,
+//! - `verbs.rs`, `moves.rs`, `stop.rs`, `stalled.rs`, `scripts.rs`, `terminal.rs`, `state_failed.rs`, `objects.rs`: verbs that talk
+//!   to a board,
 //!   signals, scripts, the shell
 //! - `monitor*.rs`: `ecmsk monitor`
 //! - `slave.rs`: `ecmsk slave`
@@ -64,6 +65,7 @@ mod serve_ethercat;
 mod serve_usbip;
 mod serve_xf;
 mod slave;
+mod stalled;
 mod state_failed;
 mod stop;
 mod tcp_network;

@@ -2,7 +2,7 @@
 //! wait for none of it.
 #![cfg(target_os = "linux")]
 
-use std::io::{BufRead as _, BufReader, PipeReader, PipeWriter, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, PipeReader, Read as _};
 use std::net::SocketAddr;
 use std::process::{Child, ChildStdout, Stdio};
 use std::sync::{Arc, Mutex, mpsc};
@@ -13,20 +13,10 @@ use ecmsk::ecm::{Axis, Config, Ecm, Slave};
 use ecmsk::link::{self, Share, Wait};
 use ecmsk::port::tcp::ServeOptions;
 use ecmsk::sk::{Frame, MasterState};
-use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, Signal, kill_process};
+use support::full_pipe;
 use support::tcp::proxy::Cable;
 use support::tcp::{LIMIT, Raw, SIZE, options, serve_with, until};
-
-/// A pipe that takes no byte more until somebody reads it.
-fn full_pipe() -> (PipeReader, PipeWriter) {
-    let (reader, mut writer) = std::io::pipe().unwrap();
-    fcntl_setfl(&writer, OFlags::NONBLOCK).unwrap();
-    while writer.write(&[b'.'; 4096]).is_ok() {}
-    while writer.write(b".").is_ok() {}
-    fcntl_setfl(&writer, OFlags::empty()).unwrap();
-    (reader, writer)
-}
 
 /// The tool at work, with a standard error that nobody reads.
 fn serving(arguments: &[&str], keys: &[(&str, &str)]) -> (Child, BufReader<ChildStdout>, String, PipeReader) {

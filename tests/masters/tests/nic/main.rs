@@ -4,9 +4,11 @@
 //! - `kinds.rs`: 40 slaves of every kind
 //! - `trouble.rs`: frames that are lost, late, doubled or strange, a card that is down, slaves that go and come
 //! - `ring.rs`: two cards
+//! - `gone.rs`: cards that are pulled
 //! - `programs.rs`: example programs, unchanged
 #![cfg(target_os = "linux")]
 
+mod gone;
 mod kinds;
 mod programs;
 mod ring;

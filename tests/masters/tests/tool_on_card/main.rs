@@ -6,9 +6,11 @@
 //! - `written.rs`: objects, files and EEPROMs
 //! - `told.rs`: whether the card is fit, and what goes wrong
 //! - `ring.rs`: two cards
+//! - `gone.rs`: cards that are pulled
 #![cfg(target_os = "linux")]
 
 mod card;
+mod gone;
 mod ring;
 mod shown;
 mod told;

@@ -1,11 +1,13 @@
-//! The log of a server: a bounded queue of notes, and a thread that passes them on.
+//! A log for which nobody waits: a bounded queue of notes, and a thread that passes them on. Servers, the tool and the C library
+//! log through it.
 //!
-//! Adding a note never waits, however slow the reader of the log is or even if it has stalled, because the threads that
-//! stop axes or accept clients add notes. When the queue is full the oldest note is dropped and counted.
+//! Adding a note never waits, however slow the reader of the log is or even if it has stalled, because the threads that move
+//! and stop axes add notes. When the queue is full the oldest note is dropped and counted.
 
 use std::collections::VecDeque;
 use std::io;
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex};
@@ -94,6 +96,8 @@ impl<T> State<T> {
 /// The thread that passes notes on, until this value is dropped.
 pub struct Teller<T> {
     notes: Notes<T>,
+    /// `None` once it was ended.
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl<T: Send + 'static> Teller<T> {
@@ -103,9 +107,8 @@ impl<T: Send + 'static> Teller<T> {
     /// The system provides no thread.
     pub fn start(notes: &Notes<T>, tell: impl FnMut(Note<T>) + Send + 'static) -> io::Result<Self> {
         let queue = Arc::clone(&notes.0);
-        // The thread is never joined, because `tell` may never return.
-        threads::spawn("ecmsk-notes", move || run(&queue, tell))?;
-        Ok(Self { notes: notes.clone() })
+        let thread = threads::spawn("ecmsk-notes", move || run(&queue, tell))?;
+        Ok(Self { notes: notes.clone(), thread: Mutex::new(Some(thread)) })
     }
 }
 
@@ -125,25 +128,42 @@ impl Teller<String> {
 impl<T> Teller<T> {
     /// Waits until the notes added so far have been passed on, at most [`FLUSH_LIMIT`].
     pub fn flush(&self) {
-        let until = Instant::now() + FLUSH_LIMIT;
-        let mut state = self.notes.0.state.lock();
+        self.flush_within(FLUSH_LIMIT);
+    }
+
+    /// Waits until the notes added so far have been passed on, at most `limit`. Whether they have.
+    pub fn flush_within(&self, limit: Duration) -> bool {
+        let until = Instant::now() + limit;
+        // Whoever holds the lock does so for some instructions, but not where a handler of a signal has interrupted it, which then
+        // ends the process.
+        let Some(mut state) = self.notes.0.state.try_lock_until(until) else { return false };
         while !state.is_over && !state.is_told() {
             if self.notes.0.changed.wait_until(&mut state, until).timed_out() {
-                return;
+                return false;
             }
         }
+        true
     }
 
     /// Flushes the queue and ends the thread; later notes are discarded. If the thread is stuck in `tell`, it ends when
     /// `tell` returns.
     pub fn end(&self) {
-        self.flush();
-        let mut state = self.notes.0.state.lock();
-        state.is_over = true;
-        state.kept = VecDeque::new();
-        state.dropped = 0;
-        drop(state);
+        self.end_within(FLUSH_LIMIT);
+    }
+
+    /// As [`Self::end`], with another limit.
+    pub fn end_within(&self, limit: Duration) {
+        let Some(thread) = self.thread.lock().take() else { return };
+        let is_told = self.flush_within(limit);
+        {
+            let mut state = self.notes.0.state.lock();
+            state.is_over = true;
+            state.kept = VecDeque::new();
+            state.dropped = 0;
+        }
         self.notes.0.changed.notify_all();
+        // A thread that is stuck keeps this library loaded.
+        threads::end_within(thread, if is_told { limit } else { Duration::ZERO });
     }
 }
 

@@ -1,0 +1,223 @@
+//! Standard output and standard error of verbs during which axes move or clients are served. A thread of its own writes each of
+//! them, from a bounded queue, so that no other thread waits for a reader: that of a pipe that is full, a terminal that is held
+//! (Ctrl-S).
+//!
+//! Lines come out in the order in which they were told, on one terminal too, as long as both are taken.
+
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use ecmsk::notes::{FLUSH_LIMIT, Note, Notes, Teller};
+
+/// How long a line waits for those of the other stream that were told before it. \[OURS]
+const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
+/// How long the end of the tool waits for lines after a signal. Without one it is [`FLUSH_LIMIT`]. \[OURS]
+const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
+/// How often a wait looks whether it is over. \[OURS]
+const LOOK_INTERVAL: Duration = Duration::from_millis(1);
+
+/// One of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stream {
+    Output,
+    Error,
+}
+
+/// Bytes on their way.
+struct Entry {
+    bytes: Vec<u8>,
+    /// How many entries of the other stream were told before.
+    others_before: u64,
+}
+
+/// What the threads share.
+#[derive(Default)]
+struct Shared {
+    /// How many entries of each stream were told.
+    told: Mutex<[u64; 2]>,
+    /// How many of them were written or given up.
+    done: [AtomicU64; 2],
+    /// A line of the other stream has waited in vain, and nothing was written since.
+    is_stalled: [AtomicBool; 2],
+    notes: [Notes<Entry>; 2],
+    /// Why standard output takes nothing any more.
+    failed: Mutex<Option<io::Error>>,
+}
+
+struct Streams {
+    shared: Arc<Shared>,
+    tellers: [Teller<Entry>; 2],
+}
+
+/// The threads, once [`queue`] was called.
+static STREAMS: OnceLock<Streams> = OnceLock::new();
+/// The number of the signal that ends waits for the reader of standard output.
+static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
+
+/// From now on both streams are written by threads of their own.
+///
+/// # Errors
+/// The system provides no thread.
+pub fn queue() -> io::Result<()> {
+    if STREAMS.get().is_some() {
+        return Ok(());
+    }
+    let shared = Arc::new(Shared::default());
+    let teller = |stream: Stream| {
+        let of = Arc::clone(&shared);
+        Teller::start(&shared.notes[stream as usize], move |note| of.write(stream, note))
+    };
+    let tellers = [teller(Stream::Output)?, teller(Stream::Error)?];
+    // A second call at the same time has no effect.
+    let _ = STREAMS.set(Streams { shared, tellers });
+    Ok(())
+}
+
+/// A signal whose number is put there ends waits for the reader of standard output.
+pub fn end_waits_on(signal: &Arc<AtomicUsize>) {
+    // There is one for the whole program.
+    let _ = SIGNAL.set(Arc::clone(signal));
+}
+
+/// The signal that has come.
+pub fn signal() -> Option<u8> {
+    let signal = SIGNAL.get()?.load(Ordering::SeqCst);
+    (signal != 0).then_some(signal as u8)
+}
+
+/// Tells bytes that a thread writes; false: there is no thread. Never waits.
+pub fn tell(stream: Stream, bytes: &[u8]) -> bool {
+    let Some(Streams { shared, .. }) = STREAMS.get() else { return false };
+    shared.tell(stream, bytes.to_vec());
+    true
+}
+
+/// Whether standard output has failed.
+///
+/// # Errors
+/// Why, as for a write.
+pub fn check_output() -> io::Result<()> {
+    STREAMS.get().map_or(Ok(()), |streams| streams.shared.check())
+}
+
+/// Waits until all that was told to standard output is written, or a signal comes. No axis may move meanwhile.
+///
+/// # Errors
+/// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal has come before.
+pub fn wait_for_output() -> io::Result<()> {
+    let Some(Streams { shared, .. }) = STREAMS.get() else { return Ok(()) };
+    let told = shared.told()[Stream::Output as usize];
+    while shared.done[Stream::Output as usize].load(Ordering::Acquire) < told {
+        shared.check()?;
+        if signal().is_some() {
+            return Err(io::ErrorKind::Interrupted.into());
+        }
+        thread::sleep(LOOK_INTERVAL);
+    }
+    shared.check()
+}
+
+/// Waits for what was told to standard error, for a limited time: what is written next goes past the queue.
+pub fn settle() {
+    if let Some(Streams { tellers: [_, error], .. }) = STREAMS.get() {
+        error.flush_within(END_WAIT_AFTER_SIGNAL);
+    }
+}
+
+/// The end of the tool: waits until all is written, for a limited time.
+///
+/// # Errors
+/// Standard output cannot be written to.
+pub fn finish() -> io::Result<()> {
+    let Some(Streams { shared, tellers }) = STREAMS.get() else { return Ok(()) };
+    let limit = if signal().is_some() { END_WAIT_AFTER_SIGNAL } else { FLUSH_LIMIT };
+    tellers.iter().for_each(|teller| _ = teller.flush_within(limit));
+    shared.check()
+}
+
+impl Shared {
+    fn told(&self) -> MutexGuard<'_, [u64; 2]> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn tell(&self, stream: Stream, bytes: Vec<u8>) {
+        let (own, other) = stream.with_other();
+        let mut told = self.told();
+        told[own] += 1;
+        self.notes[own].tell(Entry { bytes, others_before: told[other] });
+    }
+
+    fn check(&self) -> io::Result<()> {
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let again = |error: &io::Error| match error.raw_os_error() {
+            Some(code) => io::Error::from_raw_os_error(code),
+            None => io::Error::new(error.kind(), error.to_string()),
+        };
+        failed.as_ref().map_or(Ok(()), |error| Err(again(error)))
+    }
+
+    /// Writes an entry, in the thread of its stream.
+    fn write(&self, stream: Stream, note: Note<Entry>) {
+        let (own, _) = stream.with_other();
+        match note {
+            Note::Told(entry) => {
+                self.wait_for_others(stream, entry.others_before);
+                self.put(stream, &entry.bytes);
+                self.is_stalled[own].store(false, Ordering::Release);
+                self.done[own].fetch_add(1, Ordering::Release);
+            }
+            Note::Dropped(count) => {
+                self.done[own].fetch_add(count, Ordering::Release);
+                let of = if stream == Stream::Output { " of standard output" } else { "" };
+                let line = format!("note: {count} lines{of} were dropped, those before were not read in time\n");
+                match stream {
+                    Stream::Output => self.tell(Stream::Error, line.into_bytes()),
+                    Stream::Error => self.put(stream, line.as_bytes()),
+                }
+            }
+        }
+    }
+
+    /// Waits until the other stream has written what was told before, unless its reader has stalled.
+    fn wait_for_others(&self, stream: Stream, others_before: u64) {
+        let (_, other) = stream.with_other();
+        let began = Instant::now();
+        while self.done[other].load(Ordering::Acquire) < others_before
+            && !self.is_stalled[other].load(Ordering::Acquire)
+        {
+            if began.elapsed() >= ORDER_WAIT_MAX {
+                self.is_stalled[other].store(true, Ordering::Release);
+                return;
+            }
+            thread::sleep(LOOK_INTERVAL);
+        }
+    }
+
+    fn put(&self, stream: Stream, bytes: &[u8]) {
+        if stream == Stream::Error {
+            // A closed standard error is ignored.
+            let _ = io::stderr().write_all(bytes);
+            return;
+        }
+        if self.check().is_err() {
+            return;
+        }
+        let mut out = io::stdout().lock();
+        if let Err(error) = out.write_all(bytes).and_then(|()| out.flush()) {
+            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
+    }
+}
+
+impl Stream {
+    /// The places of this one and of the other one in arrays.
+    const fn with_other(self) -> (usize, usize) {
+        match self {
+            Self::Output => (0, 1),
+            Self::Error => (1, 0),
+        }
+    }
+}

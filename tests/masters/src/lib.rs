@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 mod middle;
+pub mod motion;
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};

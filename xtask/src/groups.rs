@@ -36,8 +36,17 @@ const REAL_CLOCK: &[&str] = &[
 /// The one of them that needs seconds: the runners of the board, on every system.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
-/// Modules with tests that repeat others, over other hardware or before another judge: `--all` alone runs them.
-const LONG: &[&str] = &["over", "needs_tshark"];
+/// Tests and modules that repeat others, over other hardware, in other languages or before another judge, or that try hundreds of
+/// moments one by one: `--all` alone runs them.
+const LONG: &[&str] = &[
+    "needs_tshark::",
+    "over::",
+    "programs_in_csharp_run_on_a_network_card",
+    "python_programs_run_on_a_network_card",
+    "rust_programs_run_on_a_network_card",
+    "xf_bus::an_enabled_drive_stays_enabled",
+    "xf_doubts::",
+];
 
 /// The units, and all groups that are not on the machine's clock.
 pub fn units_and_groups(site: &Site) -> Result<(), Error> {
@@ -72,7 +81,7 @@ fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> R
     cargo.args(groups.iter().copied().flatten().map(|group| format!("--test={group}")));
     cargo.args(["--", "--quiet"]).args(options).args(site.skipped_modules());
     if !site.all {
-        cargo.args(LONG.iter().map(|module| format!("--skip={module}::")));
+        cargo.args(LONG.iter().map(|name| format!("--skip={name}")));
     }
     command::run(&mut cargo)
 }
@@ -185,6 +194,18 @@ mod tests {
         }
         found.sort();
         assert_eq!(found, WITH_A_SIGN);
+    }
+
+    /// What is left to `--all` is there.
+    #[test]
+    fn long_tests_are_there() {
+        let sources: Vec<PathBuf> = groups().iter().flat_map(|(_, path)| sources(path)).collect();
+        let texts: Vec<String> = sources.iter().map(|path| fs::read_to_string(path).expect("a source")).collect();
+        for name in LONG {
+            let name = name.trim_end_matches("::").rsplit("::").next().expect("a name");
+            let words = [format!("mod {name} {{"), format!("mod {name};"), format!("fn {name}(")];
+            assert!(texts.iter().any(|text| words.iter().any(|word| text.contains(word))), "{name}");
+        }
     }
 
     #[test]

@@ -18,29 +18,22 @@ const OTHERS: &[&str] =
 
 /// Groups on the machine's clock: runners, processes, sockets, network cards, masters of others. They have the machine to
 /// themselves, one test at a time. What they assert holds on a machine that is late, too.
-const REAL_CLOCK: &[&str] = &[
-    "bus_on_card",
-    "ethercrab",
-    "nic",
-    "pysoem",
-    "ring",
-    "runners",
-    "spi",
-    "tcp",
-    "tool",
-    "tool_on_card",
-    "usbip",
-    "xf_port",
-];
+const REAL_CLOCK: &[&str] =
+    &["bus_on_card", "ethercrab", "nic", "pysoem", "ring", "runners", "spi", "tcp", "tool_on_card", "usbip", "xf_port"];
+
+/// The group of which a part is on the machine's clock, and the parts of the names of its tests there.
+const TOOL: &str = "tool";
+const TOOL_ON_REAL_CLOCK: &[&str] =
+    &["card_picture::", "monitor_tcp::", "page::", "serve_", "stop::", "tcp_", "terminal::"];
 
 /// The one of them that needs seconds: the runners of the board, on every system.
 const QUICK_ON_REAL_CLOCK: &str = "runners";
 
 /// Tests and modules that repeat others, over other hardware, in other languages or before another judge, or that try hundreds of
-/// moments one by one: `--all` alone runs them.
+/// moments one by one: `--all` alone runs them. These are parts of names: each has to be in no other's.
 const LONG: &[&str] = &[
+    "all_that_a_program_sees_is_the_same",
     "needs_tshark::",
-    "over::",
     "programs_in_csharp_run_on_a_network_card",
     "python_programs_run_on_a_network_card",
     "rust_programs_run_on_a_network_card",
@@ -50,7 +43,9 @@ const LONG: &[&str] = &[
 
 /// The units, and all groups that are not on the machine's clock.
 pub fn units_and_groups(site: &Site) -> Result<(), Error> {
-    run(site, &[QUICK, OTHERS], &["--lib", "--bins"], &[])
+    run(site, &[QUICK, OTHERS], &["--lib", "--bins"], &[])?;
+    let others: Vec<String> = TOOL_ON_REAL_CLOCK.iter().map(|name| format!("--skip={name}")).collect();
+    run(site, &[&[TOOL]], &[], &others.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// The units and the quick groups.
@@ -61,12 +56,13 @@ pub fn quick(site: &Site) -> Result<(), Error> {
 
 /// The groups that [`quick`] leaves out.
 pub fn not_quick() -> impl Iterator<Item = &'static str> {
-    OTHERS.iter().chain(REAL_CLOCK).copied().filter(|group| *group != QUICK_ON_REAL_CLOCK)
+    OTHERS.iter().chain(REAL_CLOCK).chain([&TOOL]).copied().filter(|group| *group != QUICK_ON_REAL_CLOCK)
 }
 
 /// The groups on the machine's clock.
 pub fn real_clock(site: &Site) -> Result<(), Error> {
-    run(site, &[REAL_CLOCK], &[], &["--test-threads=1"])
+    run(site, &[REAL_CLOCK], &[], &["--test-threads=1"])?;
+    run(site, &[&[TOOL]], &[], &[&["--test-threads=1"], TOOL_ON_REAL_CLOCK].concat())
 }
 
 /// The examples in the documentation.
@@ -126,7 +122,7 @@ mod tests {
     /// What a test on the machine's clock has in its source.
     const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
     /// Files of other groups with such a sign. No test there fails on a machine that is late.
-    const WITH_A_SIGN: [&str; 11] = [
+    const WITH_A_SIGN: [&str; 14] = [
         "tests/capi/behaviour.rs",
         "tests/capi/cpp_examples.rs",
         "tests/capi/vanish.rs",
@@ -138,6 +134,9 @@ mod tests {
         "tests/link/rate.rs",
         "tests/link/record.rs",
         "tests/link/uri.rs",
+        "tool/tests/tool/monitor_terminal.rs",
+        "tool/tests/tool/page.rs",
+        "tool/tests/tool/terminal.rs",
     ];
 
     fn root() -> &'static Path {
@@ -168,7 +167,7 @@ mod tests {
     #[test]
     fn each_group_stands_in_one_list() {
         let mut there: Vec<String> = groups().into_iter().map(|(name, _)| name).collect();
-        let lists = [QUICK, OTHERS, REAL_CLOCK, &ELSEWHERE];
+        let lists = [QUICK, OTHERS, REAL_CLOCK, &[TOOL], &ELSEWHERE];
         let mut listed: Vec<&str> = lists.iter().copied().flatten().copied().collect();
         there.sort();
         listed.sort();

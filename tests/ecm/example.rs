@@ -2,20 +2,13 @@
 #![cfg(target_os = "linux")]
 
 use std::fs;
-use std::process::Command;
 
 use support::{Ended, root};
 
 const DRIVES: &str = "sim:?slaves=drive*2&clock=virtual";
 
 fn run(example: &str, link: Option<&str>) -> Ended {
-    let target = support::target_dir();
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["run", "--quiet", "--example", example, "--target-dir"]).arg(target);
-    if !cfg!(debug_assertions) {
-        cargo.arg("--release");
-    }
-    support::run(cargo.arg("--").args(link).current_dir(root()))
+    support::run(support::example(example).args(link).current_dir(root()))
 }
 
 /// Without a link, and on links where nothing else comes out, it prints its snapshot.

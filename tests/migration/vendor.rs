@@ -2,8 +2,6 @@
 //! program is in a table with the row by which it differs; and so is what they sent and saw, by `compare`.
 #![cfg(target_os = "linux")]
 
-use std::process::Command;
-
 use ecmsk::compare::{Comparison, Deviation, Options, files};
 use ecmsk::migrate::Row;
 use support::root;
@@ -141,14 +139,7 @@ fn rust_programs() {
         ("hsp", "sim:?slaves=hsp2&slot=16&clock=virtual"),
         ("io", "sim:?slaves=io&clock=virtual"),
     ] {
-        prints_the_same("rust", name, link, |link| {
-            let mut cargo = Command::new(env!("CARGO"));
-            cargo.args(["run", "--quiet", "--example", name, "--target-dir"]).arg(support::target_dir());
-            if !cfg!(debug_assertions) {
-                cargo.arg("--release");
-            }
-            support::run(cargo.arg("--").arg(link).current_dir(root()))
-        });
+        prints_the_same("rust", name, link, |link| support::run(support::example(name).arg(link).current_dir(root())));
     }
 }
 

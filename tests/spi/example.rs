@@ -14,13 +14,15 @@ struct Example(Child);
 
 impl Example {
     fn start(link: &str) -> Self {
-        let target = support::target_dir();
-        let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["build", "--quiet", "--example", "spi_board", "--target-dir"]).arg(target);
-        assert!(cargo.status().expect("cargo runs").success());
-        let program = target.join("debug/examples/spi_board");
+        let program = support::example("spi_board");
         let mut timeout = Command::new("timeout");
-        timeout.arg("300").arg(program).arg(link).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        timeout
+            .arg("300")
+            .arg(program.get_program())
+            .arg(link)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
         Self(timeout.spawn().expect("coreutils' timeout is there"))
     }
 

@@ -1,16 +1,9 @@
 //! The example prints what it promises.
 
-use std::process::Command;
-
 use support::{Ended, root};
 
 fn run(arguments: &[&str]) -> Ended {
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["run", "--quiet", "--example", "xf_two_axes", "--target-dir"]).arg(support::target_dir());
-    if !cfg!(debug_assertions) {
-        cargo.arg("--release");
-    }
-    support::run(cargo.arg("--").args(arguments).current_dir(root()))
+    support::run(support::example("xf_two_axes").args(arguments).current_dir(root()))
 }
 
 /// XF-17.7 Two axes go round a square and end where they were sent, on every chip.

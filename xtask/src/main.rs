@@ -3,8 +3,8 @@
 //! A new chore is a file and a variant of `Verb`. Files:
 //!
 //! - `main.rs`: every chore with its arguments
-//! - `ci.rs`, `test.rs`, `tidy.rs`, `features/`: what a change has to pass: the parts of the tests, spelling and
-//!   dependencies, rules and their tests
+//! - `ci.rs`, `test.rs`, `groups.rs`, `tidy.rs`, `features/`: what a change has to pass: the parts of the tests, the groups of
+//!   tests, spelling and dependencies, rules and their tests
 //! - `rig/`, `windows/`, `dotnet.rs`: tests in a guest system, on Windows under Wine, and of .NET
 //! - `stage.rs`, `dist/`, `semver.rs`: what is installed, packaged and released
 //! - `bench.rs`, `fuzz.rs`, `soak.rs`, `mutants.rs`, `demo.rs`: one chore each
@@ -24,6 +24,7 @@ mod error;
 mod features;
 mod fetched;
 mod fuzz;
+mod groups;
 mod mutants;
 mod needs;
 mod npm;
@@ -57,7 +58,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// Everything that a change has to pass
+    /// The tests; with --all everything that a change has to pass
     Test(test::Arguments),
     /// What is run for each commit (--fast), or for each change that is to be taken in
     Ci(ci::Arguments),

@@ -11,13 +11,23 @@ use crate::needs::{
 use crate::project::Project;
 use crate::spend::Spend;
 use crate::windows::{self, Width};
-use crate::{command, dist, features, needs, rig, stage, tidy};
+use crate::{command, dist, features, groups, needs, rig, stage, tidy};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Add the parts that need more than this machine: the wire tests in a guest system
+    /// Everything: add lints, all combinations of features, documentation and the other checks of the tree, long tests, the wire
+    /// tests in a guest system, Windows programs under Wine, and packages
     #[arg(long)]
     all: bool,
+    /// Run the groups of tests on the machine's clock alone
+    #[arg(long, conflicts_with_all = ["all", "alone"])]
+    real_clock: bool,
+    /// How often
+    #[arg(long, requires = "real_clock", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    times: u32,
+    /// With a busy loop on each processor beside every second run
+    #[arg(long, requires = "real_clock")]
+    busy: bool,
     /// Run the wire tests alone: the tool and a real kernel's USB, SPI and GPIO code, in a guest system (QEMU)
     #[arg(long, conflicts_with = "all", group = "alone")]
     rig: bool,
@@ -31,7 +41,8 @@ pub struct Arguments {
 
 impl Arguments {
     /// The arguments of `cargo xtask test --all`.
-    pub const ALL: Self = Self { all: true, rig: false, windows: false, names: Vec::new() };
+    pub const ALL: Self =
+        Self { all: true, real_clock: false, times: 1, busy: false, rig: false, windows: false, names: Vec::new() };
 }
 
 /// A part of the test.
@@ -65,21 +76,26 @@ pub struct Site<'a> {
     missing: &'a [Need],
     /// The names of the tests to run, for a part that can choose; all if empty.
     names: Vec<String>,
+    /// Whether long tests are run, too.
+    pub all: bool,
 }
 
+/// What a person waits for.
 pub const PARTS: &[Part] = &[
+    part("rules and features", &[], rules),
+    part("tests of units and groups", &[], groups::units_and_groups),
+    part("examples in the documentation", &[], groups::documentation),
+    part("tests on the machine's clock, one at a time", &[], groups::real_clock),
+];
+
+/// The parts that `--all` adds.
+pub const PARTS_OF_ALL: &[Part] = &[
     part("format", &[RUSTFMT], format),
     part("lints", &[CLIPPY], lints),
     part("combinations of features", &[], |site| tidy::combinations(site.project)),
     part("documentation", &[], documentation),
-    part("rules and features", &[], rules),
     part("fuzz targets compile", &[CXX], fuzz_targets),
     part("library, headers and tool in place", &[], staged),
-    part("tests", &[], tests),
-];
-
-/// The parts that `--all` adds.
-pub const PARTS_BEYOND_THIS_MACHINE: &[Part] = &[
     tidy::PARTS[0],
     tidy::PARTS[1],
     tidy::PARTS[2],
@@ -176,7 +192,12 @@ impl Without {
     }
 }
 
-impl Site<'_> {
+impl<'a> Site<'a> {
+    /// Where every test is run, the long ones only if `all`.
+    pub fn new(project: &'a Project, missing: &'a [Need], all: bool) -> Self {
+        Self { project, missing, names: Vec::new(), all }
+    }
+
     fn lacks(&self, needs: &[Need]) -> Vec<Need> {
         needs.iter().copied().filter(|need| self.missing.contains(need)).collect()
     }
@@ -196,7 +217,13 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         needs::require(project, rig::NEEDS)?;
         return rig::run(project, &arguments.names);
     }
-    let beyond = if arguments.all { PARTS_BEYOND_THIS_MACHINE } else { &[] };
+    if arguments.real_clock {
+        let needed: Vec<Need> = GATES.iter().flat_map(|gate| gate.needs).copied().collect();
+        let missing = needs::set_up(project, &needed);
+        let site = Site::new(project, &missing, false);
+        return groups::repeat_real_clock(&site, arguments.times, arguments.busy);
+    }
+    let beyond = if arguments.all { PARTS_OF_ALL } else { &[] };
     let (parts, gates) = if arguments.windows { (&WINDOWS[..], &[][..]) } else { (PARTS, GATES) };
     let asked = |part: &'static Part| Some((part, part.asked_for(&arguments.names)?));
     let parts: Vec<(&Part, Vec<String>)> = parts.iter().chain(beyond).filter_map(asked).collect();
@@ -210,16 +237,15 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     // Everything is run before a change is merged, mostly in a fresh clone where an incremental build is of no use.
     let project = &Project { incremental: !arguments.all, ..project.clone() };
     let left_out = if arguments.all { &[LEFT_TO_DIST][..] } else { &[] };
-    run_parts(project, parts, gates, &missing, left_out)
+    run_parts(&Site::new(project, &missing, arguments.all), parts, gates, left_out)
 }
 
-/// Runs the parts in order, each with its names, and lists at the end what was skipped because of `missing` programs,
-/// and what was `left_out` by choice.
+/// Runs the parts in order, each with its names, and lists at the end what was skipped because of missing programs, and
+/// what was `left_out` by choice.
 pub fn run_parts(
-    project: &Project,
+    site: &Site,
     parts: Vec<(&Part, Vec<String>)>,
     gates: &[Gate],
-    missing: &[Need],
     left_out: &[&str],
 ) -> Result<(), Error> {
     let begin = Instant::now();
@@ -227,7 +253,7 @@ pub fn run_parts(
     let mut without = Without::default();
     let count = parts.len();
     for (number, (part, names)) in parts.into_iter().enumerate() {
-        let site = Site { project, missing, names };
+        let site = Site { names, ..*site };
         let title = format!("[{}/{count}] {}", number + 1, part.name);
         let lacking = site.lacks(part.needs);
         if !lacking.is_empty() {
@@ -247,7 +273,6 @@ pub fn run_parts(
         without.hear(result)?;
     }
     without.all()?;
-    let site = Site { project, missing, names: Vec::new() };
     let closed = gates.iter().filter(|gate| !site.lacks(gate.needs).is_empty());
     skipped.extend(closed.map(|gate| (format!("tests in modules {}", gate.module), site.lacks(gate.needs))));
 
@@ -309,18 +334,12 @@ fn staged(site: &Site) -> Result<(), Error> {
     stage::build_into(site.project, &site.project.target.join("xtask/stage"), "dev")
 }
 
-fn tests(site: &Site) -> Result<(), Error> {
-    let mut cargo = site.project.cargo();
-    cargo.args(["test", "--workspace", "--", "--quiet"]).args(site.skipped_modules());
-    command::run(&mut cargo)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn site<'a>(project: &'a Project, missing: &'a [Need]) -> Site<'a> {
-        Site { project, missing, names: Vec::new() }
+        Site::new(project, missing, false)
     }
 
     #[test]

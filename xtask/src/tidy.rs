@@ -10,7 +10,7 @@ use crate::command;
 use crate::error::Error;
 use crate::needs::{self, ADVISORIES, Need, PIP, PYTHON, TYPOS};
 use crate::project::{Project, cargo_home, metadata};
-use crate::test::{self, Part, part};
+use crate::test::{self, Part, Site, part};
 use crate::tools::{CARGO_DENY, CARGO_MACHETE, Tool};
 use crate::wheel;
 
@@ -29,7 +29,8 @@ pub const PARTS: [Part; 4] = [
 pub fn run(project: &Project) -> Result<(), Error> {
     let needed: Vec<Need> = PARTS.iter().flat_map(|part| part.needs).copied().collect();
     let missing = needs::set_up(project, &needed);
-    test::run_parts(project, PARTS.iter().map(|part| (part, Vec::new())).collect(), &[], &missing, &[])
+    let site = Site::new(project, &missing, false);
+    test::run_parts(&site, PARTS.iter().map(|part| (part, Vec::new())).collect(), &[], &[])
 }
 
 /// Checks spelling; `_typos.toml` lists the words that are meant.

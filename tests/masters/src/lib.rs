@@ -4,6 +4,7 @@
 
 mod elsewhere;
 mod middle;
+pub mod motion;
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};

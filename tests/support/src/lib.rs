@@ -117,11 +117,11 @@ pub fn cargo() -> Command {
     cargo
 }
 
-/// Builds the library, once per test program, with the test's profile into the test's target folder.
+/// The library of this build.
 pub fn library() -> &'static Library {
     static LIBRARY: OnceLock<Library> = OnceLock::new();
     LIBRARY.get_or_init(|| {
-        let built = build("NEXTWUSBLib");
+        let built = built();
         let (shared, archive) = (built.join("libNEXTWUSBLib.so"), built.join("libNEXTWUSBLib.a"));
         let dir = out_dir().join("lib");
         fs::create_dir_all(&dir).expect("a folder in the target folder");
@@ -131,11 +131,9 @@ pub fn library() -> &'static Library {
     })
 }
 
-/// The tool, for tests of other packages than its own: built once per test program, with the test's profile into the test's
-/// target folder.
-pub fn tool() -> &'static Path {
-    static TOOL: OnceLock<PathBuf> = OnceLock::new();
-    TOOL.get_or_init(|| build("ecmsk-tool").join(format!("ecmsk{}", env::consts::EXE_SUFFIX)))
+/// The tool, for tests of other packages than its own.
+pub fn tool() -> PathBuf {
+    built().join(format!("ecmsk{}", env::consts::EXE_SUFFIX))
 }
 
 /// The tool with these words, in an environment that names no link.
@@ -149,20 +147,30 @@ pub fn tool_without_link(words: &[&str]) -> Command {
     tool
 }
 
-/// Builds a package of the workspace, with the test's profile into the test's target folder; where it lies.
-fn build(package: &str) -> PathBuf {
-    let target = target_dir();
-    let mut cargo = cargo();
-    cargo.args(["build", "--quiet", "--package", package, "--target-dir"]).arg(target);
-    let profile = if cfg!(debug_assertions) {
-        "debug"
-    } else {
-        cargo.arg("--release");
-        "release"
-    };
-    let built = cargo.output().expect("cargo runs");
-    assert!(built.status.success(), "{package} does not build:\n{}", String::from_utf8_lossy(&built.stderr));
-    target.join(profile)
+/// A program of `examples/rust/`.
+pub fn example(name: &str) -> Command {
+    Command::new(built().join("examples").join(format!("{name}{}", env::consts::EXE_SUFFIX)))
+}
+
+/// Builds the libraries, the tool and the examples, once per test program, with the test's profile into the test's target folder;
+/// where they lie. All of the workspace is chosen, with the examples, so that the library has the features which it has for
+/// `cargo test --workspace`, and is not compiled once more. What is installed is built as it is installed in the other parts of
+/// `cargo xtask test --all`.
+fn built() -> &'static Path {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let mut cargo = cargo();
+        cargo.args(["build", "--quiet", "--workspace", "--lib", "--bin=ecmsk", "--examples", "--target-dir"]);
+        cargo.arg(target_dir());
+        let profile = if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            cargo.arg("--release");
+            "release"
+        };
+        succeed(&mut cargo);
+        target_dir().join(profile)
+    })
 }
 
 #[cfg(unix)]

@@ -8,7 +8,7 @@ fn say(arguments: &[&str], scheme: &str) -> [String; 2] {
     let link = format!("{scheme}:?{SLAVES}");
     let ran = run(arguments.iter().copied().chain(["--link", &link]));
     assert_eq!(ran.code, Some(0), "{arguments:?} on {link}: {ran:?}");
-    [ran.out.replace(&link, "LINK"), ran.err.replace(&link, "LINK")]
+    [ran.out.replace(&link, "LINK"), ran.said().replace(&link, "LINK")]
 }
 
 /// LINK-9 Verbs that ask, change and move print what they print with `sim:`.

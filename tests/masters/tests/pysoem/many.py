@@ -28,7 +28,7 @@ expect(network.master.expected_wkc, 3 * COUNT, "expected working counter")
 network.to_op()
 network.counters.clear()
 network.cycles(200)
-expect(set(network.counters), {3 * COUNT}, "working counters")
+network.expect_counters(3 * COUNT, "working counters")
 # Each slave has its own image.
 for number, slave in enumerate(network.slaves):
     slave.sdo_write(MODE, 0, b"\x08")

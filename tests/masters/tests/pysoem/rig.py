@@ -10,6 +10,9 @@ DC_CYCLE_NS = 2_000_000
 # The machine that runs tests may be busy with others.
 WATCHDOG_MS = 2000
 
+# What SOEM says of a frame that has not come back in time, as on a machine that is busy.
+LATE = -1
+
 CONTROLWORD, STATUSWORD, MODE, MODE_SHOWN = 0x6040, 0x6041, 0x6060, 0x6061
 OPERATION_ENABLED, FAULT, TARGET_REACHED = 0x27, 0x08, 0x400
 MASK = 0x6F
@@ -86,6 +89,14 @@ class Network:
         self.counters.append(counter)
         time.sleep(CYCLE_S)
         return counter
+
+    def counter(self):
+        """The working counter of the next frame that comes back in time."""
+        return next((counter for counter in (self.cycle() for _ in range(100)) if counter != LATE), LATE)
+
+    def expect_counters(self, wanted, what):
+        """All frames that came back in time have that working counter."""
+        expect(set(self.counters) - {LATE}, {wanted}, what)
 
     def cycles(self, count=10):
         for _ in range(count):

@@ -22,7 +22,7 @@ expect(network.master.expected_wkc, 6, "expected working counter")
 network.to_op()
 network.counters.clear()
 network.cycles(500)
-expect(set(network.counters), {6}, "working counters in OP")
+network.expect_counters(6, "working counters in OP")
 expect(network.states(), [pysoem.OP_STATE] * 2, "states")
 before = network.master.dc_time
 network.cycle()

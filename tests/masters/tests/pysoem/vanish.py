@@ -5,7 +5,7 @@ from rig import *
 network = Network()
 network.start(3, with_dc=False)
 slaves = network.slaves
-expect(network.cycle(), 9, "working counter")
+expect(network.counter(), 9, "working counter")
 
 fault("cut 3")
 wait_for(lambda: network.cycle() == 6, "the working counter without slave 3")
@@ -44,5 +44,5 @@ wait_for(lambda: slaves[1].reconfig(5000) & 0x0F == pysoem.SAFEOP_STATE, "slave 
 slaves[1].state = pysoem.OP_STATE
 slaves[1].write_state()
 wait_for(lambda: network.states() == [pysoem.OP_STATE] * 3, "all in OP", step=network.cycles)
-expect(network.cycle(), 9, "working counter")
+expect(network.counter(), 9, "working counter")
 network.end()

@@ -3,7 +3,6 @@
 mod needs_network_namespace {
     use ecmsk::bus;
     use masters::Rig;
-    use serde_json::json;
 
     use crate::card::{CARD, LIST, doctor, finding, run};
 
@@ -26,11 +25,7 @@ mod needs_network_namespace {
             let read = run(&["bus", "sdo", "read", "2", "0x6099:1", "--link", RING]);
             assert_eq!(read.good(), "51234 (0x0000C822)\n", "{what}");
             let trips = finding(&doctor(RING), "round-trip").cloned().expect("it is measured");
-            assert_eq!(
-                (&trips["figures"]["slaves"], &trips["figures"]["lost"]),
-                (&json!(3), &json!(0)),
-                "{what}: {trips}"
-            );
+            assert_eq!(trips["figures"]["slaves"], 3, "{what}: {trips}");
             let errors = run(&["bus", "errors", "--clear", "--link", RING]);
             // Links that were lost, at either side of the cut.
             assert_eq!(errors.out.contains("lost link"), what.starts_with("cut"), "{what}: {errors:?}");

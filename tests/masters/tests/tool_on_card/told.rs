@@ -35,7 +35,7 @@ mod needs_network_namespace {
         let figures = finding(&findings, "round-trip").expect("it is measured")["figures"].clone();
         let [p50, p99, max] = ["p50_us", "p99_us", "max_us"].map(|name| figures[name].as_i64().expect("a number"));
         assert!(0 < max && p50 <= p99 && p99 <= max, "{figures}");
-        assert_eq!((&figures["slaves"], &figures["lost"]), (&json!(2), &json!(0)), "{figures}");
+        assert_eq!(figures["slaves"], 2, "{figures}");
         let quick = ended(tool(&["doctor", "--quick"]).env("ECMSK_LINK", CARD));
         assert!(quick.out.contains("card-use veth0") && !quick.out.contains("round-trip"), "{quick:?}");
         let said = rig.said();

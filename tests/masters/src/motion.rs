@@ -1,0 +1,82 @@
+//! Motions on the machine's clock. A machine that has other work may be late for its slaves, which then leave OP: that is told, and
+//! the motion is made again. No axis is ever seen beside its way, and each comes to its end.
+
+use ecmsk::ecm::{Ecm, EcmError, SlaveView, Snapshot};
+use ecmsk::sk::MasterState;
+
+/// How often a motion that was told to have failed is made again: no machine is late so often.
+const TRIES: usize = 20;
+/// How far a simulated drive may be from its target, counts.
+const NEAR: i32 = 4;
+/// So many steps at the end hold the last targets, until what is late has come.
+const HELD: i32 = 50;
+
+/// Where an axis is, for an HSP its first one.
+fn position(snapshot: &Snapshot, slave: u8) -> i32 {
+    match snapshot.slave(slave) {
+        Some(SlaveView::Hsp(hsp)) => hsp.first.position,
+        _ => snapshot.position(slave).expect("an axis has a position"),
+    }
+}
+
+/// Moves axes, each by so many counts in each of the steps, from where they are; before each step `happens` is called. How many times it
+/// was told to have failed before.
+///
+/// # Panics
+/// An axis is beside its way, or not at its end, or they never come there.
+pub fn arrive(ecm: &Ecm, axes: &[(u8, i32)], steps: i32, mut happens: impl FnMut(i32)) -> usize {
+    let mut told = Vec::new();
+    while told.len() < TRIES {
+        match once(ecm, axes, steps, &mut happens) {
+            Ok(()) => return told.len(),
+            Err(error) => told.push(error),
+        }
+        println!("told: {}", told[told.len() - 1]);
+        switch_on(ecm, &axes.iter().map(|(slave, _)| *slave).collect::<Vec<_>>());
+    }
+    panic!("never at the end of the way: {told:?}");
+}
+
+fn once(ecm: &Ecm, axes: &[(u8, i32)], steps: i32, happens: &mut impl FnMut(i32)) -> Result<(), EcmError> {
+    let snapshot = ecm.snapshot()?;
+    let ways: Vec<(u8, i32, i32)> =
+        axes.iter().map(|(slave, counts)| (*slave, position(&snapshot, *slave), *counts)).collect();
+    let mut stream = ecm.stream(20)?;
+    for n in 1..=steps + HELD {
+        happens(n);
+        for (slave, start, counts) in &ways {
+            stream.csp(*slave, start + counts * n.min(steps))?;
+        }
+        stream.step()?;
+        let snapshot = stream.snapshot()?;
+        for (slave, start, counts) in &ways {
+            let (at, gone) = (position(&snapshot, *slave) - start, counts * n.min(steps));
+            // A motor that was stopped at once overshoots by less than a step.
+            let over = at * counts.signum() - gone.abs();
+            let is_on_its_way = at * counts.signum() >= -NEAR && over <= counts.abs() + NEAR;
+            assert!(is_on_its_way, "slave {slave} is {at} counts from its start, and was sent no farther than {gone}");
+        }
+    }
+    stream.finish()?;
+    let snapshot = ecm.snapshot()?;
+    for (slave, start, counts) in &ways {
+        let left = position(&snapshot, *slave) - start - counts * steps;
+        assert!(left.abs() <= NEAR, "slave {slave} is {left} counts from its end");
+    }
+    Ok(())
+}
+
+/// Brings the slaves to OP, and switches axes on.
+///
+/// # Panics
+/// They never get there.
+pub fn switch_on(ecm: &Ecm, axes: &[u8]) {
+    let mut told = Vec::new();
+    while told.len() < TRIES {
+        match ecm.set_state(MasterState::Op).and_then(|()| ecm.servo_on(axes)) {
+            Ok(()) => return,
+            Err(error) => told.push(error),
+        }
+    }
+    panic!("never on: {told:?}");
+}

@@ -1,0 +1,214 @@
+//! The groups of tests, each a program of its own: which are quick, which run on the machine's clock, and which tests are long
+//! and left to `--all`. Each group stands in exactly one list; a test below fails for one that was forgotten.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::{hint, thread};
+
+use crate::command;
+use crate::error::Error;
+use crate::test::Site;
+
+/// Groups that need no other program, and seconds: `cargo xtask ci --fast` runs them.
+const QUICK: &[&str] =
+    &["engine", "ethercat", "fieldbus", "link", "link_log", "recordings", "rooms", "sk", "slave", "xf"];
+
+/// Groups that need a compiler or another program, or take longer.
+const OTHERS: &[&str] =
+    &["bus", "capi", "counters", "ecm", "ecmsk_header", "esi", "invariants", "master", "migration", "xf_api"];
+
+/// Groups on the machine's clock: runners, processes, sockets, network cards, masters of others. They have the machine to
+/// themselves, one test at a time. What they assert holds on a machine that is late, too.
+const REAL_CLOCK: &[&str] =
+    &["bus_on_card", "ethercrab", "nic", "pysoem", "ring", "runners", "spi", "tcp", "tool_on_card", "usbip", "xf_port"];
+
+/// The group of which a part is on the machine's clock, and the parts of the names of its tests there.
+const TOOL: &str = "tool";
+const TOOL_ON_REAL_CLOCK: &[&str] =
+    &["card_picture::", "monitor_tcp::", "page::", "serve_", "stop::", "tcp_", "terminal::"];
+
+/// The one of them that needs seconds: the runners of the board, on every system.
+const QUICK_ON_REAL_CLOCK: &str = "runners";
+
+/// Tests and modules that repeat others, over other hardware, in other languages or before another judge, or that try hundreds of
+/// moments one by one: `--all` alone runs them. These are parts of names: each has to be in no other's.
+const LONG: &[&str] = &[
+    "all_that_a_program_sees_is_the_same",
+    "needs_tshark::",
+    "programs_in_csharp_run_on_a_network_card",
+    "python_programs_run_on_a_network_card",
+    "rust_programs_run_on_a_network_card",
+    "xf_bus::an_enabled_drive_stays_enabled",
+    "xf_doubts::",
+];
+
+/// The units, and all groups that are not on the machine's clock.
+pub fn units_and_groups(site: &Site) -> Result<(), Error> {
+    run(site, &[QUICK, OTHERS], &["--lib", "--bins"], &[])?;
+    let others: Vec<String> = TOOL_ON_REAL_CLOCK.iter().map(|name| format!("--skip={name}")).collect();
+    run(site, &[&[TOOL]], &[], &others.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+/// The units and the quick groups.
+pub fn quick(site: &Site) -> Result<(), Error> {
+    run(site, &[QUICK], &["--lib", "--bins"], &[])?;
+    run(site, &[&[QUICK_ON_REAL_CLOCK]], &[], &["--test-threads=1"])
+}
+
+/// The groups that [`quick`] leaves out.
+pub fn not_quick() -> impl Iterator<Item = &'static str> {
+    OTHERS.iter().chain(REAL_CLOCK).chain([&TOOL]).copied().filter(|group| *group != QUICK_ON_REAL_CLOCK)
+}
+
+/// The groups on the machine's clock.
+pub fn real_clock(site: &Site) -> Result<(), Error> {
+    run(site, &[REAL_CLOCK], &[], &["--test-threads=1"])?;
+    run(site, &[&[TOOL]], &[], &[&["--test-threads=1"], TOOL_ON_REAL_CLOCK].concat())
+}
+
+/// The examples in the documentation.
+pub fn documentation(site: &Site) -> Result<(), Error> {
+    command::run(site.project.cargo().args(["test", "--workspace", "--doc", "--", "--quiet"]))
+}
+
+/// Always with the whole workspace: so each group has the library with the same features, which is compiled once.
+fn run(site: &Site, groups: &[&[&str]], targets: &[&str], options: &[&str]) -> Result<(), Error> {
+    let mut cargo = site.project.cargo();
+    cargo.args(["test", "--workspace"]).args(targets);
+    cargo.args(groups.iter().copied().flatten().map(|group| format!("--test={group}")));
+    cargo.args(["--", "--quiet"]).args(options).args(site.skipped_modules());
+    if !site.all {
+        cargo.args(LONG.iter().map(|name| format!("--skip={name}")));
+    }
+    command::run(&mut cargo)
+}
+
+/// Runs the groups on the machine's clock that often; if `is_busy`, with a busy loop on each processor in every second run.
+pub fn repeat_real_clock(site: &Site, times: u32, is_busy: bool) -> Result<(), Error> {
+    for n in 1..=times {
+        let is_busy = is_busy && n.is_multiple_of(2);
+        println!("run {n} of {times}{}", if is_busy { ", beside a busy loop on each processor" } else { "" });
+        if is_busy { beside_busy_loops(|| real_clock(site)) } else { real_clock(site) }?;
+    }
+    Ok(())
+}
+
+fn beside_busy_loops<T>(call: impl FnOnce() -> T) -> T {
+    let is_over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    hint::spin_loop();
+                }
+            });
+        }
+        let result = call();
+        is_over.store(true, Ordering::Relaxed);
+        result
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    use super::*;
+
+    /// The folders with groups.
+    const FOLDERS: [&str; 4] = ["tests", "capi/tests", "tests/masters/tests", "tool/tests"];
+    /// Groups that are started in a guest or under Wine, by parts of their own.
+    const ELSEWHERE: [&str; 2] = ["rig", "windows"];
+    /// What a test on the machine's clock has in its source.
+    const SIGNS: [&str; 4] = ["clock=real", "virtual_time: false", "Instant::now", "thread::sleep"];
+    /// Files of other groups with such a sign. No test there fails on a machine that is late.
+    const WITH_A_SIGN: [&str; 14] = [
+        "tests/capi/behaviour.rs",
+        "tests/capi/cpp_examples.rs",
+        "tests/capi/vanish.rs",
+        "tests/ecm/example.rs",
+        "tests/ecm/targets.rs",
+        "tests/ecm/threads.rs",
+        "tests/engine/random_networks.rs",
+        "tests/invariants/day.rs",
+        "tests/link/rate.rs",
+        "tests/link/record.rs",
+        "tests/link/uri.rs",
+        "tool/tests/tool/monitor_terminal.rs",
+        "tool/tests/tool/page.rs",
+        "tool/tests/tool/terminal.rs",
+    ];
+
+    fn root() -> &'static Path {
+        Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("a folder of the project")
+    }
+
+    /// The groups by their names, each with its file or folder.
+    fn groups() -> Vec<(String, PathBuf)> {
+        let paths = FOLDERS.iter().flat_map(|folder| entries(&root().join(folder)));
+        let is_group = |path: &PathBuf| path.join("main.rs").exists() || path.extension().is_some_and(|of| of == "rs");
+        let name = |path: &PathBuf| path.file_stem().expect("a name").to_string_lossy().into_owned();
+        paths.filter(is_group).map(|path| (name(&path), path)).collect()
+    }
+
+    fn entries(folder: &Path) -> Vec<PathBuf> {
+        folder.read_dir().expect("a folder").map(|entry| entry.expect("an entry").path()).collect()
+    }
+
+    /// The sources below a folder, or a file itself.
+    fn sources(path: &Path) -> Vec<PathBuf> {
+        if path.is_dir() {
+            return entries(path).iter().flat_map(|path| sources(path)).collect();
+        }
+        path.extension().filter(|of| *of == "rs").map(|_| path.to_path_buf()).into_iter().collect()
+    }
+
+    /// Each group is there, has a name of its own, and stands in one list.
+    #[test]
+    fn each_group_stands_in_one_list() {
+        let mut there: Vec<String> = groups().into_iter().map(|(name, _)| name).collect();
+        let lists = [QUICK, OTHERS, REAL_CLOCK, &[TOOL], &ELSEWHERE];
+        let mut listed: Vec<&str> = lists.iter().copied().flatten().copied().collect();
+        there.sort();
+        listed.sort();
+        assert_eq!(there, listed);
+        assert!(REAL_CLOCK.contains(&QUICK_ON_REAL_CLOCK));
+    }
+
+    /// A group that looks at the machine's clock is among those that run alone, or a file of it is named here.
+    #[test]
+    fn what_looks_at_the_clock_runs_alone() {
+        let mut found = Vec::new();
+        for (name, path) in groups() {
+            if REAL_CLOCK.contains(&&*name) || ELSEWHERE.contains(&&*name) {
+                continue;
+            }
+            for source in sources(&path) {
+                let text = fs::read_to_string(&source).expect("a source");
+                if SIGNS.iter().any(|sign| text.contains(sign)) {
+                    let source = source.strip_prefix(root()).expect("it is of the project");
+                    found.push(source.to_string_lossy().replace('\\', "/"));
+                }
+            }
+        }
+        found.sort();
+        assert_eq!(found, WITH_A_SIGN);
+    }
+
+    /// What is left to `--all` is there.
+    #[test]
+    fn long_tests_are_there() {
+        let sources: Vec<PathBuf> = groups().iter().flat_map(|(_, path)| sources(path)).collect();
+        let texts: Vec<String> = sources.iter().map(|path| fs::read_to_string(path).expect("a source")).collect();
+        for name in LONG {
+            let name = name.trim_end_matches("::").rsplit("::").next().expect("a name");
+            let words = [format!("mod {name} {{"), format!("mod {name};"), format!("fn {name}(")];
+            assert!(texts.iter().any(|text| words.iter().any(|word| text.contains(word))), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_call_runs_beside_busy_loops() {
+        assert_eq!(beside_busy_loops(|| 7), 7);
+    }
+}

@@ -4,8 +4,12 @@
 use std::fmt;
 
 use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::AlStatus;
 use crate::fieldbus::{HardwareLimit, Refusal};
 use crate::sk::{MasterState, SlaveKind, StateByte};
+
+/// The AL status code of a watchdog that is set wrong (ETG.1000.6 table 11).
+const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
 
 /// Why a change of state has failed, or which slave has left its state. The wire does not show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +45,11 @@ pub enum StateFailure {
         /// The AL status code (ETG.1000.6 table 11).
         al_status: u16,
     },
+    /// A slave does not take the time after which it leaves OP without outputs (registers 0x0400 and 0x0420), or says that it is wrong.
+    Watchdog {
+        /// Slave, from 1.
+        slave: u8,
+    },
     /// A slave has not answered, or has not reached the state in time.
     Silent {
         /// Slave, from 1.
@@ -65,6 +74,7 @@ impl StateFailure {
     pub(super) const fn of(refusal: Refusal, configuring: bool, target: MasterState, kind: SlaveKind) -> Self {
         let Refusal { slave, al_status, abort } = refusal;
         match (al_status, abort, configuring) {
+            (WRONG_WATCHDOG, None, _) => Self::Watchdog { slave },
             (0, None, _) => Self::Silent { slave },
             (_, _, true) => Self::Declared { slave, kind, al_status, abort },
             (_, _, false) => Self::Refused { slave, target, al_status },
@@ -77,6 +87,7 @@ impl StateFailure {
             Self::Declared { slave, .. }
             | Self::Mode { slave, .. }
             | Self::Refused { slave, .. }
+            | Self::Watchdog { slave }
             | Self::Silent { slave }
             | Self::Lost { slave } => Some(slave),
             Self::NoSlave | Self::Hardware(_) | Self::Late { .. } => None,
@@ -131,6 +142,12 @@ impl fmt::Display for StateFailure {
                     Status(*al_status)
                 )
             }
+            Self::Watchdog { slave } => write!(
+                f,
+                "slave {slave} does not take the time of the watchdog that stops it when no frame comes (registers 0x0400 and \
+                 0x0420), {}; switch it off and on, then SET_STATE again, and leave it out of the network if that does not help",
+                Status(WRONG_WATCHDOG)
+            ),
             Self::Silent { slave } => {
                 write!(f, "slave {slave} does not answer; look at its power and its cable, then SET_STATE again")
             }
@@ -157,6 +174,7 @@ impl fmt::Display for Status {
             0x0011 => " (invalid requested state change)",
             0x001B => " (sync manager watchdog)",
             0x001D => " (invalid output configuration: it has other process data)",
+            WRONG_WATCHDOG => " (invalid watchdog configuration)",
             0x001E => " (invalid input configuration: it has other process data)",
             _ => "",
         })

@@ -134,6 +134,15 @@ impl Bus {
     pub(super) async fn write_all(&self, ado: u16, data: &[u8]) -> Result<u16, Lost> {
         self.queue(Command::Bwr, 0, ado, data).answer(&mut []).await
     }
+
+    /// Writes several registers of all slaves, one after the other, in as few frames as they need.
+    pub(super) async fn write_all_of<const N: usize>(&self, writes: [(u16, &[u8]); N]) -> Result<(), Lost> {
+        let tickets = writes.map(|(ado, data)| self.queue(Command::Bwr, 0, ado, data));
+        for ticket in tickets {
+            ticket.answer(&mut []).await?;
+        }
+        Ok(())
+    }
 }
 
 /// Runs sequences side by side; what each has given, in their order.

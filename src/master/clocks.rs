@@ -13,8 +13,8 @@ use super::place::{self, place};
 use super::process_data::ClockDatagram;
 use super::topology::{PORT_ORDER, Upstream, is_open};
 use crate::ethercat::registers::{
-    CYCLIC_UNIT_CONTROL, DlStatus, PORTS, RECEIVE_TIME_UNIT, RECEIVE_TIMES, SPEED_COUNTER_START, SYNC_ACTIVATION,
-    SYNC0_CYCLE, SYNC0_START, SYSTEM_TIME, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference,
+    CYCLIC_UNIT_CONTROL, DlStatus, PORTS, RECEIVE_TIME_UNIT, RECEIVE_TIMES, SPEED_COUNTER_START, SYNC0_CYCLE,
+    SYNC0_START, SYSTEM_TIME, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference,
 };
 use crate::ethercat::{Command, Ns, SlaveSet};
 
@@ -310,7 +310,8 @@ pub(super) async fn distribute(bus: &Bus) {
 /// Stops the SYNC signals of a slave.
 pub(super) async fn stop_sync(bus: &Bus, slave: u8, station: u16) -> Result<(), Unanswered> {
     if bus.with(|shared| shared.clocks.all.contains(slave)) {
-        bus.write(station, SYNC_ACTIVATION, &[0]).await?;
+        // What belongs to the slave's own controller is not written before it is the master's.
+        bus.write(station, CYCLIC_UNIT_CONTROL, &[0; 2]).await?;
     }
     Ok(())
 }

@@ -1,11 +1,11 @@
 //! The mailbox of a slave: one request and its answer, whatever else the slave sends in between, and whatever gets lost.
 //!
 //! No request is done twice: if a frame that writes one is lost, the same message is written again with the same counter, by
-//! which the slave knows it. No answer is lost: if a frame that reads one is lost, the slave is asked for a repeat.
+//! which the slave knows it. Nor is the first request in PreOP taken for one of another master. No answer is lost: if a frame that reads one is lost, the slave is asked for a repeat.
 
 use super::bus::{Bus, Unanswered};
 use super::{Event, MailboxInfo};
-use crate::coe::CoeMessage;
+use crate::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
 use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
 };
@@ -19,6 +19,10 @@ use crate::ethercat::{Command, Ns};
 const POLL_NS: Ns = 100_000;
 /// \[OURS] How long a slave may take to repeat its last message.
 const REPEAT_MAX_NS: Ns = 50_000_000;
+/// What the first request to a mailbox asks for, which every slave with CoE has: the device type. Its value is of no interest.
+pub(super) const FIRST_OBJECT: ObjectAddress = ObjectAddress::new(0x1000, 0);
+/// \[OURS] How long the master waits for that answer.
+const FIRST_MAX_NS: Ns = 20_000_000;
 /// The sync managers of the mailbox.
 const REQUESTS: u8 = 0;
 const ANSWERS: u8 = 1;
@@ -92,6 +96,7 @@ impl Peer {
         let info = self.mailbox.filter(|info| info.protocols.contains(protocol)).ok_or(MailboxError::NoMailbox)?;
         let mut mailbox = Mailbox::open(bus, self.slave, self.station, info).ok_or(MailboxError::Busy)?;
         mailbox.drain().await?;
+        mailbox.begin(self.timeout_ns).await?;
         Ok(mailbox)
     }
 }
@@ -226,6 +231,24 @@ impl Mailbox {
             }
         });
         Ok(is_full.then(|| self.bytes.clone()))
+    }
+
+    /// Of a slave that has entered PreOP nobody knows which counter it takes for that of a repeat: some remember the last request of
+    /// another master over Init, and would drop the first one of this master that has the same. So that is a request that may be
+    /// dropped; what follows has another counter than either.
+    async fn begin(&mut self, timeout_ns: Ns) -> Result<(), MailboxError> {
+        let is_counted = self.state(|state| state.is_shared || state.counter != MailboxCounter::NONE);
+        if is_counted || !self.info.protocols.contains(MailboxProtocols::COE) {
+            return Ok(());
+        }
+        let until = self.now().saturating_add(timeout_ns.min(FIRST_MAX_NS));
+        let request = CoeMessage::SdoRequest(SdoRequest::Upload { object: FIRST_OBJECT, scope: SdoScope::Entry });
+        self.send(MailboxProtocol::Coe, until, |room| request.encode(room).ok()).await?;
+        match self.receive(MailboxProtocol::Coe, until).await {
+            Err(MailboxError::NoAnswer) => Err(MailboxError::NoAnswer),
+            // Whatever it is; and without an answer the next request shows whether there is ever one.
+            _ => Ok(()),
+        }
     }
 
     /// Takes away what the slave has sent without being asked, or as an answer to a request that was given up.

@@ -111,7 +111,7 @@
 //! | `bus.rs` | what sequences of datagrams are written with |
 //! | `shared.rs` | what sequences, the cycle and the user share; events |
 //! | `scan.rs`, `info.rs`, `sii.rs` | finding slaves, what is known of them, their EEPROMs |
-//! | `states.rs` | changes of the AL state |
+//! | `states.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP when the master is gone |
 //! | `mailbox.rs` | messages to slaves, without loss and without a second time |
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
@@ -140,6 +140,7 @@ mod sii;
 mod states;
 mod topology;
 mod watch;
+mod watchdog;
 mod wire;
 
 use std::collections::VecDeque;

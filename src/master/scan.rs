@@ -3,11 +3,12 @@
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
 use super::topology::{Upstream, is_open, loose_ends, upstreams};
-use super::{SlaveInfo, clocks, sii};
+use super::{SlaveInfo, clocks, sii, watchdog};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, DL_CONTROL, DL_STATUS, DlControl, DlStatus, FEATURES, FMMU,
-    FMMU_LEN, FMMUS, Features, LoopControl, RequestedState, SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS,
-    STATION_ALIAS, SYNC_ACTIVATION, SYNC_MANAGER, SYNC_MANAGER_LEN, SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, CYCLIC_UNIT_CONTROL, DL_CONTROL, DL_STATUS, DlControl,
+    DlStatus, ESC_WRITE_ENABLE, FEATURES, FMMU, FMMU_LEN, FMMUS, Features, LoopControl, RequestedState,
+    SII_CONFIGURATION, SPEED_COUNTER_START, STATION_ADDRESS, STATION_ALIAS, SYNC_MANAGER, SYNC_MANAGER_LEN,
+    SYNC_MANAGERS, TIME_DIFFERENCE_FILTER, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA, WRITE_REGISTER_ENABLE,
 };
 use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 
@@ -17,6 +18,10 @@ pub(super) const FIRST_STATION: u16 = 0x1001;
 const INIT_MAX_NS: Ns = 2_000_000_000;
 /// \[OURS] How long a slave that is asked for its state again and again has between two times.
 pub(super) const STATE_POLL_NS: Ns = 200_000;
+
+/// \[OURS] How often the ports are opened in a row, each time with all tries, while no frame comes back: one that is open without a link
+/// loses the frame behind its slave, which has had it.
+const LOST_MAX: u32 = 2;
 
 /// Why a scan has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -51,9 +56,42 @@ async fn count(bus: &Bus) -> u16 {
     bus.exchange(Command::Brd, 0, TYPE, &mut [0]).await.unwrap_or(0)
 }
 
+/// Opens the ports of all slaves as at power-on, behind which others may be hidden whose ports are closed, too; how many slaves there
+/// are then.
+async fn uncover(bus: &Bus) -> u16 {
+    let (mut found, mut lost) = (None, 0);
+    for _ in 0..=MAX_SLAVES {
+        match uncover_next(bus).await {
+            Ok(seen) if found == Some(seen) => break,
+            Ok(seen) => found = Some(seen),
+            Err(Lost) if lost < LOST_MAX => lost += 1,
+            Err(Lost) => break,
+        }
+    }
+    found.unwrap_or(0)
+}
+
+/// Lets all slaves that frames reach be written, opens their ports, and has them hear their station address alone; how many they are
+/// before that.
+async fn uncover_next(bus: &Bus) -> Result<u16, Lost> {
+    // Ports as their links are, for good: all slaves destroy frames of others, as they come.
+    const AUTOMATIC: [u8; 2] = [DlControl::DESTROYS_OTHERS as u8, 0];
+    const WITHOUT_ALIAS: [u8; 1] = [0];
+    let count = bus.queue(Command::Brd, 0, TYPE, &[0]);
+    bus.write_all_of([
+        // Protection ends in the frame that has given leave to write: that is the byte before.
+        (ESC_WRITE_ENABLE, &[0; 2]),
+        (WRITE_REGISTER_ENABLE, &[0; 2]),
+        (DL_CONTROL, &AUTOMATIC),
+        (DL_CONTROL + 3, &WITHOUT_ALIAS),
+    ])
+    .await?;
+    count.answer(&mut [0]).await
+}
+
 /// Finds the slaves. All of them go to Init and lose what they were configured with.
 pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
-    let found = count(&bus).await;
+    let found = uncover(&bus).await;
     if found == 0 {
         return Ok(Vec::new());
     }
@@ -103,18 +141,24 @@ async fn close(bus: &Bus, slaves: &[SlaveInfo], ends: &[Upstream], is_closed: bo
     Ok(())
 }
 
-/// Brings all slaves to Init, without addresses and without a configuration.
+/// Brings all slaves to Init, without addresses and without a configuration, whatever another master has left there.
 async fn reset(bus: &Bus) -> Result<(), Lost> {
     let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
-    bus.write_all(AL_CONTROL, &init.0.to_le_bytes()).await?;
-    bus.write_all(STATION_ADDRESS, &[0; 2]).await?;
-    bus.write_all(FMMU, &[0; 16 * FMMU_LEN]).await?;
-    bus.write_all(SYNC_MANAGER, &[0; 16 * SYNC_MANAGER_LEN]).await?;
-    bus.write_all(SYNC_ACTIVATION, &[0]).await?;
-    // As all known masters set the filters of the clocks.
-    bus.write_all(TIME_DIFFERENCE_FILTER, &0x0C00_u16.to_le_bytes()).await?;
-    bus.write_all(SPEED_COUNTER_START, &0x1000_u16.to_le_bytes()).await?;
-    bus.write_all(SII_CONFIGURATION, &[2]).await?;
+    bus.write_all_of([
+        (AL_CONTROL, &init.0.to_le_bytes()),
+        (STATION_ADDRESS, &[0; 2]),
+        (FMMU, &[0; 16 * FMMU_LEN]),
+        (SYNC_MANAGER, &[0; 16 * SYNC_MANAGER_LEN]),
+        // The units for SYNC are off, and the master's.
+        (CYCLIC_UNIT_CONTROL, &[0; 2]),
+        // As all known masters set the filters of the clocks; and receive times are those of frames that come by port 0.
+        (TIME_DIFFERENCE_FILTER, &[0x00, 0x0C, 0x00]),
+        (SPEED_COUNTER_START, &0x1000_u16.to_le_bytes()),
+        (WATCHDOG_DIVIDER, &watchdog::DIVIDER.to_le_bytes()),
+        (WATCHDOG_PROCESS_DATA, &watchdog::UNITS.to_le_bytes()),
+        (SII_CONFIGURATION, &[2]),
+    ])
+    .await?;
     bus.write_all(SII_CONFIGURATION, &[0]).await?;
     Ok(())
 }

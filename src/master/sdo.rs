@@ -2,7 +2,7 @@
 
 use super::JobDone;
 use super::bus::Bus;
-use super::mailbox::{Mailbox, MailboxError, Peer};
+use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 use crate::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
     SdoValuePart,
@@ -83,6 +83,9 @@ impl Sdo {
                 Err(error) => return Err(error.into()),
             };
             match CoeMessage::decode(data) {
+                // The answer to the first request to this mailbox, which is not waited for that long.
+                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, .. }))
+                    if object == FIRST_OBJECT && object != self.object => {}
                 Ok(CoeMessage::SdoRequest(SdoRequest::Abort { code, .. })) => return Err(SdoError::Abort(code)),
                 Ok(CoeMessage::SdoResponse(response)) => {
                     if let Some(code) = abort_in(response) {

@@ -129,7 +129,7 @@ async fn command(
     word: u16,
     value: Option<u16>,
 ) -> Result<(SiiControl, [u8; 8]), SiiError> {
-    let mut status = SiiControl::NONE;
+    let (mut status, mut kept) = (SiiControl::NONE, false);
     let [c0, c1] = command.0.to_le_bytes();
     let [low, high] = word.to_le_bytes();
     let [d0, d1] = value.unwrap_or_default().to_le_bytes();
@@ -140,14 +140,23 @@ async fn command(
             bus.sleep(AGAIN_NS).await;
         }
         let until = bus.now() + BUSY_MAX_NS;
-        if bus.write(station, SII_CONTROL, written).await == Err(Unanswered::Lost) {
-            return Err(SiiError::NoAnswer);
-        }
+        let is_taken = match bus.write(station, SII_CONTROL, written).await {
+            Ok(()) => true,
+            // A command of another master is under way, and what is read then is its answer. Or it is this one, whose frame came
+            // back on the second try alone: it does no harm twice.
+            Err(Unanswered::Counter(_)) => false,
+            Err(Unanswered::Lost) => return Err(SiiError::NoAnswer),
+        };
         loop {
             let read = bus.read::<READ_LEN>(station, SII_CONTROL).await?;
             let [control @ .., _, _, _, _, _, _, _, _] = &read;
             status = SiiControl(u16::from_le_bytes([control[0], control[1]]));
             if !status.contains(SiiControl::BUSY) {
+                if !is_taken {
+                    kept = true;
+                    break;
+                }
+                kept = false;
                 if !status.intersects(SiiControl::COMMAND_ERROR | SiiControl::WRITE_ENABLE_ERROR) {
                     return Ok((status, read.last_chunk().copied().unwrap_or_default()));
                 }
@@ -158,7 +167,7 @@ async fn command(
             }
         }
     }
-    Err(SiiError::Command(status))
+    Err(if kept { SiiError::Busy } else { SiiError::Command(status) })
 }
 
 /// The EEPROM of a slave, for one sequence alone. Dropped, it is there for others.

@@ -1,5 +1,6 @@
 //! Changes of the AL state: step by step, with what each step needs, until the slave is there, refuses, or time is up.
 
+use std::fmt;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
@@ -7,10 +8,10 @@ use super::bus::{Bus, Unanswered};
 use super::place::{Place, place};
 use super::process_data::Registers;
 use super::scan::STATE_POLL_NS;
-use super::{SyncSignals, clocks, sii};
+use super::{SyncSignals, clocks, sii, watchdog};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager,
-    WATCHDOG_PROCESS_DATA, fmmu, sync_manager,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
+    sync_manager,
 };
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 
@@ -51,6 +52,29 @@ pub enum StateReason {
     /// It does not answer.
     #[error("it does not answer; check its cable and its power")]
     NoAnswer,
+    /// Its controller does not take the time after which it leaves OP without outputs: it could go on for ever after the master's end.
+    #[error(
+        "its watchdog of process data (registers 0x0400 and 0x0420) has {} instead of {} us; switch it off and on, and if \
+         that does not help leave it out of this network", Watched(*.is_ns), .wanted_ns / 1000
+    )]
+    Watchdog {
+        /// The time that it has, ns; `None`: it has no such registers.
+        is_ns: Option<Ns>,
+        /// The time that it should have, ns.
+        wanted_ns: Ns,
+    },
+}
+
+/// The time of a watchdog in words.
+struct Watched(Option<Ns>);
+
+impl fmt::Display for Watched {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            None => f.write_str("no time"),
+            Some(ns) => write!(f, "{} us", ns / 1000),
+        }
+    }
 }
 
 impl StateReason {
@@ -58,6 +82,8 @@ impl StateReason {
     pub const fn code(self) -> AlStatus {
         match self {
             Self::Refused { code, .. } => code,
+            // What a slave says that finds that itself.
+            Self::Watchdog { .. } => AlStatus::INVALID_WATCHDOG,
             Self::TimeUp { .. } | Self::Busy | Self::NoAnswer => AlStatus::NONE,
         }
     }
@@ -68,12 +94,6 @@ impl From<Unanswered> for StateReason {
         Self::NoAnswer
     }
 }
-
-/// \[OURS] For how many cycles without outputs a slave waits at least.
-const WATCHDOG_CYCLES: u64 = 3;
-/// The unit of 0x0420 with the divider that controllers come with, ns, and their time: 100 ms.
-const WATCHDOG_UNIT_NS: u64 = 100_000;
-const WATCHDOG_UNITS: u16 = 1000;
 
 /// What the steps of one slave write.
 #[derive(Clone, Debug)]
@@ -288,7 +308,7 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
 }
 
 /// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
-async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
+async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     if let Some(registers) = &plan.registers {
         for (n, manager) in &registers.managers {
             set_manager(bus, plan, *n, manager).await?;
@@ -297,16 +317,8 @@ async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> 
             bus.write(plan.station, fmmu(n), &mapped.encode()).await?;
         }
     }
-    set_watchdog(bus, plan).await?;
-    clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await
-}
-
-/// The watchdog of process data is that with which controllers come, and waits for some cycles at least where those are longer. It is
-/// written each time: another program may have left a longer one.
-async fn set_watchdog(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
-    let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
-    let units = u16::try_from(WATCHDOG_CYCLES * pace.cycle_ns / WATCHDOG_UNIT_NS).unwrap_or(u16::MAX);
-    bus.write(plan.station, WATCHDOG_PROCESS_DATA, &units.max(WATCHDOG_UNITS).to_le_bytes()).await
+    watchdog::set(bus, plan).await?;
+    Ok(clocks::start_sync(bus, plan.slave, plan.station, plan.sync).await?)
 }
 
 /// Below SafeOP nothing is exchanged any more.

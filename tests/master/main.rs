@@ -8,6 +8,8 @@
 //! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
+//! - `predecessor.rs`: slaves as another master has left them
+//! - `watchdog.rs`: the watchdog that stops slaves when the master is gone
 //! - `lost.rs`: slaves that go and come back
 //! - `ring.rs`: two cards at the ends of the cable
 //! - `allocation.rs`: what allocates nothing
@@ -19,7 +21,9 @@ mod files;
 mod hostile;
 mod lost;
 mod objects;
+mod predecessor;
 mod registers;
 mod rig;
 mod ring;
 mod start;
+mod watchdog;

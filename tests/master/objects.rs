@@ -37,6 +37,16 @@ fn values_of_any_length_are_read_and_written() {
     assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(Vec::new()));
 }
 
+/// MASTER-2.8 The answer to the first request to a mailbox, which asks for an object that this slave has not, is none to the second one
+/// when it comes late.
+#[test]
+fn a_late_first_answer_is_none_to_another_request() {
+    let mut rig = blob(3);
+    rig.net.chain.delay_sdo(0, 50 * MS);
+    assert_eq!(rig.upload(1, BLOB.index, BLOB.sub), Ok(bytes(3)));
+    assert_eq!(rig.upload(1, 0x1000, 0), Err(SdoError::Abort(AbortCode::NO_OBJECT)));
+}
+
 /// MASTER-1.5 MASTER-5.1 An upload of a number reads the whole value, however it comes, and tells its first 4 bytes; those that it lacks
 /// are 0. A download of up to 4 bytes brings just these.
 #[test]

@@ -2,12 +2,11 @@
 
 use ecmsk::cia402::Controlword;
 use ecmsk::coe::{ObjectAddress, SdoScope};
-use ecmsk::ethercat::registers::{AlStatusRegister, Features, RequestedState, WATCHDOG_PROCESS_DATA};
+use ecmsk::ethercat::registers::{AlStatusRegister, Features, RequestedState};
 use ecmsk::ethercat::sii::MailboxProtocols;
-use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, FrameHeader, FrameWriter, SlaveSet};
+use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
 use ecmsk::fieldbus::{SlaveIn, SlaveOut};
-use ecmsk::master::{ConfigureError, Event, JobDone, Master, Pace, Settings, StateError, StateReason};
-use ecmsk::sk::DriveSync;
+use ecmsk::master::{ConfigureError, Event, JobDone, Master, Settings, StateError, StateReason};
 use ecmsk::slave::esc::{Chain, EscSettings};
 use support::blob::Blob;
 
@@ -269,31 +268,4 @@ fn process_data_are_cut_at_slaves() {
     // Three slaves in the first datagram, two in the second one, and the watch.
     assert!((2..=3).contains(&(rig.master.counters().sent - before)));
     assert_eq!((rig.last.working_counter, rig.last.expected_working_counter), (15, 15));
-}
-
-/// MASTER-3.6 Watchdogs wait for 100 ms, or for three cycles if those are longer; what another program has left there does not stay.
-#[test]
-fn watchdogs_go_by_the_cycle() {
-    let left_there = 65_000_u16;
-    for (cycle_ms, units) in
-        [(None, left_there), (Some(1), 1000), (Some(33), 1000), (Some(34), 1020), (Some(512), 15_360)]
-    {
-        let kinds = ["drive", "io"];
-        let mut rig = Rig::scanned(&kinds);
-        let mut buffer = [0; 60];
-        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams([0x10; 6])).expect("room");
-        let header = DatagramHeader::register(Command::Bwr, 0, 0, WATCHDOG_PROCESS_DATA);
-        frame.push(header, &left_there.to_le_bytes()).expect("room");
-        frame.finish();
-        let now = rig.net.now;
-        rig.net.chain.process(&mut buffer, now);
-        rig.master.set_pace(cycle_ms.map(|ms| Pace { cycle_ns: ms * MS, phase_ns: 0 }));
-        rig.reach(AlState::PreOp);
-        (1..).zip(kinds).for_each(|(slave, kind)| rig.map(slave, kind, DriveSync::FreeRun));
-        rig.reach(AlState::SafeOp);
-        for n in 0..kinds.len() {
-            let set = rig.net.chain.slave(n).controller().peek(WATCHDOG_PROCESS_DATA, 2);
-            assert_eq!(set, u16::to_le_bytes(units), "{cycle_ms:?} ms");
-        }
-    }
 }

@@ -1,8 +1,9 @@
 //! `cargo xtask soak`: runs random tests many more times than the tests do: the random schedules, on a bus that our runner
 //! paces and on late ones, the writers that die and the long day of tests/invariants, the random frames against every
-//! network of tests/engine and against slaves in every state in tests/ethercat, all of tests/engine over a bus that takes
-//! outputs ahead, the schedules of faults between the ECM-XF's driver and its model in tests/xf, programs on a board and
-//! behind a chip in tests/migration, and system calls that fail in tests/failing_calls and in those of tests/masters.
+//! network of tests/engine and against slaves in every state in tests/ethercat, slaves as another master has left them in
+//! tests/master, all of tests/engine over a bus that takes outputs ahead, the schedules of faults between the ECM-XF's
+//! driver and its model in tests/xf, programs on a board and behind a chip in tests/migration, and system calls that fail in
+//! tests/failing_calls and in those of tests/masters.
 
 use std::process::Command;
 
@@ -43,6 +44,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let few = arguments.schedules.div_ceil(PER_MIGRATION);
     let groups = [
         ("invariants", &[][..], arguments.schedules),
+        ("master", &["what_another_master_has_left_does_not_matter"], arguments.schedules),
         ("xf", &["schedules::"], arguments.schedules),
         ("migration", &["generated_programs"], few),
     ];

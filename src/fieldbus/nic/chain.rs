@@ -6,7 +6,7 @@ use super::{CardPair, NicWires};
 use crate::ethercat::{CableEnd, FRAME_LEN_MAX, Ns};
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::Slave;
-use crate::slave::esc::{CabledChain, FrameFate, UndescribedError};
+use crate::slave::esc::{CabledChain, FrameFate, Predecessor, UndescribedError};
 use crate::slave::handle::SimHandle;
 
 /// How long a card takes to send a frame and to hand over its answer, besides the way along the cable, ns. \[OURS]
@@ -68,6 +68,11 @@ impl ChainWires {
     /// The slaves.
     pub const fn slaves(&self) -> &CabledChain {
         &self.slaves
+    }
+
+    /// The slaves are left as that other master leaves them, which ends now.
+    pub fn leave(&mut self, predecessor: &mut Predecessor) {
+        self.slaves.leave(predecessor, self.now);
     }
 
     /// Connects a second card to the last slave, or takes it away.

@@ -1,7 +1,7 @@
 //! Slave controllers in a line, and the handle by which scripts and tests reach them while frames pass.
 
 use super::scripted::Scripted;
-use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate};
+use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate, Predecessor};
 use crate::ethercat::{CableEnd, Ns, SlaveSet};
 use crate::slave::Slave;
 use crate::slave::cable::{Cable, Noise};
@@ -91,6 +91,11 @@ impl CabledChain {
     /// The slaves, to cause something in them that the cable knows nothing of.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         &mut self.chain
+    }
+
+    /// Each slave is left as that other master leaves it, which ends at `now`.
+    pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
+        self.chain.leave(predecessor, now);
     }
 
     /// A frame goes out at `now` and is changed in place, as [`Chain::process`] says.

@@ -3,9 +3,9 @@
 //! The cable is a tree. A frame leaves a slave by port 3, then 1, then 2, and comes back by port 0; a port that is closed
 //! is passed by. A second card at the last slave makes it a ring. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
 
-use super::EscSlave;
 use super::passing::Passing;
 use super::route::{Exit, Route, Slaves, Visit};
+use super::{EscSlave, Predecessor};
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
 use crate::ethercat::{CableEnd, Frame, Ns, mark_as_passed};
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
@@ -108,6 +108,12 @@ impl Chain {
     /// If there is none with that number.
     pub fn slave(&self, n: usize) -> &EscSlave {
         &self.places[n].slave
+    }
+
+    /// Each slave is left as that other master leaves it, which ends at `now`.
+    pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
+        self.places.iter_mut().for_each(|place| predecessor.leave(&mut place.slave, now));
+        self.forget_routes();
     }
 
     /// A slave, to be changed.
@@ -224,7 +230,11 @@ impl Chain {
         }
         let fate = match route.exit {
             Some(Exit { end, after_ns }) => (self.visit(frame, &mut route, now, now + after_ns), end),
-            None => (FrameFate::Lost, end),
+            // The slaves before the hole have had it.
+            None => {
+                self.visit(frame, &mut route, now, now);
+                (FrameFate::Lost, end)
+            }
         };
         self.routes[place] = route;
         fate

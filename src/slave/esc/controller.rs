@@ -2,6 +2,7 @@
 
 mod accesses;
 mod ports;
+mod protection;
 
 use super::EscSettings;
 use super::clock::{Clock, FILTERS, SPEED_START};
@@ -18,6 +19,8 @@ use crate::ethercat::registers::{
 };
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Communication, SyncManagerSettings};
+
+use protection::Protection;
 
 /// What has happened to a controller since its device looked.
 #[derive(Clone, Copy, Debug, Default)]
@@ -49,6 +52,7 @@ pub struct Controller {
     pub(super) ports_have_changed: bool,
     /// The mask of the events for the master, as in the memory.
     event_mask: u16,
+    protection: Protection,
     pub(super) memory: Memory,
     pub(super) fmmus: Fmmus,
     pub(super) managers: Managers,
@@ -88,6 +92,7 @@ impl Controller {
             without_pulse: 0,
             ports_have_changed: true,
             event_mask: 0,
+            protection: Protection::default(),
             arrival: now,
             returns: [None; PORTS - 1],
             links: [false; PORTS],
@@ -108,6 +113,7 @@ impl Controller {
         self.memory.clear();
         self.fmmus = Fmmus::default();
         self.event_mask = 0;
+        self.protection = Protection::default();
         self.managers = Managers::new(self.settings.sync_managers);
         self.clock = Clock::new(now, self.settings.local_time_ns, self.settings.drift_ppb);
         self.sync = SyncUnit::default();
@@ -135,7 +141,7 @@ impl Controller {
         memory.set_u16(AL_CONTROL, AlState::Init as u16);
         memory.set_u16(AL_STATUS, AlState::Init as u16);
         memory.set_u32(registers::AL_EVENT_MASK, 0x00FF_FF0F);
-        self.watchdog = Watchdog::power_on(memory);
+        self.watchdog = Watchdog::power_on(settings.fixed_watchdog_divider, memory);
         if self.has_clock() {
             self.memory.set_u16(registers::SPEED_COUNTER_START, SPEED_START);
             self.memory.put(registers::TIME_DIFFERENCE_FILTER, &FILTERS);
@@ -176,6 +182,19 @@ impl Controller {
     /// The content of the EEPROM.
     pub fn eeprom(&self) -> &[u8] {
         self.eeprom.content()
+    }
+
+    /// Whether nothing may be written in this frame.
+    #[inline]
+    pub(super) const fn is_write_protected(&self) -> bool {
+        self.protection.blocks_all()
+    }
+
+    /// A frame comes.
+    #[inline]
+    pub(super) fn begin_frame(&mut self, arrival: Ns) {
+        self.arrival = arrival;
+        self.protection.begin_frame();
     }
 
     /// Puts a station alias into the EEPROM, from where it is loaded at the next power-on.
@@ -406,6 +425,12 @@ impl Controller {
         if self.has_clock() {
             latch_unit::set_levels(levels, &mut self.memory);
         }
+    }
+
+    /// Bytes that no master writes, or that are written without any effect: the RAM, and the station alias.
+    pub(super) fn fill(&mut self, address: u16, data: &[u8]) {
+        let room = self.memory.end().saturating_sub(address.into());
+        self.memory.put(address, &data[..data.len().min(room)]);
     }
 
     /// The slave's own controller takes the EEPROM, or gives it back.

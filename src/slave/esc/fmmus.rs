@@ -136,6 +136,9 @@ impl Controller {
     /// Writes what FMMUs map for outputs. Whether anything was written.
     #[inline]
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
+        if self.is_write_protected() {
+            return false;
+        }
         let (mut done, mut left) = (false, self.fmmus.outputs);
         while let Some(n) = next(&mut left) {
             done |= match self.fmmus.share(n, self.managers.writable(), address, data.len()) {

@@ -67,6 +67,8 @@ pub(super) struct Mailbox {
     files: FileServer,
     /// In bootstrap nothing but files is served.
     is_in_bootstrap: bool,
+    /// What it remembers of messages outlives Init, as in some devices: counters, and the message that was read last.
+    remembers: bool,
 }
 
 impl Mailbox {
@@ -77,18 +79,33 @@ impl Mailbox {
             (&mut self.answer.bytes, answers),
             (&mut self.put_back.bytes, answers),
             (&mut self.posted, answers),
-            (&mut self.read.bytes, answers),
         ] {
             bytes.clear();
             bytes.reserve(len);
         }
-        (self.answer.is_used, self.put_back.is_used, self.read.is_used) = (false, false, false);
-        (self.last_request, self.counter) = (MailboxCounter::NONE, MailboxCounter::NONE);
+        (self.answer.is_used, self.put_back.is_used) = (false, false);
+        if !self.remembers {
+            self.read.is_used = false;
+            self.read.bytes.clear();
+            self.read.bytes.reserve(answers);
+            (self.last_request, self.counter) = (MailboxCounter::NONE, MailboxCounter::NONE);
+        }
         (self.is_repeat, self.emergencies_waiting, self.answer_due) = (false, 0, 0);
         self.sdo.reset();
         self.information.reset();
         self.files.reset(is_in_bootstrap);
         self.is_in_bootstrap = is_in_bootstrap;
+    }
+
+    /// The device is one that remembers messages over Init, the last request with that counter; the last one that was read is this.
+    pub(super) fn remember(&mut self, last_request: MailboxCounter, read: &[u8]) {
+        (self.remembers, self.last_request, self.counter) = (true, last_request, last_request);
+        self.read.keep(read);
+    }
+
+    /// The device was without power.
+    pub(super) fn forget(&mut self) {
+        self.remembers = false;
     }
 
     /// Makes SDOs take that much longer from the next one on.

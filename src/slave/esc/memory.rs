@@ -46,6 +46,7 @@ pub(super) struct Memory {
     fmmus_end: u16,
     managers_end: u16,
     has_clock: bool,
+    is_divider_fixed: bool,
 }
 
 impl Memory {
@@ -56,6 +57,7 @@ impl Memory {
             fmmus_end: FMMU + u16::from(settings.fmmus.min(16)) * FMMU_LEN as u16,
             managers_end: SYNC_MANAGER + u16::from(settings.sync_managers.min(16)) * SYNC_MANAGER_LEN as u16,
             has_clock: settings.features.contains(Features::CLOCK),
+            is_divider_fixed: settings.fixed_watchdog_divider.is_some(),
         }
     }
 
@@ -78,7 +80,12 @@ impl Memory {
         let is_absent = (FMMU..registers::FMMU + 16 * FMMU_LEN as u16).contains(&at) && at >= self.fmmus_end
             || (SYNC_MANAGER..SYNC_MANAGER + 16 * SYNC_MANAGER_LEN as u16).contains(&at) && at >= self.managers_end
             || CLOCK_REGISTERS.contains(&at) && !self.has_clock;
-        if is_absent { ByteAccess::Absent } else { *access }
+        let is_fixed = self.is_divider_fixed && at & !1 == registers::WATCHDOG_DIVIDER;
+        match access {
+            _ if is_absent => ByteAccess::Absent,
+            ByteAccess::Write if is_fixed => ByteAccess::Read,
+            access => *access,
+        }
     }
 
     /// The bytes from an address on; none where there is no memory.

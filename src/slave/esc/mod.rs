@@ -8,6 +8,7 @@
 //! | `settings.rs` | what kind of controller it is: [`EscSettings`] |
 //! | `controller.rs`, `controller/ports.rs` | the [`Controller`]: its parts, its events; its ports |
 //! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
+//! | `controller/protection.rs` | its write protection |
 //! | `memory.rs` | its memory, and which bytes the network may write |
 //! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
 //! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
@@ -17,6 +18,7 @@
 //! | `slave.rs`, `slave/frames.rs`, `slave/cycle.rs` | a controller with its device: [`EscSlave`], what it does with a frame, and how its device works |
 //! | `application.rs`, `checks.rs` | the AL state machine, and what it checks |
 //! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox with its repeat, SDO, SDO information, emergencies, files |
+//! | `predecessor.rs` | what another master has left in a slave: [`Predecessor`] |
 //! | `description.rs` | the EEPROM of a device |
 //! | `esi.rs` | its ESI file |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
@@ -43,6 +45,7 @@ mod mailbox;
 mod managers;
 mod memory;
 mod passing;
+mod predecessor;
 mod route;
 mod scripted;
 mod sdo_server;
@@ -60,6 +63,7 @@ pub use controller::Controller;
 pub use description::{DescriptionError, eeprom_of};
 pub use esi::esi_of;
 pub use mailbox::EMERGENCIES_MAX;
+pub use predecessor::Predecessor;
 pub use sdo_server::VALUE_BYTES_MAX;
 pub use settings::EscSettings;
 pub use slave::{DRIVEN_NS, ERROR_CYCLE_NS, EscSlave, FREE_RUN_CYCLE_NS};

@@ -28,6 +28,8 @@ pub struct EscSettings {
     pub mailbox_bytes_min: u16,
     /// What each port is, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
     pub ports: [u8; 4],
+    /// What register 0x0400 has if a master cannot write it, as in controllers that were built without that; `None`: a master can.
+    pub fixed_watchdog_divider: Option<u16>,
     /// A read of the EEPROM gives 8 bytes, not 4.
     pub reads_8_bytes: bool,
     /// How long a command for the EEPROM takes.
@@ -64,6 +66,7 @@ impl Default for EscSettings {
             pdi_configuration: 0,
             mailbox_bytes_min: super::MAILBOX_BYTES_MIN,
             ports: [3, 3, 0, 0],
+            fixed_watchdog_divider: None,
             reads_8_bytes: true,
             eeprom_ns: 0,
             local_time_ns: 0,

@@ -115,6 +115,7 @@ impl EscSlave {
             self.controller.store_alias(alias);
         }
         self.controller.power_on(now);
+        self.mailbox.forget();
         self.controller.begin_latch_inputs(self.device.latch_levels().unwrap_or(0));
         self.application = Application::new(self.application.has_mailbox, self.application.managers);
         (self.now, self.stepped, self.looked, self.error_code) = (now, now, now, 0);
@@ -145,6 +146,21 @@ impl EscSlave {
     /// The device.
     pub fn device(&self) -> &dyn Slave {
         &*self.device
+    }
+
+    /// Another master writes to the slave, in a frame that is seen nowhere else. Whether any byte was written.
+    pub(super) fn write_unseen(&mut self, address: u16, data: &[u8], now: Ns) -> bool {
+        self.is_quiet = false;
+        self.advance(now);
+        self.controller.begin_frame(now);
+        let is_done = self.controller.write(address.into(), data);
+        self.react(now);
+        is_done
+    }
+
+    /// The mailbox, to leave something in it.
+    pub(super) const fn mailbox_mut(&mut self) -> &mut Mailbox {
+        &mut self.mailbox
     }
 
     /// The device, to cause faults in it.

@@ -23,8 +23,8 @@ pub(super) struct Watchdog {
 }
 
 impl Watchdog {
-    pub(super) fn power_on(memory: &mut Memory) -> Self {
-        memory.set_u16(WATCHDOG_DIVIDER, DIVIDER);
+    pub(super) fn power_on(fixed_divider: Option<u16>, memory: &mut Memory) -> Self {
+        memory.set_u16(WATCHDOG_DIVIDER, fixed_divider.unwrap_or(DIVIDER));
         memory.set_u16(WATCHDOG_PDI, TIME);
         memory.set_u16(WATCHDOG_PROCESS_DATA, TIME);
         Self { due: None, time_ns: Self::time(memory) }

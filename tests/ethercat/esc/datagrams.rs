@@ -258,3 +258,27 @@ fn frames_that_are_wrong() {
     assert!(matches!(rig.raw(&mut arp), FrameFate::Returned(_)));
     assert_eq!(arp, before);
 }
+
+/// ECAT-8.14 With bit 0 of 0x0021 no register is written, and with that of 0x0031 nothing, process data and RAM neither, but in a frame
+/// that has written 0x0020, or 0x0030, before. What is refused counts nothing.
+#[test]
+fn what_is_protected_is_written_with_leave_alone() {
+    const RAM: u16 = 0x1F00;
+    let register = registers::USER_RAM;
+    let bwr = |ado| DatagramHeader::register(Command::Bwr, 7, 0, ado);
+    for (enable, protects_ram) in [(registers::WRITE_REGISTER_ENABLE, false), (registers::ESC_WRITE_ENABLE, true)] {
+        let mut rig = Rig::drives(1);
+        let counts = |rig: &mut Rig, ado| rig.frame(&[(bwr(ado), &[0xA5])])[0].wkc;
+        assert_eq!([counts(&mut rig, register), counts(&mut rig, RAM)], [1, 1]);
+        assert_eq!(counts(&mut rig, enable + 1), 1, "it is on");
+        assert_eq!([counts(&mut rig, register), counts(&mut rig, RAM)], [0, u16::from(!protects_ram)]);
+        assert_eq!(counts(&mut rig, enable + 1), 0, "and is no more taken back than anything else");
+        // Whatever is written there.
+        let allowed = rig.frame(&[(bwr(register), &[1]), (bwr(enable), &[0]), (bwr(register), &[2]), (bwr(RAM), &[3])]);
+        assert_eq!(allowed.iter().map(|answer| answer.wkc).collect::<Vec<_>>(), [0, 1, 1, 1]);
+        assert_eq!((rig.read_u8(FIRST, register), rig.read_u8(FIRST, RAM)), (2, 3));
+        assert_eq!(counts(&mut rig, register), 0, "for one frame");
+        assert_eq!(rig.frame(&[(bwr(enable), &[0, 0])])[0].wkc, 1, "both bytes: it is off");
+        assert_eq!([counts(&mut rig, register), counts(&mut rig, RAM)], [1, 1]);
+    }
+}

@@ -100,6 +100,26 @@ fn loops_are_controlled() {
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
 }
 
+/// ECAT-9.8 A frame that an open port without a link loses has passed the slaves before: one that has the ports open as their links are
+/// mends that.
+#[test]
+fn slaves_before_a_hole_have_had_the_frame() {
+    let mut rig = Rig::drives(3);
+    let closed_behind = DlControl::POWER_ON.with_loop(1, registers::LoopControl::Open);
+    rig.write(FIRST + 2, registers::DL_CONTROL, &closed_behind.0.to_le_bytes());
+    let frame = |rig: &mut Rig, ado, data: &[u8]| {
+        let mut buffer = [0; 60];
+        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
+        frame.push(DatagramHeader::register(Command::Bwr, 1, 0, ado), data).expect("room");
+        frame.finish();
+        rig.raw(&mut buffer)
+    };
+    assert_eq!(frame(&mut rig, registers::USER_RAM, &[0x5A]), FrameFate::Lost);
+    assert_eq!([0, 1, 2].map(|n| rig.chain.slave(n).controller().peek(registers::USER_RAM, 1)), [[0x5A]; 3]);
+    assert_eq!(frame(&mut rig, registers::DL_CONTROL, &[1, 0]), FrameFate::Lost, "its own way was open still");
+    assert_eq!(rig.one(Command::Brd, 0, registers::TYPE, &[0]).wkc, 3);
+}
+
 /// ECAT-9.15 With bit 1 of DL control the ports are as written for a second, and then as before: one that is closed opens, and one that
 /// is open without a link, so that all frames are lost, closes.
 #[test]

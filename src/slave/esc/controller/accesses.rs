@@ -101,7 +101,7 @@ impl Controller {
 
     /// Writes memory for the network. Whether any byte was written.
     pub(in crate::slave::esc) fn write(&mut self, address: usize, data: &[u8]) -> bool {
-        if address == registers::SYSTEM_TIME.into() && data.len() <= 8 && self.has_clock() {
+        if address == registers::SYSTEM_TIME.into() && data.len() <= 8 && self.has_clock() && !self.protection.is_on() {
             // A master that keeps clocks together sends it in each cycle. The device sees nothing of it.
             return self.receive_system_time(data);
         }
@@ -111,7 +111,7 @@ impl Controller {
         if !low.is_empty() {
             done |= self.write_registers(address, low);
         }
-        if !high.is_empty() {
+        if !high.is_empty() && !self.protection.blocks_all() {
             done |= self.managers.write(address + registers, high, &mut self.memory);
             self.note_outputs();
         }
@@ -136,6 +136,9 @@ impl Controller {
         let mut done = false;
         for (n, byte) in data.iter().enumerate() {
             let at = address + n;
+            if self.protection.is_on() && self.protection.blocks(at) {
+                continue;
+            }
             match self.memory.access(at) {
                 ByteAccess::Absent | ByteAccess::Read => continue,
                 ByteAccess::Clear => self.clear_counters(at as u16),
@@ -144,7 +147,10 @@ impl Controller {
                 }
                 ByteAccess::Write if EEPROM_COMMANDS.contains(&at) && !eeprom_is_free => continue,
                 ByteAccess::Write if is_trigger(at) || self.is_devices_unit(at) => {}
-                ByteAccess::Write => self.memory.slice_mut(at, 1)[0] = *byte,
+                ByteAccess::Write => {
+                    self.memory.slice_mut(at, 1)[0] = *byte;
+                    self.protection.note_written(at, &self.memory);
+                }
             }
             done = true;
         }

@@ -29,7 +29,7 @@ impl EscSlave {
     #[inline]
     pub(in crate::slave::esc) fn begin_frame(&mut self, arrival: Ns) {
         self.advance(arrival);
-        self.controller.arrival = arrival;
+        self.controller.begin_frame(arrival);
     }
 
     /// A datagram of the frame passes the slave. What its working counter counts.

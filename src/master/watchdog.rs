@@ -1,0 +1,82 @@
+//! The watchdog of process data, registers 0x0400 and 0x0420: a slave whose outputs do not come any more leaves OP.
+//!
+//! It is all that stops an axis when the master is killed. So nothing is taken for granted: both registers are written on each way to
+//! SafeOP, since another master may have left them otherwise, and read back.
+
+use super::bus::{Bus, Unanswered};
+use super::states::{Plan, StateReason};
+use crate::ethercat::Ns;
+use crate::ethercat::registers::{SmControl, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
+
+/// What controllers come with: units of 100 us, and 1000 of them.
+pub(super) const DIVIDER: u16 = 2498;
+pub(super) const UNITS: u16 = 1000;
+/// The length of a tick of the divider, ns.
+const TICK_NS: Ns = 40;
+/// \[OURS] For how many cycles without outputs a slave waits at least.
+const CYCLES: Ns = 3;
+/// How many bytes both registers have with what lies between them.
+const BOTH_LEN: usize = (WATCHDOG_PROCESS_DATA - WATCHDOG_DIVIDER) as usize + 2;
+
+/// How long a unit is with a divider, ns.
+const fn unit_ns(divider: u16) -> Ns {
+    (divider as Ns + 2) * TICK_NS
+}
+
+/// What the registers of a slave say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Time {
+    divider: u16,
+    units: u16,
+}
+
+impl Time {
+    /// The one nearest to a time, and not longer, that a divider allows.
+    fn nearest(divider: u16, ns: Ns) -> Self {
+        Self { divider, units: u16::try_from(ns / unit_ns(divider)).unwrap_or(u16::MAX).max(1) }
+    }
+
+    const fn ns(self) -> Ns {
+        self.units as Ns * unit_ns(self.divider)
+    }
+}
+
+/// Sets the watchdog of a slave with outputs, where it is known how long cycles are: 100 ms, or some cycles if those are longer. Of a
+/// controller whose divider is fixed the time goes by that.
+pub(super) async fn set(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
+    let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
+    let managers = plan.registers.iter().flat_map(|registers| &registers.managers);
+    if !managers.into_iter().any(|(_, one)| one.len > 0 && one.control.contains(SmControl::WATCHDOG)) {
+        return Ok(());
+    }
+    let shortest_ns = CYCLES.saturating_mul(pace.cycle_ns);
+    let wanted = Time::nearest(DIVIDER, shortest_ns.max(Time { divider: DIVIDER, units: UNITS }.ns()));
+    let mut time = wanted;
+    let mut is = write(bus, plan.station, time).await?;
+    if let Some(Time { divider, .. }) = is.filter(|is| is.divider != DIVIDER) {
+        time = Time::nearest(divider, wanted.ns());
+        is = write(bus, plan.station, time).await?;
+    }
+    let is_right = is == Some(time) && time.ns() >= shortest_ns.min(wanted.ns());
+    if is_right { Ok(()) } else { Err(StateReason::Watchdog { is_ns: is.map(Time::ns), wanted_ns: wanted.ns() }) }
+}
+
+/// Writes both registers, and reads them back; `None`: the slave lacks them.
+async fn write(bus: &Bus, station: u16, time: Time) -> Result<Option<Time>, StateReason> {
+    for (ado, value) in [(WATCHDOG_DIVIDER, time.divider), (WATCHDOG_PROCESS_DATA, time.units)] {
+        // What it does not take is seen behind.
+        if bus.write(station, ado, &value.to_le_bytes()).await == Err(Unanswered::Lost) {
+            return Err(StateReason::NoAnswer);
+        }
+    }
+    match bus.read::<BOTH_LEN>(station, WATCHDOG_DIVIDER).await {
+        Ok([d0, d1, .., u0, u1]) => {
+            Ok(Some(Time { divider: u16::from_le_bytes([d0, d1]), units: u16::from_le_bytes([u0, u1]) }))
+        }
+        Err(Unanswered::Lost) => Err(StateReason::NoAnswer),
+        // Does it answer at all?
+        Err(Unanswered::Counter(_)) => {
+            Ok(bus.read::<1>(station, crate::ethercat::registers::TYPE).await.map(|_| None)?)
+        }
+    }
+}

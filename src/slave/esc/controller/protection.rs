@@ -1,0 +1,61 @@
+//! Write protection, registers 0x0020 to 0x0031: while it is on a frame has to ask for leave before it writes.
+//!
+//! Source: the data sheets of controllers ("write register enable", "ESC write enable"); rule ECAT-8.14.
+
+use crate::ethercat::registers::{
+    ESC_WRITE_ENABLE, ESC_WRITE_PROTECTION, RAM, WRITE_REGISTER_ENABLE, WRITE_REGISTER_PROTECTION,
+};
+use crate::slave::esc::memory::Memory;
+
+/// Which protection is on, and what the present frame was given leave for.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Protection {
+    /// The registers are protected; all of the memory is.
+    registers: bool,
+    all: bool,
+    may_write_registers: bool,
+    may_write_all: bool,
+}
+
+impl Protection {
+    /// Leave is given for one frame.
+    #[inline]
+    pub(super) const fn begin_frame(&mut self) {
+        if self.registers || self.all {
+            (self.may_write_registers, self.may_write_all) = (false, false);
+        }
+    }
+
+    /// Whether something is protected.
+    #[inline]
+    pub(super) const fn is_on(self) -> bool {
+        self.registers || self.all
+    }
+
+    /// Whether nothing may be written.
+    #[inline]
+    pub(super) const fn blocks_all(self) -> bool {
+        self.all && !self.may_write_all
+    }
+
+    /// Whether a byte may not be written.
+    pub(super) fn blocks(self, at: usize) -> bool {
+        if at == usize::from(ESC_WRITE_ENABLE) {
+            return false;
+        }
+        let is_free = at == usize::from(WRITE_REGISTER_ENABLE) || at >= usize::from(RAM);
+        self.blocks_all() || self.registers && !self.may_write_registers && !is_free
+    }
+
+    /// A byte was written, whatever to.
+    pub(super) fn note_written(&mut self, at: usize, memory: &Memory) {
+        let Ok(at) = u16::try_from(at) else { return };
+        match at {
+            WRITE_REGISTER_ENABLE => self.may_write_registers = true,
+            ESC_WRITE_ENABLE => self.may_write_all = true,
+            WRITE_REGISTER_PROTECTION => self.registers = memory.u8(at) & 1 != 0,
+            ESC_WRITE_PROTECTION => self.all = memory.u8(at) & 1 != 0,
+            _ => {}
+        }
+    }
+}

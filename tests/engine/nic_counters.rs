@@ -1,13 +1,14 @@
 //! Working counters that are wrong, over the bus of a network card: nothing beside them is believed, and inputs that do not come are
 //! stale.
 
+use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::engine::{EngineConfig, Event, StateFailure};
 use ecmsk::ethercat::{Command, SlaveSet};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{STALE_AFTER, STALE_AT_LAST_NS};
 use ecmsk::master::Settings;
-use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::sk::{DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;
@@ -60,7 +61,7 @@ fn three_in_csv(velocity: i32) -> (Host, Lies, SimHandle) {
     host.declare_drives(3);
     for slave in 1..=3 {
         host.build(|frame, size| {
-            let mode = SlaveCommand::DriveMode { mode: ecmsk::cia402::Mode::Csv, sync: ecmsk::sk::DriveSync::DcSync };
+            let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync };
             frame.put_slave(size, slave, &mode.into());
         });
     }
@@ -266,6 +267,7 @@ fn stale_inputs_that_come_again() {
     host.csp(2, 900).cycles(100);
     assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
     assert!(!puppets[1].targets().contains(&900), "it is lost until it is brought back");
+    assert_eq!(puppets[1].last().controlword, Controlword::QUICK_STOP, "its axis brakes");
     assert_eq!(host.drive(1).statusword.0, ENABLED, "the other one goes on");
 
     // It is asked for while its inputs still do not come.

@@ -261,6 +261,14 @@ typedef struct {
    * Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
    */
   uint64_t ring_broken;
+  /**
+   * Cycles in OP in which a slave kept its inputs of before, since the working counter beside the new ones was wrong.
+   */
+  uint64_t inputs_held;
+  /**
+   * How often the inputs of a slave have not come for so long that it counts as lost.
+   */
+  uint64_t inputs_stale;
 } ecmsk_counters;
 
 #ifdef __cplusplus

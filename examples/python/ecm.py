@@ -53,6 +53,8 @@ class Counters(ctypes.Structure):
         ("outputs_lost", ctypes.c_uint64),
         ("cycles_left_out", ctypes.c_uint64),
         ("ring_broken", ctypes.c_uint64),
+        ("inputs_held", ctypes.c_uint64),
+        ("inputs_stale", ctypes.c_uint64),
     ]
 
 

@@ -150,6 +150,11 @@ pub struct Counters {
     /// Cycles in OP in which the ring of cables was broken, on a bus with a card at each end. Nothing is lost by that; another cut
     /// would cost slaves.
     pub ring_broken: u64,
+    /// Cycles in OP in which some slave that was not lost kept its inputs of before, since the working counter beside the new ones was
+    /// wrong, or may have been.
+    pub inputs_held: u64,
+    /// How often the inputs of a slave have become stale: it is lost then ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)).
+    pub inputs_stale: u64,
     /// SDO transfers of the host that the slave has aborted, or that were not answered in time.
     pub sdo_aborted: u64,
     /// Command frames that arrived while the board booted, after a SW_RESET that the host had not noticed yet. They are
@@ -199,8 +204,15 @@ pub enum Event {
         /// Slave, from 1.
         slave: u8,
     },
-    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer. Logged
-    /// once, until the working counter is right again.
+    /// The inputs of a slave that answers have not come for too long, since the working counter beside them is wrong. It is lost.
+    InputsStale {
+        /// When it happened, in board time.
+        at: Ns,
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer, or it was too
+    /// high. Logged once, until the working counter is right again.
     WorkingCounter {
         /// When it happened, in board time.
         at: Ns,
@@ -361,6 +373,18 @@ impl fmt::Display for Event {
                 f,
                 "slave {slave} is in a lower state than the others since a change that failed, seen at {} us: send SET_STATE \
                  to bring it back",
+                at / 1000
+            ),
+            Self::InputsStale { at, slave } => write!(
+                f,
+                "the inputs of slave {slave} are stale at {} us: they do not come, or with a wrong working counter; its axes are stopped; \
+                 look at its cables (`ecmsk bus errors`), then send SET_STATE to bring it back",
+                at / 1000
+            ),
+            Self::WorkingCounter { at, counted, expected } if counted > expected => write!(
+                f,
+                "working counter {counted} instead of {expected} at {} us, which slaves cannot add: something changes frames on their way; \
+                 what they bring is not believed",
                 at / 1000
             ),
             Self::WorkingCounter { at, counted, expected } => write!(

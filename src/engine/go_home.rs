@@ -119,7 +119,8 @@ impl Engine {
         if self.volatile.homing_active.is_empty() {
             return;
         }
-        for slave in self.volatile.homing_active.iter().map(usize::from) {
+        // What was there before is no answer to the outputs of this cycle.
+        for slave in self.volatile.homing_active.difference(self.inputs.held).iter().map(usize::from) {
             if self.volatile.axes[slave - 1].iter().all(|axis| axis.homing.is_idle()) {
                 self.volatile.homing_active.remove(slave as u8);
                 continue;

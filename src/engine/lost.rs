@@ -1,4 +1,5 @@
-//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back.
+//! Lost slaves (SK-4, "Cable"): a slave that does not answer in SafeOP or OP is lost until a SET_STATE brings it back, and so is one
+//! whose inputs are stale.
 //! Its slot keeps its values, commands for it are counted and not executed, and the other slaves go on.
 
 use super::axis::AxisCheckpoint;
@@ -52,14 +53,17 @@ impl Engine {
         }
     }
 
-    /// Logs once that the working counter is too low, while the bus names no lost slave.
+    /// Logs once that the working counter is too low while the bus names no lost slave, or too high, and counts cycles whose inputs are
+    /// not believed.
     pub(super) fn note_working_counter(&mut self, done: &CycleDone) {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
-        let short = counted < expected && self.inputs.lost.is_empty();
-        if short && !self.working_counter_short {
+        let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
+        self.counters.inputs_held += u64::from(is_held);
+        let is_wrong = counted < expected && self.inputs.lost.is_empty() || counted > expected && is_held;
+        if is_wrong && expected > 0 && !self.working_counter_wrong {
             self.log.push(Event::WorkingCounter { at, counted, expected });
         }
-        self.working_counter_short = short;
+        self.working_counter_wrong = is_wrong;
     }
 
     /// Slaves that are in a lower state than the network while no change of state is under way: a change that other
@@ -106,10 +110,16 @@ impl Engine {
         }
         self.volatile.network.mark_lost(newly_lost);
         for slave in newly_lost.iter() {
-            self.volatile.failure = Some(super::StateFailure::Lost { slave });
+            let (is_silent, is_stale) = (self.inputs.lost.contains(slave), self.inputs.stale.contains(slave));
+            let (failure, event) = match (is_stale, is_silent) {
+                (true, _) => (super::StateFailure::Stale { slave }, Event::InputsStale { at, slave }),
+                (_, true) => (super::StateFailure::Lost { slave }, Event::SlaveLost { at, slave }),
+                _ => (super::StateFailure::Lost { slave }, Event::SlaveLeft { at, slave }),
+            };
+            self.volatile.failure = Some(failure);
+            self.counters.inputs_stale += u64::from(is_stale);
             self.lose_slave(slave.into(), at);
-            let silent = self.inputs.lost.contains(slave);
-            self.log.push(if silent { Event::SlaveLost { at, slave } } else { Event::SlaveLeft { at, slave } });
+            self.log.push(event);
         }
         // A change to a lower state does not wait for lost slaves: the step starts again without them.
         if let Some(work) = self.job

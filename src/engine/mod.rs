@@ -132,8 +132,8 @@ pub struct Engine {
     last_carried: Ns,
     /// When the next cycle should run to stay in step with the distributed clocks.
     next_deadline: Option<Ns>,
-    /// The working counter of the newest cycle was too low, and the bus names no lost slave.
-    working_counter_short: bool,
+    /// The working counter of the newest cycle was too low, and the bus names no lost slave, or it was too high.
+    working_counter_wrong: bool,
     /// The hardware that runs the bus did not answer in the cycle before.
     bus_down: bool,
     local_inputs: u8,
@@ -186,7 +186,7 @@ impl Engine {
             last_passed: 0,
             last_carried: 0,
             next_deadline: None,
-            working_counter_short: false,
+            working_counter_wrong: false,
             bus_down: false,
             local_inputs: 0,
             local_outputs_told: 0,

@@ -54,11 +54,12 @@ impl Engine {
         }
     }
 
-    /// All axes take the inputs of the cycle, but for those of lost slaves.
+    /// All axes take the inputs of the cycle, but for those of lost slaves, and of slaves whose inputs are older: no drive is switched
+    /// on by what it said before.
     pub(super) fn answer_axes(&mut self) {
-        let lost = self.network().lost();
+        let unanswered = self.network().lost().union(self.inputs.held);
         for slave in 1..usize::from(self.network().found()) + 1 {
-            if !lost.contains(slave as u8) {
+            if !unanswered.contains(slave as u8) {
                 self.answer_slave(slave);
             }
         }

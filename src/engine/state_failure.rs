@@ -67,6 +67,11 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
+    /// A slave answers, but its inputs have not come for too long: the working counter beside them is wrong.
+    Stale {
+        /// Slave, from 1.
+        slave: u8,
+    },
 }
 
 impl StateFailure {
@@ -89,7 +94,8 @@ impl StateFailure {
             | Self::Refused { slave, .. }
             | Self::Watchdog { slave }
             | Self::Silent { slave }
-            | Self::Lost { slave } => Some(slave),
+            | Self::Lost { slave }
+            | Self::Stale { slave } => Some(slave),
             Self::NoSlave | Self::Hardware(_) | Self::Late { .. } => None,
         }
     }
@@ -158,6 +164,11 @@ impl fmt::Display for StateFailure {
             Self::Lost { slave } => write!(
                 f,
                 "slave {slave} fell out of the network; look at its power and its cable, then send SET_STATE to bring it back"
+            ),
+            Self::Stale { slave } => write!(
+                f,
+                "the inputs of slave {slave} do not come any more, or come with a wrong working counter, and nobody knows where its axes \
+                 are; look at its cables (`ecmsk bus errors`), then send SET_STATE to bring it back"
             ),
         }
     }

@@ -30,11 +30,15 @@ pub enum Unexecuted {
     LeftOut,
     /// [`Counters::ring_broken`]: nothing was left unexecuted, but the next cut of a cable would cost slaves.
     RingBroken,
+    /// [`Counters::inputs_held`]: nothing was left unexecuted, but what slaves sent was not believed.
+    InputsHeld,
+    /// [`Counters::inputs_stale`]: slaves were lost since their inputs did not come.
+    InputsStale,
 }
 
 impl Unexecuted {
     /// How many kinds there are.
-    pub const KINDS: usize = 12;
+    pub const KINDS: usize = 14;
 
     /// All kinds.
     pub const ALL: [Self; Self::KINDS] = [
@@ -50,6 +54,8 @@ impl Unexecuted {
         Self::OutputsLost,
         Self::LeftOut,
         Self::RingBroken,
+        Self::InputsHeld,
+        Self::InputsStale,
     ];
 
     /// The count of this kind.
@@ -67,6 +73,8 @@ impl Unexecuted {
             Self::OutputsLost => counters.outputs_lost,
             Self::LeftOut => counters.cycles_left_out,
             Self::RingBroken => counters.ring_broken,
+            Self::InputsHeld => counters.inputs_held,
+            Self::InputsStale => counters.inputs_stale,
         }
     }
 
@@ -85,6 +93,8 @@ impl Unexecuted {
             Self::OutputsLost => "outputs_lost",
             Self::LeftOut => "cycles_left_out",
             Self::RingBroken => "ring_broken",
+            Self::InputsHeld => "inputs_held",
+            Self::InputsStale => "inputs_stale",
         }
     }
 
@@ -105,6 +115,10 @@ impl Unexecuted {
             Self::RingBroken => {
                 "cycle(s) ran with a broken ring of cables: nothing is lost, but another cut would cost slaves"
             }
+            Self::InputsHeld => {
+                "cycle(s) had a wrong working counter: what slaves sent in them was not believed, and their values of before stayed"
+            }
+            Self::InputsStale => "slave(s) were lost because their inputs did not come, though they answer",
         }
     }
 
@@ -134,6 +148,10 @@ impl Unexecuted {
                 "give the cycle a priority and a processor of its own (priority=, cpu=), and see `ecmsk doctor`"
             }
             Self::RingBroken => "look at the cables between the slaves, and at those to both network cards",
+            Self::InputsHeld => "look for a bad cable or a slave without power (`ecmsk bus errors`)",
+            Self::InputsStale => {
+                "look at their cables (`ecmsk bus errors`), and whether another program uses the network; then SET_STATE brings them back"
+            }
         }
     }
 

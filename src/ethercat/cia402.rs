@@ -189,6 +189,8 @@ pub struct Controlword(pub u16);
 impl Controlword {
     /// Disable voltage: leads to Switch on disabled.
     pub const DISABLE_VOLTAGE: Self = Self(0x00);
+    /// Quick stop: a drive that is enabled brakes on its quick-stop ramp, and is off then unless 0x605A says otherwise.
+    pub const QUICK_STOP: Self = Self(0x02);
     /// Shutdown: leads to Ready to switch on.
     pub const SHUTDOWN: Self = Self(0x06);
     /// Switch on: leads to Switched on. In Operation enabled the same bits mean Disable operation.

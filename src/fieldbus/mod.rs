@@ -52,6 +52,20 @@ pub(crate) const fn leaving_op_ns(slaves: u8) -> Ns {
     LEAVING_OP_NS + CHANGE_SLAVE_NS * slaves as Ns
 }
 
+/// The inputs of a slave are stale, and it is lost, after so many cycles without new ones, and so long, ns. \[OURS] In this time it
+/// is found out who is missing, so that others which share a datagram with a lost slave go on. While that has no answer it is waited for
+/// [`STALE_AT_LAST_NS`].
+pub const STALE_AFTER: (u32, Ns) = (10, 20_000_000);
+/// After so long inputs are stale in any case, ns: as long as the watchdogs of slaves wait for outputs. \[OURS]
+pub const STALE_AT_LAST_NS: Ns = 100_000_000;
+
+/// Whether inputs are stale after so many cycles of that length without new ones. `is_searched`: who is missing was looked for since.
+pub(crate) const fn is_stale(cycles: u32, cycle_ns: Ns, is_searched: bool) -> bool {
+    let (least_cycles, least_ns) = STALE_AFTER;
+    let time_ns = cycles as Ns * cycle_ns;
+    cycles >= least_cycles && (is_searched && time_ns >= least_ns || time_ns >= STALE_AT_LAST_NS)
+}
+
 /// Who owns the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pacing {
@@ -288,6 +302,11 @@ pub struct Inputs {
     pub without_outputs: SlaveSet,
     /// The slaves among those that are below SafeOP as far as the bus knows, and so sent no inputs either.
     pub without_inputs: SlaveSet,
+    /// Slaves that are not lost and whose inputs are not those of this cycle, but older: the working counter beside them was wrong, or
+    /// may have been.
+    pub held: SlaveSet,
+    /// The slaves in `lost` that answer, but whose inputs were held for too long ([`STALE_AFTER`]).
+    pub stale: SlaveSet,
 }
 
 impl Default for Inputs {
@@ -299,6 +318,8 @@ impl Default for Inputs {
             lost_from: [None; MAX_SLAVES],
             without_outputs: SlaveSet::EMPTY,
             without_inputs: SlaveSet::EMPTY,
+            held: SlaveSet::EMPTY,
+            stale: SlaveSet::EMPTY,
         }
     }
 }

@@ -232,6 +232,11 @@ impl ProcessData {
         inputs.map(|axis| AxisOut { target: target(&axis), ..AxisOut::default() })
     }
 
+    /// Outputs with which axes brake on their quick-stop ramps and are off then, for a slave whose inputs nobody knows.
+    pub fn stopping(&self, inputs: &SlaveIn) -> SlaveOut {
+        self.holding(inputs).map(|axis| AxisOut { controlword: Controlword::QUICK_STOP, ..axis })
+    }
+
     /// The slave's side of [`Self::put_outputs`]: what the master has sent. Fields that are not mapped are 0.
     ///
     /// # Panics

@@ -168,6 +168,8 @@ mod tests {
             outputs_lost: 10,
             cycles_left_out: 11,
             ring_broken: 12,
+            inputs_held: 13,
+            inputs_stale: 14,
             ..Counters::default()
         };
         let mut log = Log::of(&Counters::default());

@@ -302,7 +302,9 @@ pub(super) async fn distribute(bus: &Bus) {
     let Some(ClockDatagram { command, station, time }) = bus.with(|shared| shared.clock_datagram()) else { return };
     let mut data = time.to_le_bytes();
     let answer = bus.queue_with(command, station, SYSTEM_TIME, &data, 1).answer(&mut data).await;
-    if command == Command::Frmw && answer.is_ok_and(|counter| counter > 0) {
+    let slaves = bus.with(|shared| shared.live.len());
+    // No slave counts twice.
+    if command == Command::Frmw && answer.is_ok_and(|counter| (1..=slaves).contains(&counter.into())) {
         bus.with(|shared| shared.clocks.take_time(u64::from_le_bytes(data), shared.missing));
     }
 }

@@ -48,7 +48,13 @@ impl Master {
         if active.contains(slave) {
             return Err(ConfigureError::Active(slave));
         }
-        self.process.configure(slave, outputs, inputs, lacks_lrw, active)
+        self.process.configure(slave, outputs, inputs, lacks_lrw, active)?;
+        // Those of other slaves may be elsewhere now.
+        let Self { bus, process, .. } = self;
+        bus.with(|shared| {
+            (1..).zip(&mut shared.live).for_each(|(slave, live)| live.inputs_at = process.inputs_at(slave))
+        });
+        Ok(())
     }
 
     /// Sets where a sync manager lies, and its control byte, other than the EEPROM describes it, from the slave's next way to PreOP

@@ -22,6 +22,7 @@
 //!   [`Master::outputs_mut`], inputs read behind by [`Master::inputs`]. On its way to OP a slave waits for outputs.
 //! - With distributed clocks: [`Master::set_sync`] before a slave's way to SafeOP, [`Master::set_pace`] once;
 //!   [`CycleDone::next_deadline`] then says when the next cycle should be.
+//!   [`CycleDone::fresh`] says whose inputs are those of that cycle: with a working counter that is wrong they stay as they were.
 //! - [`Master::take_event`] tells what happens unasked: emergencies, lost slaves and such that come back, states that were left.
 //!   [`Master::missing`] says who does not answer now. A slave that was cut off is brought back by [`Master::request_state`];
 //!   one that was without power ([`Event::PowerCycled`]) has to be mapped by SDO before that, as at the start.
@@ -117,6 +118,7 @@
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
 //! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
 //! | `process_data.rs`, `process_data/slave.rs` | where outputs and inputs lie, the frames of a cycle; what of that is one slave's |
+//! | `process_data/expected.rs` | which working counters are right |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
 
 mod bus;
@@ -270,8 +272,8 @@ impl Master {
             shared.last_cycle = Some(shared.now);
             shared.exchange.expire_cyclic(now);
             judge(process, shared);
-            let clock = shared.clock_datagram();
-            process.send(now, clock, &mut shared.exchange, wire);
+            let (clock, standing) = (shared.clock_datagram(), shared.standing());
+            process.send(now, standing, clock, &mut shared.exchange, wire);
             if !shared.exchange.is_acyclic_flying() {
                 shared.exchange.send_queued(now, shared.settings.acyclic_bytes_max, wire);
             }
@@ -329,6 +331,18 @@ impl Master {
     /// cycles have too few answers, and each [`Settings::watch_ns`] while not all slaves are in OP.
     pub fn states_read(&self) -> Option<Ns> {
         self.bus.with(|shared| shared.states_read)
+    }
+
+    /// When it was asked last who is missing, if all of that was answered: for the AL status of all slaves, and where that did not tell
+    /// why a working counter is wrong for the inputs of each; `None`: not yet. What a slave has not answered by then it does not answer.
+    pub fn searched(&self) -> Option<Ns> {
+        self.bus.with(|shared| shared.searched)
+    }
+
+    /// The slaves that answer and are in SafeOP or OP, and whose inputs do not come, as far as it is known. Others that share a
+    /// datagram with them are read all the same.
+    pub fn mute(&self) -> SlaveSet {
+        self.bus.with(|shared| shared.mute)
     }
 
     /// What these slaves add to the expected working counter of a cycle, as far as they are in SafeOP or OP for all that is known.

@@ -3,7 +3,12 @@
 //! Outputs and inputs of a slave lie behind each other in one LRW with those of other slaves, as many as a datagram has room
 //! for. Slaves without LRW share an LWR and an LRD. A slave is never cut in two, so that its working counter is that of one
 //! datagram. Inputs travel in a frame as they came last: those of a slave that does not answer stay as they were.
+//!
+//! **A working counter is right** if it is the sum of what slaves add that take part for certain, and of what others may add
+//! besides: such that are lost, that are on their way from state to state, or whose inputs are known not to come
+//! ([`Standing`]). Nothing of a datagram with another one is believed, whether it is too low or too high.
 
+mod expected;
 mod slave;
 
 use std::ops::Range;
@@ -11,8 +16,12 @@ use std::sync::Arc;
 
 use super::exchange::Exchange;
 use super::{SlaveInfo, SyncSignals, Wire};
-use crate::ethercat::registers::{AL_STATUS, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager};
+use crate::ethercat::registers::{
+    AL_STATUS, BufferMode, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
+};
 use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
+use expected::Expected;
+pub(super) use expected::Standing;
 pub(super) use slave::Registers;
 use slave::{Place, SlaveData, bytes_of};
 
@@ -81,6 +90,11 @@ pub struct CycleDone {
     /// The slaves that share a datagram which was lost, or which not all of them have answered. Which ones are gone is found out
     /// by [`Master::missing`](super::Master::missing).
     pub short: SlaveSet,
+    /// The slaves whose inputs are those of this cycle. The inputs of others stay as they were: their datagram did not come back,
+    /// or its working counter is not one that it may have.
+    pub fresh: SlaveSet,
+    /// The slaves that share a datagram which came back with a working counter that it may not have, too low or too high.
+    pub doubtful: SlaveSet,
     /// How many slaves the frame has passed; `None`: it did not come back.
     pub present: Option<u16>,
     /// All slaves are in OP, and none has an error.
@@ -115,9 +129,31 @@ struct Segment {
     counted: u16,
     /// How many of its datagrams have not come back in this cycle.
     missing: u8,
+    /// The working counters that are right: of the datagram with the inputs, or the only one, and of the LWR beside it if LRW is off.
+    expected: [Expected; 2],
+    /// Its inputs have come with a working counter that is right.
+    is_fresh: bool,
+    /// And with one to which all slaves have added all.
+    is_of_all: bool,
+    /// A datagram has come with one that is not.
+    is_doubtful: bool,
 }
 
 impl Segment {
+    fn new(command: Command, data: Vec<u8>) -> Self {
+        Self {
+            command,
+            data,
+            slaves: SlaveSet::EMPTY,
+            counted: 0,
+            missing: 0,
+            expected: [Expected::default(); 2],
+            is_fresh: false,
+            is_of_all: false,
+            is_doubtful: false,
+        }
+    }
+
     /// The working counter; `None`: not all of its datagrams have come back.
     fn answer(&self) -> Option<u16> {
         (self.missing == 0).then_some(self.counted)
@@ -133,6 +169,8 @@ pub(super) struct ProcessData {
     spare: Vec<Vec<u8>>,
     /// Instead of each LRW an LWR and an LRD are sent.
     is_lrw_off: bool,
+    /// What the expected working counters were computed for; `None`: the places of slaves are others since.
+    standing: Option<Standing>,
     /// The time that was sent to the reference clock.
     sent_time: u64,
     cycle: CycleDone,
@@ -185,6 +223,7 @@ impl ProcessData {
         data.inputs.clear();
         data.inputs.extend(inputs);
         data.lacks_lrw = lacks_lrw;
+        self.standing = None;
         if is_same {
             data.update_registers();
             return Ok(());
@@ -225,7 +264,7 @@ impl ProcessData {
         let segment = self.segments.iter().position(fits).unwrap_or_else(|| {
             let mut data = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(SEGMENT_BYTES_MAX));
             data.clear();
-            self.segments.push(Segment { command, data, slaves: SlaveSet::EMPTY, counted: 0, missing: 0 });
+            self.segments.push(Segment::new(command, data));
             self.segments.len() - 1
         });
         let Segment { data, slaves, .. } = &mut self.segments[segment];
@@ -273,17 +312,60 @@ impl ProcessData {
         self.segments.get(*segment)?.data.get(range.clone())
     }
 
-    /// What a slave adds to the working counter of a datagram.
+    /// Whether the outputs and the inputs of a slave are in a datagram, as numbers.
+    fn parts(&self, slave: u8, segment: usize) -> [u16; 2] {
+        let Some(data) = self.slave(slave) else { return [0; 2] };
+        [&data.output_place, &data.input_place]
+            .map(|place| u16::from(!place.range.is_empty() && place.segment == segment))
+    }
+
+    /// What a slave adds to the working counter of a datagram, or of both if LRW is off.
     fn counts(&self, slave: u8, segment: usize) -> u16 {
-        let Some(data) = self.slave(slave) else { return 0 };
-        let is_in = |place: &Place| u16::from(!place.range.is_empty() && place.segment == segment);
-        let (outputs, inputs) = (is_in(&data.output_place), is_in(&data.input_place));
-        if data.lacks_lrw || self.is_lrw_off { outputs + inputs } else { 2 * outputs + inputs }
+        let [outputs, inputs] = self.parts(slave, segment);
+        let lacks_lrw = self.slave(slave).is_some_and(|data| data.lacks_lrw);
+        if lacks_lrw || self.is_lrw_off { outputs + inputs } else { 2 * outputs + inputs }
     }
 
     /// Sets whether LRW is used.
     pub(super) const fn set_lrw(&mut self, is_used: bool) {
+        if self.is_lrw_off == is_used {
+            self.standing = None;
+        }
         self.is_lrw_off = !is_used;
+    }
+
+    /// Where the inputs of a slave are in the logical memory, and how many bytes; `None`: it has none that may be read beside the
+    /// cycle.
+    pub(super) fn inputs_at(&self, slave: u8) -> Option<(u32, usize)> {
+        let SlaveData { inputs, input_place: Place { segment, range }, .. } = self.slave(slave)?;
+        // What is read out of a mailbox is gone.
+        let is_buffered = inputs.iter().all(|(_, manager)| manager.control.mode() == BufferMode::Buffered);
+        let at = *segment as u32 * SEGMENT_STEP + range.start as u32;
+        (is_buffered && !range.is_empty()).then_some((at, range.len()))
+    }
+
+    /// Who takes part in the next cycles.
+    fn expect(&mut self, standing: Standing) {
+        if self.standing == Some(standing) {
+            return;
+        }
+        self.standing = Some(standing);
+        for n in 0..self.segments.len() {
+            let Segment { command, slaves, .. } = self.segments[n];
+            let is_split = self.is_lrw_off && command == Command::Lrw;
+            let mut expected = [Expected::default(); 2];
+            for slave in slaves.iter() {
+                let [outputs, inputs] = self.parts(slave, n);
+                if is_split {
+                    expected[0].add(&standing, slave, [0, inputs]);
+                    expected[1].add(&standing, slave, [outputs, 0]);
+                } else {
+                    let writes = if command == Command::Lrw { 2 } else { 1 };
+                    expected[0].add(&standing, slave, [writes * outputs, inputs]);
+                }
+            }
+            self.segments[n].expected = expected;
+        }
     }
 
     /// What these slaves add to the working counter of a cycle.
@@ -298,16 +380,19 @@ impl ProcessData {
     pub(super) fn send(
         &mut self,
         now: Ns,
+        standing: Standing,
         clock: Option<ClockDatagram>,
         exchange: &mut Exchange,
         wire: &mut (impl Wire + ?Sized),
     ) {
         self.cycle = CycleDone { number: self.cycle.number + 1, sent_at: now, ..CycleDone::default() };
         (self.pending, self.is_open) = (0, true);
+        self.expect(standing);
         let is_lrw_off = self.is_lrw_off;
         for segment in &mut self.segments {
             let is_split = is_lrw_off && segment.command == Command::Lrw;
             (segment.counted, segment.missing) = (0, 1 + u8::from(is_split));
+            (segment.is_fresh, segment.is_of_all, segment.is_doubtful) = (false, false, false);
         }
         let Some(mut frame) = exchange.begin_cyclic(now) else { return };
         if let Some(ClockDatagram { command, station, time }) = clock {
@@ -339,7 +424,10 @@ impl ProcessData {
     /// A datagram of the cycle has come back.
     pub(super) fn receive(&mut self, number: u8, datagram: &Datagram<'_>) {
         self.pending = self.pending.saturating_sub(1);
+        // No slave counts twice.
+        let is_believed = usize::from(datagram.working_counter) <= self.slaves.len();
         match number {
+            CLOCK if !is_believed => {}
             CLOCK => {
                 // What comes back as it was sent was read from no clock.
                 let time = datagram.data.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
@@ -348,6 +436,9 @@ impl ProcessData {
             STATES => {
                 let op = RequestedState::State(crate::ethercat::AlState::Op).code();
                 self.cycle.present = Some(datagram.working_counter);
+                if !is_believed {
+                    return;
+                }
                 self.cycle.all_in_op = datagram.data == [op, 0];
                 self.cycle.states = datagram.data.first_chunk().map_or(0, |bytes| u16::from_le_bytes(*bytes));
             }
@@ -361,9 +452,13 @@ impl ProcessData {
         let Some(segment) = self.segments.get_mut(n) else { return };
         segment.missing = segment.missing.saturating_sub(1);
         segment.counted = segment.counted.saturating_add(datagram.working_counter);
-        if is_written {
+        let expected = &segment.expected[usize::from(is_written)];
+        let is_right = expected.allows(datagram.working_counter);
+        segment.is_doubtful |= !is_right;
+        if is_written || !is_right {
             return;
         }
+        (segment.is_fresh, segment.is_of_all) = (true, expected.is_of_all(datagram.working_counter));
         for slave in segment.slaves.iter() {
             let Some(SlaveData { input_place: Place { segment: at, range }, .. }) =
                 self.slaves.get(usize::from(slave) - 1)
@@ -399,6 +494,14 @@ impl ProcessData {
             cycle.lost += u8::from(answer.is_none());
             if answer.is_none_or(|answer| answer < expected) {
                 cycle.short = cycle.short.union(taking_part);
+            }
+            if segment.is_doubtful {
+                cycle.doubtful = cycle.doubtful.union(taking_part);
+            }
+            if segment.is_fresh && segment.command != Command::Lwr {
+                let certain = self.standing.map_or(SlaveSet::EMPTY, |standing| standing.certain());
+                let came = if segment.is_of_all { segment.slaves } else { segment.slaves.intersection(certain) };
+                cycle.fresh = cycle.fresh.union(came);
             }
         }
         self.done = Some(self.cycle);

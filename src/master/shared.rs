@@ -6,7 +6,7 @@ use super::clocks::{Clocks, Measurement, Place, ReferenceClock};
 use super::exchange::Exchange;
 use super::mailbox::MailboxState;
 use super::pace::Pacer;
-use super::process_data::{ClockDatagram, ProcessData};
+use super::process_data::{ClockDatagram, ProcessData, Standing};
 use super::{Pace, Settings, SlaveInfo};
 use crate::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
@@ -89,6 +89,8 @@ pub(super) struct Live {
     pub(super) keeps_mail: bool,
     /// There was mail in its mailbox when the watch looked last.
     pub(super) has_mail: bool,
+    /// Where its inputs are in the logical memory, and how many bytes; `None`: there are none that may be read beside the cycle.
+    pub(super) inputs_at: Option<(u32, usize)>,
 }
 
 impl Default for Live {
@@ -102,6 +104,7 @@ impl Default for Live {
             is_eeprom_used: false,
             keeps_mail: false,
             has_mail: false,
+            inputs_at: None,
         }
     }
 }
@@ -116,10 +119,21 @@ pub(super) struct Shared {
     pub(super) live: Vec<Live>,
     /// The slaves that exchange process data.
     pub(super) active: SlaveSet,
+    /// Those of them that are in OP and in SafeOP without an error, and were asked for no other state since.
+    pub(super) in_op: SlaveSet,
+    pub(super) in_safe_op: SlaveSet,
     /// The slaves that do not answer.
     pub(super) missing: SlaveSet,
+    /// The slaves whose sync managers and FMMUs of process data may be on, in whatever state they are.
+    pub(super) mapped: SlaveSet,
+    /// The slaves that answer, and whose inputs do not come.
+    pub(super) mute: SlaveSet,
+    /// Slaves that share a datagram whose working counter was not right in the last cycle.
+    pub(super) doubtful: SlaveSet,
     /// When the AL status of all slaves was asked for last, if all of that was answered.
     pub(super) states_read: Option<Ns>,
+    /// When it was asked last who is missing, if all of that was answered: for the states, and where those did not tell for inputs.
+    pub(super) searched: Option<Ns>,
     /// The last cycle has found all slaves in OP.
     pub(super) is_all_in_op: bool,
     /// A cycle was other than the one before, and other than expected.
@@ -146,8 +160,14 @@ impl Shared {
             exchange: Exchange::new(settings),
             live: Vec::new(),
             active: SlaveSet::EMPTY,
+            in_op: SlaveSet::EMPTY,
+            in_safe_op: SlaveSet::EMPTY,
             missing: SlaveSet::EMPTY,
+            mapped: SlaveSet::EMPTY,
+            mute: SlaveSet::EMPTY,
+            doubtful: SlaveSet::EMPTY,
             states_read: None,
+            searched: None,
             is_all_in_op: false,
             is_alarmed: false,
             last_counters: (0, 0, None),
@@ -162,9 +182,12 @@ impl Shared {
 
     /// Forgets all slaves.
     pub(super) fn reset(&mut self) {
-        (self.last_cycle, self.last_counters, self.states_read) = (None, (0, 0, None), None);
+        (self.last_cycle, self.last_counters) = (None, (0, 0, None));
+        (self.states_read, self.searched) = (None, None);
         self.live.clear();
         (self.active, self.missing) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        (self.in_op, self.in_safe_op) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
+        (self.mapped, self.mute, self.doubtful) = (SlaveSet::EMPTY, SlaveSet::EMPTY, SlaveSet::EMPTY);
         (self.is_all_in_op, self.is_alarmed) = (false, false);
         (self.clocks, self.pacer) = (Clocks::default(), Pacer::default());
     }
@@ -202,6 +225,20 @@ impl Shared {
         })
     }
 
+    /// Who takes part in cycles, for all that is known.
+    pub(super) fn standing(&self) -> Standing {
+        let Self { active, missing, mapped, mute, in_op, in_safe_op, .. } = *self;
+        let answering = active.difference(missing).difference(mute);
+        let (in_op, in_safe_op) = (answering.intersection(in_op), answering.intersection(in_safe_op));
+        let gone = active.intersection(missing);
+        Standing { in_op, in_safe_op, gone, unsure: mapped.difference(in_op).difference(in_safe_op).difference(gone) }
+    }
+
+    /// Where the inputs of a slave are in the logical memory, and how many bytes; `None`: none may be read beside the cycle.
+    pub(super) fn inputs_of(&self, slave: u8) -> Option<(u32, usize)> {
+        self.live.get(usize::from(slave).checked_sub(1)?)?.inputs_at
+    }
+
     pub(super) fn live_mut(&mut self, slave: u8) -> Option<&mut Live> {
         self.live.get_mut(usize::from(slave).checked_sub(1)?)
     }
@@ -220,6 +257,14 @@ impl Shared {
             self.active.insert(slave);
         } else {
             self.active.remove(slave);
+            self.mute.remove(slave);
+        }
+        let is_well = !status.status.contains(AlStatusRegister::ERROR);
+        for (set, state) in [(&mut self.in_op, AlState::Op), (&mut self.in_safe_op, AlState::SafeOp)] {
+            set.remove(slave);
+            if is_well && status.status.state() == RequestedState::State(state) {
+                set.insert(slave);
+            }
         }
         self.missing.remove(slave);
         if !was_present {
@@ -252,6 +297,9 @@ impl Shared {
     pub(super) fn expect_state(&mut self, slave: u8, target: AlState) {
         if target < AlState::SafeOp {
             self.active.remove(slave);
+        }
+        if target < AlState::Op {
+            self.in_op.remove(slave);
         }
     }
 
@@ -325,12 +373,18 @@ pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
     }
     let found = shared.live.len() as u16;
     let is_short = done.working_counter < done.expected_working_counter;
-    shared.is_all_in_op = done.all_in_op && done.present == Some(found) && !is_short && shared.missing.is_empty();
+    let is_right = !is_short && done.doubtful.is_empty();
+    shared.is_all_in_op = done.all_in_op
+        && done.present == Some(found)
+        && is_right
+        && shared.missing.is_empty()
+        && shared.mute.is_empty();
     if done.lost > 0 || done.present.is_none() {
         // It tells nothing of slaves.
         return;
     }
     let counters = (done.working_counter, done.expected_working_counter, done.present);
     let is_new = std::mem::replace(&mut shared.last_counters, counters) != counters;
-    shared.is_alarmed |= is_new && (is_short || done.present != Some(found));
+    shared.is_alarmed |= is_new && (!is_right || done.present != Some(found) || !shared.mute.is_empty());
+    shared.doubtful = done.doubtful;
 }

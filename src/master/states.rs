@@ -309,6 +309,7 @@ async fn set_manager(bus: &Bus, plan: &Plan, n: u8, manager: &SyncManager) -> Re
 
 /// PreOP to SafeOP: sync managers and FMMUs of process data, and the clock.
 async fn prepare_process_data(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
+    bus.with(|shared| shared.mapped.insert(plan.slave));
     if let Some(registers) = &plan.registers {
         for (n, manager) in &registers.managers {
             set_manager(bus, plan, *n, manager).await?;
@@ -331,5 +332,6 @@ async fn end_process_data(bus: &Bus, plan: &Plan) -> Result<(), Unanswered> {
     for (n, _) in &registers.managers {
         bus.write(plan.station, sync_manager(*n), &SyncManager::default().encode()).await?;
     }
+    bus.with(|shared| shared.mapped.remove(plan.slave));
     Ok(())
 }

@@ -1,10 +1,10 @@
-//! The watch over the slaves while nothing is asked of them: who is gone, who is back, who has left a state, and whose
-//! mailbox has something to say.
+//! The watch over the slaves while nothing is asked of them: who is gone, who is back, who has left a state, whose inputs do not
+//! come, and whose mailbox has something to say.
 
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
 use super::topology::{Upstream, is_open};
-use super::{Event, SlaveInfo, clocks, sii};
+use super::{Event, SEGMENT_BYTES_MAX, SlaveInfo, clocks, sii};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, DL_STATUS, DlStatus, RequestedState,
     SII_CONFIGURATION, STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
@@ -32,9 +32,9 @@ pub(super) async fn read_states(bus: &Bus, stations: &[u16], tickets: &mut Vec<(
                 let status = AlStatusWithCode::decode(&bytes);
                 bus.with(|shared| shared.see_status(slave, status));
             }
-            Ok(_) => bus.with(|shared| shared.lose(slave)),
-            // Nobody knows.
-            Err(_) => is_complete = false,
+            Ok(0) => bus.with(|shared| shared.lose(slave)),
+            // Nobody knows: several have answered, or none has.
+            Ok(_) | Err(_) => is_complete = false,
         }
     }
     if is_complete {
@@ -48,15 +48,17 @@ pub(super) struct Watch {
     slaves: Vec<SlaveInfo>,
     stations: Vec<u16>,
     tickets: Vec<(u8, Ticket)>,
+    /// The slaves whose inputs are about to be read, with where these are and how many bytes.
+    asked: Vec<(u8, u32, usize)>,
     /// When slaves that have come back are looked for next.
     next_return: Ns,
 }
 
 impl Watch {
     pub(super) fn new(bus: Bus, slaves: Vec<SlaveInfo>) -> Self {
-        let tickets = Vec::with_capacity(slaves.len());
+        let (tickets, asked) = (Vec::with_capacity(slaves.len()), Vec::with_capacity(slaves.len()));
         let stations = slaves.iter().map(|slave| slave.station).collect();
-        Self { bus, slaves, stations, tickets, next_return: 0 }
+        Self { bus, slaves, stations, tickets, asked, next_return: 0 }
     }
 
     /// Watches for ever.
@@ -64,7 +66,12 @@ impl Watch {
         loop {
             self.bus.wait_for_alarm().await;
             if self.bus.with(|shared| !shared.is_all_in_op || !shared.has_cycles()) {
+                let asked = self.bus.now();
                 read_states(&self.bus, &self.stations, &mut self.tickets).await;
+                let are_known = self.bus.with(|shared| shared.states_read == Some(asked));
+                if self.find_mute().await && are_known {
+                    self.bus.with(|shared| shared.searched = Some(asked));
+                }
             }
             self.look_for_mail().await;
             if self.bus.with(|shared| !shared.has_cycles()) {
@@ -80,6 +87,29 @@ impl Watch {
 
     fn station(&self, slave: u8) -> Option<u16> {
         self.slaves.get(usize::from(slave).checked_sub(1)?).map(|info| info.station)
+    }
+
+    /// Finds out whose inputs do not come while a working counter is wrong that slaves which are missing do not explain: reads those of
+    /// each slave alone, beside the cycle, by the logical address at which the cycle does. Nothing is written, and what is read stays
+    /// there for the cycle. Whether all have answered.
+    async fn find_mute(&mut self) -> bool {
+        self.bus.with(|shared| {
+            let asked = shared.doubtful.union(shared.mute).intersection(shared.active).difference(shared.missing);
+            asked.iter().for_each(|slave| self.asked.extend(shared.inputs_of(slave).map(|(at, len)| (slave, at, len))));
+        });
+        for (slave, at, len) in self.asked.drain(..) {
+            let (adp, ado, nothing) = (at as u16, (at >> 16) as u16, &[0; SEGMENT_BYTES_MAX][..len]);
+            self.tickets.push((slave, self.bus.queue_with(Command::Lrd, adp, ado, nothing, 1)));
+        }
+        let mut is_complete = true;
+        while let Some((slave, ticket)) = self.tickets.pop() {
+            match ticket.answer(&mut []).await {
+                Ok(0) => self.bus.with(|shared| shared.mute.insert(slave)),
+                Ok(1) => self.bus.with(|shared| shared.mute.remove(slave)),
+                Ok(_) | Err(_) => is_complete = false,
+            }
+        }
+        is_complete
     }
 
     /// Reads the mailboxes that are full although nobody waits for an answer, but for those whose mail a user takes.
@@ -163,6 +193,7 @@ impl Watch {
         self.bus.with(|shared| {
             shared.note_status(slave, AlStatusWithCode { status, ..AlStatusWithCode::default() });
             shared.clocks.set.remove(slave);
+            shared.mapped.remove(slave);
             shared.tell(Event::PowerCycled { slave });
         });
         Some(())

@@ -110,6 +110,10 @@ pub struct EcmskCounters {
     pub cycles_left_out: u64,
     /// Cycles in OP with a broken ring of cables between two network cards. Nothing is lost by them.
     pub ring_broken: u64,
+    /// Cycles in OP in which a slave kept its inputs of before, since the working counter beside the new ones was wrong.
+    pub inputs_held: u64,
+    /// How often the inputs of a slave have not come for so long that it counts as lost.
+    pub inputs_stale: u64,
 }
 
 /// A structure that begins with its own size.
@@ -216,6 +220,8 @@ pub unsafe extern "C" fn ecmsk_get_counters(board: *mut EcmskBoard, counters: *m
             outputs_lost: board.outputs_lost,
             cycles_left_out: board.cycles_left_out,
             ring_broken: board.ring_broken,
+            inputs_held: board.inputs_held,
+            inputs_stale: board.inputs_stale,
         };
         // SAFETY: the caller's promise for `counters`.
         unsafe { copy_out(value, counters, "counters") }

@@ -63,7 +63,9 @@ impl<W: NicWires> NicBus<W> {
             let Some(data) = &station.process_data else { continue };
             let Some(image) = self.master.outputs_mut(slave) else { continue };
             let holds = self.holding.contains(slave) || self.lost.contains(slave);
-            if station.commanded == AlState::Op && !holds {
+            if station.commanded == AlState::Op && self.ages.stale.contains(slave) {
+                put_into(data, &data.stopping(&self.inputs[n]), image);
+            } else if station.commanded == AlState::Op && !holds {
                 put_into(data, &self.outputs.slaves[n], image);
             } else {
                 put_into(data, &data.holding(&self.inputs[n]), image);
@@ -75,13 +77,21 @@ impl<W: NicWires> NicBus<W> {
     fn answered(&mut self, now: Ns, done: &master::CycleDone, inputs: &mut Inputs) -> CycleDone {
         let answers_lost = std::mem::take(&mut self.unanswered);
         let skew = self.skew.unwrap_or(0);
+        let mut newly_stale = SlaveSet::EMPTY;
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
             let Some(data) = &self.stations[n].process_data else { continue };
             let has_inputs = self.stations[n].commanded >= AlState::SafeOp && !self.lost.contains(slave);
-            if let Some(image) = self.master.inputs(slave).filter(|image| has_inputs && !image.is_empty()) {
+            let Some(image) = self.master.inputs(slave).filter(|image| has_inputs && !image.is_empty()) else {
+                self.ages.renew(slave);
+                continue;
+            };
+            if done.fresh.contains(slave) {
                 take_from(data, image, &mut self.inputs[n]);
                 inputs.slaves[n] = self.inputs[n];
+                self.ages.renew(slave);
+            } else if self.ages.hold(slave, done.sent_at, answers_lost, self.cycle.ns(), self.master.searched()) {
+                newly_stale.insert(slave);
             }
         }
         let is_new = std::mem::take(&mut self.has_new_outputs);
@@ -91,7 +101,9 @@ impl<W: NicWires> NicBus<W> {
             self.all_is_sent();
         }
         let missed = done.expected_working_counter.saturating_sub(done.working_counter);
-        let is_short = missed > self.master.working_counter_of(self.lost) || self.has_fallen_slave(done.states);
+        let is_short = missed > self.master.working_counter_of(self.lost)
+            || !done.doubtful.difference(self.lost).is_empty()
+            || self.has_fallen_slave(done.states);
         let outputs_lost = self.missed.take_cycle(&Cycle {
             sent_at: done.sent_at,
             outputs,
@@ -103,6 +115,7 @@ impl<W: NicWires> NicBus<W> {
             has_job: self.job.is_some(),
         });
         self.update_lost();
+        self.lose_stale(newly_stale);
         self.missed.note_states(self.master.states_read(), self.sent);
         self.tell(inputs);
         CycleDone {
@@ -131,7 +144,7 @@ impl<W: NicWires> NicBus<W> {
 
     /// Finds out which slaves are lost, by what the master knows of their states.
     fn update_lost(&mut self) {
-        let Self { master, stations, lost, lost_from, missed, found, .. } = self;
+        let Self { master, stations, lost, lost_from, ages, missed, found, .. } = self;
         let had_lost = !lost.is_empty();
         master.look_at_statuses(|slave, status| {
             if slave > *found {
@@ -149,13 +162,26 @@ impl<W: NicWires> NicBus<W> {
                 lost_from[n] = missed.name(had_lost);
             } else if !is_missing && stations[n].commanded < AlState::SafeOp {
                 lost.remove(slave);
+                ages.forget(slave);
                 lost_from[n] = None;
             }
         });
     }
 
+    /// Slaves whose inputs have become stale are lost: what was sent since nobody knows what they do counts as not executed.
+    fn lose_stale(&mut self, stale: SlaveSet) {
+        let had_lost = !self.lost.is_empty();
+        for slave in stale.difference(self.lost).iter() {
+            self.lost.insert(slave);
+            self.lost_from[usize::from(slave) - 1] = self.missed.name(had_lost);
+            self.missed.explain();
+        }
+    }
+
     fn tell(&self, inputs: &mut Inputs) {
         inputs.lost = self.lost;
+        inputs.held = self.ages.held.difference(self.lost);
+        inputs.stale = self.ages.stale.intersection(self.lost);
         inputs.lost_from = self.lost_from;
         (inputs.without_outputs, inputs.without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         for slave in self.all().iter() {

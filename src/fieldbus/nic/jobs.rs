@@ -1,5 +1,6 @@
 //! Scan, changes of state and SDOs: what the master is asked for, and what its ends mean.
 
+use super::ages::Ages;
 use super::configure::Configuring;
 use super::{NicBus, NicWires, RunningSdo};
 use crate::coe::{AbortCode, SdoScope};
@@ -122,6 +123,7 @@ impl<W: NicWires> NicBus<W> {
         }
         (self.lost, self.has_new_outputs) = (SlaveSet::EMPTY, false);
         self.lost_from.fill(None);
+        self.ages = Ages::default();
         self.missed.forget();
     }
 
@@ -250,6 +252,7 @@ impl<W: NicWires> NicBus<W> {
             if self.state(slave) == Some(target) {
                 self.station_mut(slave).commanded = target;
                 self.lost.remove(slave);
+                self.ages.forget(slave);
                 self.lost_from[usize::from(slave) - 1] = None;
             }
         }

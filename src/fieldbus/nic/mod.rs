@@ -9,6 +9,7 @@
 //! | `configure.rs` | the process data and the mode of each slave, in PreOP |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
 //! | `missed.rs` | what slaves have missed before it is known which ones |
+//! | `ages.rs` | how old the inputs of each slave are |
 //! | `chain.rs` | simulated slave controllers as wires, in virtual time: [`ChainWires`] |
 //!
 //! **A cycle** is one [`Fieldbus::poll`], as in a simulated network: the frames go out, and the poll waits until they are
@@ -30,7 +31,12 @@
 //! **Lost slaves** \[OURS]. A working counter that is too low does not say whose part is missing: the master reads the state of
 //! each slave, which takes some cycles, and names those that do not answer or have left their state. They stay lost until a
 //! [`Job::State`] brings them back.
+//!
+//! **A working counter that is wrong** \[OURS], too low or too high: the inputs beside it are not believed, and those of all slaves in
+//! the datagram stay as they were. If no state tells why, the master asks each of them for its inputs alone. Inputs that are older than
+//! [`STALE_AFTER`](super::STALE_AFTER) are stale, and their slave is lost: its axes are sent a quick stop.
 
+mod ages;
 #[cfg(feature = "sim")]
 mod chain;
 mod configure;
@@ -49,6 +55,7 @@ use super::{
 };
 use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
+use ages::Ages;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
 use configure::Configuring;
@@ -108,6 +115,7 @@ pub struct NicBus<W> {
     is_paced: bool,
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
+    ages: Ages,
     /// The outputs that were pushed last.
     outputs: Outputs,
     /// No answer has come to a frame with them.
@@ -144,6 +152,7 @@ impl<W: NicWires> NicBus<W> {
             is_paced: false,
             lost: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
+            ages: Ages::default(),
             outputs: Outputs::default(),
             has_new_outputs: false,
             may_have_come: false,

@@ -18,12 +18,14 @@ pub(super) struct Answer {
     at: Ns,
     sent: Option<u64>,
     cycles_lost: u32,
+    /// The chip tells of working counters that were wrong, and this may have been one of these cycles.
+    is_doubtful: bool,
     image: Vec<u8>,
 }
 
 impl Default for Answer {
     fn default() -> Self {
-        Self { at: 0, sent: None, cycles_lost: 0, image: vec![0; IMAGE_MAX] }
+        Self { at: 0, sent: None, cycles_lost: 0, is_doubtful: false, image: vec![0; IMAGE_MAX] }
     }
 }
 
@@ -38,7 +40,7 @@ impl<W: Wires> XfBus<W> {
         let at = due.clamp(estimate.saturating_sub(period_ns), estimate).max(self.newest_cycle + 1).min(now);
         self.newest_cycle = at;
         self.counters.cycles_lost += u64::from(cycles_lost);
-        let sent = self.ledger.sent_in(cycle);
+        let (sent, is_doubtful) = (self.ledger.sent_in(cycle), self.takes_in_doubt());
         let mut answer = match self.spare.pop() {
             Some(answer) => answer,
             None => {
@@ -51,7 +53,7 @@ impl<W: Wires> XfBus<W> {
         };
         let tx_bytes = self.network.tx_bytes;
         answer.image[..tx_bytes].copy_from_slice(&self.host.inputs()[from..from + tx_bytes]);
-        (answer.at, answer.sent, answer.cycles_lost) = (at, sent, cycles_lost);
+        (answer.at, answer.sent, answer.cycles_lost, answer.is_doubtful) = (at, sent, cycles_lost, is_doubtful);
         self.answers.push_back(answer);
     }
 
@@ -64,7 +66,11 @@ impl<W: Wires> XfBus<W> {
         }
         let answer = self.answers.pop_front()?;
         let tx_bytes = self.network.tx_bytes;
-        self.newest_inputs[..tx_bytes].copy_from_slice(&answer.image[..tx_bytes]);
+        self.is_held = answer.is_doubtful;
+        if !answer.is_doubtful {
+            self.newest_inputs[..tx_bytes].copy_from_slice(&answer.image[..tx_bytes]);
+        }
+        self.judge_inputs(answer.at, answer.is_doubtful);
         let answers_lost = answer.cycles_lost + std::mem::take(&mut self.lost_cycles);
         let at = at.max(self.told_at + 1).min(now);
         let done = self.done(at, answer.sent, answers_lost);
@@ -74,6 +80,7 @@ impl<W: Wires> XfBus<W> {
 
     /// A cycle while the chip has none to tell.
     pub(super) fn next_tick(&mut self, now: Ns) -> Option<CycleDone> {
+        self.is_held = false;
         let at = self.told_at.saturating_add(tick_ns());
         if at > now {
             return None;
@@ -106,6 +113,8 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn fill(&self, inputs: &mut Inputs) {
         let network = &self.network;
         let in_safe_op = network.at_least(AlState::SafeOp);
+        inputs.held = if self.is_held { self.with_inputs() } else { SlaveSet::EMPTY };
+        inputs.stale = network.stale;
         for (n, slave) in (1..=network.found).enumerate() {
             if let Some(data) = &network.process_data[n]
                 && in_safe_op.contains(slave)

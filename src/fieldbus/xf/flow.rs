@@ -152,7 +152,9 @@ impl<W: Wires> XfBus<W> {
                 let place = self.network.places[n];
                 let mut inputs = [AxisIn::default(); MAX_AXES];
                 data.take_inputs(&self.newest_inputs[place.inputs_at..], &mut inputs);
-                data.put_outputs(&data.holding(&inputs), &mut image[place.outputs_at..]);
+                let is_stale = self.network.stale.contains(slave);
+                let outputs = if is_stale { data.stopping(&inputs) } else { data.holding(&inputs) };
+                data.put_outputs(&outputs, &mut image[place.outputs_at..]);
             }
         }
     }

@@ -144,6 +144,8 @@ pub struct XfBus<W> {
     left_behind: u64,
     newest_left_behind: Option<u64>,
     newest_inputs: Vec<u8>,
+    /// They are not those of the newest cycle that was polled.
+    is_held: bool,
     watch: Watch,
     /// The slaves that were lost in the newest inputs which were polled.
     told_lost: SlaveSet,
@@ -197,6 +199,7 @@ impl<W: Wires> XfBus<W> {
             left_behind: 0,
             newest_left_behind: None,
             newest_inputs: vec![0; IMAGE_MAX],
+            is_held: false,
             watch: Watch::default(),
             told_lost: SlaveSet::EMPTY,
             taking_down: TakingDown::No,

@@ -43,6 +43,8 @@ pub(super) struct Network {
     /// How many sets of outputs the transport takes, beside those that bridge a stall.
     pub transport_sets: u16,
     pub lost: SlaveSet,
+    /// Those of them that answer, and whose inputs were not believed for too long.
+    pub stale: SlaveSet,
     /// The first outputs that a lost slave may not have got.
     pub lost_from: [Option<u64>; MAX_SLAVES],
 }
@@ -65,20 +67,21 @@ impl Network {
             in_flight: 1,
             transport_sets: 0,
             lost: SlaveSet::EMPTY,
+            stale: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
         }
     }
 
     /// The chip runs no network any more. How many slaves there are stays known: a scan alone counts them anew.
     pub(super) fn stop(&mut self) {
-        let Self { cycle, found, with_dc, lost, lost_from, .. } = *self;
-        *self = Self { cycle, found, with_dc, lost, lost_from, ..Self::new() };
+        let Self { cycle, found, with_dc, lost, stale, lost_from, .. } = *self;
+        *self = Self { cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
     /// The chip has found so many slaves, which are in Init.
     pub(super) fn start(&mut self, found: u8, cycle: CycleTime) {
-        let (with_dc, lost, lost_from) = (self.with_dc, self.lost, self.lost_from);
-        *self = Self { initialised: true, cycle, found, with_dc, lost, lost_from, ..Self::new() };
+        let Self { with_dc, lost, stale, lost_from, .. } = *self;
+        *self = Self { initialised: true, cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
     /// The slaves that were brought at least to that state.
@@ -99,6 +102,12 @@ impl Network {
 
     pub(super) fn in_op(&self) -> SlaveSet {
         self.at_least(AlState::Op)
+    }
+
+    /// A slave is not lost any more.
+    pub(super) const fn found_again(&mut self, slave: u8) {
+        self.lost.remove(slave);
+        self.stale.remove(slave);
     }
 
     /// Places a slave behind the one before it.

@@ -3,6 +3,11 @@
 //! The chip says that the working counter of some cycle was wrong and not whose fault it was, by a count that stays at 255
 //! and by an interrupt flag: the states of all slaves are read then. They are also read from time to time, since below
 //! SafeOP no cycle tells that a slave is gone. A slave stays lost until a change of state brings it back.
+//!
+//! **Inputs beside a working counter that is wrong** are not believed \[OURS], as far as the chip tells: those of [`DOUBT_CYCLES`] that are
+//! read from a header on which counts new errors. It says neither which cycles these were, nor whose inputs, so that all
+//! slaves keep theirs, and what was read before that header came has been believed. If it goes on and the states of all show that nobody is lost, all are stale and lost
+//! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the chip counts each cycle as wrong, and says nothing of others.
 
 use super::XfBus;
 use super::ask::{Ask, Asked};
@@ -10,11 +15,16 @@ use super::clear::SETTLED;
 use super::jobs::state_of;
 use super::local_io::PinSetup;
 use crate::ethercat::{AlState, Ns, SlaveSet};
+use crate::fieldbus::is_stale;
 use crate::xf::Interrupts;
 use crate::xf::host::{HostError, HostState, Wires};
 
 /// How often the states are read, if nothing else makes it necessary. \[OURS]
 const INTERVAL_NS: Ns = 100_000_000;
+
+/// So many cycles are in doubt when a header counts a new error: it may be two exchanges old, and between two exchanges may be no cycle.
+/// \[OURS]
+const DOUBT_CYCLES: u32 = 4;
 
 /// What is asked for in the reading of the states.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,6 +57,14 @@ pub(super) struct Watch {
     unsent: Option<u64>,
     unsent_before: Option<u64>,
     chip_resets: u64,
+    /// So many cycles that are read next are in doubt.
+    doubt_cycles: u32,
+    /// When the newest reading of all states began that has come to its end with nobody lost, and the one under way; time of the wires.
+    read_at: Option<Ns>,
+    reading_since: Option<Ns>,
+    /// Cycles in a row whose inputs were not believed, and when the first of them ran.
+    held_cycles: u32,
+    held_since: Ns,
 }
 
 /// Whether slaves that were lost with the chip's answers are to leave OP, which they may still be in.
@@ -110,6 +128,7 @@ impl<W: Wires> XfBus<W> {
         let watch = &mut self.watch;
         let is_wrong = errors != watch.wkc_errors || is_full && is_flagged;
         if is_wrong && self.runs && self.job.is_none() && self.network.lost.is_empty() {
+            watch.doubt_cycles = DOUBT_CYCLES;
             watch.wrong_cycles += u64::from(errors.saturating_sub(watch.wkc_errors).max(1));
         }
         watch.wkc_errors = errors;
@@ -126,6 +145,7 @@ impl<W: Wires> XfBus<W> {
         self.watch.wrong_before = std::mem::take(&mut self.watch.wrong_cycles);
         self.watch.has_new_errors = false;
         self.watch.unsent_before = self.watch.unsent;
+        self.watch.reading_since = Some(self.wires.now());
     }
 
     /// All states were read: who is not lost has got what was sent before that began, but for cycles that somebody has missed
@@ -134,8 +154,50 @@ impl<W: Wires> XfBus<W> {
         let missed = std::mem::take(&mut self.watch.wrong_before);
         if self.network.lost.is_empty() && self.job.is_none() {
             self.lose_sets(missed);
+            self.watch.read_at = self.watch.reading_since;
         }
         self.watch.suspect_from = self.watch.unsent_before.filter(|_| self.watch.has_new_errors);
+    }
+
+    /// Whether the inputs of the next cycle that was read are in doubt.
+    pub(super) fn takes_in_doubt(&mut self) -> bool {
+        let is_doubtful = self.watch.doubt_cycles > 0 && self.network.lost.is_empty();
+        self.watch.doubt_cycles = self.watch.doubt_cycles.saturating_sub(1);
+        is_doubtful
+    }
+
+    /// The inputs of a cycle that ran at that time were not believed, or they were.
+    pub(super) fn judge_inputs(&mut self, at: Ns, is_held: bool) {
+        if !is_held {
+            self.watch.held_cycles = 0;
+            return;
+        }
+        if self.watch.held_cycles == 0 {
+            self.watch.held_since = at;
+        }
+        let Watch { held_cycles, held_since, read_at, .. } = &mut self.watch;
+        *held_cycles = held_cycles.saturating_add(1);
+        if *read_at > Some(*held_since) && is_stale(*held_cycles, self.network.cycle.ns(), true) {
+            self.lose_stale();
+        }
+    }
+
+    /// The slaves that have inputs, and are not lost.
+    pub(super) fn with_inputs(&self) -> SlaveSet {
+        let has_inputs = |slave: &u8| self.network.places[usize::from(*slave) - 1].input_bytes > 0;
+        self.network.at_least(AlState::SafeOp).difference(self.network.lost).iter().filter(has_inputs).collect()
+    }
+
+    /// Nobody knows whose inputs are still those of the slave: all that have some are lost.
+    fn lose_stale(&mut self) {
+        let from = self.watch.suspect_from.or(self.watch.unsent);
+        let stale = self.with_inputs();
+        for slave in stale.iter() {
+            self.network.lost_from[usize::from(slave) - 1] = from;
+        }
+        self.network.lost = self.network.lost.union(stale);
+        self.network.stale = self.network.stale.union(stale);
+        self.hold_lost(self.network.lost);
     }
 
     /// Reads the states on, or begins to.
@@ -205,7 +267,7 @@ impl<W: Wires> XfBus<W> {
                 self.hold_lost(self.network.lost);
             }
         } else if commanded < AlState::SafeOp {
-            self.network.lost.remove(slave);
+            self.network.found_again(slave);
         }
     }
 
@@ -227,7 +289,7 @@ impl<W: Wires> XfBus<W> {
             }
             self.network.commanded[n] = AlState::Init;
         }
-        self.network.lost = all;
+        (self.network.lost, self.network.stale) = (all, SlaveSet::EMPTY);
         self.pins = PinSetup::Due;
         (self.network.initialised, self.network.mapped) = (false, false);
         self.lose_sets(self.ledger.ahead());

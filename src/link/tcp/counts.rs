@@ -5,7 +5,7 @@ use super::wire::{Counts, WireError};
 use crate::engine::Counters;
 
 /// How many counters of [`Counters`] come before those of the rejections.
-const BEFORE_REJECTED: usize = 19;
+const BEFORE_REJECTED: usize = 21;
 
 /// All counters of a board, in the order of the message.
 fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
@@ -29,6 +29,8 @@ fn in_order(of: &mut Counters) -> impl Iterator<Item = &mut u64> {
         &mut of.outputs_lost,
         &mut of.cycles_left_out,
         &mut of.ring_broken,
+        &mut of.inputs_held,
+        &mut of.inputs_stale,
     ];
     plain.into_iter().chain(&mut of.rejected)
 }

@@ -2,6 +2,7 @@
 //!
 //! - a slave with an object of any length: `blob`
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `slave_wrapper`, `ahead_bus`, `swift`, `images`
+//! - on a network card: `lying_wire`, which changes working counters
 //! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stands still, `chip_axis` an
 //!   axis, `ears` drives that listen
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
@@ -32,6 +33,7 @@ pub mod heard;
 pub mod homing_tables;
 pub mod images;
 pub mod late_host;
+pub mod lying_wire;
 pub mod pe;
 pub mod recorded;
 pub mod recording;

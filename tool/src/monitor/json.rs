@@ -37,6 +37,8 @@ struct CountersJson {
     answers_lost: u64,
     cycles_left_out: u64,
     ring_broken: u64,
+    inputs_held: u64,
+    inputs_stale: u64,
 }
 
 #[derive(Serialize)]
@@ -71,6 +73,8 @@ pub fn line(view: &View) -> String {
             answers_lost: counters.answers_lost,
             cycles_left_out: counters.cycles_left_out,
             ring_broken: counters.ring_broken,
+            inputs_held: counters.inputs_held,
+            inputs_stale: counters.inputs_stale,
         }),
         trouble: view.trouble.as_deref(),
         slots: view.lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect(),

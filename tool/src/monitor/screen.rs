@@ -131,6 +131,8 @@ fn head(view: &View) -> Vec<Line<'static>> {
             ("answers lost", counters.answers_lost),
             ("cycles left out", counters.cycles_left_out),
             ("cycles with a broken ring", counters.ring_broken),
+            ("cycles with a wrong working counter", counters.inputs_held),
+            ("slaves with stale inputs", counters.inputs_stale),
         ] {
             if count > 0 {
                 line += &format!(", {what} {count}");

@@ -56,7 +56,7 @@ impl<W: Wires> XfBus<W> {
         (1..=self.network.found).for_each(|slave| self.stay_up(job, slave));
         for slave in slaves.iter().filter(|slave| job.state(*slave) == Some(target)) {
             self.network.commanded[usize::from(slave) - 1] = target;
-            self.network.lost.remove(slave);
+            self.network.found_again(slave);
             self.network.lost_from[usize::from(slave) - 1] = None;
         }
         if self.network.in_op().is_empty() {

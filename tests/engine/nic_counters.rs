@@ -1,0 +1,306 @@
+//! Working counters that are wrong, over the bus of a network card: nothing beside them is believed, and inputs that do not come are
+//! stale.
+
+use ecmsk::cia402::{Controlword, Mode};
+use ecmsk::engine::{EngineConfig, Event, StateFailure};
+use ecmsk::ethercat::{Command, SlaveSet};
+use ecmsk::fieldbus::nic::{ChainWires, NicBus};
+use ecmsk::fieldbus::sim::SimHandle;
+use ecmsk::fieldbus::{STALE_AFTER, STALE_AT_LAST_NS};
+use ecmsk::master::Settings;
+use ecmsk::sk::{DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::slave::Slave;
+
+use crate::host::Host;
+use crate::probe::drives;
+use crate::puppet::{ENABLED, Puppet, SWITCHED_ON};
+use support::lying_wire::{Answer, Lies, LyingWires};
+
+/// The bytes of a drive in CSP or CSV: its outputs, and behind them its inputs.
+const OUTPUTS: usize = 6;
+const INPUTS: usize = 10;
+/// Cycles of 1 ms until inputs are stale: what holds longer, 10 cycles or 20 ms.
+const STALE_CYCLES: usize = 20;
+/// How many cycles it takes at most to find out whose inputs they are that do not come.
+const SEARCH_CYCLES: i32 = 6;
+
+const _: () = assert!(STALE_AFTER.0 == 10 && STALE_AFTER.1 == 20_000_000 && STALE_AT_LAST_NS == 100_000_000);
+
+/// Where the inputs of a drive are in the logical memory, if there are drives alone.
+fn inputs_of(slave: usize) -> u32 {
+    ((slave - 1) * (OUTPUTS + INPUTS) + OUTPUTS) as u32
+}
+
+/// A board in OP with these slaves as drives in CSP, at the end of a wire that lies.
+fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
+    let (network, lies) = (SimHandle::default(), Lies::default());
+    let count = slaves.len();
+    let wires = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
+    let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.op(count);
+    (host, lies, network)
+}
+
+/// The inputs of one of so many slaves do not arrive from now on: not with those of others, and not alone.
+fn mute(lies: &Lies, slave: usize, slaves: u16) {
+    lies.tell(move |answer: &mut Answer<'_>| {
+        // Where it takes no part in the cycle it cannot lack there.
+        if answer.command != Command::Lrw || answer.counter > 3 * (slaves - 1) {
+            answer.silence(inputs_of(slave), INPUTS);
+        }
+    });
+}
+
+/// Three drives in CSV at that speed, in counts/s.
+fn three_in_csv(velocity: i32) -> (Host, Lies, SimHandle) {
+    let (network, lies) = (SimHandle::default(), Lies::default());
+    let wires = ChainWires::new(drives(3), network.clone()).expect("they have an EEPROM");
+    let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
+    let mut host = Host::new(EngineConfig::default(), bus);
+    host.declare_drives(3);
+    for slave in 1..=3 {
+        host.build(|frame, size| {
+            let mode = SlaveCommand::DriveMode { mode: Mode::Csv, sync: DriveSync::DcSync };
+            frame.put_slave(size, slave, &mode.into());
+        });
+    }
+    host.go(MasterState::Op).drained();
+    (1..=3).for_each(|slave| {
+        host.servo_on(slave);
+    });
+    host.build(|frame, size| {
+        (1..=3).for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::Csv(Motion::to(velocity)).into()));
+    });
+    host.drained().cycles(300);
+    (host, lies, network)
+}
+
+fn velocity(network: &SimHandle, host: &mut Host, slave: u8) -> i64 {
+    let before = network.shaft(slave, 0).expect("a shaft");
+    host.cycles(10);
+    (network.shaft(slave, 0).expect("a shaft") - before) * 100
+}
+
+/// The inputs of one of three drives in CSV do not arrive any more, working counter 8 of 9, though it is in OP and gets its outputs. After 20
+/// cycles it is lost, told by its name and counted, and stopped on its quick-stop ramp. The others go on, and what they send is
+/// believed as soon as it is known whose inputs do not come. `STALE_AFTER`, [OURS].
+#[test]
+fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
+    let (mut host, lies, network) = three_in_csv(20_000);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op));
+    let (mark, before) = (host.mark(), host.counters());
+    mute(&lies, 2, 3);
+    host.cycles(STALE_CYCLES - 1);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op), "one cycle before");
+    host.cycles(1);
+    assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
+    assert_eq!(host.board.engine().state_failure(), Some(StateFailure::Stale { slave: 2 }));
+    assert_eq!(host.board.engine().lost(), [2].into_iter().collect::<SlaveSet>());
+    let events: Vec<Event> = host.board.engine().events_since(mark).collect();
+    assert!(
+        matches!(
+            events[..],
+            [Event::WorkingCounter { counted: 8, expected: 9, .. }, Event::InputsStale { slave: 2, .. }]
+        ),
+        "{events:?}"
+    );
+    let held = host.counters().inputs_held - before.inputs_held;
+    assert_eq!((held, host.counters().inputs_stale), (STALE_CYCLES as u64 - 1, 1), "{:?}", host.counters());
+    // What was sent to it since is counted as not executed; it brakes and stands.
+    host.slave(2, SlaveCommand::Csv(Motion::to(1))).cycles(300);
+    assert!(host.counters().for_lost > before.for_lost);
+    assert_eq!(velocity(&network, &mut host, 2), 0, "it stands");
+    for slave in [1, 3] {
+        assert_eq!(velocity(&network, &mut host, slave), 20_000, "slave {slave} goes on");
+        let (shown, true_one) = (host.drive(slave.into()).position, network.shaft(slave, 0).expect("a shaft"));
+        assert!((i64::from(shown) - true_one).abs() <= 60, "slave {slave}: {shown} {true_one}");
+    }
+    let held = host.counters().inputs_held - before.inputs_held;
+    assert!(held <= STALE_CYCLES as u64, "{held}: those of others come");
+}
+
+/// While it is searched whose inputs do not come those of the others are held, and no longer.
+#[test]
+fn inputs_of_others_come_again_when_it_is_known_whose_do_not() {
+    let puppets = [(); 3].map(|()| Puppet::new());
+    let (mut host, lies, _) = in_op(puppets.iter().map(Puppet::boxed).collect());
+    let mut step = |n| {
+        puppets.iter().for_each(|puppet| puppet.stand(n));
+        host.cycles(1);
+        [1, 2, 3].map(|slave| host.drive(slave).position)
+    };
+    let [.., shown] = [1, 2, 3, 4, 5].map(&mut step);
+    // What a slave shows it has measured some cycles before.
+    let late = 5 - shown[0];
+    assert_eq!(shown, [5 - late; 3]);
+    mute(&lies, 2, 3);
+    let mut last_held = 0;
+    for n in 6..5 + i32::try_from(STALE_CYCLES).expect("few") {
+        let [first, muted, last] = step(n);
+        assert_eq!(muted, shown[1]);
+        if (first, last) != (n - late, n - late) {
+            last_held = n - 5;
+        }
+    }
+    assert!((1..=SEARCH_CYCLES).contains(&last_held), "held until cycle {last_held}");
+}
+
+/// A box in the cable that takes one off each working counter of process data for good: it is not known whose inputs are missing, since each
+/// slave answers when it is asked alone. All are lost after 20 cycles, and none moves on.
+#[test]
+fn a_counter_that_is_too_low_for_no_reason_stops_all() {
+    let (mut host, lies, network) = three_in_csv(20_000);
+    lies.tell(|answer: &mut Answer<'_>| {
+        if answer.command == Command::Lrw {
+            answer.count = answer.count.wrapping_sub(1);
+        }
+    });
+    host.cycles(STALE_CYCLES - 1);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op));
+    host.cycles(1);
+    assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
+    assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (SlaveSet::first(3), 3));
+    host.cycles(300);
+    for slave in 1..=3 {
+        assert_eq!(velocity(&network, &mut host, slave), 0, "slave {slave}");
+    }
+}
+
+/// A working counter above what slaves can add, and inputs beside it that would enable a drive at a place where it is not: none of them
+/// reaches an axis. The switching on waits, and comes to its end where the drive is when counters are right again.
+#[test]
+fn a_counter_that_is_too_high_enables_no_servo() {
+    for excess in [1, 2, 100] {
+        let puppets = [Puppet::obedient(), Puppet::obedient()];
+        puppets[0].stand(1234);
+        let (mut host, lies, _) = in_op(puppets.iter().map(Puppet::boxed).collect());
+        host.cycles(5);
+        lies.tell(move |answer: &mut Answer<'_>| {
+            if answer.command == Command::Lrw {
+                answer.data.fill(0x7D);
+                let [low, high] = SWITCHED_ON.to_le_bytes();
+                (answer.data[OUTPUTS], answer.data[OUTPUTS + 1]) = (low, high);
+                answer.count += excess;
+            }
+        });
+        puppets.iter().for_each(Puppet::forget);
+        host.slave(1, SlaveCommand::ServoOn).cycles(10);
+        let sent = puppets[0].strings().sent.clone();
+        assert!(sent.iter().all(|out| out.controlword.0 == 0 && out.target == 1234), "{excess}: {sent:?}");
+        assert_eq!(host.drive(1).position, 1234);
+        assert_eq!((host.counters().inputs_held, host.counters().inputs_stale), (10, 0));
+        lies.end();
+        host.until("Operation enabled", |host| host.drive(1).statusword.is_enabled());
+        let sent = puppets[0].strings().sent.clone();
+        assert!(sent.iter().all(|out| out.target == 1234), "{excess}: {sent:?}");
+        assert_eq!(host.state(), StateByte::reached(MasterState::Op));
+    }
+}
+
+/// A working counter that is wrong in one cycle now and then, too low or too high, and inputs beside it that are not those of the slave: all
+/// targets reach it once and in order, no report shows the inputs, nobody is lost, and each of these cycles is counted.
+#[test]
+fn one_wrong_counter_now_and_then_is_counted_and_nothing_else() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let (mut host, lies, _) = in_op(puppets.iter().map(Puppet::boxed).collect());
+    host.servo_on(1).servo_on(2);
+    puppets.iter().for_each(Puppet::forget);
+    let before = host.counters();
+    let mut wrong = 0;
+    for n in 1..=300 {
+        if n % 7 == 0 {
+            wrong += 1;
+            lies.tell(move |answer: &mut Answer<'_>| {
+                if answer.command == Command::Lrw {
+                    answer.data.fill(0x7D);
+                    answer.count = if n % 2 == 0 { 1 } else { u16::MAX };
+                }
+            });
+        } else {
+            lies.end();
+        }
+        host.build(|frame, size| {
+            [1, 2].into_iter().for_each(|slave| frame.put_slave(size, slave, &SlaveCommand::Csp(Motion::to(n)).into()));
+        });
+        host.cycles(1);
+        for slave in [1, 2] {
+            let shown = host.drive(slave);
+            assert!(shown.statusword.0 == ENABLED && (n - 3..=n).contains(&shown.position), "{n}: {shown:?}");
+        }
+    }
+    lies.end();
+    host.cycles(20);
+    let counters = host.counters();
+    assert_eq!(counters.inputs_held - before.inputs_held, wrong);
+    assert_eq!((counters.inputs_stale, counters.for_lost, counters.full), (0, 0, 0), "{counters:?}");
+    assert_eq!(counters.discarded_before_enabled, before.discarded_before_enabled);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op));
+    let all: Vec<i32> = (1..=300).collect();
+    for puppet in &puppets {
+        let targets = puppet.targets();
+        let first = targets.iter().position(|target| *target == 1).expect("the first one");
+        assert_eq!(targets[first..], all);
+    }
+}
+
+/// Inputs that come again before they are stale change nothing. Once they are stale the slave is lost though they come again: SET_STATE
+/// brings it back, off and where it is, and it moves again. While they still do not come it is lost again, and is not enabled.
+#[test]
+fn stale_inputs_that_come_again() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let (mut host, lies, _) = in_op(puppets.iter().map(Puppet::boxed).collect());
+    host.servo_on(1).servo_on(2);
+    host.csp(2, 500).cycles(5);
+    mute(&lies, 2, 2);
+    host.cycles(STALE_CYCLES - 1);
+    lies.end();
+    host.cycles(100);
+    assert_eq!((host.state(), host.counters().inputs_stale), (StateByte::reached(MasterState::Op), 0));
+    host.csp(2, 700).cycles(5);
+    assert_eq!(host.drive(2).position, 700);
+
+    mute(&lies, 2, 2);
+    host.cycles(STALE_CYCLES);
+    assert_eq!((host.state(), host.counters().inputs_stale), (StateByte::failed(Some(MasterState::Op)), 1));
+    lies.end();
+    host.csp(2, 900).cycles(100);
+    assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
+    assert!(!puppets[1].targets().contains(&900), "it is lost until it is brought back");
+    assert_eq!(puppets[1].last().controlword, Controlword::QUICK_STOP, "its axis brakes");
+    assert_eq!(host.drive(1).statusword.0, ENABLED, "the other one goes on");
+
+    // It is asked for while its inputs still do not come.
+    mute(&lies, 2, 2);
+    puppets[1].forget();
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("the second loss", |host| host.counters().inputs_stale == 2);
+    host.slave(2, SlaveCommand::ServoOn).cycles(50);
+    assert!(puppets[1].strings().sent.iter().all(|out| out.controlword.0 != 0x0F), "not enabled");
+
+    lies.end();
+    puppets[1].stand(4321);
+    host.go(MasterState::Op);
+    puppets[1].forget();
+    host.servo_on(2);
+    assert!(puppets[1].targets().iter().all(|target| *target == 4321), "{:?}", puppets[1].targets());
+    host.csp(2, 4400).cycles(5);
+    assert_eq!((host.drive(2).position, host.drive(1).statusword.0), (4400, ENABLED));
+}
+
+/// In a network of 40 drives the search for a slave that is lost ends before the inputs of the others, which share its datagrams, are stale:
+/// nobody is lost but those behind the cut.
+#[test]
+fn a_cut_cable_makes_no_other_slave_stale() {
+    for reach in [1, 20, 39] {
+        let (mut host, _, network) = in_op(drives(40));
+        network.cut_after(reach);
+        host.cycles(500);
+        let lost = SlaveSet::first(40).difference(SlaveSet::first(reach));
+        assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (lost, 0), "{reach}");
+        network.heal();
+        host.cycles(100).go(MasterState::Op);
+        assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (SlaveSet::EMPTY, 0), "{reach}");
+        assert!(host.counters().inputs_held < 40, "{:?}", host.counters());
+    }
+}

@@ -10,8 +10,6 @@ use ecmsk::port::tcp::Server;
 use ecmsk::sk::{Frame, MasterState};
 use support::tcp::{self, Told};
 
-/// A brake from full speed takes an axis as far as fewer cycles at that speed.
-const BRAKE_CYCLES: i32 = 150;
 /// Cycles in which a drive whose targets have come to a standstill comes to rest.
 const REST: usize = 50;
 /// Cycles that are looked on at an axis that has to stand.
@@ -63,9 +61,8 @@ impl Served {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// The axis stands, between where it began and the target; at the target if the writer `has_arrived`. A brake from
-    /// `speed_counts` in a cycle may take it on.
-    pub fn stands_within(&self, target: i32, speed_counts: i32, has_arrived: bool) -> Result<(), String> {
+    /// The axis stands, between where it began and the target; at the target if the writer `has_arrived`.
+    pub fn stands_within(&self, target: i32, has_arrived: bool) -> Result<(), String> {
         let options = Options { close: Close::Leave, ..Options::default() };
         let look = || Ecm::open_with(&self.uri(), options).ok();
         let ecm = tcp::until("place for a writer", look);
@@ -93,8 +90,8 @@ impl Served {
             return Err(format!("the axis moves without a writer: from {from} to {to} ({})", told()));
         }
         let noise = NOISE_COUNTS.cast_signed();
-        let expected =
-            if has_arrived { target - noise..=target + noise } else { -noise..=target + speed_counts * BRAKE_CYCLES };
+        let nearest = if has_arrived { target - noise } else { -noise };
+        let expected = nearest..=target + noise;
         if expected.contains(&to) { Ok(()) } else { Err(format!("the axis is at {to} ({})", told())) }
     }
 }

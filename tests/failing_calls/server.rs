@@ -19,8 +19,6 @@ const END: i32 = 1000;
 const STEPS: i32 = 50;
 /// Cycles in which the axis comes to rest.
 const REST: i32 = 20;
-/// It goes so far in a cycle.
-const SPEED_COUNTS: i32 = END / STEPS;
 /// The writer gives up a server that does not serve.
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -93,7 +91,7 @@ fn serve(test: &str, closes: bool) {
             _ if struck.ended.stdout.starts_with("listening on ") => Ok(()),
             _ => Err("it does not say where it listens".to_owned()),
         });
-        run.and(|_| served.stands_within(END, SPEED_COUNTS, has_arrived))
+        run.and(|_| served.stands_within(END, has_arrived))
     });
 }
 

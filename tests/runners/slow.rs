@@ -118,11 +118,14 @@ fn a_write_in_a_gap_does_not_move_the_times_of_later_ones() {
     assert!(executed.at >= told, "told {told:?}, executed {:?}", executed.at);
 }
 
+/// The gaps to come.
+type Gaps = Arc<Mutex<VecDeque<Duration>>>;
+
 /// A bus whose cycles are not caught up on, on a machine that is away for a while before some of them.
 struct Away {
     bus: SimBus,
     /// How long the machine is away before the next cycles, one after the other.
-    gaps: Arc<Mutex<VecDeque<Duration>>>,
+    gaps: Gaps,
     /// How many cycles have run since the runner looked at the clock last, and the most that ever have.
     in_a_row: u32,
     most_in_a_row: Arc<AtomicU32>,
@@ -149,8 +152,8 @@ impl Fieldbus for Away {
 }
 
 /// A link to a board with one drive whose cycles are not caught up on, and the gaps to come.
-fn open_away() -> (Client, Arc<EngineLink>, Arc<Mutex<VecDeque<Duration>>>, Arc<AtomicU32>) {
-    let gaps = Arc::new(Mutex::new(VecDeque::new()));
+fn open_away() -> (Client, Arc<EngineLink>, Gaps, Arc<AtomicU32>) {
+    let gaps = Gaps::default();
     let most_in_a_row = Arc::new(AtomicU32::new(0));
     let bus = SimBus::new(vec![Box::new(Drive::new(DriveConfig::default()))]);
     let away = Away { bus, gaps: Arc::clone(&gaps), in_a_row: 0, most_in_a_row: Arc::clone(&most_in_a_row) };

@@ -176,7 +176,7 @@ impl Args {
                         .reporter
                         .note(format_args!("this process was late, and the axes stood: they go on from rest"));
                     snapshot = board.ecm.snapshot()?;
-                    path = path.from_rest(|axis| board.standing_position(&snapshot, axis)).map_err(no_path)?;
+                    path = path.resumed(|axis| board.standing_position(&snapshot, axis)).map_err(no_path)?;
                 }
             }
         };

@@ -106,7 +106,7 @@ impl Look {
 
     /// Where the axis is, and where it is some cycles later.
     fn twice(&self) -> [i32; 2] {
-        [0; 2].map(|_| (0..50).map(|_| self.position()).last().unwrap())
+        [0; 2].map(|_| (0..50).fold(0, |_, _| self.position()))
     }
 
     fn until_beyond(&self, position: i32) {

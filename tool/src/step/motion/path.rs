@@ -96,7 +96,7 @@ impl Path {
     ///
     /// # Errors
     /// As [`Path::new`].
-    pub fn from_rest(&self, at: impl Fn(u8) -> i32) -> Result<Self, String> {
+    pub fn resumed(&self, at: impl Fn(u8) -> i32) -> Result<Self, String> {
         Self::new(self.axes.iter().map(|axis| AxisPath { start: at(axis.slave), ..*axis }).collect())
     }
 }

@@ -1,7 +1,8 @@
 //! The mailbox of a slave: one request and its answer, whatever else the slave sends in between, and whatever gets lost.
 //!
 //! No request is done twice: if a frame that writes one is lost, the same message is written again with the same counter, by
-//! which the slave knows it. Nor is the first request in PreOP taken for one of another master. No answer is lost: if a frame that reads one is lost, the slave is asked for a repeat.
+//! which the slave knows it. Nor is the first request in PreOP taken for one of another master. No answer is lost: if a frame that
+//! reads one is lost, the slave is asked for a repeat.
 
 use super::bus::{Bus, Unanswered};
 use super::{Event, MailboxInfo};

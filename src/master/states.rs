@@ -1,6 +1,5 @@
 //! Changes of the AL state: step by step, with what each step needs, until the slave is there, refuses, or time is up.
 
-use std::fmt;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 
@@ -54,27 +53,15 @@ pub enum StateReason {
     NoAnswer,
     /// Its controller does not take the time after which it leaves OP without outputs: it could go on for ever after the master's end.
     #[error(
-        "its watchdog of process data (registers 0x0400 and 0x0420) has {} instead of {} us; switch it off and on, and if \
-         that does not help leave it out of this network", Watched(*.is_ns), .wanted_ns / 1000
+        "its watchdog of process data (registers 0x0400 and 0x0420) has {} us instead of {} us; switch it off and on, and if \
+         that does not help leave it out of this network", .is_ns / 1000, .wanted_ns / 1000
     )]
     Watchdog {
-        /// The time that it has, ns; `None`: it has no such registers.
-        is_ns: Option<Ns>,
+        /// The time that it has, ns.
+        is_ns: Ns,
         /// The time that it should have, ns.
         wanted_ns: Ns,
     },
-}
-
-/// The time of a watchdog in words.
-struct Watched(Option<Ns>);
-
-impl fmt::Display for Watched {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            None => f.write_str("no time"),
-            Some(ns) => write!(f, "{} us", ns / 1000),
-        }
-    }
 }
 
 impl StateReason {

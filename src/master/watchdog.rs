@@ -6,7 +6,7 @@
 use super::bus::{Bus, Unanswered};
 use super::states::{Plan, StateReason};
 use crate::ethercat::Ns;
-use crate::ethercat::registers::{SmControl, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
+use crate::ethercat::registers::{SmControl, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
 
 /// What controllers come with: units of 100 us, and 1000 of them.
 pub(super) const DIVIDER: u16 = 2498;
@@ -15,8 +15,6 @@ pub(super) const UNITS: u16 = 1000;
 const TICK_NS: Ns = 40;
 /// \[OURS] For how many cycles without outputs a slave waits at least.
 const CYCLES: Ns = 3;
-/// How many bytes both registers have with what lies between them.
-const BOTH_LEN: usize = (WATCHDOG_PROCESS_DATA - WATCHDOG_DIVIDER) as usize + 2;
 
 /// How long a unit is with a divider, ns.
 const fn unit_ns(divider: u16) -> Ns {
@@ -42,7 +40,8 @@ impl Time {
 }
 
 /// Sets the watchdog of a slave with outputs, where it is known how long cycles are: 100 ms, or some cycles if those are longer. Of a
-/// controller whose divider is fixed the time goes by that.
+/// controller whose divider is fixed the time goes by that. One without these registers has no watchdog, and is taken as it is: it would
+/// not come to OP otherwise. \[OURS]
 pub(super) async fn set(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
     let managers = plan.registers.iter().flat_map(|registers| &registers.managers);
@@ -52,13 +51,13 @@ pub(super) async fn set(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
     let shortest_ns = CYCLES.saturating_mul(pace.cycle_ns);
     let wanted = Time::nearest(DIVIDER, shortest_ns.max(Time { divider: DIVIDER, units: UNITS }.ns()));
     let mut time = wanted;
-    let mut is = write(bus, plan.station, time).await?;
-    if let Some(Time { divider, .. }) = is.filter(|is| is.divider != DIVIDER) {
-        time = Time::nearest(divider, wanted.ns());
-        is = write(bus, plan.station, time).await?;
+    let Some(mut is) = write(bus, plan.station, time).await? else { return Ok(()) };
+    if is.divider != DIVIDER {
+        time = Time::nearest(is.divider, wanted.ns());
+        is = write(bus, plan.station, time).await?.unwrap_or(is);
     }
-    let is_right = is == Some(time) && time.ns() >= shortest_ns.min(wanted.ns());
-    if is_right { Ok(()) } else { Err(StateReason::Watchdog { is_ns: is.map(Time::ns), wanted_ns: wanted.ns() }) }
+    let is_right = is == time && time.ns() >= shortest_ns.min(wanted.ns());
+    if is_right { Ok(()) } else { Err(StateReason::Watchdog { is_ns: is.ns(), wanted_ns: wanted.ns() }) }
 }
 
 /// Writes both registers, and reads them back; `None`: the slave lacks them.
@@ -69,14 +68,17 @@ async fn write(bus: &Bus, station: u16, time: Time) -> Result<Option<Time>, Stat
             return Err(StateReason::NoAnswer);
         }
     }
-    match bus.read::<BOTH_LEN>(station, WATCHDOG_DIVIDER).await {
-        Ok([d0, d1, .., u0, u1]) => {
-            Ok(Some(Time { divider: u16::from_le_bytes([d0, d1]), units: u16::from_le_bytes([u0, u1]) }))
-        }
+    let divider = read(bus, station, WATCHDOG_DIVIDER).await?;
+    let units = read(bus, station, WATCHDOG_PROCESS_DATA).await?;
+    Ok(divider.zip(units).map(|(divider, units)| Time { divider, units }))
+}
+
+/// Reads a register of 16 bits; `None`: the slave answers, but has none there.
+async fn read(bus: &Bus, station: u16, ado: u16) -> Result<Option<u16>, StateReason> {
+    match bus.read::<2>(station, ado).await {
+        Ok(bytes) => Ok(Some(u16::from_le_bytes(bytes))),
         Err(Unanswered::Lost) => Err(StateReason::NoAnswer),
         // Does it answer at all?
-        Err(Unanswered::Counter(_)) => {
-            Ok(bus.read::<1>(station, crate::ethercat::registers::TYPE).await.map(|_| None)?)
-        }
+        Err(Unanswered::Counter(_)) => Ok(bus.read::<1>(station, TYPE).await.map(|_| None)?),
     }
 }

@@ -103,6 +103,8 @@ fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     let of = |slave| frames.iter().map(move |frame| frame.slot(SIZE, slave));
     let velocities: Vec<i32> = of(1).map(|slot| slot.data1 as i32).collect();
     assert!(velocities.windows(2).all(|pair| pair[1] <= pair[0]), "{velocities:?}");
+    let ramp = velocities.iter().filter(|velocity| (1..100_000).contains(*velocity)).count();
+    assert!((240..=260).contains(&ramp), "docs/SAFETY.md: 250 ms, {ramp} frames");
     assert_eq!(velocities.last(), Some(&0));
     assert!(of(2).all(|slot| slot.data1 == 10), "a standing axis keeps its torque");
     assert_eq!(of(3).next_back().unwrap().data1, 0);

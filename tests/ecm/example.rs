@@ -75,7 +75,8 @@ fn move_axis_of_a_served_board() {
         end
     });
     for (end, told) in ends.into_iter().zip([10_000_i32, 20_000]) {
-        assert!(end.abs_diff(told) <= 2, "{end}, told {told}");
+        // It was stopped at full speed, 10 counts a cycle, and may settle yet.
+        assert!(end.abs_diff(told) <= 10, "{end}, told {told}");
     }
     server.stop();
 }

@@ -4,10 +4,11 @@
 //! and by an interrupt flag: the states of all slaves are read then. They are also read from time to time, since below
 //! SafeOP no cycle tells that a slave is gone. A slave stays lost until a change of state brings it back.
 //!
-//! **Inputs beside a working counter that is wrong** are not believed \[OURS], as far as the chip tells: those of [`DOUBT_CYCLES`] that are
-//! read from a header on which counts new errors. It says neither which cycles these were, nor whose inputs, so that all
-//! slaves keep theirs, and what was read before that header came has been believed. If it goes on and the states of all show that nobody is lost, all are stale and lost
-//! ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the chip counts each cycle as wrong, and says nothing of others.
+//! **Inputs beside a working counter that is wrong** are not believed \[OURS], as far as the chip tells: when the header of an answer
+//! counts new errors, those of the next [`DOUBT_CYCLES`] cycles that are read. It says neither which cycles these were, nor whose
+//! inputs, so that all slaves keep theirs, and what was read before that header came has been believed. If it goes on, and the states
+//! of all show that nobody is lost, all are stale and lost ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the
+//! chip counts each cycle as wrong, and says nothing of others.
 
 use super::XfBus;
 use super::ask::{Ask, Asked};

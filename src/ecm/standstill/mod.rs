@@ -88,6 +88,8 @@ struct Stop<'a, 's> {
     ramped: SlaveSet,
     /// The board takes entries out of its FIFO, whatever threshold was in force.
     unlocked: bool,
+    /// An axis may have moved since the stop began: one that stands for a cycle may be where it turns back to its target.
+    has_moved: bool,
 }
 
 impl<'a, 's> Stop<'a, 's> {
@@ -98,7 +100,7 @@ impl<'a, 's> Stop<'a, 's> {
         left: &'a mut LeftBehind,
     ) -> Self {
         let began = ecm.exchange.now();
-        Self { ecm, session, began, deadline, left, ramped: SlaveSet::EMPTY, unlocked: false }
+        Self { ecm, session, began, deadline, left, ramped: SlaveSet::EMPTY, unlocked: false, has_moved: false }
     }
 
     fn until_all_stand(&mut self) -> Result<(), EcmError> {
@@ -263,14 +265,15 @@ impl<'a, 's> Stop<'a, 's> {
         let mut observation: Option<Observation> = None;
         while self.session.in_op() {
             if self.session.credit.ahead() > 0 {
-                observation = None;
+                (observation, self.has_moved) = (None, true);
                 self.read()?;
                 continue;
             }
             let observed = observation.get_or_insert_with(|| Observation::begin(self.session));
             // A program knows what its own axes were told: none of them begins to move.
             let may_move = |(slave, config)| movement::may_move(self.session, slave, config);
-            if !self.left.is_foreign && !network.slaves().any(may_move) {
+            self.has_moved |= network.slaves().any(may_move);
+            if !self.left.is_foreign && !self.has_moved {
                 return Ok(true);
             }
             if observed.is_long_enough(self.session) {

@@ -1,4 +1,4 @@
-//! Standard output, buffered. Verbs during which axes move write it by [`streams`](super::streams).
+//! Standard output, buffered. Verbs during which axes move write it by [`streams`].
 
 use std::io::{self, BufWriter, StdoutLock, Write};
 
@@ -27,12 +27,12 @@ pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
 /// [`visible`](super::visible::visible).
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_coloured(text: &str) -> io::Result<()> {
     print_bytes(text.as_bytes())
 }
 
-/// As [`print`], while axes move: waits for nothing.
+/// As [`print()`], while axes move: waits for nothing.
 ///
 /// # Errors
 /// What was told before could not be written.

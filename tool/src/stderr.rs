@@ -1,5 +1,5 @@
 //! Standard error of the tool. By default it is written directly; verbs during which axes move or clients are served write
-//! it by [`streams`](super::streams), so that they never wait for a reader.
+//! it by [`streams`], so that they never wait for a reader.
 
 use std::io::{self, Write};
 

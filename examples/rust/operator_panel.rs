@@ -8,6 +8,8 @@ use ecmsk::ecm::{Config, Ecm, EcmError, Failure, Homing, Stream};
 /// Counts a cycle, and how much that may change in a cycle.
 const SPEED: i32 = 80;
 const RAMP: i32 = 2;
+/// Cycles at the end of a jog.
+const SETTLING: usize = 50;
 /// Cycles of a tick.
 const TICK: usize = 100;
 
@@ -59,5 +61,6 @@ fn jog(stream: &mut Stream<'_>, slave: u8, ticks: i32) -> Result<(), EcmError> {
         stream.csp(slave, target)?;
         stream.step()?;
     }
-    Ok(())
+    // The drive makes up for its lag.
+    (0..SETTLING).try_for_each(|_| stream.step().map(drop))
 }

@@ -8,7 +8,7 @@ use support::root;
 
 /// Programs that print other numbers behind a chip, since they say how many reports something took, where an axis was after
 /// so many, or how many frames a full FIFO has lost: language, program, the row.
-const DIFFER: [(&str, &str, Row); 11] = [
+const DIFFER: [(&str, &str, Row); 10] = [
     ("cpp", "alarm_recovery", Row::Start),
     ("cpp", "habit_sdo_retry", Row::Latency),
     ("cpp", "habit_set_axis_burst", Row::Start),
@@ -19,7 +19,6 @@ const DIFFER: [(&str, &str, Row); 11] = [
     ("csharp", "OperatorPanel", Row::Start),
     ("rust", "csv_cst", Row::Latency),
     ("rust", "hsp", Row::Latency),
-    ("rust", "operator_panel", Row::Latency),
 ];
 
 /// What a program may see otherwise behind a chip.

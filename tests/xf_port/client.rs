@@ -4,12 +4,15 @@ use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use ecmsk::ethercat::Ns;
 use ecmsk::link::chip::{self, ChipError, ChipInfo, ChipLink};
 use ecmsk::port::xf::{Listen, Options, Server};
 use ecmsk::xf::host::Wires;
 
+/// No server takes longer to notice anything.
+const PATIENCE: Duration = Duration::from_secs(60);
 pub const EXCHANGE: u8 = 1;
 pub const WAIT_INT0: u8 = 2;
 pub const INT1: u8 = 3;
@@ -88,6 +91,19 @@ impl Client {
         let mut client = Self { socket, greeting: (0, 0, Vec::new()) };
         client.greeting = client.receive().expect("a greeting");
         client
+    }
+
+    /// As [`Client::connect`], once the server has noticed that the host before has gone.
+    pub fn connect_when_free(to: &Listen) -> Self {
+        let began = Instant::now();
+        loop {
+            let client = Self::connect(to);
+            if client.greeting.1 == 0 {
+                return client;
+            }
+            assert!(began.elapsed() < PATIENCE, "{:?}", client.greeting);
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 
     pub fn send(&mut self, bytes: &[u8]) {

@@ -141,7 +141,7 @@ fn a_server_that_is_stopped() {
 fn a_host_that_has_sent_nothing() {
     let (server, _) = serve("xf-sim:?clock=virtual&chip_fw=old");
     crate::client::Client::connect(server.listen()).hang_up();
-    let mut client = crate::client::Client::connect(server.listen());
+    let mut client = crate::client::Client::connect_when_free(server.listen());
     client.ask(crate::client::DELAY, &1_000_000_u32.to_le_bytes());
     let first = client.exchange(&[0; 144]);
     // The first answer belongs to no command: index and code are 0.
@@ -156,7 +156,7 @@ fn the_chip_after_it() {
     let xf = Xf::over(Remote::connect(server.listen()), Default::default()).expect("it starts");
     xf.link().client.hang_up();
     drop(xf);
-    let mut client = crate::client::Client::connect(server.listen());
+    let mut client = crate::client::Client::connect_when_free(server.listen());
     client.ask(crate::client::DELAY, &1_000_000_u32.to_le_bytes());
     let mut packet = vec![0; 144];
     let rule = ecmsk::xf::CheckRule::FIXED;

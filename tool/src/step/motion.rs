@@ -265,8 +265,9 @@ fn no_path(why: String) -> BoardError {
     refused(why, "choose a speed and an acceleration nearer to each other")
 }
 
-/// \[OURS] After a gap of so long axes stand, and go on from rest. After a shorter one they go on with the speed that they had.
-const GAP_MAX: Duration = Duration::from_millis(16);
+/// \[OURS] After a gap that is longer axes go on from rest. After a shorter one they go on with the speed that they had: on a machine
+/// that is a little late again and again a motion would never get going.
+const GAP_MAX: Duration = Duration::from_millis(100);
 
 /// How a move has ended, after so many seconds.
 enum Ended {

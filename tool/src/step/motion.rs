@@ -170,13 +170,13 @@ impl Args {
                     seconds += s;
                     break Ok(());
                 }
-                Ended::Stood(s) => {
+                Ended::Stood(s, part) => {
                     seconds += s;
                     board
                         .reporter
                         .note(format_args!("this process was late, and the axes stood: they go on from rest"));
                     snapshot = board.ecm.snapshot()?;
-                    path = path.resumed(|axis| board.standing_position(&snapshot, axis)).map_err(no_path)?;
+                    path = path.resumed(part).map_err(no_path)?;
                 }
             }
         };
@@ -273,8 +273,8 @@ const GAP_MAX: Duration = Duration::from_millis(100);
 enum Ended {
     /// All axes have got their last targets, or the user has ended it.
     Arrived(f64),
-    /// The board ran dry on the way.
-    Stood(f64),
+    /// The board ran dry on the way, and the axes stand after that part of it, 0 to 1.
+    Stood(f64, f64),
 }
 
 /// A move that is being carried out.
@@ -302,7 +302,7 @@ impl Run<'_> {
     fn steps(&self, stream: &mut Stream<'_>) -> Result<Ended, BoardError> {
         let Some(profile) = &self.path.profile else { return Ok(Ended::Arrived(0.0)) };
         let mut pace = self.board.reporter.pace();
-        let (mut last, mut before) = (PathPoint::default(), 0);
+        let (mut last, mut before, mut gap) = (PathPoint::default(), 0, 0_u64);
         let mut watched: Vec<Watched> = self.path.axes.iter().map(|axis| Watched::new(axis.slave)).collect();
         for frame in 1_u64.. {
             let time = frame as f64 * self.cycle;
@@ -321,9 +321,10 @@ impl Run<'_> {
             if done {
                 return Ok(Ended::Arrived(time));
             }
-            let underruns = stats.underruns - std::mem::replace(&mut before, stats.underruns);
-            if underruns as f64 * self.cycle > GAP_MAX.as_secs_f64() {
-                return Ok(Ended::Stood(time));
+            // A board that catches up tells of a gap in several steps, and each step makes up for a cycle.
+            gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
+            if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
+                return Ok(Ended::Stood(time, last.length / self.path.length));
             }
             if pace.due(Duration::from_secs_f64(time)) {
                 let (all, part) = (profile.seconds(), time / profile.seconds());

@@ -92,11 +92,11 @@ impl Path {
         Ok(Self { axes, length, limits, profile })
     }
 
-    /// The path to the same ends from where the axes stand now.
+    /// The rest of the path behind a part of it, 0 to 1, at which the axes stand.
     ///
     /// # Errors
     /// As [`Path::new`].
-    pub fn resumed(&self, at: impl Fn(u8) -> i32) -> Result<Self, String> {
-        Self::new(self.axes.iter().map(|axis| AxisPath { start: at(axis.slave), ..*axis }).collect())
+    pub fn resumed(&self, part: f64) -> Result<Self, String> {
+        Self::new(self.axes.iter().map(|axis| AxisPath { start: axis.at(part), ..*axis }).collect())
     }
 }

@@ -16,7 +16,7 @@ pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
 }
 
 /// The same of a file.
-pub fn file_not_whole(path: &Path) -> Option<String> {
+fn file_not_whole(path: &Path) -> Option<String> {
     let file = path.display();
     // The end of a pipe is checked by its reader. A program that has opened no board has made no file.
     if !path.metadata().is_ok_and(|there| there.is_file()) {

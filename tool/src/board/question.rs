@@ -6,10 +6,11 @@ mod unix;
 #[cfg(windows)]
 mod windows;
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 
 use super::error::BoardError;
 use super::session::Board;
+use crate::stderr;
 use crate::visible::visible;
 
 #[cfg(unix)]
@@ -30,12 +31,12 @@ impl Board {
     /// [`BoardError::Stopped`], and those of reading reports.
     pub fn ask(&self, question: &str) -> Result<bool, BoardError> {
         self.reporter.clear();
-        let _ = write!(io::stderr(), "{} [y/N] ", visible(question));
-        let _ = io::stderr().flush();
+        // Behind what was told before.
+        stderr::raw(&format!("{} [y/N] ", visible(question)));
         let mut typed = TypedLine::start();
         loop {
             if let Err(stopped) = self.check_stop() {
-                let _ = io::stderr().write_all(b"\n");
+                stderr::raw("\n");
                 return Err(stopped);
             }
             if let Some(line) = typed.take() {

@@ -10,7 +10,7 @@ use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, ServeError, Server};
 
 use crate::error::say;
-use crate::{CliError, recording_end, signals, streams};
+use crate::{CliError, signals, streams};
 
 /// Serve simulated slaves on a network interface: any EtherCAT master finds them there
 ///
@@ -102,5 +102,5 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         say("serve", &format_args!("stopped by {signal}"));
     }
     server.stop()?;
-    Ok(super::ended_with(args.record.as_deref().and_then(recording_end::file_not_whole).into_iter().collect()))
+    Ok(ExitCode::SUCCESS)
 }

@@ -29,6 +29,8 @@ const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 /// \[OURS] How long axes may take to settle after the last target, and how far from it they may be then, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
+/// \[OURS] For how long axes within that are waited for to be at their targets to the count.
+const EXACT_LIMIT: Duration = Duration::from_millis(50);
 /// \[OURS] An axis that has stood so long under an internal limit of its drive, away from its target, will not get there. It
 /// is more than twice the time that targets are ahead, too: what is shown then is the answer to them.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
@@ -391,8 +393,11 @@ impl Run<'_> {
 /// Waits until all axes are at their targets, or the time for settling has passed; returns the latest report.
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
-    let end = now.meta.at.0 + SETTLE_LIMIT.as_nanos() as u64;
-    while path.axes.iter().any(|axis| axis.off(&now) > SETTLE_WINDOW_COUNTS) && now.meta.at.0 < end {
+    let begin = now.meta.at.0;
+    let is_within = |now: &Snapshot, counts, limit: Duration| {
+        path.axes.iter().all(|axis| axis.off(now) <= counts) || now.meta.at.0 >= begin + limit.as_nanos() as u64
+    };
+    while !is_within(&now, 0, EXACT_LIMIT) || !is_within(&now, SETTLE_WINDOW_COUNTS, SETTLE_LIMIT) {
         board.check_stop()?;
         now = board.ecm.next_cycle(board.options.read_limit)?;
     }

@@ -29,8 +29,6 @@ const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
 /// \[OURS] How long axes may take to settle after the last target, and how far from it they may be then, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
-/// \[OURS] For how long axes within that are waited for to be at their targets to the count.
-const EXACT_LIMIT: Duration = Duration::from_millis(50);
 /// \[OURS] An axis that has stood so long under an internal limit of its drive, away from its target, will not get there. It
 /// is more than twice the time that targets are ahead, too: what is shown then is the answer to them.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
@@ -271,6 +269,9 @@ fn no_path(why: String) -> BoardError {
 /// that is a little late again and again a motion would never get going.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
+/// \[OURS] How often the last target is repeated.
+const HOLD_FRAMES: usize = 9;
+
 /// How a move has ended, after so many seconds.
 enum Ended {
     /// All axes have got their last targets, or the user has ended it.
@@ -321,6 +322,7 @@ impl Run<'_> {
             let stats =
                 self.step(stream, |axis| if done { axis.end } else { axis.at(last.length / self.path.length) })?;
             if done {
+                self.hold(stream, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
             // A board that catches up tells of a gap in several steps, and each step makes up for a cycle.
@@ -364,10 +366,15 @@ impl Run<'_> {
             let along = brake.at(time).length / self.path.length;
             self.step(stream, |axis| axis.at(along))?;
             if time >= brake.seconds() {
-                return Ok(());
+                return self.hold(stream, |axis| axis.at(along));
             }
         }
         Ok(())
+    }
+
+    /// Repeats the last targets, so that drives make up for their lag.
+    fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
+        (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at).map(drop))
     }
 
     fn step(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<StreamStats, BoardError> {
@@ -393,11 +400,8 @@ impl Run<'_> {
 /// Waits until all axes are at their targets, or the time for settling has passed; returns the latest report.
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
-    let begin = now.meta.at.0;
-    let is_within = |now: &Snapshot, counts, limit: Duration| {
-        path.axes.iter().all(|axis| axis.off(now) <= counts) || now.meta.at.0 >= begin + limit.as_nanos() as u64
-    };
-    while !is_within(&now, 0, EXACT_LIMIT) || !is_within(&now, SETTLE_WINDOW_COUNTS, SETTLE_LIMIT) {
+    let end = now.meta.at.0 + SETTLE_LIMIT.as_nanos() as u64;
+    while path.axes.iter().any(|axis| axis.off(&now) > SETTLE_WINDOW_COUNTS) && now.meta.at.0 < end {
         board.check_stop()?;
         now = board.ecm.next_cycle(board.options.read_limit)?;
     }

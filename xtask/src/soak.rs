@@ -64,7 +64,7 @@ fn failing_calls(project: &Project, count: u64) -> Vec<(Command, u64)> {
     // On the real clock each is to have the machine for itself.
     on_boards.arg("--test-threads=1");
     let mut on_card = project.cargo();
-    on_card.args(["test", "--release", "--package=masters", "--test=failing_calls", "--", "--nocapture"]);
+    on_card.args(["test", "--release", "--package=masters", "--test=failing_calls_on_card", "--", "--nocapture"]);
     let parts = [(on_boards, count, "needs_cxx"), (on_card, count.div_ceil(PER_CARD), "needs_network_namespace")];
     let parts = parts.map(|(mut part, count, module)| {
         let gate = GATES.iter().find(|gate| gate.module == module);

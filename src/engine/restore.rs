@@ -133,7 +133,7 @@ impl Engine {
         homing.mode_written(since);
     }
 
-    /// That value of 0x6060 is in force from now on.
+    /// The write of 0x6060 has succeeded: the axis is in that mode, and takes targets if it is the one of DRIVE_MODE.
     fn note_mode(&mut self, slave: u8, axis: usize, mode: u8) {
         let n = usize::from(slave) - 1;
         self.volatile.modes_written[n][axis] = mode;

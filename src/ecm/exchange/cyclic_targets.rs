@@ -90,7 +90,7 @@ impl CyclicTargets {
         self.set.insert(slave);
     }
 
-    /// What another program has told a slave last.
+    /// Takes over the last target that another program has sent a slave.
     pub fn assume(&mut self, slave: u8, last: Option<SlaveCommand>) {
         let slot = last.map_or(RawSlot::ZERO, |command| SlotCommand::from(command).encode(self.size));
         self.last.put(self.size, slave.into(), &slot);

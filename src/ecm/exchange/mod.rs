@@ -53,8 +53,7 @@ use crate::sk::{RawSlot, SlotSize};
 
 /// \[OURS] A stream that has not stepped for that long no longer carries commands of other threads.
 const STREAM_PAUSE_MAX: Duration = Duration::from_millis(50);
-/// \[OURS] A report shows what the axes do now if it was read no longer ago than that, or than so many cycles.
-const REPORT_AGE_MIN: Duration = Duration::from_millis(5);
+/// \[OURS] A report shows where the axes are now if it is no older than so many cycles.
 const REPORT_AGE_CYCLES: u32 = 3;
 /// \[OURS] The longest limit of a call: a year.
 pub const LIMIT_MAX: Duration = Duration::from_secs(365 * 86_400);
@@ -125,10 +124,11 @@ impl Exchange {
         self.patience.elapsed()
     }
 
-    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`]: it does not show what the axes do now.
+    /// Whether the newest report is older than [`REPORT_AGE_CYCLES`], by a clock that does not leave out stalls: then it does not show
+    /// where the axes are now.
     pub fn is_stale(&self, session: &Session) -> bool {
         let age = self.clock().saturating_sub(session.reports.read_at);
-        age > (session.network.cycle() * REPORT_AGE_CYCLES).max(REPORT_AGE_MIN)
+        age > session.network.cycle() * REPORT_AGE_CYCLES
     }
 
     pub fn lock(&self) -> Result<MutexGuard<'_, Session>, EcmError> {

@@ -19,9 +19,6 @@ const HELD_REPORTS: u32 = 3;
 /// \[OURS] How long the last frame of a stop that has failed may take.
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
 
-/// \[OURS] An axis is held at the position that a report shows only if the report is no older than so many cycles.
-const POSITION_AGE_CYCLES: u32 = 3;
-
 /// What a program has left, whose axes are brought to a standstill.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LeftBehind {
@@ -115,9 +112,7 @@ impl Stop<'_, '_> {
         if !session.in_op() {
             return Ok(());
         }
-        let is_fresh = exchange.now().saturating_sub(session.reports.heard_at)
-            <= session.network.cycle() * POSITION_AGE_CYCLES
-            && session.stats.reports > 1;
+        let is_fresh = !exchange.is_stale(session) && session.stats.reports > 1;
         let observed = if is_fresh { Observation::of_last_cycle(session) } else { Observation::begin(session) };
         let mut commands: Vec<(usize, RawSlot)> = vec![(0, MasterCommand::SetFifo(FifoAction::Clear).encode())];
         for (slave, config) in session.network.slaves() {

@@ -58,7 +58,7 @@ pub(super) struct Watch {
     unsent: Option<u64>,
     unsent_before: Option<u64>,
     chip_resets: u64,
-    /// So many cycles that are read next are in doubt.
+    /// Number of cycles, of those that are read next, whose inputs are not believed.
     doubt_cycles: u32,
     /// When the newest reading of all states began that has come to its end with nobody lost, and the one under way; time of the wires.
     read_at: Option<Ns>,

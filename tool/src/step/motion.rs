@@ -152,49 +152,9 @@ impl Args {
         let depth = depth(config);
         // Entries that are still in the FIFO may move the axes.
         board.run_interruptible("waiting for a standstill", |ecm| ecm.stream(depth)?.finish())?;
-        let (mut snapshot, mut path) = self.agreed_path(board)?;
-        let cycle = f64::from(config.cycle_us) * 1e-6;
-        let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
-        let (mut seconds, mut underruns) = (0.0, 0);
-        let moved = loop {
-            let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
-            let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
-            board.reporter.clear();
-            let (ended, stats) = match moved {
-                Ok(moved) => moved,
-                Err(error) => break Err(error),
-            };
-            underruns += stats.underruns;
-            match ended {
-                Ended::Arrived(s) => {
-                    seconds += s;
-                    break Ok(());
-                }
-                Ended::Stood(s, part) => {
-                    seconds += s;
-                    board
-                        .reporter
-                        .note(format_args!("this process was late, and the axes stood: they go on from rest"));
-                    snapshot = board.ecm.snapshot()?;
-                    path = path.resumed(part).map_err(no_path)?;
-                }
-            }
-        };
-        match moved {
-            Ok(()) => {}
-            Err(error) => {
-                let after = board.ecm.snapshot()?;
-                for axis in &path.axes {
-                    if let Some(position) = after.position(axis.slave) {
-                        board.reporter.note(format_args!("axis {} is at {position}", axis.slave));
-                    }
-                }
-                return Err(error);
-            }
-        }
+        let (seconds, underruns, path) = self.carry_out(board, depth, f64::from(config.cycle_us) * 1e-6)?;
         if underruns > 0 {
-            let cycles = underruns;
-            board.reporter.note(format_args!("{cycles} cycles found no target in the board: the motion had gaps"));
+            board.reporter.note(format_args!("{underruns} cycles found no target in the board: the motion had gaps"));
         }
         let after = settled(board, &path)?;
         for axis in &path.axes {
@@ -222,6 +182,38 @@ impl Args {
             }
         }
         Ok(())
+    }
+
+    /// Moves the axes along their path, from rest again after each gap. Returns the seconds, the cycles that found no target, and the
+    /// path on which they have arrived.
+    fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
+        let (mut snapshot, mut path) = self.agreed_path(board)?;
+        let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
+        let (mut seconds, mut underruns) = (0.0, 0);
+        loop {
+            let stream = board.ecm.stream(depth).map_err(|error| board.explain(error))?;
+            let moved = Run { board, path: &path, snapshot: &snapshot, cycle, held_limit_s }.go(stream);
+            board.reporter.clear();
+            let (ended, stats) = match moved {
+                Ok(moved) => moved,
+                Err(error) => {
+                    note_positions(board, &path)?;
+                    return Err(error);
+                }
+            };
+            underruns += stats.underruns;
+            match ended {
+                Ended::Arrived(s) => return Ok((seconds + s, underruns, path)),
+                Ended::Stood(s, part) => {
+                    seconds += s;
+                    board
+                        .reporter
+                        .note(format_args!("this process was late, and the axes stood: they go on from rest"));
+                    snapshot = board.ecm.snapshot()?;
+                    path = path.resumed(part).map_err(no_path)?;
+                }
+            }
+        }
     }
 
     /// The path, with the report from which it begins, once it is known that the user wants one so long.
@@ -259,6 +251,17 @@ impl Args {
         let axes: Vec<AxisPath> = self.targets.iter().map(axis).collect::<Result<_, BoardError>>()?;
         Path::new(axes).map_err(no_path)
     }
+}
+
+/// Says where the axes of a move that has failed are.
+fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
+    let after = board.ecm.snapshot()?;
+    for axis in &path.axes {
+        if let Some(position) = after.position(axis.slave) {
+            board.reporter.note(format_args!("axis {} is at {position}", axis.slave));
+        }
+    }
+    Ok(())
 }
 
 fn no_path(why: String) -> BoardError {

@@ -5,11 +5,11 @@ mod ethercat;
 mod usbip;
 mod xf;
 
+use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::{Arc, mpsc};
-use std::{io, thread};
+use std::sync::Arc;
 
 use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
@@ -165,21 +165,13 @@ fn no_thread(error: io::Error) -> ServeError {
 /// in any case.
 ///
 /// # Errors
-/// Standard output cannot be written to, or the system provides no thread.
+/// Standard output cannot be written to.
 fn announce(text: String) -> Result<(), CliError> {
-    let (done, said) = mpsc::channel();
-    // The thread is not joined, because its write may never end.
-    thread::Builder::new()
-        .name("ecmsk-output".into())
-        .spawn(move || done.send(output::print(text)))
-        .map_err(no_thread)?;
-    match said.recv_timeout(FLUSH_LIMIT) {
-        Ok(printed) => Ok(printed?),
-        Err(_) => {
-            say("note", &"standard output takes nothing, what is served stands there when it is read");
-            Ok(())
-        }
+    output::tell(text)?;
+    if !streams::flush_output(FLUSH_LIMIT)? {
+        say("note", &"standard output takes nothing, what is served stands there when it is read");
     }
+    Ok(())
 }
 
 /// Opens the board; a simulated board is found again after it was lost.

@@ -120,6 +120,16 @@ pub fn wait_for_output() -> io::Result<()> {
     shared.check()
 }
 
+/// Waits until all that was told to standard output is written, at most `limit`. Whether it is.
+///
+/// # Errors
+/// Standard output cannot be written to.
+pub fn flush_output(limit: Duration) -> io::Result<bool> {
+    let Some(Streams { shared, tellers: [output, _] }) = STREAMS.get() else { return Ok(true) };
+    let is_written = output.flush_within(limit);
+    shared.check().map(|()| is_written)
+}
+
 /// Waits for what was told to standard error, for a limited time: what is written next goes past the queue.
 pub fn settle() {
     if let Some(Streams { tellers: [_, error], .. }) = STREAMS.get() {

@@ -103,9 +103,7 @@ fn no_target_is_left_out_when_frames_are_lost() {
         }
         host.cycles(20);
         let expected: Vec<i32> = (1..=60).map(|n| n * 10).collect();
-        let targets = puppet.targets();
-        let first = targets.iter().position(|target| *target == 10).expect("the first one");
-        assert_eq!(targets[first..], expected, "{outward:b} {homeward:b}");
+        assert_eq!(puppet.targets_from(10), expected, "{outward:b} {homeward:b}");
         let counters = host.counters();
         assert_eq!((counters.outputs_lost, counters.full, counters.for_lost), (0, 0, 0), "{counters:?}");
         // Some of the frames that were lost were none of a cycle.

@@ -148,6 +148,14 @@ impl Puppet {
         targets.dedup();
         targets
     }
+
+    /// Those from the first `target` on, which has to be there: what it was sent to hold before is left out.
+    #[track_caller]
+    pub fn targets_from(&self, target: i32) -> Vec<i32> {
+        let targets = self.targets();
+        let first = targets.iter().position(|one| *one == target).expect("the first one");
+        targets[first..].to_vec()
+    }
 }
 
 fn obey(shows: &mut AxisIn, out: &AxisOut) {

@@ -12,12 +12,8 @@ pub const NOT_WHOLE: u8 = 124;
 /// What the recording of the link lacks, with its file's name; `None` if nothing is known to be missing, or the link
 /// does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
-    file_not_whole(Path::new(link?.value("record")?))
-}
-
-/// The same of a file.
-fn file_not_whole(path: &Path) -> Option<String> {
-    let file = path.display();
+    let file = link?.value("record")?;
+    let path = Path::new(file);
     // The end of a pipe is checked by its reader. A program that has opened no board has made no file.
     if !path.metadata().is_ok_and(|there| there.is_file()) {
         return None;

@@ -275,7 +275,7 @@ const NOT_BEHIND_CHIP: [&str; 38] = [
 ];
 
 /// Tests that have a bus of their own in every board, and these.
-const OWN_BUS: [&str; 5] = ["nic_counters::", "over::", "random::", "random_networks::", "xf_counters::"];
+const OWN_BUS: [&str; 6] = ["nic_counters::", "nic_gone::", "over::", "random::", "random_networks::", "xf_counters::"];
 
 /// Runs this program's tests once more; gives the names of those that passed and of those that did not, and what was said.
 fn run(over: &str, arguments: &[&str]) -> ([BTreeSet<String>; 2], String) {

@@ -60,6 +60,8 @@ enum Outcome {
     Executed(Option<u16>),
     /// The command was ignored because the slave is homing.
     Ignored,
+    /// The command has no effect, and is answered as if it had.
+    InVain,
 }
 
 /// Whether a command is for slaves in that role.
@@ -116,6 +118,7 @@ impl Engine {
         for slave in 1..size.max_slaves() + 1 {
             self.execute_slave(slave, &slots.get(slave), at);
         }
+        self.start_homing();
     }
 
     /// Executes slot 0 of a FIFO entry. Commands that have acted on arrival do not act again. When it becomes known that
@@ -194,7 +197,9 @@ impl Engine {
         }
         let head = SlotHead { id: slot.id, index: slot.index, output_image: None };
         if slot.id == CommandId::GetStatus.code() {
-            self.volatile.heads[slave - 1] = head;
+            // Outside OP bytes 1..11 keep the last result (UG17 2.1.1).
+            let kept = if self.network().in_op() { head } else { self.volatile.heads[slave - 1] };
+            self.volatile.heads[slave - 1] = SlotHead { id: slot.id, ..kept };
             return;
         }
         let id = CommandId::from_code(slot.id);
@@ -205,7 +210,15 @@ impl Engine {
             _ => self.run_other_slot(slave, id, slot, at),
         };
         match done {
-            Ok(Outcome::Executed(output_image)) => self.volatile.heads[slave - 1] = SlotHead { output_image, ..head },
+            Ok(Outcome::Executed(output_image)) => {
+                let index =
+                    if id == CommandId::DriveMode { self.index_of_drive_mode(slave, slot.index) } else { head.index };
+                self.volatile.heads[slave - 1] = SlotHead { index, output_image, ..head };
+            }
+            Ok(Outcome::InVain) => {
+                self.commanded.remove(slave as u8);
+                self.volatile.heads[slave - 1] = head;
+            }
             // SK-3 [OURS]: byte 0 is the id of the command executed last, and this one was not executed.
             Ok(Outcome::Ignored) => {
                 self.commanded.remove(slave as u8);
@@ -247,7 +260,9 @@ impl Engine {
         }
         check_kind(command, self.role(slave))?;
         if command.id().is_ignored_while_homing() && self.ignores_motion(slave) {
-            return Ok(Outcome::Ignored);
+            // A program that waits for the answer to SV_ON would wait until homing has ended [OURS].
+            let is_on = *command == SlaveCommand::ServoOn;
+            return Ok(if is_on { Outcome::InVain } else { Outcome::Ignored });
         }
         match *command {
             SlaveCommand::IoWrite(bits) => {
@@ -265,13 +280,22 @@ impl Engine {
             SlaveCommand::Csv(motion) => self.set_targets(slave, Mode::Csv, &motion)?,
             SlaveCommand::Cst(torque) => self.set_targets(slave, Mode::Cst, &Motion::to(torque.into()))?,
             SlaveCommand::GoHome => self.go_home(slave)?,
-            SlaveCommand::AbortHome => self.abort_home(at),
+            SlaveCommand::AbortHome => {
+                self.aborts_homing = true;
+                self.abort_home(at);
+            }
             SlaveCommand::GetStatus
             | SlaveCommand::IoRead
             | SlaveCommand::DriveMode { .. }
             | SlaveCommand::Other(_) => {}
         }
         Ok(Outcome::Executed(None))
+    }
+
+    /// Byte 1 of the answer to DRIVE_MODE: in firmware 1.5 the mode (UG15 2.1.5); SK-3: 0 for an IO slave, and for a number
+    /// without a slave \[OURS].
+    fn index_of_drive_mode(&self, slave: usize, index: u8) -> u8 {
+        self.config.firmware.byte_1(index, self.declared_mode(slave))
     }
 
     fn each_axis(&mut self, slave: usize, act: impl Fn(&mut super::Axis)) {
@@ -319,13 +343,14 @@ impl Engine {
         let id = CommandId::from_code(slot.id);
         let done = self.admit(id, SlotKind::Sdo).and_then(|()| {
             let command = SdoCommand::decode(slot, self.config.slot).map_err(Reason::BadArgument)?;
-            self.volatile.sdo.command(command)
+            Ok(self.volatile.sdo.command(command, at))
         });
         match done {
             Ok(Accepted::Repeats) => self.counters.sdo_repeated += 1,
             Ok(Accepted::New) => {
                 self.holds_mode_write(at);
             }
+            Ok(Accepted::Replaces(id)) => self.reject(self.config.slot.sdo_slot(), id, Reason::SdoBusy, at),
             Err(reason) => self.reject(self.config.slot.sdo_slot(), id, reason, at),
         }
     }

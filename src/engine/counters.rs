@@ -23,7 +23,7 @@ pub enum Reason {
     BadArgument(Malformed),
     /// CSP, CSV or CST came in another mode than that of DRIVE_MODE or of 0x6060.
     WrongMode,
-    /// Another SDO transfer is under way.
+    /// The request was held while another SDO transfer was under way, and a newer one has replaced it.
     SdoBusy,
     /// GO_HOME came for a drive that is not in homing mode.
     NotInHomingMode,
@@ -78,7 +78,7 @@ impl fmt::Display for Reason {
             Self::WrongState => f.write_str("not allowed in this state"),
             Self::BadArgument(what) => what.fmt(f),
             Self::WrongMode => f.write_str("the drive is in another mode (see DRIVE_MODE and 0x6060)"),
-            Self::SdoBusy => f.write_str("an SDO transfer is under way"),
+            Self::SdoBusy => f.write_str("a newer SDO has taken its place (wait for each answer)"),
             Self::NotInHomingMode => f.write_str("the drive is not in homing mode (write 0x6060 = 6 first)"),
             Self::HomingElsewhere => f.write_str("another slave is homing"),
             Self::NoSlave => f.write_str("no slave at that place (see SET_AXIS and the slave count it answers)"),
@@ -115,7 +115,8 @@ pub struct Counters {
     pub reports: u64,
     /// Commands that were rejected, by [`Reason::kind`].
     pub rejected: [u64; Reason::KINDS],
-    /// Commands that were ignored because their slave was homing, or because its mode was being restored after homing.
+    /// Commands that were ignored because their slave was homing, because its mode was being restored after homing, or, GO_HOME,
+    /// because of an ABORT_HOME in the same frame.
     pub ignored_homing: u64,
     /// How often the mode of operation could not be restored after homing, so that the drive has stayed in homing mode.
     pub modes_not_restored: u64,

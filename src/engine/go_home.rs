@@ -55,7 +55,7 @@ impl Engine {
         ignored
     }
 
-    /// GO_HOME for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only
+    /// GO_HOME, which starts with the other slots of its frame, for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only
     /// axis 1 may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
     ///
     /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so
@@ -70,15 +70,33 @@ impl Engine {
         if self.config.firmware.one_homing_at_a_time() && self.is_any_homing_of(self.homing_before) {
             return Err(Reason::HomingElsewhere);
         }
-        let axes_of_slave = &mut self.volatile.axes[slave - 1];
+        let axes_of_slave = &self.volatile.axes[slave - 1];
         if !(0..axes).filter(is_chosen).all(|axis| axes_of_slave[axis].is_on()) {
             return Err(Reason::NotEnabled);
         }
-        for axis in (0..axes).filter(is_chosen) {
-            axes_of_slave[axis].homing.start();
-        }
-        self.volatile.homing_active.insert(slave as u8);
+        self.go_homes.insert(slave as u8);
         Ok(())
+    }
+
+    /// All slots of a frame are executed: its GO_HOMEs start together. SK-7 \[OURS]: an ABORT_HOME in the same frame keeps them
+    /// from starting, whichever slot holds it.
+    #[inline]
+    pub(super) fn start_homing(&mut self) {
+        let slaves = std::mem::take(&mut self.go_homes);
+        if std::mem::take(&mut self.aborts_homing) {
+            self.counters.ignored_homing += slaves.len() as u64;
+            return;
+        }
+        for slave in slaves.iter().map(usize::from) {
+            let modes = self.volatile.modes_written[slave - 1];
+            let axes = 1 + usize::from(self.carries_two_channels(slave));
+            for (axis, mode) in self.volatile.axes[slave - 1].iter_mut().zip(modes).take(axes) {
+                if mode == Mode::Homing.code() {
+                    axis.homing.start();
+                }
+            }
+            self.volatile.homing_active.insert(slave as u8);
+        }
     }
 
     /// Whether any of these slaves is homing, as far as a program can see in its reports.

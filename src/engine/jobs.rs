@@ -2,7 +2,7 @@
 //! steps a change of state needs is decided in `network.rs`.
 
 use super::network::Step;
-use super::restore::Restore;
+use super::restore::{Restore, mode_write};
 use super::{Axis, Engine, Event, SlotHead, StateFailure};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
@@ -66,14 +66,24 @@ impl Engine {
         if std::mem::take(&mut self.cancel_sdo) && self.sdo_owner.take().is_some() {
             bus.cancel_sdo();
         }
+        self.volatile.network.see(now);
         while let Some(done) = bus.poll_job(now) {
             self.finish(done, now, bus);
         }
         self.give_up_late_or_obsolete(now, bus);
+        self.volatile.network.seen();
         if self.job.is_none() {
             self.start_step(now, bus);
         }
+        // They take turns, but for a host's write of a mode, which may make a restore needless.
+        if self.host_had_turn && self.volatile.sdo.waiting_write().and_then(mode_write).is_none() {
+            self.start_restore_if_free(now, bus);
+        }
         self.start_host_sdo(now, bus);
+        self.start_restore_if_free(now, bus);
+    }
+
+    fn start_restore_if_free(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.job.is_none() && self.sdo_owner.is_none() {
             self.start_restore(now, bus);
         }
@@ -100,11 +110,15 @@ impl Engine {
         while self.sdo_owner.is_none()
             && let Some(step) = self.network().next_step()
         {
-            if step == Step::Configure
-                && let Some(why) = self.lacks_process_data()
-            {
-                self.fail_state(why, now);
-                continue;
+            if step == Step::Configure {
+                if let Some(why) = self.lacks_process_data() {
+                    self.fail_state(why, now);
+                    continue;
+                }
+                self.start_earlier_sdo(now, bus);
+                if self.sdo_owner.is_some() {
+                    return;
+                }
             }
             if self.awaits_who_was_left(now) || !self.may_begin_step(step) {
                 return;
@@ -120,6 +134,18 @@ impl Engine {
                 self.job = Some(NetworkJob { step, until });
             }
             return;
+        }
+    }
+
+    /// SK-6: what the host has written before SET_STATE, or beside it, the slave has before the board configures it: what the
+    /// board writes then, 0x6060 among it, is what counts.
+    fn start_earlier_sdo(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        let Some(seen_at) = self.network().change_seen_at() else { return };
+        // One that needs no transfer has ended at once, and there may be one behind it.
+        for _ in 0..2 {
+            if self.sdo_owner.is_none() && self.volatile.sdo.waits_since(seen_at) {
+                self.start_host_sdo(now, bus);
+            }
         }
     }
 
@@ -261,8 +287,12 @@ impl Engine {
     fn finish(&mut self, done: JobDone, now: Ns, bus: &mut dyn Fieldbus) {
         match done {
             JobDone::Sdo(result) => match self.sdo_owner.take() {
-                Some(SdoOwner::Host) => self.sdo_done(result, now),
+                Some(SdoOwner::Host) => {
+                    self.host_had_turn = true;
+                    self.sdo_done(result, now);
+                }
                 Some(SdoOwner::Restore(restore)) => {
+                    self.host_had_turn = false;
                     self.restored(restore, result, now);
                     // SK-6 [OURS]: a request of the host that came during a transfer of the board runs next.
                     self.start_host_sdo(now, bus);

@@ -94,6 +94,8 @@ pub struct Engine {
     job: Option<jobs::NetworkJob>,
     /// Who has asked for the SDO transfer under way. It may run beside a change of state.
     sdo_owner: Option<jobs::SdoOwner>,
+    /// The newest transfer that ended was one of the host.
+    host_had_turn: bool,
     cancel_job: bool,
     cancel_sdo: bool,
     clearing: outputs::Clearing,
@@ -112,6 +114,9 @@ pub struct Engine {
     lost_before: SlaveSet,
     /// Slaves that were homing when the frame under execution began.
     homing_before: SlaveSet,
+    /// The slaves with a GO_HOME in the frame under execution, and whether there is an ABORT_HOME in it.
+    go_homes: SlaveSet,
+    aborts_homing: bool,
     /// The state behind the outputs that are not known to be sent, and behind the newest that were sent.
     records: OutputsHistory,
     /// The slaves that those sets, and many before them, have a command for.
@@ -164,6 +169,7 @@ impl Engine {
             fifo: CommandFifo::new(),
             job: None,
             sdo_owner: None,
+            host_had_turn: false,
             cancel_job: false,
             cancel_sdo: false,
             clearing: outputs::Clearing::Idle,
@@ -176,6 +182,8 @@ impl Engine {
             newest_answered: None,
             lost_before: SlaveSet::EMPTY,
             homing_before: SlaveSet::EMPTY,
+            go_homes: SlaveSet::EMPTY,
+            aborts_homing: false,
             records: OutputsHistory::new(unconfirmed_max + answered + 1),
             commanded_by: CommandedHistory::new(unconfirmed_max + answered + 1),
             op_start: Box::new(OutputsRecord::new()),

@@ -45,6 +45,8 @@ enum Recovery {
 struct Change {
     target: MasterState,
     deadline: Ns,
+    /// The first look of the jobs at it; `None`: it came since their last one.
+    seen_at: Option<Ns>,
     /// [`Step::Configure`] has begun, with the declarations of that time.
     configuring: bool,
     configured: bool,
@@ -65,6 +67,7 @@ impl Change {
         Self {
             target,
             deadline,
+            seen_at: None,
             configuring: false,
             configured: false,
             declared_anew: false,
@@ -87,6 +90,9 @@ pub(super) struct Network {
     /// PreOP was reached since the board booted, so that USB and SPI answer.
     talks: bool,
     change: Option<Change>,
+    /// The newest request since the jobs were looked at, beside a change that was under way already. Should that change turn out
+    /// to have failed, this one begins.
+    newest: Option<Change>,
     /// The slaves that have left the state of the network by themselves.
     lost: SlaveSet,
     /// The slaves among them that the change under way is bringing back now.
@@ -190,6 +196,9 @@ impl Network {
             return true;
         }
         let new = Change::to(target, deadline);
+        if self.newest.is_some() || self.change.is_some_and(|change| change.seen_at.is_some()) {
+            self.newest = Some(new);
+        }
         self.change = Some(match self.change {
             Some(change) if change.configuring && new_declarations => Change { declared_anew: true, ..new },
             // Slaves that were lost since the others came back come back, too.
@@ -234,6 +243,23 @@ impl Network {
             Recovery::InPreOp => Step::RecoverConfigure,
             Recovery::Configured | Recovery::Done => Step::RecoverTo(state),
         }
+    }
+
+    /// The jobs are looked at.
+    pub(super) fn see(&mut self, now: Ns) {
+        if let Some(change) = &mut self.change {
+            change.seen_at.get_or_insert(now);
+        }
+    }
+
+    /// The ends of all jobs are known.
+    pub(super) fn seen(&mut self) {
+        self.newest = None;
+    }
+
+    /// When the change under way was seen first; `None`: there is none.
+    pub(super) fn change_seen_at(&self) -> Option<Ns> {
+        self.change.and_then(|change| change.seen_at)
     }
 
     /// Notes that a step begins.
@@ -378,9 +404,11 @@ impl Network {
 
     /// A step has failed, or the change took too long: the change ends where it is, without another attempt. At boot the
     /// board scans again.
+    ///
+    /// SK-4: a SET_STATE that has come since the cycle before does what it would do a cycle later.
     pub(super) fn fail(&mut self) {
         self.failed = true;
-        self.change = None;
+        self.change = self.newest.take();
         self.scanned &= self.reached.is_some();
     }
 }

@@ -131,10 +131,8 @@ impl Engine {
         for slave in 1..=size.max_slaves() {
             let SlotHead { id, index, .. } = self.volatile.heads[slave - 1];
             let slot = self.volatile.response.slot(size, slave);
-            // UG15 2.1.5: the answer to DRIVE_MODE is the mode; SK-3: 0 for an IO slave, and for a number without a slave
-            // [OURS].
             let is_drive_mode = id == CommandId::DriveMode.code();
-            let mode = if is_drive_mode { self.declared_mode(slave) } else { slot.index };
+            let mode = if is_drive_mode { index } else { slot.index };
             let index = self.config.firmware.byte_1(index, mode);
             self.volatile.response.put(size, slave, &RawSlot { id, index, ..slot });
         }

@@ -61,7 +61,7 @@ impl Restores {
 }
 
 /// Slave and axis whose mode of operation a download of the host writes; `None`: it writes another object.
-fn mode_write((slave, object): (u8, ObjectAddress)) -> Option<(usize, usize)> {
+pub(super) fn mode_write((slave, object): (u8, ObjectAddress)) -> Option<(usize, usize)> {
     Some((slave.into(), mode_object(object)?))
 }
 

@@ -1,6 +1,5 @@
-//! The SDO slot (SK-6): one transfer at a time, the answer stays until the next one ends.
+//! The SDO slot (SK-6): one transfer at a time, the answer stays until the next one ends, and one request is held meanwhile.
 
-use super::Reason;
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Ns, SdoRequest};
 use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
@@ -12,9 +11,25 @@ pub(super) struct SdoTransfer {
     pub(super) object: ObjectAddress,
     /// `None`: an upload. `Some`: a download of that size, and the value as it was in Data2.
     pub(super) write: Option<(SdoSize, u32)>,
+    /// When the host has asked for it.
+    asked_at: Ns,
 }
 
 impl SdoTransfer {
+    fn of(command: SdoCommand, asked_at: Ns) -> Option<Self> {
+        let (slave, object, write) = match command {
+            SdoCommand::Read { slave, object } => (slave, object, None),
+            SdoCommand::Write { slave, object, size, value } => (slave, object, Some((size, value))),
+            SdoCommand::GetStatus | SdoCommand::Other(_) => return None,
+        };
+        Some(Self { slave, object, write, asked_at })
+    }
+
+    /// Whether both ask for the same to the bit.
+    fn repeats(&self, other: &Self) -> bool {
+        Self { asked_at: other.asked_at, ..*self } == *other
+    }
+
     const fn id(&self) -> CommandId {
         match self.write {
             None => CommandId::SdoRead,
@@ -28,25 +43,30 @@ impl SdoTransfer {
     }
 }
 
-/// What happened to a request that was not rejected.
+/// What happened to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Accepted {
     New,
-    /// The same transfer waits or runs already.
+    /// The newest request asks for the same, and has not ended.
     Repeats,
+    /// The request that was held, with that id, is replaced by this one and never runs.
+    Replaces(CommandId),
 }
 
 /// The SDO slot of the response, and the transfer of the host under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SdoSlot {
     answer: RawSlot,
-    waiting: Option<SdoTransfer>,
     running: Option<SdoTransfer>,
+    /// Runs as soon as the bus takes it.
+    waiting: Option<SdoTransfer>,
+    /// Came while another one of the host waited or ran, and follows it.
+    held: Option<SdoTransfer>,
 }
 
 impl SdoSlot {
     pub(super) const fn new() -> Self {
-        Self { answer: RawSlot::ZERO, waiting: None, running: None }
+        Self { answer: RawSlot::ZERO, running: None, waiting: None, held: None }
     }
 
     /// The SDO slot of the response.
@@ -54,29 +74,30 @@ impl SdoSlot {
         &self.answer
     }
 
-    /// Takes a command of the host. SK-6 \[OURS]: a request is rejected while another transfer is under way. A request
-    /// that repeats the transfer under way is part of it, since programs that poll send it in every frame.
-    pub(super) fn command(&mut self, command: SdoCommand) -> Result<Accepted, Reason> {
-        let transfer = match command {
-            SdoCommand::Read { slave, object } => SdoTransfer { slave, object, write: None },
-            SdoCommand::Write { slave, object, size, value } => {
-                SdoTransfer { slave, object, write: Some((size, value)) }
-            }
-            SdoCommand::GetStatus | SdoCommand::Other(_) => return Ok(Accepted::New),
-        };
-        match self.waiting.or(self.running) {
-            Some(under_way) if under_way == transfer => Ok(Accepted::Repeats),
-            Some(_) => Err(Reason::SdoBusy),
-            None => {
-                self.waiting = Some(transfer);
-                Ok(Accepted::New)
-            }
+    /// Takes a command of the host. SK-6 \[OURS]: a request that comes while another one waits or runs is held, one deep, and runs
+    /// next: a client library writes one object within a millisecond after another, and does not look for the answers. A
+    /// request that repeats the newest one is part of it, since programs that poll send it in every frame.
+    pub(super) fn command(&mut self, command: SdoCommand, at: Ns) -> Accepted {
+        let Some(transfer) = SdoTransfer::of(command, at) else { return Accepted::New };
+        let newest = self.held.or(self.waiting).or(self.running);
+        if newest.is_some_and(|newest| transfer.repeats(&newest)) {
+            return Accepted::Repeats;
         }
+        if newest.is_none() {
+            self.waiting = Some(transfer);
+            return Accepted::New;
+        }
+        self.held.replace(transfer).map_or(Accepted::New, |replaced| Accepted::Replaces(replaced.id()))
+    }
+
+    /// Whether a transfer waits that the host has asked for by then.
+    pub(super) fn waits_since(&self, by: Ns) -> bool {
+        self.waiting.is_some_and(|transfer| transfer.asked_at <= by)
     }
 
     /// The transfer that waits to be started; `None`: none does.
     pub(super) fn waiting(&self, timeout_ns: Ns) -> Option<SdoRequest> {
-        let SdoTransfer { slave, object, write } = self.waiting?;
+        let SdoTransfer { slave, object, write, .. } = self.waiting?;
         Some(SdoRequest { slave, object, write: write.map(|(size, value)| (size, value & size.mask())), timeout_ns })
     }
 
@@ -98,6 +119,9 @@ impl SdoSlot {
     /// The transfer under way has ended: puts its answer into the slot. Which transfer it was.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
+        if self.waiting.is_none() {
+            self.waiting = self.held.take();
+        }
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
             // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB,

@@ -131,7 +131,7 @@ fn every_read_is_fresh() {
     assert_eq!(sent[0], SdoCommand::Read { slave: 1, object: DEVICE_TYPE }, "the slot showed it from before");
 }
 
-/// API-6 SK-6.3 One that meets a transfer under way is rejected by the board: it is asked again, and the right answer found.
+/// API-6 SK-6.3 One that meets a transfer under way runs next, and the right answer is found.
 #[test]
 fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");
@@ -145,16 +145,12 @@ fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
     let ecm = tap.ecm(Options::default()).unwrap();
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
-    let sdo = SIZE.sdo_slot();
-    tap.take();
-    // Another program's request is under way: the first of ours is rejected.
+    // Another program's request is under way: ours runs next.
     let mut frame = ecmsk::sk::Frame::new();
     frame.put_sdo(SIZE, &SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x1018, 2) });
     tap.write(&frame, ecmsk::link::Wait::Now).unwrap();
     assert_eq!(ecm.sdo_read::<u32>(2, DEVICE_TYPE).unwrap(), 0x0002_0192);
-    assert!(tap.stats().board.unwrap().rejected_total() >= 1);
-    let asked = tap.take_slots(sdo).iter().filter(|slot| slot.parm == 2).count();
-    assert!(asked >= 2, "asked {asked} times");
+    assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
 /// SK-4.35 In Init there is no SDO.

@@ -361,7 +361,9 @@ fn leaving_op_drops_what_lies_ahead() {
         assert_eq!(rig.drive(1).head.index, answered as u8, "{how:?}: the newest that was answered in OP");
 
         rig.go(MasterState::Op);
-        assert_eq!((rig.answer().fifo_free, rig.drive(1).head.index), (FIFO_ENTRIES, 0), "{how:?}: SET_STATE's frame");
+        // SK-3.32 SET_STATE's frame held GET_STATUS for it.
+        assert_eq!((rig.answer().fifo_free, rig.drive(1).head.id), (FIFO_ENTRIES, 0), "{how:?}");
+        assert_eq!(rig.drive(1).head.index, answered as u8, "{how:?}");
         assert!(!rig.drive(1).statusword.is_enabled(), "the board switches nothing on by itself");
         rig.servo_on();
         (0..50).for_each(|_| rig.target());

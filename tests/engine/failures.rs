@@ -50,6 +50,39 @@ fn a_refused_state() {
     }
 }
 
+/// SK-4.82 A SET_STATE that comes in the cycle in which a change fails, or a cycle sooner or later, is carried out.
+#[test]
+fn set_state_in_the_cycle_of_a_failure() {
+    let failing = |network: &ecmsk::fieldbus::sim::SimHandle| network.refuse(2, Some((AlState::SafeOp, REFUSAL)));
+    let fails_after = {
+        let Bench { mut host, network, .. } = board(3);
+        failing(&network);
+        host.master(MasterCommand::SetState(SafeOp));
+        let mut cycles = 0;
+        host.until("the failure", |host| {
+            cycles += 1;
+            host.state().0 == 0x12
+        });
+        cycles
+    };
+    for target in [PreOp, Init, SafeOp] {
+        for sooner_or_later in -3..=3 {
+            let Bench { mut host, network, .. } = board(3);
+            failing(&network);
+            host.master(MasterCommand::SetState(SafeOp)).cycles((fails_after + sooner_or_later) as usize);
+            network.refuse(2, None);
+            let mark = host.mark();
+            host.master(MasterCommand::SetState(target));
+            host.cycles(3000);
+            let failed = host.board.engine().events_since(mark).count();
+            // One that repeats the target of a change is part of it, and fails with it.
+            if target != SafeOp || sooner_or_later >= 0 {
+                assert_eq!(host.state(), StateByte::reached(target), "{target} {sooner_or_later}: {failed} events");
+            }
+        }
+    }
+}
+
 /// SK-4.55 The next SET_STATE tries again: up, without an acknowledgement before, though some slaves went further than
 /// others; and what all slaves reach on the way is no failure any more.
 #[test]

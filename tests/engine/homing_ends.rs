@@ -2,7 +2,7 @@
 
 use ecmsk::coe::SdoSize;
 use ecmsk::engine::{Firmware, HomingEnd, HomingPhase};
-use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand};
+use ecmsk::sk::{CommandId, MasterCommand, MasterState, SlaveCommand};
 
 use crate::homer::{BIT_4, BIT_10, BIT_12, BIT_13, Home, Script};
 use crate::puppet::{DISABLED, FAULT, FAULT_REACTION, QUICK_STOP, READY, SWITCHED_ON};
@@ -125,6 +125,38 @@ fn an_abort_right_after_go_home() {
                 let words = home.drive().words();
                 assert!(words.is_empty() || words == [0x1F, 0x0F], "{words:02x?}");
                 assert!(home.drive().jump() == 0, "{words:02x?}");
+            }
+        }
+    }
+}
+
+/// SK-7.56 ABORT_HOME in any slot of a frame, the first or the last, keeps all GO_HOMEs of that frame from starting, and ends what
+/// was homing. Those are answered and counted, and the drives stay in mode 6: the next GO_HOME is one like any other.
+#[test]
+fn an_abort_in_the_frame_of_go_home() {
+    for how in std::iter::once(None).chain(ahead().map(Some)) {
+        for firmware in PROFILES {
+            for abort in 1..=3 {
+                let mut home = Home::ready_of(3, firmware, how);
+                home.drives.iter().for_each(|drive| drive.script(Script { takes: 5000, ..Script::default() }));
+                home.host.build(|frame, size| {
+                    for slave in 1..=3 {
+                        let command = if slave == abort { SlaveCommand::AbortHome } else { SlaveCommand::GoHome };
+                        frame.put_slave(size, slave, &command.into());
+                    }
+                });
+                home.host.drained().cycles(30);
+                let what = format!("{firmware:?} {how:?} {abort}");
+                for slave in 1..=3 {
+                    let drive = &home.drives[slave - 1];
+                    assert_eq!((home.phase(slave), drive.begun(), drive.mode()), (HomingPhase::Idle, 0, 6), "{what}");
+                    let id = if slave == abort { CommandId::AbortHome } else { CommandId::GoHome };
+                    assert_eq!(home.host.drive(slave).head.id, id.code(), "{what}");
+                }
+                let counters = home.host.counters();
+                assert_eq!((counters.ignored_homing, counters.rejected_total()), (2, 0), "{what}");
+                home.go_home(1).drained().cycles(40);
+                assert_eq!((home.phase(1), home.drives[0].begun()), (HomingPhase::Homing, 1), "{what}");
             }
         }
     }

@@ -55,8 +55,8 @@ fn restoring_waits_for_the_host() {
     assert_eq!(home.drive().modes(), [8]);
 }
 
-/// SK-6.4 A request that comes while the board restores is not rejected but held, one deep, and runs next: also before
-/// other modes that are due.
+/// SK-6.4 A request that comes while the board restores is not rejected but waits, and runs next: also before other
+/// modes that are due. SK-6.3 One more is held behind it. SK-7.25 The board and the host take turns.
 #[test]
 fn a_request_while_restoring_is_held() {
     let mut home = Home::ready_of(3, Firmware::V17, None);
@@ -70,15 +70,16 @@ fn a_request_while_restoring_is_held() {
     home.host.sdo(read_method(3)).cycle();
     assert_eq!(home.host.counters().rejected_total(), 0);
     home.host.sdo(read_method(2)).cycle();
-    assert_eq!(rejected(&home, Reason::SdoBusy), 1, "one deep");
-    home.host.cycles(300);
+    home.host.sdo(read_method(1)).cycle();
+    assert_eq!(rejected(&home, Reason::SdoBusy), 1, "one deep behind the one that waits");
+    home.host.cycles(400);
     let order: Vec<(u8, bool)> = home.jobs.transfers()[transfers..]
         .iter()
         .map(|(request, _)| (request.slave, request.write.is_some()))
         .collect();
-    assert_eq!(order, [(1, true), (3, false), (2, true), (3, true)]);
+    assert_eq!(order, [(1, true), (3, false), (2, true), (1, false), (3, true)]);
     assert!((1..=3).all(|slave| home.phase(slave) == HomingPhase::Idle));
-    assert!(matches!(home.host.sdo_answer(), SdoResponse::Done { slave: 3, id: CommandId::SdoRead, .. }));
+    assert!(matches!(home.host.sdo_answer(), SdoResponse::Done { slave: 1, id: CommandId::SdoRead, .. }));
 }
 
 /// SK-6.5 A host's write of 0x6060 cancels a restore not yet begun; one that the drive refuses does not.

@@ -230,7 +230,7 @@ fn the_log_speaks() {
     }
     let mark = host.mark();
     let other = RawSlot { data1: 0x1018_0001, ..busy };
-    host.raw(41, busy).raw(41, other);
+    host.raw(41, busy).raw(41, other).raw(41, RawSlot { data1: 0x1018_0002, ..busy });
     assert_eq!(host.rejections(mark), [(41, CommandId::SdoRead, Reason::SdoBusy)]);
 }
 

@@ -112,37 +112,111 @@ fn a_request_that_repeats_the_one_under_way_is_one_with_it() {
             host.sdo(read(1, 0x2000, 4)).cycle();
             assert_eq!((host.counters().sdo_repeated, host.counters().rejected_total()), (n, 0), "{state}");
         }
-        host.sdo(write(1, 0x2000, 4, SdoSize::Four, 1)).cycle();
-        assert_eq!(rejected(&host, Reason::SdoBusy), 1, "{state}");
+        // One that is held is repeated likewise; the one before it is another then.
+        for n in 21..=24 {
+            host.sdo(read(1, 0x2000, 2)).cycle();
+            assert_eq!((host.counters().sdo_repeated, host.counters().rejected_total()), (n - 1, 0), "{state}");
+        }
+        host.sdo(read(1, 0x2000, 4)).cycle();
+        assert_eq!(rejected(&host, Reason::SdoBusy), 1, "{state}: the one that was held");
         host.until("the answer", |host| !slot(host).is_zero());
         assert_eq!(slot(&host).data2, 0xFEDC_BA98, "{state}");
         host.cycles(200);
-        assert_eq!(puppet.strings().uploads, [ObjectAddress::new(0x2000, 4)], "asked once");
+        assert_eq!(puppet.strings().uploads, [ObjectAddress::new(0x2000, 4); 2], "{state}");
     }
 }
 
-/// SK-6.3 A new request while a transfer of the host is under way is rejected, and disturbs nothing.
-/// SK-4.38 The slot keeps its answer then.
+/// SK-6.3 A library that writes one object after another, in the same cycle or 1 ms later, and looks at nothing: each is
+/// written, in its order.
 #[test]
-fn a_request_during_a_transfer_is_rejected() {
+fn writes_that_follow_one_another_are_all_made() {
+    for state in [MasterState::PreOp, MasterState::Op] {
+        for cycles in [0, 1] {
+            let Bench { mut host, jobs, .. } = bench();
+            host.go(state).drained_in(state);
+            let before = jobs.transfers().len();
+            for (sub, value) in [(1, 11), (2, 22)] {
+                host.sdo(write(2, 0x6099, sub, SdoSize::Four, value)).cycles(cycles);
+            }
+            host.cycles(200);
+            let made: Vec<_> =
+                jobs.transfers()[before..].iter().map(|(made, _)| (made.object.sub, made.write)).collect();
+            assert_eq!(made, [(1, Some((SdoSize::Four, 11))), (2, Some((SdoSize::Four, 22)))], "{state} {cycles}");
+            assert_eq!((host.counters().rejected_total(), slot(&host).data2), (0, 22), "{state} {cycles}");
+        }
+    }
+}
+
+/// SK-6.3 A request while another one is under way is held, and runs next; the newest one replaces the one that is held, which
+/// is counted and told. SK-4.38 The slot keeps its answer meanwhile.
+#[test]
+fn a_third_request_replaces_the_one_that_is_held() {
     for state in [MasterState::PreOp, MasterState::Op] {
         let Bench { mut host, puppet, network, .. } = bench();
         host.go(state).drained_in(state);
         network.delay_sdo(1, 50 * MS);
+        let mark = host.mark();
         host.sdo(read(1, 0x2000, 4)).cycle();
-        for n in 1..=20 {
-            host.sdo(read(1, 0x2000, 2)).cycle();
-            assert_eq!(rejected(&host, Reason::SdoBusy), n, "{state}");
+        for (n, sub) in [1, 2, 1, 2].into_iter().enumerate() {
+            host.sdo(read(1, 0x2000, sub)).cycles(2);
+            assert_eq!(rejected(&host, Reason::SdoBusy), n as u64, "{state}");
             assert!(slot(&host).is_zero());
         }
-        host.until("the answer", |host| !slot(host).is_zero());
+        assert_eq!(host.rejections(mark), [(41, CommandId::SdoRead, Reason::SdoBusy); 3], "{state}");
+        let addresses = [4, 2].map(|sub| ObjectAddress::new(0x2000, sub));
+        host.until("the first answer", |host| !slot(host).is_zero());
         assert_eq!(slot(&host).data2, 0xFEDC_BA98, "{state}");
-        host.cycles(200);
-        assert_eq!(slot(&host).data2, 0xFEDC_BA98, "{state}: a rejected request does not run later");
-        assert_eq!(puppet.strings().uploads, [ObjectAddress::new(0x2000, 4)]);
-        // Now it may.
-        assert_eq!(host.read_object(1, 0x2000, 2), Ok(0xFEDC));
+        host.until("the answer of the one that was held", |host| slot(host).data1 == 0x2000_0002);
+        assert_eq!((slot(&host).data2, puppet.strings().uploads.clone()), (0xFEDC, addresses.to_vec()), "{state}");
     }
+}
+
+/// SK-6.17 A write of 0x6060 in PreOP with SET_STATE in the same frame, in the frame before or in the one after it in the same
+/// cycle: the host's value is written first, then that of DRIVE_MODE. So are two writes, the second of which is held.
+#[test]
+fn the_hosts_writes_go_before_the_boards_own() {
+    for order in 0..4 {
+        let Bench { mut host, jobs, .. } = bench();
+        let mode = write(2, 0x6060, 0, SdoSize::One, 6);
+        let up = MasterCommand::SetState(MasterState::SafeOp);
+        let before = jobs.transfers().len();
+        match order {
+            0 => {
+                host.build(|frame, size| {
+                    frame.put_sdo(size, &mode);
+                    frame.put_master(size, &up);
+                });
+            }
+            1 => {
+                host.sdo(mode).master(up);
+            }
+            2 => {
+                host.master(up).sdo(mode);
+            }
+            _ => {
+                host.sdo(read(1, 0x2000, 1)).cycles(1).sdo(mode).master(up);
+            }
+        }
+        host.until("SafeOP", |host| host.state() == StateByte::reached(MasterState::SafeOp));
+        let written: Vec<_> = jobs.transfers()[before..].iter().filter_map(|(made, _)| made.write).collect();
+        assert_eq!(written, [(SdoSize::One, 6)], "{order}");
+        assert_eq!(host.read_object(2, 0x6060, 0), Ok(8), "{order}: DRIVE_MODE's value is the last");
+        assert_eq!(host.counters().rejected_total(), 0, "{order}");
+    }
+}
+
+/// SK-6.17 A program that asks for objects without end does not keep the network from SafeOP.
+#[test]
+fn requests_without_end_do_not_hold_up_a_change() {
+    let Bench { mut host, network, .. } = bench();
+    network.delay_sdo(1, 5 * MS);
+    host.master(MasterCommand::SetState(MasterState::SafeOp));
+    let mut sub = 0;
+    for _ in 0..2000 {
+        sub = 1 + (sub + 1) % 4;
+        host.sdo(read(1, 0x2000, sub)).cycle();
+    }
+    assert_eq!(host.state(), StateByte::reached(MasterState::SafeOp));
 }
 
 /// SK-4.17 Programs put the object's size above the slave's number of a read, too, 0x0201, and poll for Parm = slave: the
@@ -303,7 +377,7 @@ fn refusals_are_abort_codes() {
     }
 }
 
-/// SK-6.4 A request that comes during the board's own work on the way to SafeOP is held, one deep, and runs next.
+/// SK-6.4 A request that comes during the board's own work on the way to SafeOP waits, and runs next. SK-6.3 One more is held.
 #[test]
 fn a_request_during_the_boards_own_transfers_is_held() {
     for target in [MasterState::SafeOp, MasterState::Op] {
@@ -314,14 +388,15 @@ fn a_request_during_the_boards_own_transfers_is_held() {
         host.sdo(read(1, 0x2000, 2)).cycle();
         assert_eq!(host.counters().rejected_total(), before.rejected_total(), "not rejected");
         assert!(matches!(jobs.under_way(), Some(Job::Configure(_))), "the board's own work goes on");
+        host.sdo(read(1, 0x2000, 1)).cycle();
         host.sdo(read(1, 0x2000, 4)).cycle();
-        assert_eq!(rejected(&host, Reason::SdoBusy), 1, "one deep");
+        assert_eq!(rejected(&host, Reason::SdoBusy), 1, "one deep behind the one that waits");
         host.until("the answer", |host| !slot(host).is_zero());
         assert_eq!(host.sdo_answer(), done(1, 0x2000, 2, 0xFEDC));
         assert_eq!(host.state(), StateByte::reached(MasterState::PreOp), "it runs next");
         host.until("the state", |host| host.state() == StateByte::reached(target)).cycles(100);
-        assert_eq!(host.sdo_answer(), done(1, 0x2000, 2, 0xFEDC));
-        assert_eq!(puppet.strings().uploads.len(), 1);
+        assert_eq!(host.sdo_answer(), done(1, 0x2000, 4, 0xFEDC_BA98));
+        assert_eq!(puppet.strings().uploads, [2, 4].map(|sub| ObjectAddress::new(0x2000, sub)));
     }
 }
 

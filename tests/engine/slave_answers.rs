@@ -5,7 +5,7 @@ use ecmsk::coe::{ObjectAddress, SdoSize};
 use ecmsk::engine::{EngineConfig, Firmware};
 use ecmsk::sk::{
     DriveSync, FIFO_ENTRIES, IoResponse, MasterCommand, MasterState, RawSlot, SdoCommand, SdoResponse, SlaveCommand,
-    SlaveKind, SlotSize,
+    SlaveKind, SlotSize, StateByte,
 };
 
 use crate::host::Host;
@@ -99,6 +99,37 @@ fn profile_1_5_shows_the_mode() {
     }
 }
 
+/// SK-3.32 Outside OP GET_STATUS keeps all of a slave's slot but its id: in PreOP what DRIVE_MODE has left there, below OP what
+/// OP has. In profile 1.5 byte 1 is the mode of the command executed last, whatever is declared later.
+#[test]
+fn get_status_outside_op_keeps_the_last_result() {
+    for (firmware, of_drive_mode, in_op) in [(Firmware::V17, 0x21, 0x43), (Firmware::V15, 9, 8)] {
+        for size in SlotSize::ALL {
+            let mut host = board(size, firmware);
+            let drive_mode = |data1: u32| RawSlot { data1, data2: 1, ..with_index(0x06, 0x21) };
+            host.raw(1, drive_mode(9)).cycle();
+            let answered = host.slot(1);
+            assert_eq!((answered.id, answered.index), (0x06, of_drive_mode), "{firmware:?}");
+            for asked in [0x00, 0x77] {
+                host.raw(1, with_index(0x00, asked)).cycle();
+                assert_eq!(host.slot(1), RawSlot { id: 0, ..answered }, "{firmware:?} {size:?} {asked:x}");
+            }
+            host.master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Io; 8] }).cycle();
+            assert_eq!(host.slot(1), RawSlot { id: 0, ..answered }, "{firmware:?}: no command was executed for it");
+            host.master(MasterCommand::SetAxis { group: 0, kinds: [SlaveKind::Drive; 8] });
+            host.raw(1, drive_mode(8)).go(MasterState::Op).build(|frame, size| {
+                frame.put(size, 1, &with_index(0x12, 0x43));
+                frame.put_master(size, &MasterCommand::SetState(MasterState::SafeOp));
+            });
+            host.until("SafeOP", |host| host.state() == StateByte::reached(MasterState::SafeOp));
+            let left = host.slot(1);
+            assert!((left.id, left.index) == (0x12, in_op) && left.parm != 0, "{firmware:?}: {left:?}");
+            host.raw(1, with_index(0x00, 0x77)).cycle();
+            assert_eq!(host.slot(1), RawSlot { id: 0, ..left }, "{firmware:?} {size:?}");
+        }
+    }
+}
+
 /// SK-3.11 A drive's slot is refreshed in every cycle, whatever the command was, and without one.
 /// SK-3.12 Parm is 0x6041, Data1 0x6064, Data2 low 0x6077, Data2 high 0x603F.
 /// SK-1.7 Data3 is 0.
@@ -175,7 +206,7 @@ fn a_frame_speaks_to_every_slot() {
         host.cycle();
         assert_eq!((host.answer().id, host.board.engine().local_outputs()), (0x00, 0x3F), "{size:?}");
         for slave in 1..=size.max_slaves() {
-            let expected = if slave == 2 { (0x06, 0xEE) } else { (0x00, 0x00) };
+            let expected = if slave == 2 { (0x06, 0xEE) } else { (0x00, slave as u8) };
             assert_eq!(head(&host, slave), expected, "{size:?} slave {slave}");
         }
         host.until("the SDO", |host| host.sdo_answer() != SdoResponse::Empty);

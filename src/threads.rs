@@ -11,16 +11,29 @@ const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 /// program has blocked in all its threads, to receive it by signalfd or sigwait, is not delivered to one of this crate, which
 /// would end the process.
 ///
+/// On Unix it has begun `work` when this returns: without memory for the guard page of its signal stack a thread ends before that,
+/// by a panic of the standard library, and who waits for what it does would wait for ever.
+///
 /// # Errors
-/// That of the system, if it gives no thread.
+/// That of the system, if it gives no thread, or one that cannot begin.
 pub(crate) fn spawn<T: Send + 'static>(
     name: &str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> io::Result<JoinHandle<T>> {
+    // A new thread inherits the signal mask.
     #[cfg(unix)]
     let _restored = SignalsBlocked::all()?;
-    // A new thread inherits the signal mask.
-    Builder::new().name(name.to_owned()).spawn(work)
+    #[cfg(unix)]
+    let (begun, begins) = std::sync::mpsc::sync_channel(1);
+    let work = move || {
+        #[cfg(unix)]
+        let _ = begun.send(());
+        work()
+    };
+    let thread = Builder::new().name(name.to_owned()).spawn(work)?;
+    #[cfg(unix)]
+    begins.recv().map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
+    Ok(thread)
 }
 
 /// Waits for at most `limit` for the end of a thread that may hang in a call of the system; returns whether it has ended.

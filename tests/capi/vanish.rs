@@ -30,7 +30,8 @@ mod needs_cxx {
     }
 
     fn ends(server: &Server, told: &Told, how: &str, code: Option<i32>) {
-        let ended = program().run(&uri(server, ""), [how]);
+        // "At once": four keep-alive times are four hours.
+        let ended = program().run(&uri(server, "keepalive_ms=3600000"), [how]);
         assert_eq!(
             (ended.stderr.as_str(), ended.stdout.as_str(), ended.status.code()),
             ("", "moving\n", code),
@@ -98,7 +99,7 @@ mod needs_cxx {
         let (child, _out) = at_work(&server, "keepalive_ms=3600000", "forks", "forked");
         kill(child);
         let said = end_of_writer(&told);
-        assert!(said.contains("without closing its link"), "{said}");
+        assert!(!said.contains("no word for"), "{said}");
         assert!(!turns(&server), "{:?}", told.lines());
     }
 
@@ -165,6 +166,15 @@ mod needs_cxx {
                 let mut line = String::new();
                 std::io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
                 assert_eq!(line, "moving\n");
+                // It sleeps while its axis turns on for 5 s of the board's time.
+                let reader = ecmsk::link::open(&uri(&server, "role=reader"), ecmsk::link::Share::ByName).unwrap();
+                let mut report = ecmsk::sk::Frame::new();
+                let mut at = || {
+                    reader.read(&mut report, ecmsk::link::Wait::For(LIMIT)).unwrap();
+                    report.slot(support::tcp::SIZE, 1).data1 as i32
+                };
+                let from = at();
+                until("5 s of motion", || (at().abs_diff(from) > 500_000).then_some(()));
                 assert!(!told.lines().iter().any(|line| line.contains("is gone")), "{:?}", told.lines());
                 child.kill().unwrap();
             } else {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::common::{SIZE, Tap, enable, open, script};
-use ecmsk::ecm::{Axis, CLOSE_LIMIT, Close, Config, Ecm, EcmError, Options, Slave};
+use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, MasterState, StateByte};
 
@@ -97,12 +97,16 @@ fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     }
     tap.take();
     // The motor of axis 3 has to run out on friction: that may take longer than the limit.
+    let now = || Duration::from_nanos(tap.pass(Duration::ZERO).unwrap().unwrap().0);
+    let began = now();
     let ended = stream.finish();
+    assert!(now() - began <= 2 * SECOND + SECOND / 10, "docs/SAFETY.md: 2 s, {:?}", now() - began);
     assert!(matches!(ended, Ok(_) | Err(EcmError::Timeout { what: "a standstill", .. })), "{ended:?}");
     let frames = tap.take();
     let of = |slave| frames.iter().map(move |frame| frame.slot(SIZE, slave));
     let velocities: Vec<i32> = of(1).map(|slot| slot.data1 as i32).collect();
-    assert!(velocities.windows(2).all(|pair| pair[1] <= pair[0]), "{velocities:?}");
+    // 400 counts/s in each frame, "linearly".
+    assert!(velocities.windows(2).all(|pair| (0..=410).contains(&(pair[0] - pair[1]))), "{velocities:?}");
     let ramp = velocities.iter().filter(|velocity| (1..100_000).contains(*velocity)).count();
     assert!((240..=260).contains(&ramp), "docs/SAFETY.md: 250 ms, {ramp} frames");
     assert_eq!(velocities.last(), Some(&0));
@@ -151,7 +155,7 @@ fn closing_is_bounded() {
             let now = || Duration::from_nanos(tap.pass(Duration::ZERO).unwrap().unwrap().0);
             let began = now();
             let ended = stream.finish();
-            assert!(now() - began <= CLOSE_LIMIT + SECOND / 10, "{name}: {:?}", now() - began);
+            assert!(now() - began <= 2 * SECOND + SECOND / 10, "docs/SAFETY.md: 2 s, {name}: {:?}", now() - began);
             assert!(ended.is_err(), "{name}");
             // The link is closed with the board: its clock is read by a link of the same name no more.
             let errors = ecm.close(how);

@@ -187,6 +187,10 @@ impl Table {
             (Master, _) => assert_eq!((shown.id, shown.data1), (before.id, before.data1), "{what}: the answer stays"),
             // A lost one shows what it showed.
             _ if lost => assert_eq!(shown, *before, "{what}: the answer stays"),
+            // SK-3.32
+            (_, Outcome::Accepted) if id == 0 && !state.is_op() => {
+                assert_eq!(shown, RawSlot { id, ..*before }, "{what}");
+            }
             (_, Outcome::Accepted | Outcome::Discarded) => {
                 assert_eq!(shown.id, id, "{what}");
                 if *firmware == Firmware::V17 {
@@ -195,7 +199,9 @@ impl Table {
             }
             (_, Outcome::IgnoredHoming) => {
                 assert_eq!(host.board.engine().homing_phase(Homing as u8), HomingPhase::Homing, "{what}");
-                let executed = (before.id, before.index);
+                // SK-7.55 SV_ON is answered.
+                let index = if id == 0x11 && *firmware == Firmware::V17 { INDEX } else { before.index };
+                let executed = (if id == 0x11 { id } else { before.id }, index);
                 assert_eq!((shown.id, shown.index), executed, "{what}: the command executed last");
             }
             (_, Outcome::Rejected(_)) if state.is_op() => assert_eq!(shown.id, 0, "{what}"),

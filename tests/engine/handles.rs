@@ -3,7 +3,7 @@
 use ecmsk::engine::{EngineConfig, Event, Script};
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::sim::SimBus;
-use ecmsk::sk::{FIFO_ENTRIES, MasterCommand};
+use ecmsk::sk::{FIFO_ENTRIES, MasterCommand, MasterState};
 
 use crate::host::Host;
 use crate::probe::drives;
@@ -63,6 +63,16 @@ fn cycles_are_counted() {
     assert_eq!(cycles, now / 1_000_000 - 1, "from boot on");
     host.cycles(25);
     assert_eq!((host.board.cycles(), host.board.next_cycle()), (cycles + 25, now + 25_000_000));
+}
+
+/// Cycles that a runner leaves out are counted where they cost something, in OP; docs/NIC.md: `cycles_left_out`.
+#[test]
+fn cycles_that_are_left_out_are_counted() {
+    let mut host = board();
+    host.go(MasterState::Op).board.leave_out(7);
+    assert_eq!(host.cycles(20).counters().cycles_left_out, 7);
+    host.go(MasterState::PreOp).board.leave_out(5);
+    assert_eq!(host.counters().cycles_left_out, 7);
 }
 
 /// SK-8.1 The chip's inputs are six; what was never set is left to whoever sets it otherwise.

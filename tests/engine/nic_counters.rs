@@ -8,7 +8,7 @@ use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::fieldbus::{STALE_AFTER, STALE_AT_LAST_NS};
 use ecmsk::master::Settings;
-use ecmsk::sk::{DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::sk::{CycleTime, DcShift, DriveSync, MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
 use ecmsk::slave::Slave;
 
 use crate::host::Host;
@@ -90,9 +90,12 @@ fn an_axis_in_csv_whose_inputs_never_arrive_is_stopped() {
     let (mut host, lies, network) = three_in_csv(20_000);
     assert_eq!(host.state(), StateByte::reached(MasterState::Op));
     let (mark, before) = (host.mark(), host.counters());
+    let muted_at = network.shaft(2, 0).expect("a shaft");
     mute(&lies, 2, 3);
     host.cycles(STALE_CYCLES - 1);
     assert_eq!(host.state(), StateByte::reached(MasterState::Op), "one cycle before");
+    let went_on = network.shaft(2, 0).expect("a shaft") - muted_at;
+    assert!((18 * 20..=20 * 20).contains(&went_on), "until then it goes on: {went_on}");
     host.cycles(1);
     assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
     assert_eq!(host.board.engine().state_failure(), Some(StateFailure::Stale { slave: 2 }));
@@ -150,20 +153,41 @@ fn inputs_of_others_come_again_when_it_is_known_whose_do_not() {
 /// slave answers when it is asked alone. All are lost after 20 cycles, and none moves on.
 #[test]
 fn a_counter_that_is_too_low_for_no_reason_stops_all() {
-    let (mut host, lies, network) = three_in_csv(20_000);
-    lies.tell(|answer: &mut Answer<'_>| {
-        if answer.command == Command::Lrw {
-            answer.count = answer.count.wrapping_sub(1);
+    for off in [u16::MAX, 1, 100] {
+        let (mut host, lies, network) = three_in_csv(20_000);
+        lies.tell(move |answer: &mut Answer<'_>| {
+            if answer.command == Command::Lrw {
+                answer.count = answer.count.wrapping_add(off);
+            }
+        });
+        host.cycles(STALE_CYCLES - 1);
+        assert_eq!(host.state(), StateByte::reached(MasterState::Op), "{off}");
+        host.cycles(1);
+        assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)), "{off}");
+        assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (SlaveSet::first(3), 3), "{off}");
+        host.cycles(300);
+        for slave in 1..=3 {
+            assert_eq!(velocity(&network, &mut host, slave), 0, "{off}: slave {slave}");
         }
-    });
-    host.cycles(STALE_CYCLES - 1);
-    assert_eq!(host.state(), StateByte::reached(MasterState::Op));
-    host.cycles(1);
-    assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)));
-    assert_eq!((host.board.engine().lost(), host.counters().inputs_stale), (SlaveSet::first(3), 3));
-    host.cycles(300);
-    for slave in 1..=3 {
-        assert_eq!(velocity(&network, &mut host, slave), 0, "slave {slave}");
+    }
+}
+
+/// How old inputs may be: 10 cycles, and 20 ms at least, whatever the cycle.
+#[test]
+fn inputs_are_stale_after_ten_cycles_and_20_ms() {
+    for (cycle_us, cycles) in [(250, 80), (500, 40), (2000, 10), (4000, 10)] {
+        let (network, lies) = (SimHandle::default(), Lies::default());
+        let wires = ChainWires::new(drives(3), network).expect("they have an EEPROM");
+        let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
+        let mut host = Host::new(EngineConfig::default(), bus);
+        let cycle = CycleTime::from_us(cycle_us).expect("one of the board's");
+        host.declare_drives(3).master(MasterCommand::SetDc { cycle, shift: DcShift::Auto });
+        host.go(MasterState::Op).drained().cycles(30);
+        mute(&lies, 2, 3);
+        host.cycles(cycles - 1);
+        assert_eq!(host.state(), StateByte::reached(MasterState::Op), "{cycle_us} us");
+        host.cycles(1);
+        assert_eq!(host.state(), StateByte::failed(Some(MasterState::Op)), "{cycle_us} us");
     }
 }
 

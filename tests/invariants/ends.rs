@@ -128,6 +128,16 @@ fn schedule(seed: u64, may_break: bool) -> Done {
         "cycle of {cycle} us, {waiting} waiting, {life:?}, {bounds:?}: {:?}",
         end.told
     );
+    // docs/SAFETY.md: what waits is executed where it can be within 2 s: 160 cycles of 8 ms can.
+    assert!(
+        cycle > 8000
+            || life.has_threshold
+            || was_broken
+            || stood
+            || !end.told.iter().any(|line| line.contains("dropped")),
+        "cycle of {cycle} us: {:?}",
+        end.told
+    );
     assert_lasting(&server, &eyes, &readers, COMES_TO_REST, cycle);
     Done {
         moving: moving.into(),

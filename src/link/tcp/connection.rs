@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
-use super::DEAD_AFTER;
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
 #[cfg(unix)]
@@ -75,7 +74,7 @@ impl State {
 impl Shared {
     /// How long the other end may send nothing before the connection counts as dead.
     pub(super) fn patience(&self) -> Duration {
-        self.keepalive * DEAD_AFTER
+        super::patience(self.keepalive)
     }
 
     /// The background thread: it receives while no call waits, sends keep-alive messages, and detects that the server

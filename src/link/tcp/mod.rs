@@ -47,6 +47,7 @@ mod waker;
 pub(crate) mod wire;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 #[cfg(all(test, feature = "sim"))]
 pub(crate) use channel::first_message;
@@ -72,7 +73,12 @@ use super::uri::LinkUri;
 use super::{Link, LinkError};
 
 /// After how many keep-alive times without any message a connection counts as dead. \[OURS]
-pub(crate) const DEAD_AFTER: u32 = 4;
+const DEAD_AFTER: u32 = 4;
+
+/// How long the other end of a connection may send nothing before the connection counts as dead.
+pub(crate) const fn patience(keepalive: Duration) -> Duration {
+    keepalive.saturating_mul(DEAD_AFTER)
+}
 
 /// Connects to the server in the URI.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
@@ -82,4 +88,17 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link
         return Ok(Arc::new(link));
     }
     Ok(Arc::new(reconnect::Reconnecting::new(link, uri.clone(), options, common.clone())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TCP-5 docs/SAFETY.md: a connection counts as dead after four keep-alive times, 2 s by default.
+    #[test]
+    fn a_connection_is_dead_after_four_keep_alive_times() {
+        let options = TcpOptions::from_uri(&"tcp://board".parse().expect("a link")).expect("its defaults");
+        assert_eq!(patience(options.keepalive), Duration::from_secs(2));
+        assert_eq!(patience(Duration::from_millis(100)), Duration::from_millis(400));
+    }
 }

@@ -18,7 +18,7 @@ use super::pending_pool::PendingPool;
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::link::tcp::wire::{End, Refusal, Role};
-use crate::link::tcp::{Came, Channel, DEAD_AFTER, Inbox, ServerTls, Waker};
+use crate::link::tcp::{Came, Channel, Inbox, ServerTls, Waker, patience};
 use crate::port::log_limit::LogLimit;
 use crate::span::Span;
 use crate::threads;
@@ -308,7 +308,7 @@ fn log_refused(from: SocketAddr, why: Refusal, text: &str, shared: &Shared) {
 /// Handles a client's messages until the connection ends; returns why.
 fn serve_client(channel: &Channel, inbox: &mut Inbox, client: &Client, session: &mut Session<'_>) -> Left {
     let mut last_message = Instant::now();
-    let patience = client.keepalive * DEAD_AFTER;
+    let patience = patience(client.keepalive);
     let mut is_drained = false;
     loop {
         // Messages that arrived together with the Hello are in the inbox already.

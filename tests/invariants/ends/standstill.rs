@@ -95,6 +95,7 @@ pub fn assert_lasting(
         drop(next.take_sent());
         readers.iter().for_each(|reader| drop(reader.take_sent()));
     }
+    assert!(eyes.newest_free() + 2 >= FIFO_ENTRIES, "no threshold holds the frames of the next writer");
     next.end(true);
     eyes.assert_still(&stood, STANDS, "under the next writer");
 }

@@ -149,7 +149,8 @@ fn killing_the_writer_has_the_server_stop_its_axes() {
     let mut command = Command::new(std::env::current_exe().unwrap());
     command
         .args(["--exact", "tcp_process::killing_the_writer_has_the_server_stop_its_axes"])
-        .env(WRITER, uri(&server, ""));
+        // "At once": four keep-alive times are four hours.
+        .env(WRITER, uri(&server, "keepalive_ms=3600000"));
     let mut writer = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let reader = link::open(&uri(&server, "role=reader"), Share::ByName).unwrap();
     let mut report = Frame::new();

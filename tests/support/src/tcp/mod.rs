@@ -29,7 +29,15 @@ impl Told {
 
     /// Waits for a line with that in it.
     pub fn wait(&self, part: &str) -> String {
-        until(&format!("a line with `{part}`"), || self.lines().into_iter().find(|line| line.contains(part)))
+        let began = Instant::now();
+        loop {
+            let lines = self.lines();
+            if let Some(line) = lines.iter().find(|line| line.contains(part)) {
+                return line.clone();
+            }
+            assert!(began.elapsed() < LIMIT, "no line with `{part}`: {lines:?}");
+            std::thread::sleep(Duration::from_millis(2));
+        }
     }
 }
 

@@ -89,6 +89,7 @@ true read True: 1000 9601 11110000 FFFF0000, LAST
 CRC right: False
 false read False: 1000 9600 11110000 FFFF0000, LAST
 CRC right: False
+left alone, read False: 0000 0000 00000000 00000000, CRC right: False
 signed, read True, CRC right True, again True
 after a change True
 signed, read False, CRC right True, again True

@@ -42,7 +42,8 @@ static class Rows
         return bytes;
     }
 
-    // A frame without a bit that is 0 everywhere. Byte 2 says what the library will answer: 1 is true.
+    // A frame without a bit that is 0 everywhere. Byte 2 says what the library will answer: 1 true, 0 false, 9
+    // false with the buffer left alone.
     static void Fill(ushort answer)
     {
         NEXTWUSB.cmdData = new NEXTWUSB.transData[NEXTWUSB.DEF_MA_MAX];
@@ -77,6 +78,10 @@ static class Rows
         NEXTWUSB.ECMUSBWrite();
         Console.WriteLine("false read {0}: {1}, {2}", NEXTWUSB.ECMUSBRead(), Slot(NEXTWUSB.respData, 0), Slot(NEXTWUSB.respData, LAST));
         Console.WriteLine("CRC right: {0}", NEXTWUSB.checkCRCValue());
+        Fill(9);
+        NEXTWUSB.ECMUSBWrite();
+        Console.WriteLine("left alone, read {0}: {1}, CRC right: {2}", NEXTWUSB.ECMUSBRead(), Slot(NEXTWUSB.respData, 0),
+            NEXTWUSB.checkCRCValue());
         foreach (ushort answer in new ushort[] { 1, 0 })
         {
             Fill(answer);

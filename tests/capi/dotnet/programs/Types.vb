@@ -170,7 +170,9 @@ Module Types
         NEXTWUSB.cmdData(0).CMD = NEXTWUSB.GET_STATUS
         Dim written As Boolean = write()
         Dim isRead As Boolean = read()
-        Console.WriteLine("write {0}, read {1}, state {2}, CRC {3}", written, isRead, NEXTWUSB.respData(0).Parm And &HFFUS, check())
+        ' Console.WriteLine of four values is one that .NET Core has not.
+        Console.WriteLine(String.Format("write {0}, read {1}, state {2}, CRC {3}", written, isRead,
+            NEXTWUSB.respData(0).Parm And &HFFUS, check()))
         Swap(NEXTWUSB.cmdData, NEXTWUSB.respData)
         Console.WriteLine("swapped {0}", NEXTWUSB.cmdData(0).Parm And &HFFUS)
         Swap(NEXTWUSB.cmdData, NEXTWUSB.respData)

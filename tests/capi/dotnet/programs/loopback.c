@@ -1,4 +1,5 @@
-/* A library that gives back the frame which was written last. Its byte 2 says what a read answers. */
+/* A library that gives back the frame which was written last. Its byte 2 says what a read answers: 1 true, 0 false, 9 false with
+   the buffer left alone. */
 #include <string.h>
 
 int OpenECMUSB(void);
@@ -25,7 +26,7 @@ int ECMUSBWrite(unsigned char *data, unsigned long length)
 
 int ECMUSBRead(unsigned char *data, unsigned long length)
 {
-    if ((unsigned)length != 612) {
+    if ((unsigned)length != 612 || frame[2] == 9) {
         return 0;
     }
     memcpy(data, frame, sizeof frame);

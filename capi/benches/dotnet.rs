@@ -1,7 +1,7 @@
 //! A C# program under Mono against the same in C, on virtual time. `dotnet_declared`: by declarations of its own, which hand over
 //! arrays, against C's plain calls; a copy of each array, measured beside it (`dotnet_copy`), is taken off first: so it may be as
-//! long as 1.5 times C's and that copy. `dotnet_loop`: by the assembly, which makes a copy of each frame and its CRC-8, both
-//! ways, against C that does so too.
+//! long as 1.5 times C's and that copy. `dotnet_loop`: by the assembly, which makes two copies of each response, against
+//! C that does so too.
 
 #[path = "../../benches/common/mod.rs"]
 mod common;

@@ -1,5 +1,5 @@
-// What the file says of itself. Its version number is the one that every assembly has by default, [OURS]: a program that was
-// compiled against the vendor's asks for a version, and .NET takes no older one. That of the project stands in the others.
+// What the file says of itself: version and company of the vendor's. A program that was compiled against the vendor's asks for
+// 2.0.0.0, and .NET Core takes no older one. The product tells ours from the vendor's.
 
 using System.Reflection;
 using System.Runtime.InteropServices;
@@ -15,5 +15,7 @@ using System.Runtime.InteropServices;
 [assembly: AssemblyDescription("NEXTWUSBLib for .NET, slots of 12 bytes")]
 #endif
 [assembly: AssemblyProduct("ecmsk")]
-[assembly: AssemblyVersion("1.0.0.0")]
+[assembly: AssemblyCompany("NEXTW")]
+[assembly: AssemblyVersion("2.0.0.0")]
+[assembly: AssemblyFileVersion("2.0.0.0")]
 [assembly: ComVisible(false)]

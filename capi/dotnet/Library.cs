@@ -45,6 +45,15 @@ namespace Ecmsk
             return loaded ?? Load();
         }
 
+        // The same for functions that throw if there is none, as those that a program has declared by DllImport do.
+        public static Library Need()
+        {
+            Library library = Get();
+            if (library == null)
+                throw new DllNotFoundException(Reason.Last());
+            return library;
+        }
+
         static Library Load()
         {
             lock (gate)

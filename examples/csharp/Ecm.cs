@@ -49,6 +49,19 @@ static class Ecm
     {
         try
         {
+            return Stopped(program);
+        }
+        catch (DllNotFoundException missing)
+        {
+            Console.Error.WriteLine("failed: " + missing.Message);
+            return 1;
+        }
+    }
+
+    static int Stopped(Action program)
+    {
+        try
+        {
             program();
             return 0;
         }
@@ -134,7 +147,7 @@ static class Ecm
             NEXTWUSB.cmdData[0].Parm = (ushort)group;
             uint kinds = 0;
             for (int i = SLAVES_PER_GROUP - 1; i >= 0; i--)
-                kinds = kinds << 4 | (uint)(group * SLAVES_PER_GROUP + i + 1 <= count ? NEXTWUSB.DRIVE : NEXTWUSB.None);
+                kinds = kinds << 4 | (ushort)(group * SLAVES_PER_GROUP + i + 1 <= count ? NEXTWUSB.DRIVE : NEXTWUSB.None);
             NEXTWUSB.cmdData[0].Data1 = kinds;
             WriteCmd();
             Thread.Sleep(2);

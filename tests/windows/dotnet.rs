@@ -4,11 +4,39 @@ use std::fs;
 use std::path::Path;
 
 use crate::fixture::{DLL, Folder, Width, given, lines};
-use support::dotnet::{ASSEMBLIES, EXAMPLES, REAL, VIRTUAL, example, test_program};
+use crate::vb;
+use support::dotnet::{
+    ASSEMBLIES, EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, beside, example, test_program, told_types,
+    vendor_program,
+};
 use support::{self, Ended, Program, both_axes_are_off_in_preop, root, snapshot};
 
 /// Every program of `examples/vb/` with its snapshot.
 const VB: [(&str, &str); 1] = [("GuideExample", "dotnet_guide_example")];
+
+/// The pair of assemblies for that width.
+const fn pair(width: Width) -> Pair {
+    match width {
+        Width::X86 => Pair::X86,
+        Width::X64 => Pair::X64,
+    }
+}
+
+/// A link to a board with slots as an assembly has them.
+fn link_for(assembly: &str) -> String {
+    format!("{VIRTUAL}&slot={}", if assembly.ends_with("16B") { 16 } else { 12 })
+}
+
+/// Runs a program that was compiled against the vendor's assembly on the stand-in for that, and with ours in its place.
+fn swap(width: Width, test: &str, assembly: &str, program: &Program) {
+    for file in [pair(width).stand_in(assembly), pair(width).ours(assembly), Pair::X86.ours(assembly)] {
+        let folder = Folder::with_dll(width, &format!("dotnet-{test}"));
+        let placed = beside(program, &file, &folder.path());
+        let name = placed.exe.file_name().expect("a name").to_str().expect("UTF-8").to_owned();
+        let expected = told_types(assembly);
+        assert_eq!(said(&folder, &name, &link_for(assembly), &[]), expected, "{}", file.display());
+    }
+}
 
 /// Copies a program into the folder, with the assemblies beside it and what tells .NET Core how to run it.
 fn place(folder: &Folder, program: &Program) -> String {
@@ -95,21 +123,41 @@ crate::for_each_width! {
         both_axes_are_off_in_preop(&folder.path().join("alarm.pcapng"));
     }
 
-    /// LIB-33, NET-11 A response with a wrong CRC-8 is refused; one without passes.
+    /// LIB-33, NET-11, NET-20, NET-21 A program signs its frames, and asks for the CRC-8 of responses.
     #[test]
     fn the_crc(width: Width) {
         for (assembly, slot) in [("NEXTWUSB_dotNET_12B", 12), ("NEXTWUSB_dotNET_16B", 16)] {
             let (folder, program) = on_assembly(width, &format!("crc-{slot}"), "Frames", assembly);
             let link = format!("{VIRTUAL}&slot={slot}");
-            let expected = "cmdData[0].Parm is 0xA500\nread True, CRC there, respData[5].Data1 is 0\nread True, CRC 0\n";
+            let expected = "as it comes: read True, CRC right True, there, old data False\n\
+                            commands are checked: errors 0\nnot signed: errors 1\nsigned: errors 1\n\
+                            signed wrongly: errors 2\nwith CRC: read True, CRC right True, there, old data False\n\
+                            commands are not checked: errors 0\n\
+                            without CRC: read True, CRC right False, 0, old data False\n";
             assert_eq!(said(&folder, &program, &link, &[]), expected, "{slot}");
-            let lies = run(&folder, &program, &format!("{link}&fault.corrupt.read=1"), &["once"]).stdout;
-            let refused = "read False, CRC 0, respData[5].Data1 is 12345\nCRC-8 of the response";
-            assert!(lies.contains(refused), "{lies}");
+            let lies = said(&folder, &program, &format!("{link}&fault.corrupt.read=1"), &["once"]);
+            assert!(lies.starts_with("as it comes: read True, CRC right False, "), "{lies}");
         }
     }
 
-    /// NET-5, NET-6, NET-7, NET-11 Wrong arrays, calls while nothing is open, calls of finalisers.
+    /// LIB-29, NET-11, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in C# that was compiled against the vendor's
+    /// assembly runs on that with this DLL, and on ours in its place.
+    #[test]
+    fn swapped(width: Width) {
+        for assembly in VENDOR_ASSEMBLIES {
+            swap(width, &format!("swapped-{assembly}"), assembly, &vendor_program("Types", assembly));
+        }
+    }
+
+    /// LIB-29, NET-11, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 The same in VB.NET, with Option Strict On.
+    #[test]
+    fn swapped_in_vb(width: Width) {
+        for assembly in VENDOR_ASSEMBLIES {
+            swap(width, &format!("swapped-vb-{assembly}"), assembly, &vb::vendor_program("Types", assembly));
+        }
+    }
+
+    /// NET-5, NET-6, NET-7, NET-11, NET-22 Other arrays, calls while nothing is open, calls of finalisers.
     #[test]
     fn misuse(width: Width) {
         let (folder, program) = with_program(width, "misuse", "Misuse");
@@ -180,7 +228,7 @@ crate::for_each_width! {
         assert!(good.starts_with("True ") && good.ends_with("\n\nTrue True\n"), "{good}");
     }
 
-    /// NET-2, NET-3 The DLL is found beside the assembly and in the folder for the width; one of the other width is passed
+    /// NET-2, NET-3, NET-6 The DLL is found beside the assembly and in the folder for the width; one of the other width is passed
     /// over; what was looked at is said when there is none.
     #[test]
     fn search(width: Width) {
@@ -200,7 +248,7 @@ crate::for_each_width! {
         let dll = folder.path().join(DLL);
         fs::write(&dll, of_another_width(width.dll())).expect("a file of the folder");
         let [first, why, last] = open();
-        assert_eq!((first.as_str(), last.as_str()), ("False -", "False False"));
+        assert_eq!((first.as_str(), last.as_str()), ("DllNotFoundException -", "DllNotFoundException False"));
         let (bits, name) = if width == Width::X64 { (64, "x64") } else { (32, "x86") };
         assert!(why.starts_with(&format!("no {DLL} for this {bits}-bit process was found; ")), "{why}");
         assert!(why.contains(&format!("\\{DLL}: is for a process of another width, or broken")), "{why}");
@@ -213,31 +261,52 @@ crate::for_each_width! {
 }
 
 /// What is tried once, for one width.
-mod vb {
+mod on_linux {
     mod x64 {
         use super::super::*;
 
-        /// LIB-34, NET-4, NET-11 The programs of `examples/vb/` print the same under Wine, under Mono and under .NET Core on
-        /// Linux, from one file each.
+        /// Runs a program by Mono and by .NET Core on Linux; what each said.
+        fn by_each(program: &Program, link: &str, tell: impl Fn(&str)) {
+            let core = given("ECMSK_DOTNET");
+            let config = program.exe.with_file_name("core.json");
+            let config = ["exec", "--runtimeconfig", config.to_str().expect("UTF-8")];
+            for (runtime, arguments) in [("mono", &[][..]), (core.to_str().expect("UTF-8"), &config[..])] {
+                let ended = support::run(&mut program.under(runtime, arguments, link));
+                assert_eq!(ended.stderr, "", "{} by {runtime}", program.exe.display());
+                tell(&ended.success());
+            }
+        }
+
+        /// NET-4, NET-11 The programs of `examples/vb/` print the same under Wine, under Mono and under .NET Core on Linux, from
+        /// one file each.
         #[test]
         fn examples_in_vb() {
-            let compiled = given("ECMSK_VB_PROGRAMS");
             let entries = fs::read_dir(root().join("examples/vb")).expect("the folder");
             let sources = entries.map(|entry| entry.expect("readable").path());
             let is_source = |path: &Path| path.extension().is_some_and(|extension| extension == "vb");
             assert_eq!(sources.filter(|path| is_source(path)).count(), VB.len(), "a program is left out");
             let folder = Folder::with_dll(Width::X64, "dotnet-vb");
-            let core = given("ECMSK_DOTNET");
-            let config = compiled.join("core.json");
-            let config = ["exec", "--runtimeconfig", config.to_str().expect("UTF-8")];
+            let assembly = Pair::X86.ours("NEXTWUSB_dotNET");
             for (name, kept) in VB {
-                let program = Program { exe: compiled.join(name).with_extension("exe") };
-                let copied = place(&folder, &program);
-                snapshot(kept, &said(&folder, &copied, VIRTUAL, &[]));
-                for (runtime, arguments) in [("mono", &[][..]), (core.to_str().expect("UTF-8"), &config[..])] {
-                    let ended = support::run(&mut program.under(runtime, arguments, VIRTUAL));
-                    assert_eq!(ended.stderr, "", "{name} by {runtime}");
-                    snapshot(kept, &ended.success());
+                let program = vb::compile(&root().join("examples/vb").join(name).with_extension("vb"), &assembly);
+                let here = tempfile::tempdir().expect("a folder");
+                let placed = beside(&program, &assembly, &folder.path());
+                let file = placed.exe.file_name().expect("a name").to_str().expect("UTF-8").to_owned();
+                snapshot(kept, &said(&folder, &file, VIRTUAL, &[]));
+                by_each(&beside(&program, &assembly, here.path()), VIRTUAL, |said| snapshot(kept, said));
+            }
+        }
+
+        /// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program in VB.NET that was compiled against the vendor's
+        /// assembly runs on ours, of either pair, by Mono and by .NET Core on Linux.
+        #[test]
+        fn swapped_in_vb_on_linux() {
+            for assembly in VENDOR_ASSEMBLIES {
+                let program = vb::vendor_program("Types", assembly);
+                for pair in Pair::ALL {
+                    let folder = tempfile::tempdir().expect("a folder");
+                    let placed = beside(&program, &pair.ours(assembly), folder.path());
+                    by_each(&placed, &link_for(assembly), |said| assert_eq!(said, told_types(assembly), "{pair:?}"));
                 }
             }
         }

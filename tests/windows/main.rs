@@ -5,7 +5,7 @@
 //!
 //! - `fixture.rs`: the DLLs, compilers and Wine that the tests use
 //! - `exports.rs`, `linking.rs`: the files: exports, imports, versions; the import libraries
-//! - `habits.rs`, `examples.rs`, `dotnet.rs`: programs: every exported function, the examples, .NET
+//! - `habits.rs`, `examples.rs`, `dotnet.rs` with `vb.rs`: programs: every exported function, the examples, .NET
 //! - `links.rs`, `tool.rs`: which link is opened, boards in the network; the tool
 //! - `unloading.rs`: loading and unloading the DLL
 //! - `usb/`: a test program of its own: boards on USB, in a guest
@@ -20,6 +20,7 @@ mod linking;
 mod links;
 mod tool;
 mod unloading;
+mod vb;
 
 /// Makes a test of each function for each width. A run has the DLL and the Wine of one, and leaves the other's tests out by
 /// name.

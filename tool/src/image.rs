@@ -79,6 +79,8 @@ pub struct Image {
     pub managed: Option<Managed>,
     /// The company in its version resource, with control characters replaced.
     pub company: Option<String>,
+    /// The product in its version resource, likewise.
+    pub product: Option<String>,
     /// The version in its version resource.
     pub version: Option<String>,
     /// The names of its exported functions.
@@ -171,13 +173,14 @@ impl Image {
             let text = printable(version::text(resource?, name)?.trim());
             (!text.is_empty()).then_some(text)
         };
-        let (company, version) = (text("CompanyName"), text("FileVersion"));
-        Ok(Self { width, managed, company, version, exports, bytes })
+        let (company, product, version) = (text("CompanyName"), text("ProductName"), text("FileVersion"));
+        Ok(Self { width, managed, company, product, version, exports, bytes })
     }
 
-    /// Whether the file is a library of this project, in any version.
+    /// Whether the file is a library of this project, in any version. An assembly has the company of the vendor's.
     pub fn is_ours(&self) -> bool {
-        self.company.as_deref() == Some("ecmsk") || self.exports.iter().any(|name| name == "ecmsk_last_error")
+        let named = [&self.company, &self.product].into_iter().any(|text| text.as_deref() == Some("ecmsk"));
+        named || self.exports.iter().any(|name| name == "ecmsk_last_error")
     }
 
     /// Whether the file contains a name anywhere, as a program contains the names of its libraries: in UTF-8 or

@@ -29,7 +29,7 @@ pub const RUNTIME_NEEDS: &[Need] = &[PYTHON, PIP, DOTNET_CORE];
 const ASSEMBLIES_SOURCE: &str = "capi/dotnet";
 const PROGRAMS_SOURCE: &str = "examples/csharp";
 
-/// The assemblies of [`ASSEMBLIES_SOURCE`], with the further options of their sources.
+/// The assemblies of [`ASSEMBLIES_SOURCE`], with the symbols for their sources.
 const ASSEMBLIES: [(&str, &str); 3] = [
     ("NEXTWUSB_dotNET_12B", "NAMED_12B"),
     ("NEXTWUSB_dotNET_16B", "SLOTS_OF_16_BYTES"),
@@ -67,8 +67,10 @@ const RUNTIME_CONFIG: &str = r#"{
 
 /// The compiled files.
 pub struct Compiled {
-    /// The folder of the assemblies, each with its documentation (`.xml`), as they are shipped.
+    /// The folder of the assemblies for any CPU, each with its documentation (`.xml`), as they are shipped.
     pub assemblies: PathBuf,
+    /// The folder of those that are bound to x86-64.
+    pub assemblies_x64: PathBuf,
     /// The folder of the programs, with copies of the assemblies and with `core.json` for `dotnet exec
     /// --runtimeconfig`.
     pub programs: PathBuf,
@@ -79,6 +81,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     let out = arguments.out.clone().unwrap_or_else(|| project.target.join("xtask/dotnet"));
     let compiled = compile_into(project, &out)?;
     println!("assemblies: {}", compiled.assemblies.display());
+    println!("  for x64:  {}", compiled.assemblies_x64.display());
     println!("programs:   {}", compiled.programs.display());
     if arguments.runtime {
         needs::require(project, RUNTIME_NEEDS)?;
@@ -89,18 +92,21 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
 
 /// Compiles everything into folders of `out`.
 pub fn compile_into(project: &Project, out: &Path) -> Result<Compiled, Error> {
-    let [assemblies, programs] = ["assemblies", "programs"].map(|folder| out.join(folder));
-    for folder in [&assemblies, &programs] {
+    let [assemblies, assemblies_x64, programs] =
+        ["assemblies", "assemblies-x64", "programs"].map(|folder| out.join(folder));
+    for folder in [&assemblies, &assemblies_x64, &programs] {
         fs::create_dir_all(folder).map_err(Error::file("make", folder))?;
     }
     let sources = sources(&project.root, ASSEMBLIES_SOURCE)?;
     for (name, define) in ASSEMBLIES {
         let file = assemblies.join(name).with_extension("dll");
-        let documentation = file.with_extension("xml");
-        let mut mcs = compiler(project, &file);
-        mcs.args(["-target:library", "-unsafe"]).arg(format!("-define:{define}"));
-        mcs.arg(option("-doc:", &documentation)).args(&sources);
-        command::run(&mut mcs)?;
+        let library = |file: &Path| {
+            let mut mcs = compiler(project, file);
+            mcs.args(["-target:library", "-unsafe"]).arg(format!("-define:{define}")).args(&sources);
+            mcs
+        };
+        command::run(library(&file).arg(option("-doc:", &file.with_extension("xml"))))?;
+        command::run(library(&assemblies_x64.join(name).with_extension("dll")).arg("-platform:x64"))?;
         let beside = programs.join(name).with_extension("dll");
         fs::copy(&file, &beside).map_err(Error::file("copy", &file))?;
     }
@@ -116,7 +122,7 @@ pub fn compile_into(project: &Project, out: &Path) -> Result<Compiled, Error> {
     }
     let config = programs.join("core.json");
     fs::write(&config, RUNTIME_CONFIG).map_err(Error::file("write", &config))?;
-    Ok(Compiled { assemblies, programs })
+    Ok(Compiled { assemblies, assemblies_x64, programs })
 }
 
 /// The compiler, with paths relative to the root, so that no path of this machine is compiled in.

@@ -15,16 +15,35 @@ fn an_end_by_an_alarm() {
     programs::an_end_by_an_alarm(Core);
 }
 
-/// LIB-33 CRC-8 of commands and responses.
+/// LIB-33, NET-20, NET-21 CRC-8 of commands and responses: a program signs its frames, and asks for that of responses.
 #[test]
 fn the_crc() {
     programs::the_crc(Core);
 }
 
-/// NET-5, NET-6, NET-7 Wrong arrays, calls while nothing is open, calls of finalisers.
+/// LIB-29, NET-14, NET-15, NET-16, NET-17, NET-18, NET-19, NET-24 A program that was compiled against the vendor's assembly and uses
+/// each member as its type allows runs on ours, of either pair.
+#[test]
+fn swapped() {
+    programs::swapped(Core);
+}
+
+/// NET-6 No library: exceptions as of DllImport, and a read that is false.
+#[test]
+fn no_library() {
+    programs::no_library(Core);
+}
+
+/// NET-5, NET-6, NET-7, NET-22 Other arrays, calls while nothing is open, calls of finalisers.
 #[test]
 fn misuse() {
     programs::misuse(Core);
+}
+
+/// NET-23 A write beside a read that waits.
+#[test]
+fn together() {
+    programs::together(Core);
 }
 
 /// NET-8, NET-12, LIB-48 Programs end without Close, whatever their threads are at.
@@ -53,6 +72,12 @@ fn search() {
 
 mod needs_cxx {
     use super::*;
+
+    /// LIB-32, LIB-33, NET-5, NET-18, NET-20, NET-21, NET-22 What the vendor's class does, row by row, on ours.
+    #[test]
+    fn behaviour() {
+        programs::behaviour(Core);
+    }
 
     /// LIB-29, LIB-4 A library as the vendor's, whose bool is one byte and which gives no reasons, is as good.
     #[test]

@@ -1,4 +1,5 @@
-//! What every runtime has to show: the programs of `examples/csharp/`, and programs that misuse the assembly.
+//! What every runtime has to show: the programs of `examples/csharp/`, programs that were compiled against the vendor's assemblies,
+//! and programs that misuse them.
 
 use std::fs;
 use std::path::Path;
@@ -6,10 +7,11 @@ use std::path::Path;
 use ecmsk::link::Dir;
 use ecmsk::recording::Recording;
 use ecmsk::sk::SlotSize;
-use ecmsk::sk::crc::frame_crc;
 
 use crate::dotnet::runtime::Runtime;
-use support::dotnet::{EXAMPLES, REAL, VIRTUAL, example, test_program};
+use support::dotnet::{
+    EXAMPLES, Pair, REAL, VENDOR_ASSEMBLIES, VIRTUAL, beside, example, test_program, told_types, vendor_program,
+};
 use support::{Language, Program, out_dir, root};
 
 fn scripted(keys: &str) -> String {
@@ -34,8 +36,8 @@ pub fn an_end_by_an_alarm(runtime: Runtime) {
     support::both_axes_are_off_in_preop(&file);
 }
 
-/// Frames on the way have the right CRC, whatever stood in its place; a response with a wrong one is refused, one without
-/// passes.
+/// A program signs its frames itself, and one that signs wrongly is refused by the board; a response with a wrong CRC is read, and
+/// the program is told when it asks.
 pub fn the_crc(runtime: Runtime) {
     for (assembly, size) in [("NEXTWUSB_dotNET_12B", SlotSize::Bytes12), ("NEXTWUSB_dotNET_16B", SlotSize::Bytes16)] {
         let slot = size.bytes();
@@ -43,26 +45,173 @@ pub fn the_crc(runtime: Runtime) {
         let file = out_dir().join(format!("frames-{slot}-{runtime:?}.pcapng"));
         let link = format!("{VIRTUAL}&slot={slot}&record={}", file.display());
         let said = runtime.run(&program, &link, &[]).success();
-        let expected = "cmdData[0].Parm is 0xA500\nread True, CRC there, respData[5].Data1 is 0\nread True, CRC 0\n";
+        let expected = "as it comes: read True, CRC right True, there, old data False\n\
+                        commands are checked: errors 0\nnot signed: errors 1\nsigned: errors 1\nsigned wrongly: errors 2\n\
+                        with CRC: read True, CRC right True, there, old data False\n\
+                        commands are not checked: errors 0\n\
+                        without CRC: read True, CRC right False, 0, old data False\n";
         assert_eq!(said, expected, "{slot}");
         let frames = Recording::open(&file).expect("the recording").map(|recorded| recorded.expect("a frame"));
         let first = frames.into_iter().find(|recorded| recorded.dir == Dir::Write).expect("a frame").frame;
         let bytes = &first.bytes()[..size.frame_len()];
-        assert_eq!(bytes[3], frame_crc(bytes), "{slot}");
-        assert_eq!((bytes[2], bytes[slot + 2], bytes[slot + 4]), (0, 1, 1), "the rest is as the program wrote it");
+        assert_eq!((bytes[2], bytes[3], bytes[slot + 2], bytes[slot + 4]), (0, 0xA5, 1, 1), "as the program wrote it");
 
         let lies = format!("{VIRTUAL}&slot={slot}&fault.corrupt.read=1");
-        let said = runtime.run(&program, &lies, &["once"]).stdout;
-        let refused = "read False, CRC 0, respData[5].Data1 is 12345\nCRC-8 of the response";
-        assert!(said.contains(refused), "{said}");
+        let said = runtime.run(&program, &lies, &["once"]).success();
+        assert!(
+            said.starts_with("as it comes: read True, CRC right False, ") && said.ends_with("old data False\n"),
+            "{said}"
+        );
     }
 }
 
-/// Wrong arrays, calls while nothing is open, calls of finalisers.
+/// A program that was compiled against the vendor's assembly, byte for byte the same, runs on ours in its place.
+pub fn swapped(runtime: Runtime) {
+    for assembly in VENDOR_ASSEMBLIES {
+        let program = vendor_program("Types", assembly);
+        let link = format!("{VIRTUAL}&slot={}", if assembly.ends_with("16B") { 16 } else { 12 });
+        for pair in Pair::ALL {
+            let folder = tempfile::tempdir().expect("a folder");
+            let program = beside(&program, &pair.ours(assembly), folder.path());
+            let ended = runtime.run(&program, &link, &[]);
+            assert_eq!(ended.stderr, "", "{assembly} {pair:?}");
+            assert_eq!(ended.success(), told_types(assembly), "{assembly} {pair:?}");
+        }
+    }
+}
+
+/// What `Rows` prints on a library that gives back what was written.
+const ROWS: &str = "\
+before any read: CRC right False
+open True
+write True, byte 3 stays 96
+true read True: 1000 9601 11110000 FFFF0000, LAST
+CRC right: False
+false read False: 1000 9600 11110000 FFFF0000, LAST
+CRC right: False
+left alone, read False: 0000 0000 00000000 00000000, CRC right: False
+signed, read True, CRC right True, again True
+after a change True
+signed, read False, CRC right True, again True
+after a change True
+5 written True, read True: 1004 A504 11110004 FFFEFFFC
+50 written True, read True: LAST
+5 read True: 1004 A504 11110004 FFFEFFFC, 5
+50 read True: LAST, 7
+null read False
+cleared True, the same array True
+clear 5: IndexOutOfRangeException, 0
+clear null: NullReferenceException
+5A 8D 28
+AD AD 5A
+NullReferenceException
+ArgumentNullException buffer
+ArgumentOutOfRangeException
+ArgumentOutOfRangeException
+ArgumentOutOfRangeException
+ArgumentOutOfRangeException
+ArgumentOutOfRangeException
+";
+
+/// The same with the last slot of an assembly.
+fn rows(assembly: &str) -> String {
+    let last = if assembly.ends_with("16B") { 31 } else { 41 };
+    let slot = format!(
+        "{:04X} {:04X} {:08X} {:08X}",
+        0x1000 + last,
+        0xA500 + last,
+        0x1111_0000 + last,
+        0xFFFF_0000_u32 - last
+    );
+    ROWS.replace("LAST", &slot)
+}
+
+/// A folder with the library `loopback.c`.
+fn with_loopback() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    compile_shared("loopback.c", &folder.path().join("libNEXTWUSBLib.so"));
+    folder
+}
+
+fn compile_shared(source: &str, to: &Path) {
+    let mut compiler = Language::C("c99").compiler();
+    compiler.args(["-shared", "-fPIC", "-o"]).arg(to).arg(root().join("tests/capi/dotnet/programs").join(source));
+    support::succeed(&mut compiler);
+}
+
+/// The behaviour of the vendor's class, row by row.
+pub fn behaviour(runtime: Runtime) {
+    for assembly in VENDOR_ASSEMBLIES {
+        let folder = with_loopback();
+        let program = beside(&vendor_program("Rows", assembly), &Pair::X86.ours(assembly), folder.path());
+        assert_eq!(runtime.run(&program, "", &[]).success(), rows(assembly), "{assembly}");
+    }
+}
+
+/// What `Rows` prints without a library.
+const MISSING: &str = "before any read: CRC right False\nopen DllNotFoundException\nwrite DllNotFoundException\nread False\n\
+                       close DllNotFoundException\n";
+
+/// Without a library Open, Write and Close throw what DllImport throws, and a read is false.
+pub fn no_library(runtime: Runtime) {
+    for assembly in VENDOR_ASSEMBLIES {
+        let folder = tempfile::tempdir().expect("a folder");
+        let program = beside(&vendor_program("Rows", assembly), &Pair::X86.ours(assembly), folder.path());
+        let mut command = runtime.command(&program, VIRTUAL);
+        let ended = support::run(command.env_remove("LD_LIBRARY_PATH").arg("missing"));
+        assert_eq!(ended.success(), MISSING, "{assembly}");
+    }
+}
+
+/// The vendor's own assembly beside a program, with the map that DOTNET.md shows for Mono.
+fn with_stand_in(program: &str, assembly: &str, folder: &Path) -> Program {
+    let page = fs::read_to_string(root().join("docs/DOTNET.md")).expect("the page");
+    let map = page.split_once("```xml\n").and_then(|(_, rest)| rest.split_once("```")).expect("a map").0;
+    fs::write(folder.join(format!("{assembly}.dll.config")), map).expect("a file");
+    beside(&vendor_program(program, assembly), &Pair::X86.stand_in(assembly), folder)
+}
+
+/// The stand-in for the vendor's assembly behaves as the rows say, so that what is tested on it is what is tested on ours.
+pub fn behaviour_of_the_stand_in() {
+    for assembly in VENDOR_ASSEMBLIES {
+        let folder = with_loopback();
+        let program = with_stand_in("Rows", assembly, folder.path());
+        let mut command = Runtime::Mono.command(&program, "");
+        let ended = support::run(command.env("LD_LIBRARY_PATH", folder.path()));
+        assert_eq!(ended.success(), rows(assembly), "{assembly}");
+
+        let folder = tempfile::tempdir().expect("a folder");
+        let program = with_stand_in("Rows", assembly, folder.path());
+        let mut command = Runtime::Mono.command(&program, VIRTUAL);
+        let ended = support::run(command.env_remove("LD_LIBRARY_PATH").arg("missing"));
+        assert_eq!(ended.success(), MISSING, "{assembly}");
+    }
+}
+
+/// The vendor's own assembly, which imports functions by their ordinals, runs on this library under Mono with a map.
+pub fn mapped() {
+    for assembly in VENDOR_ASSEMBLIES {
+        let folder = tempfile::tempdir().expect("a folder");
+        let program = with_stand_in("Types", assembly, folder.path());
+        let link = format!("{VIRTUAL}&slot={}", if assembly.ends_with("16B") { 16 } else { 12 });
+        assert_eq!(Runtime::Mono.run(&program, &link, &[]).success(), told_types(assembly), "{assembly}");
+        // It is the map that does it.
+        fs::remove_file(folder.path().join(format!("{assembly}.dll.config"))).expect("a file");
+        let ended = Runtime::Mono.run(&program, &link, &[]);
+        assert!(!ended.status.success() && ended.stderr.contains("EntryPointNotFoundException"), "{ended:?}");
+    }
+}
+
+/// Other arrays, calls while nothing is open, calls of finalisers.
 pub fn misuse(runtime: Runtime) {
     for link in [VIRTUAL, REAL] {
         runtime.passes("Misuse", link);
     }
+}
+
+/// A write does not wait for a read that waits.
+pub fn together(runtime: Runtime) {
+    runtime.passes("Together", &format!("{REAL}&fault.drop.read=1"));
 }
 
 /// Programs end, whatever their threads are at, with the code that they gave.
@@ -150,7 +299,7 @@ pub fn search(runtime: Runtime) {
     let found = |file: &Path| [format!("True {}", file.display()), String::new(), "True True".to_owned()];
 
     let [first, why, last] = run(false);
-    assert_eq!((first.as_str(), last.as_str()), ("False -", "False False"));
+    assert_eq!((first.as_str(), last.as_str()), ("DllNotFoundException -", "DllNotFoundException False"));
     assert!(why.starts_with("no libNEXTWUSBLib.so for this 64-bit process was found; libNEXTWUSBLib.so: "), "{why}");
     assert!(why.ends_with("Put the 64-bit one beside the program, or into the folder x64 there"), "{why}");
 
@@ -180,9 +329,7 @@ pub fn a_library_as_the_vendors(runtime: Runtime) {
     let folder = tempfile::tempdir().expect("a folder");
     let program = alone(&test_program("LookUp", "NEXTWUSB_dotNET"), folder.path());
     let library = folder.path().join("libNEXTWUSBLib.so");
-    let mut compiler = Language::C("c99").compiler();
-    compiler.args(["-shared", "-fPIC", "-o"]).arg(&library).arg(root().join("tests/capi/dotnet/programs/vendor.c"));
-    support::succeed(&mut compiler);
+    compile_shared("vendor.c", &library);
     let said = runtime.run(&program, VIRTUAL, &[]).success();
     assert_eq!(said, format!("True {}\n\nTrue False\n", library.display()));
 }

@@ -14,6 +14,8 @@ pub const VIRTUAL: &str = "sim:?slaves=drive*2&clock=virtual";
 /// Two drives on the real clock.
 pub const REAL: &str = "sim:?slaves=drive*2&clock=real";
 
+/// The assemblies by the vendor's names.
+pub const VENDOR_ASSEMBLIES: [&str; 2] = ["NEXTWUSB_dotNET_12B", "NEXTWUSB_dotNET_16B"];
 /// The assemblies.
 pub const ASSEMBLIES: [&str; 3] = ["NEXTWUSB_dotNET", "NEXTWUSB_dotNET_12B", "NEXTWUSB_dotNET_16B"];
 
@@ -26,7 +28,7 @@ pub const EXAMPLES: [(&str, &str, &str); 4] = [
     ("TwoAxes16B", "two_axes_16b", "&slot=16"),
 ];
 
-/// What `cargo xtask dotnet` has compiled, in folders `assemblies` and `programs`.
+/// What `cargo xtask dotnet` has compiled, in folders `assemblies`, `assemblies-x64` and `programs`.
 pub fn compiled() -> &'static Path {
     static COMPILED: OnceLock<PathBuf> = OnceLock::new();
     COMPILED.get_or_init(|| compile_into(&target_dir().join("xtask/dotnet"), &[]).0)
@@ -47,31 +49,145 @@ pub fn example(name: &str) -> Program {
     Program { exe: compiled().join("programs").join(name).with_extension("exe") }
 }
 
+/// Which of two pairs of assemblies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pair {
+    /// For any processor, as the vendor's for x86 is.
+    X86,
+    /// Bound to x86-64.
+    X64,
+}
+
+impl Pair {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::X86, Self::X64];
+
+    /// As the folder with `NEXTWUSBLib.dll` is called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::X86 => "x86",
+            Self::X64 => "x64",
+        }
+    }
+
+    /// Our assembly of that name.
+    pub fn ours(self, assembly: &str) -> PathBuf {
+        let folder = match self {
+            Self::X86 => "assemblies",
+            Self::X64 => "assemblies-x64",
+        };
+        compiled().join(folder).join(format!("{assembly}.dll"))
+    }
+
+    /// The stand-in for the vendor's assembly of that name, see `StandIn.cs`.
+    pub fn stand_in(self, assembly: &str) -> PathBuf {
+        let dll = out_dir().join(format!("vendor-{}", self.name())).join(format!("{assembly}.dll"));
+        let platform = if self == Self::X64 { "x64" } else { "anycpu" };
+        once(&dll, || {
+            let mut mcs = mcs(&dll, assembly, None, &["StandIn"]);
+            mcs.arg("-target:library").arg(format!("-platform:{platform}"));
+            mcs
+        });
+        dll
+    }
+}
+
+/// The folder of programs for the tests.
+pub fn sources() -> PathBuf {
+    root().join("tests/capi/dotnet/programs")
+}
+
 /// Compiles a program of `tests/capi/dotnet/programs/` against an assembly, once.
 pub fn test_program(name: &str, assembly: &str) -> Program {
-    static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
     let folder = out_dir().join(format!("on-{assembly}"));
     let exe = folder.join(name).with_extension("exe");
-    let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(exe.clone()).or_default());
-    once.get_or_init(|| {
-        fs::create_dir_all(&folder).expect("a folder in the target folder");
-        let programs = compiled().join("programs");
+    let programs = compiled().join("programs");
+    let files: &[&str] = if assembly == "NEXTWUSB_dotNET" { &[name, "Check"] } else { &[name] };
+    once(&exe, || {
         for file in [format!("{assembly}.dll"), "core.json".to_owned()] {
             place(&programs.join(&file), &folder.join(&file));
         }
-        let sources = root().join("tests/capi/dotnet/programs");
-        let mut mcs = Command::new("mcs");
-        mcs.args(["-warn:4", "-warnaserror", "-langversion:4", "-r:System.Core.dll"]);
-        mcs.arg(format!("-r:{}", folder.join(assembly).with_extension("dll").display()));
-        mcs.arg(format!("-out:{}", exe.display())).arg(sources.join(name).with_extension("cs"));
-        if assembly.ends_with("16B") {
-            mcs.arg("-define:SLOTS_OF_16_BYTES");
-        } else if assembly == "NEXTWUSB_dotNET" {
-            mcs.arg(sources.join("Check.cs"));
-        }
-        crate::succeed(&mut mcs);
+        mcs(&exe, assembly, Some(&folder.join(assembly).with_extension("dll")), files)
     });
     Program { exe }
+}
+
+/// Compiles a program against the stand-in for the vendor's assembly, once. No assembly is beside it.
+pub fn vendor_program(name: &str, assembly: &str) -> Program {
+    let stand_in = Pair::X86.stand_in(assembly);
+    let exe = out_dir().join(format!("against-{assembly}")).join(name).with_extension("exe");
+    once(&exe, || mcs(&exe, assembly, Some(&stand_in), &[name]));
+    Program { exe }
+}
+
+/// A copy of a program in a folder of its own, beside that assembly alone.
+///
+/// # Panics
+/// If the copy is not that program, byte for byte.
+pub fn beside(program: &Program, assembly: &Path, folder: &Path) -> Program {
+    let exe = folder.join(program.exe.file_name().expect("a name"));
+    let config = compiled().join("programs/core.json");
+    for (from, to) in [
+        (program.exe.as_path(), exe.clone()),
+        (assembly, folder.join(assembly.file_name().expect("a name"))),
+        (config.as_path(), folder.join("core.json")),
+    ] {
+        fs::copy(from, to).expect("a copy");
+    }
+    assert!(fs::read(&exe).expect("a copy") == fs::read(&program.exe).expect("a program"));
+    Program { exe }
+}
+
+/// What the programs `Types` print of the constants: name, type and value, of the table `surface.txt` for that assembly.
+pub fn told_constants(assembly: &str) -> String {
+    let table = fs::read_to_string(root().join("tests/capi/dotnet/surface.txt")).expect("the table");
+    let (_, part) = table.split_once(&format!("assembly {assembly} ")).expect("it is in the table");
+    let part = part.split("\n assembly ").next().expect("the part of it");
+    let constants = part.lines().filter_map(|line| line.strip_prefix("     public const "));
+    constants
+        .map(|line| {
+            let words: Vec<&str> = line.split(' ').collect();
+            format!("{} {} {}\n", words[1], words[0], words[3])
+        })
+        .collect()
+}
+
+/// What the programs `Types` print in all.
+pub fn told_types(assembly: &str) -> String {
+    let channels = match assembly {
+        "NEXTWUSB_dotNET_16B" => "15 7 11223344 5566 CCDDAABB 7788\n15 7 11223344 AABC5566 7788CCDD\n",
+        _ => "",
+    };
+    let constants = told_constants(assembly);
+    assert_eq!(constants.lines().count(), 38, "{constants}");
+    format!(
+        "{constants}SV_ON CSP DRIVE_MODE drive on 0\n123F True 4 Step 10\nSV_OFF CSV DRIVE_MODE drive off 0\n\
+         123F True 4 Step 10\n{channels}CRC EB 95 False\nopen True\nwrite True, read True, state 2, CRC True\nswapped 2\n\
+         closed: write False, read False\n"
+    )
+}
+
+/// Mono's compiler for a file, with sources of [`sources`].
+fn mcs(out: &Path, assembly: &str, reference: Option<&Path>, names: &[&str]) -> Command {
+    let mut mcs = Command::new("mcs");
+    mcs.args(["-warn:4", "-warnaserror", "-langversion:4", "-r:System.Core.dll"]);
+    mcs.args(reference.map(|reference| format!("-r:{}", reference.display())));
+    mcs.arg(format!("-out:{}", out.display()));
+    mcs.args(names.iter().map(|name| sources().join(name).with_extension("cs")));
+    if assembly.ends_with("16B") {
+        mcs.arg("-define:SLOTS_OF_16_BYTES");
+    }
+    mcs
+}
+
+/// Runs what makes a file, once for a test program.
+fn once(file: &Path, make: impl FnOnce() -> Command) {
+    static DONE: Mutex<BTreeMap<PathBuf, Arc<OnceLock<()>>>> = Mutex::new(BTreeMap::new());
+    let once = Arc::clone(DONE.lock().unwrap_or_else(PoisonError::into_inner).entry(file.to_owned()).or_default());
+    once.get_or_init(|| {
+        fs::create_dir_all(file.parent().expect("a folder")).expect("a folder in the target folder");
+        crate::succeed(&mut make());
+    });
 }
 
 /// A link at `to`, whoever else makes the same one meanwhile.

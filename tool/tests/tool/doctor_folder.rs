@@ -136,14 +136,16 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
         assert!(found.contains("BadImageFormatException") && next.contains(width), "{found} {next}");
     }
 
-    let assembly = |company: &str| {
-        Pe::library(X86).managed(IL_ONLY).wide("NEXTWUSBLib.dll").version(&[("CompanyName", company)]).bytes()
+    // Ours has the company of the vendor's, too.
+    let assembly = |product: &str| {
+        let texts = [("CompanyName", "NEXTW"), ("FileVersion", "2.0.0.0"), ("ProductName", product)];
+        Pe::library(X86).managed(IL_ONLY).wide("NEXTWUSBLib.dll").version(&texts).bytes()
     };
     let program = Pe::program(X86).managed(IL_ONLY).text(b"NEXTWUSB_dotNET_12B\0").bytes();
-    let files = |company: &str| {
+    let files = |product: &str| {
         [
             ("press.exe", program.clone()),
-            ("NEXTWUSB_dotNET_12B.dll", assembly(company)),
+            ("NEXTWUSB_dotNET_12B.dll", assembly(product)),
             ("x64/NEXTWUSBLib.dll", ours(X64)),
             ("x86/NEXTWUSBLib.dll", ours(X86)),
         ]
@@ -151,8 +153,8 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
     let (ran, findings) = doctor(folder(&files("ecmsk")).path());
     assert_eq!(ran.code, Some(0), "{ran:?}");
     assert!(told(&findings, "program", "press.exe").1.contains("takes x64\\NEXTWUSBLib.dll"), "{findings:?}");
-    assert_eq!(told(&findings, "assembly", "NEXTWUSB_dotNET_12B.dll").1, "this project's");
-    let (ran, findings) = doctor(folder(&files("Maker Inc.")).path());
+    assert_eq!(told(&findings, "assembly", "NEXTWUSB_dotNET_12B.dll").1, "this project's, version 2.0.0.0");
+    let (ran, findings) = doctor(folder(&files("NEXTWUSB_dotNET_12B")).path());
     assert_eq!(ran.code, Some(1), "another assembly looks beside itself: {ran:?}");
     assert_eq!(told(&findings, "program", "press.exe").2, "copy x64\\NEXTWUSBLib.dll beside it");
 

@@ -108,7 +108,7 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     linux::build_into(project, release, &stage)?;
     let windows = work.join("windows");
     windows::build_into(project, &windows)?;
-    let assemblies = dotnet::compile_into(project, &work.join("dotnet"))?.assemblies;
+    let assemblies = dotnet::compile_into(project, &work.join("dotnet"))?;
 
     let known = Known::find(project)?;
     let on_linux = both(known.linked(project, "NEXTWUSBLib", LINUX)?, known.linked(project, TOOL_PACKAGE, LINUX)?);
@@ -204,9 +204,11 @@ fn artefacts(project: &Project, known: &Known, tar: &Tree, zip: &Tree) -> Result
             });
         }
     }
-    for file in
-        zip.files()?.iter().filter(|file| file.starts_with("dotnet") && file.extension().is_some_and(|e| e == "dll"))
-    {
+    let is_assembly = |file: &Path| {
+        let begins = file.file_name().is_some_and(|name| name.to_string_lossy().starts_with("NEXTWUSB_dotNET"));
+        begins && file.extension().is_some_and(|extension| extension == "dll")
+    };
+    for file in zip.files()?.iter().filter(|file| is_assembly(file)) {
         found.push(Artefact {
             name: format!("windows/{}", file.display()),
             kind: "library",

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use super::release::Release;
 use super::tree::{PROGRAM, Tree};
+use crate::dotnet::Compiled;
 use crate::error::Error;
 use crate::project::Project;
 use crate::windows::{DLL, MINGW, MSVC, Width};
@@ -34,7 +35,7 @@ pub fn fill(
     release: &Release,
     tree: &Tree,
     stage: &Path,
-    assemblies: &Path,
+    assemblies: &Compiled,
     others: &str,
 ) -> Result<(), Error> {
     for width in Width::ALL.map(Width::name) {
@@ -47,7 +48,14 @@ pub fn fill(
         tree.copy(&stage.join(program), program, PROGRAM)?;
     }
     tree.copy_all(&stage.join("include"), "include", &[".h"])?;
-    tree.copy_all(assemblies, "dotnet", &[".dll", ".xml"])?;
+    // Beside the DLL of the width, as the vendor's; once more with their documentation, for programs of any width.
+    for (from, to, ends) in [
+        (&assemblies.assemblies, Width::X86.name(), &[".dll"][..]),
+        (&assemblies.assemblies_x64, Width::X64.name(), &[".dll"][..]),
+        (&assemblies.assemblies, "dotnet", &[".dll", ".xml"][..]),
+    ] {
+        tree.copy_all(from, to, ends)?;
+    }
     for (from, to) in TEXTS {
         let from = project.root.join(from);
         let text = fs::read_to_string(&from).map_err(Error::file("read", &from))?;

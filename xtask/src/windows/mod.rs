@@ -58,8 +58,19 @@ pub const NEEDS_DOTNET_X64: &[Need] = &[
     DOTNET_WINDOWS_X64,
 ];
 /// What those of 32-bit programs of .NET need.
-pub const NEEDS_DOTNET_X86: &[Need] =
-    &[RUSTC_DEBIAN, CARGO_DEBIAN, MINGW_X86, MINGW_X64, DEBOOTSTRAP, ROOT, MCS, NPM, DOTNET_WINDOWS_X86];
+pub const NEEDS_DOTNET_X86: &[Need] = &[
+    RUSTC_DEBIAN,
+    CARGO_DEBIAN,
+    MINGW_X86,
+    MINGW_X64,
+    DEBOOTSTRAP,
+    ROOT,
+    WINE_X64,
+    MCS,
+    NPM,
+    DOTNET_WINDOWS_X64,
+    DOTNET_WINDOWS_X86,
+];
 
 /// What the tests on USB need beyond those of 32-bit programs: a guest system.
 pub const NEEDS_USB: &[Need] =

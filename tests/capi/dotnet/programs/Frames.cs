@@ -1,5 +1,7 @@
-// One frame out, one response in; what they look like on the way the test sees in a recording.
+// A program with the CRC-8 on: it signs its frames itself and looks at the CRC-8 of responses itself. Argument: `once`, no more than
+// one response.
 using System;
+using System.Runtime.InteropServices;
 #if SLOTS_OF_16_BYTES
 using NEXTWUSB_dotNET_16B;
 #else
@@ -8,10 +10,60 @@ using NEXTWUSB_dotNET_12B;
 
 static class Frames
 {
+    static byte[] Bytes(NEXTWUSB.transData[] slots)
+    {
+        GCHandle pinned = GCHandle.Alloc(slots, GCHandleType.Pinned);
+        byte[] bytes = new byte[slots.Length * Marshal.SizeOf(typeof(NEXTWUSB.transData))];
+        Marshal.Copy(pinned.AddrOfPinnedObject(), bytes, 0, bytes.Length);
+        pinned.Free();
+        return bytes;
+    }
+
+    static void Sign()
+    {
+        NEXTWUSB.cmdData[0].Parm &= 0xFF;
+        NEXTWUSB.cmdData[0].Parm |= (ushort)(CRC8.CRC(Bytes(NEXTWUSB.cmdData)) << 8);
+    }
+
+    // The board's count of frames with a wrong CRC, when it has answered what was written.
+    static int Errors()
+    {
+        for (int i = 0; i < 3; i++)
+            NEXTWUSB.ECMUSBRead();
+        return NEXTWUSB.respData[0].CMD >> 8;
+    }
+
+    // Checks of commands, bit 0, and CRC of responses, bit 4, count after the board's next boot.
+    static void Switch(uint switches, bool signed)
+    {
+        foreach (ushort command in new[] { NEXTWUSB.SDO_EX, NEXTWUSB.SW_RESET })
+        {
+            NEXTWUSB.ClearCmdData();
+            NEXTWUSB.cmdData[0].CMD = command;
+            NEXTWUSB.cmdData[0].Data1 = command == NEXTWUSB.SDO_EX ? switches : 0;
+            if (signed)
+                Sign();
+            NEXTWUSB.ECMUSBWrite();
+            if (command == NEXTWUSB.SDO_EX)
+                NEXTWUSB.ECMUSBRead();
+        }
+        while (!NEXTWUSB.OpenECMUSB())
+            continue;
+        NEXTWUSB.ClearCmdData();
+    }
+
+    static void Read(string when)
+    {
+        NEXTWUSB.respData[5].Data1 = 12345;
+        bool read = NEXTWUSB.ECMUSBRead();
+        Console.WriteLine("{0}: read {1}, CRC right {2}, {3}, old data {4}", when, read, NEXTWUSB.checkCRCValue(),
+            NEXTWUSB.respData[0].Parm >> 8 != 0 ? "there" : "0", NEXTWUSB.respData[5].Data1 == 12345);
+    }
+
     static int Main(string[] arguments)
     {
         if (!NEXTWUSB.OpenECMUSB())
-            return Fails("OpenECMUSB");
+            return 1;
         // Every bit of the frame counts.
         NEXTWUSB.cmdData[0].CMD = NEXTWUSB.GET_STATUS;
         NEXTWUSB.cmdData[0].Parm = 0xA500;
@@ -24,34 +76,26 @@ static class Frames
             NEXTWUSB.cmdData[slot].Data3 = (uint)slot * 3;
 #endif
         }
-        if (!NEXTWUSB.ECMUSBWrite())
-            return Fails("ECMUSBWrite");
-        Console.WriteLine("cmdData[0].Parm is 0x{0:X4}", NEXTWUSB.cmdData[0].Parm);
-        NEXTWUSB.respData[5].Data1 = 12345;
-        bool read = NEXTWUSB.ECMUSBRead();
-        Console.WriteLine("read {0}, CRC {1}, respData[5].Data1 is {2}", read,
-            NEXTWUSB.respData[0].Parm >> 8 != 0 ? "there" : "0", NEXTWUSB.respData[5].Data1);
-        if (!read)
-            Console.WriteLine(NEXTWUSBDiagnostics.LastError.Substring(0, 21));
-        // Off, after the board has booted again: SET_EX with neither bit.
-        NEXTWUSB.ClearCmdData();
-        NEXTWUSB.cmdData[0].CMD = NEXTWUSB.SET_EX;
         NEXTWUSB.ECMUSBWrite();
-        NEXTWUSB.ECMUSBRead();
-        NEXTWUSB.cmdData[0].CMD = NEXTWUSB.SW_RESET;
+        Read("as it comes");
+        if (arguments.Length > 0)
+            return 0;
+        Switch(0x11, false);
+        Console.WriteLine("commands are checked: errors {0}", Errors());
         NEXTWUSB.ECMUSBWrite();
-        while (!NEXTWUSB.OpenECMUSB())
-            if (arguments.Length > 0)
-                return Fails("OpenECMUSB");
-        read = NEXTWUSB.ECMUSBRead();
-        Console.WriteLine("read {0}, CRC {1}", read, NEXTWUSB.respData[0].Parm >> 8 != 0 ? "there" : "0");
+        Console.WriteLine("not signed: errors {0}", Errors());
+        Sign();
+        NEXTWUSB.ECMUSBWrite();
+        Console.WriteLine("signed: errors {0}", Errors());
+        NEXTWUSB.cmdData[0].Parm ^= 0x100;
+        NEXTWUSB.ECMUSBWrite();
+        Console.WriteLine("signed wrongly: errors {0}", Errors());
+        Read("with CRC");
+        Switch(0, true);
+        NEXTWUSB.ECMUSBWrite();
+        Console.WriteLine("commands are not checked: errors {0}", Errors());
+        Read("without CRC");
         NEXTWUSB.CloseECMUSB();
         return 0;
-    }
-
-    static int Fails(string function)
-    {
-        Console.WriteLine("{0}: {1}", function, NEXTWUSBDiagnostics.LastError);
-        return 1;
     }
 }

@@ -24,6 +24,8 @@ const CATCH_UP_MAX: Duration = Duration::from_secs(1);
 /// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time
 /// \[OURS], so that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
+/// How often a read that waits looks for what has happened meanwhile: a network that does not answer makes no reports. \[OURS]
+pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many events are kept for the log of the host between two calls.
 const EVENTS_KEPT: usize = 32;
 
@@ -192,6 +194,28 @@ impl Threaded {
     /// [`Stop`].
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         self.shared.handover.receive(out, limit.and_then(end_after))
+    }
+
+    /// The same; each [`LOOK_INTERVAL`] that it waits calls `meanwhile`, without a lock.
+    ///
+    /// # Errors
+    /// [`Stop`].
+    pub fn read_and(
+        &self,
+        out: &mut Frame,
+        limit: Option<Duration>,
+        mut meanwhile: impl FnMut(),
+    ) -> Result<Report, Stop> {
+        let end = limit.and_then(end_after);
+        let cancelled = self.shared.handover.reads_cancelled();
+        loop {
+            let look = end_after(LOOK_INTERVAL);
+            let part = [look, end].into_iter().flatten().min();
+            match self.shared.handover.receive_in_parts(out, part, Some(cancelled)) {
+                Err(Stop::Timeout) if part != end => meanwhile(),
+                done => return done,
+            }
+        }
     }
 
     /// Whether the interface is open. Does not wait.

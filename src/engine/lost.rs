@@ -61,7 +61,9 @@ impl Engine {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
         self.counters.inputs_held += u64::from(is_held);
-        let is_wrong = counted < expected && self.inputs.lost.is_empty() || counted > expected && is_held;
+        // After a time without frames it is told which slaves have left OP by that, as soon as that is known.
+        let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
+        let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
             self.log.push(Event::WorkingCounter { at, counted, expected });
         }

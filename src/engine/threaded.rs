@@ -416,6 +416,33 @@ mod tests {
         }
     }
 
+    /// NIC-2.8 A read that waits looks for what has happened meanwhile, ends with its time, and can be cancelled at any moment.
+    #[test]
+    fn a_read_that_waits_looks_around() {
+        // Without slaves the board makes no reports.
+        let board = Board::new(EngineConfig::default(), Box::new(SimBus::new(Vec::new())));
+        let threaded = Threaded::start(board, 0, 4, RealTime::default(), Rate::default()).expect("a thread");
+        let (mut frame, mut looks) = (Frame::new(), 0);
+        let ended = threaded.read_and(&mut frame, Some(5 * LOOK_INTERVAL), || looks += 1);
+        assert!(matches!(ended, Err(Stop::Timeout)) && looks >= 1, "{looks}");
+        assert!(matches!(threaded.read_and(&mut frame, Some(Duration::ZERO), || ()), Err(Stop::Timeout)));
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                // Whenever it comes, between two looks too; before the read has begun it cancels nothing.
+                while !over.load(Ordering::Relaxed) {
+                    threaded.cancel_reads();
+                    std::thread::sleep(Duration::from_micros(700));
+                }
+            });
+            for _ in 0..20 {
+                let ended = threaded.read_and(&mut Frame::new(), None, || ());
+                assert!(matches!(ended, Err(Stop::Cancelled)));
+            }
+            over.store(true, Ordering::Relaxed);
+        });
+    }
+
     /// SK-9.8 The runner's thread allocates nothing, from its first cycle to its last: the way to OP, entries, nonsense,
     /// reports that are read and reports that nobody reads.
     #[test]

@@ -144,6 +144,7 @@ fn a_machine_that_stood_still_is_named() {
     runner.until("the loss", |runner| runner.board.engine().state().is_failed());
     let failure = runner.board.engine().state_failure().expect("there is one").to_string();
     let told: Vec<String> = runner.board.engine().events_since(mark).map(|event| event.to_string()).collect();
+    assert!(!told.iter().any(|said| said.contains("cable")), "{told:?}");
     for said in [&failure, &told[0]] {
         assert!(
             said.contains("this machine stood still for 31") && said.contains(" ms; the slaves' watchdog"),

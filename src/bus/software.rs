@@ -18,6 +18,8 @@ use crate::master::{
 const PREOP_MAX_NS: Ns = 10_000_000_000;
 /// \[OURS] How long a wait for frames lasts at most while the master waits for a time, ns.
 const TURN_NS: Ns = 200_000;
+/// \[OURS] How often the clocks are given the time of the reference, as by a master with cycles of 1 ms, ns.
+const WATCH_NS: Ns = 1_000_000;
 /// \[OURS] How often a datagram of the look before the scan is sent, if nothing comes back.
 const TRIES: u32 = 3;
 
@@ -38,6 +40,7 @@ pub(super) struct SoftwareNetwork<W> {
 impl<W: NicWires> SoftwareNetwork<W> {
     /// The network at the end of these wires. Nothing is sent.
     pub(super) fn new(wires: W, settings: Settings) -> Self {
+        let settings = Settings { watch_ns: WATCH_NS, ..settings };
         Self { master: Master::new(settings), wires, found: Vec::new() }
     }
 
@@ -151,7 +154,11 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
                 upstream: info.upstream,
                 entry_port: info.entry_port,
                 has_clock: info.features.contains(Features::CLOCK),
-                protocols: Some(info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
+                protocols: info
+                    .eeprom
+                    .as_ref()
+                    .ok()
+                    .map(|_| info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
                 process_bytes: info.described_bytes().into(),
                 eeprom_error: info.eeprom_fault().map(|fault| fault.to_string()),
                 name: info.name,
@@ -303,7 +310,7 @@ mod tests {
     use crate::fieldbus::nic::ChainWires;
     use crate::master::{FrameBuffer, Wire, WireDown};
     use crate::slave::cable::Cable;
-    use crate::slave::esc::{CabledChain, Chain, EscSettings, EscSlave, eeprom_of};
+    use crate::slave::esc::{CabledChain, Chain, EscSettings, EscSlave, Predecessor, eeprom_of};
     use crate::slave::{Io, Slave};
 
     /// What sends each frame back as it is.
@@ -333,6 +340,29 @@ mod tests {
 
         fn is_real_time(&self) -> bool {
             false
+        }
+    }
+
+    /// BUS-3.5 A slave that keeps the counter of its mailbox over Init answers in each look after another.
+    #[test]
+    fn one_look_after_another_reads_objects() {
+        for seed in 0..16 {
+            let mut wires = ChainWires::new(vec![Box::new(Io::default())], Default::default()).expect("an EEPROM");
+            wires.leave(&mut Predecessor::seeded(seed));
+            for look in 0..4 {
+                let mut network = SoftwareNetwork::new(wires, Settings::default());
+                // Also where it was left in OP.
+                let id = network.master.scan();
+                assert_eq!(network.wait_for(id), JobDone::Scan(Ok(1)));
+                // As many requests as make each counter the last one now and then.
+                for _ in 0..=look {
+                    let begin = network.wires.now();
+                    let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);
+                    assert_eq!(value.expect("a value").len(), 4, "seed {seed}, look {look}");
+                    assert!(network.wires.now() - begin < 100_000_000, "seed {seed}, look {look}");
+                }
+                wires = network.wires;
+            }
         }
     }
 

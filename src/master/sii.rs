@@ -90,7 +90,12 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
         };
         let len = bytes.len() + lacks;
         match read_up_to(bus, station, &mut bytes, len).await {
-            Ok(()) => {}
+            Ok(()) => {
+                if let Some(size) = wraps_at(&bytes) {
+                    bytes.truncate(size);
+                    return Ok(bytes);
+                }
+            }
             // Behind the end of an EEPROM there is nobody who acknowledges.
             Err(SiiError::Command(_)) => return Ok(bytes),
             Err(error) => return Err(error),
@@ -101,6 +106,15 @@ pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
         bytes.truncate(bytes.len() - 2);
     }
     Ok(bytes)
+}
+
+/// The size of an EEPROM without an end of its categories behind which it begins anew, as its address has no more bits; `None`: it does
+/// not.
+fn wraps_at(bytes: &[u8]) -> Option<usize> {
+    let is_again = |size: &usize| bytes.get(*size..).is_some_and(|behind| behind.starts_with(&bytes[..SII_INFO_LEN]));
+    std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
+        .take_while(|size| *size < bytes.len())
+        .find(is_again)
 }
 
 /// What is wrong with a content that was read: nothing keeps a master from it, but whoever looks at the slave has to know.
@@ -115,7 +129,9 @@ pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
     }
     let whole: usize = sii.categories().map_while(Result::ok).map(|category| 2 + category.data.len() / 2).sum();
     let word = u16::try_from(SII_INFO_LEN / 2 + whole).unwrap_or(u16::MAX);
-    (Sii::lacks(content) != Ok(0)).then_some(SiiError::NoEnd { word })
+    // One that ends with a category needs no other end.
+    let is_cut = Sii::lacks(content) != Ok(0) && content.len() > 2 * usize::from(word);
+    is_cut.then_some(SiiError::NoEnd { word })
 }
 
 /// Who the slave is.

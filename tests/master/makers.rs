@@ -245,6 +245,24 @@ fn what_is_wrong_with_an_eeprom_is_named() {
     assert_eq!(slave.eeprom_fault(), Some(SiiError::NoEnd { word: (end / 2) as u16 }));
 }
 
+/// MASTER-2.10 An EEPROM that ends with its last category, and behind which it begins anew, has what it has once.
+#[test]
+fn an_eeprom_that_begins_anew_is_read_once() {
+    let entry = [SiiPdoEntry { index: 0x6041, sub: 0, name: 0, data_type: 6, bits: 16, flags: 0 }];
+    let pdo = |sii: &mut SiiWriter<'_>| {
+        sii.pdos(CategoryKind::TxPdos, &[(SiiPdo::new(0x1A00, 3, 0), &entry)]).expect("room");
+    };
+    let left = 256 - 2 * categories_len(&eeprom_with(None, pdo));
+    let once = eeprom_with(None, |sii| {
+        pdo(sii);
+        sii.category(CategoryKind::DataTypes, &vec![0; left - 4]).expect("room");
+    });
+    assert_eq!(categories_len(&once), 128);
+    let slave = drive_with(once[..256].repeat(8)).master.slave(1).expect("one").clone();
+    assert_eq!((slave.eeprom.as_ref().map(Vec::len), slave.eeprom_fault()), (Ok(256), None));
+    assert_eq!(slave.described_bytes(), [None, Some(2)]);
+}
+
 /// At which word the categories end.
 fn categories_len(eeprom: &[u8]) -> usize {
     let sii = Sii::new(eeprom).expect("an EEPROM");

@@ -213,7 +213,6 @@ async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), S
 }
 
 /// Leads a slave there, step by step.
-
 async fn lead(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let mut current = acknowledge(bus, plan, until).await?;
     while current != target {

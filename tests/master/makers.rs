@@ -369,7 +369,8 @@ mod wrong_answers {
     /// MASTER-5.10 So do an answer to another object, one of another kind, one that is too short, and one that is longer than its box.
     #[test]
     fn other_wrong_answers() {
-        let wrong: [(fn(&mut [u8]), AbortCode); 5] = [
+        type Change = fn(&mut [u8]);
+        let wrong: [(Change, AbortCode); 5] = [
             (|bytes| bytes[9] ^= 1, AbortCode::COMMAND),
             (|bytes| bytes[8] = 0x60, AbortCode::COMMAND),
             (|bytes| bytes[8] = 0xE0, AbortCode::COMMAND),

@@ -184,7 +184,7 @@ impl Network for XfNetwork {
         let upstreams = upstreams(&ports.iter().map(|(status, _)| *status).collect::<Vec<_>>());
         let slaves = described.into_iter().zip(ports).zip(upstreams).map(|((slave, (ports, port_types)), upstream)| {
             let status = AlStatusRegister(slave.state.0.into());
-            let bytes = |bytes: u32| u16::try_from(bytes).unwrap_or(u16::MAX);
+            let bytes = |bytes: u32| Some(u16::try_from(bytes).unwrap_or(u16::MAX));
             let identity =
                 SiiIdentity { vendor: slave.vendor, product: slave.product, revision: slave.revision, serial: 0 };
             FoundSlave {
@@ -197,6 +197,7 @@ impl Network for XfNetwork {
                 ports,
                 port_types,
                 upstream,
+                entry_port: 0,
                 has_clock: slave.has_dc == Some(true),
                 protocols: None,
                 process_bytes: (bytes(slave.output_bytes), bytes(slave.input_bytes)),

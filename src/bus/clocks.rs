@@ -1,14 +1,22 @@
 //! How well the distributed clocks of a network keep together.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::{BusError, FoundSlave, Network};
 use crate::ethercat::registers::{SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference};
 
 /// \[OURS] How often the differences are read.
 const INTERVAL: Duration = Duration::from_millis(10);
-/// \[OURS] How long clocks that were just set may take to come together before the differences count.
+/// \[OURS] For how long clocks that were just set are at least given the time before the differences count.
 pub const SETTLING: Duration = Duration::from_secs(1);
+/// \[OURS] And at most, while one of them is not near the reference: how far they have drifted apart depends on how long the scan has
+/// taken, and a clock is slewed slowly.
+pub const SETTLING_MAX: Duration = Duration::from_secs(10);
+/// \[OURS] A wait that has taken that much longer was one in which this machine stood still: what clocks without the reference's time do
+/// then is no fault of theirs.
+const LATE: Duration = Duration::from_millis(2);
+/// \[OURS] So often in a row all of them have to be near.
+const SETTLED_TIMES: u32 = 20;
 /// \[OURS] Clocks whose difference stays below this keep together as the standard's examples do, ns.
 pub const GOOD_NS: i64 = 1_000;
 
@@ -55,7 +63,8 @@ pub struct SlaveClock {
     pub ahead: Option<Spread>,
 }
 
-/// Looks at the clocks for that time, after [`SETTLING`]. Of slaves without clocks nothing is told.
+/// Looks at the clocks for that time, after they have come together ([`SETTLING`], [`SETTLING_MAX`]). Of slaves without clocks nothing
+/// is told.
 ///
 /// # Errors
 /// [`BusError`]
@@ -66,18 +75,35 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
     }
     let reference = network.reference_clock();
     let mut ahead = vec![Vec::new(); with_clock.len()];
+    let look = |network: &mut dyn Network, tell: &mut dyn FnMut(usize, i64)| {
+        for (n, slave) in with_clock.iter().enumerate().filter(|(_, slave)| Some(**slave) != reference) {
+            let mut bytes = [0; 4];
+            network.read(*slave, SYSTEM_TIME_DIFFERENCE, &mut bytes)?;
+            tell(n, SystemTimeDifference(u32::from_le_bytes(bytes)).ahead_ns());
+        }
+        Ok::<(), BusError>(())
+    };
     network.wait(SETTLING)?;
+    let (mut waited, mut settled) = (SETTLING, 0);
+    while settled < SETTLED_TIMES && waited < SETTLING_MAX {
+        let mut are_near = true;
+        look(network, &mut |_, ahead_ns| are_near &= ahead_ns.abs() < GOOD_NS)?;
+        settled = if are_near { settled + 1 } else { 0 };
+        network.wait(INTERVAL)?;
+        waited += INTERVAL;
+    }
     let mut left = time;
+    // After a time in which this machine has given the clocks no time they come together again.
+    let mut unsettled = 0;
     while !left.is_zero() {
         let step = INTERVAL.min(left);
+        let began = Instant::now();
         network.wait(step)?;
         left -= step;
-        for (slave, ahead) in with_clock.iter().zip(&mut ahead) {
-            if Some(*slave) != reference {
-                let mut bytes = [0; 4];
-                network.read(*slave, SYSTEM_TIME_DIFFERENCE, &mut bytes)?;
-                ahead.push(SystemTimeDifference(u32::from_le_bytes(bytes)).ahead_ns());
-            }
+        let is_late = !network.is_virtual() && began.elapsed() > step + LATE;
+        unsettled = if is_late { SETTLED_TIMES } else { unsettled.saturating_sub(1) };
+        if unsettled == 0 {
+            look(network, &mut |n, ahead_ns| ahead[n].push(ahead_ns))?;
         }
     }
     let clock = |(slave, ahead): (u8, Vec<i64>)| {

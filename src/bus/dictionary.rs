@@ -14,7 +14,7 @@ use crate::master::SdoError;
 pub struct Object {
     /// Its index.
     pub index: u16,
-    /// Its name; bytes that are no UTF-8 are replaced.
+    /// Its name, in UTF-8 or ISO-8859-1.
     pub name: String,
     /// What it is made of.
     pub code: ObjectCode,
@@ -29,7 +29,7 @@ pub struct Object {
 pub struct Entry {
     /// Which one.
     pub object: ObjectAddress,
-    /// Its name; bytes that are no UTF-8 are replaced.
+    /// Its name, in UTF-8 or ISO-8859-1.
     pub name: String,
     /// Its type.
     pub data_type: DataTypeCode,
@@ -105,8 +105,11 @@ pub fn value(
     }
 }
 
+/// A text in UTF-8, or else in ISO-8859-1, as in an EEPROM.
 fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).trim_end_matches('\0').to_owned()
+    let latin = || bytes.iter().map(|byte| char::from(*byte)).collect();
+    let text = str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);
+    text.trim_end_matches('\0').to_owned()
 }
 
 /// A value by its type.

@@ -87,20 +87,20 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     if is_same { Ok(()) } else { Err(ContentError::OtherDevice { wanted, found }) }
 }
 
-/// Reads an EEPROM up to the end of its categories.
+/// Reads an EEPROM up to the end of its categories, or as far as they are whole.
 ///
 /// # Errors
-/// [`BusError::Eeprom`]: it cannot be read, or has no end.
+/// [`BusError::Eeprom`]: it cannot be read, or nobody has written it.
 pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
     let mut content: Vec<u8> = Vec::new();
     loop {
         let lacks = match Sii::lacks(&content) {
             Ok(0) => return Ok(content),
-            Ok(lacks) => lacks,
-            Err(_) => return Err(BusError::Eeprom { slave, error: SiiError::NoEnd }),
+            Ok(lacks) if content.len() + lacks <= BYTES_MAX => lacks,
+            _ => return Ok(content),
         };
-        if content.len() + lacks > BYTES_MAX {
-            return Err(BusError::Eeprom { slave, error: SiiError::NoEnd });
+        if let Some(byte) = Sii::new(&content).ok().and_then(|sii| sii.blank()) {
+            return Err(BusError::Eeprom { slave, error: SiiError::Empty(byte) });
         }
         let first = (content.len() / 2) as u16;
         let words = network.read_eeprom_words(slave, first, lacks.div_ceil(2))?;

@@ -1,6 +1,7 @@
 //! Why something about a network is not known or not done.
 
 use crate::coe::{AbortCode, ObjectAddress};
+use crate::fieldbus::Strangers;
 use crate::link::LinkError;
 use crate::link::uri::UriError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
@@ -37,6 +38,9 @@ pub enum BusError {
     /// There is nobody.
     #[error("no slave answers; look at the cable to the first slave and at the slaves' power")]
     NoSlave,
+    /// There is nobody, and frames come back as they were sent.
+    #[error("no slave answers: {}", Strangers::echo(*.frames))]
+    Echo { frames: u64 },
     /// A slave is in OP.
     #[error(
         "slave {slave} is in OP, so that somebody runs this network, or did until just now; end that program, and if there is \
@@ -147,7 +151,9 @@ const fn eeprom(error: SiiError) -> &'static str {
     match error {
         SiiError::Busy => "; switch it off and on",
         SiiError::Command(_) => "; its EEPROM may be broken, or write protected",
-        SiiError::NoEnd => "; write one with `ecmsk bus sii write`",
+        SiiError::Empty(_) | SiiError::Checksum { .. } | SiiError::NoEnd { .. } => {
+            "; write one with `ecmsk bus sii write`"
+        }
         _ => "",
     }
 }

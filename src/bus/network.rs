@@ -40,13 +40,15 @@ pub struct FoundSlave {
     pub port_types: u8,
     /// Where it is connected; `None`: at the master.
     pub upstream: Option<Upstream>,
+    /// The port by which frames come to it, as its clock says: 0, unless its IN and OUT are swapped, or if it is not known.
+    pub entry_port: u8,
     /// Whether it has distributed clocks.
     pub has_clock: bool,
     /// The protocols that its mailbox speaks, none if it has no mailbox; `None`: it is not known.
     pub protocols: Option<MailboxProtocols>,
-    /// Bytes of its own outputs and inputs.
-    pub process_bytes: (u16, u16),
-    /// Why its EEPROM was not read; `None`: it was.
+    /// Bytes of its own outputs and inputs; `None`: its EEPROM does not say.
+    pub process_bytes: (Option<u16>, Option<u16>),
+    /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
     pub eeprom_error: Option<String>,
 }
 

@@ -11,14 +11,15 @@ use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::RingState;
 use crate::fieldbus::nic::NicWires;
 use crate::master::{
-    DatagramAnswer, FrameCounters, JobDone, JobId, MailboxInfo, Master, ProcessManager, Settings, SlaveInfo,
-    StateError, StateReason,
+    DatagramAnswer, FrameCounters, JobDone, JobId, MailboxInfo, Master, Settings, SlaveInfo, StateError, StateReason,
 };
 
 /// \[OURS] How long a slave may take to PreOP, as ESI files say it most often.
 const PREOP_MAX_NS: Ns = 10_000_000_000;
 /// \[OURS] How long a wait for frames lasts at most while the master waits for a time, ns.
 const TURN_NS: Ns = 200_000;
+/// \[OURS] How often the clocks are given the time of the reference, as by a master with cycles of 1 ms, ns.
+const WATCH_NS: Ns = 1_000_000;
 /// \[OURS] How often a datagram of the look before the scan is sent, if nothing comes back.
 const TRIES: u32 = 3;
 
@@ -39,6 +40,7 @@ pub(super) struct SoftwareNetwork<W> {
 impl<W: NicWires> SoftwareNetwork<W> {
     /// The network at the end of these wires. Nothing is sent.
     pub(super) fn new(wires: W, settings: Settings) -> Self {
+        let settings = Settings { watch_ns: WATCH_NS, ..settings };
         Self { master: Master::new(settings), wires, found: Vec::new() }
     }
 
@@ -110,10 +112,6 @@ impl<W: NicWires> SoftwareNetwork<W> {
     }
 }
 
-fn bytes_of(managers: &[ProcessManager]) -> u16 {
-    managers.iter().fold(0, |sum, manager| sum.saturating_add(manager.registers.len))
-}
-
 impl<W: NicWires> Mailboxes for SoftwareNetwork<W> {
     fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError> {
         Ok(self.info(slave)?.mailbox)
@@ -132,7 +130,12 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         match self.finish(id)? {
             JobDone::Scan(Ok(1..)) => {}
             JobDone::Scan(Err(error)) => return Err(error.into()),
-            _ => return Err(BusError::NoSlave),
+            _ => {
+                return Err(match self.master.counters().unpassed {
+                    0 => BusError::NoSlave,
+                    frames => BusError::Echo { frames },
+                });
+            }
         }
         let mut slaves = Vec::new();
         let found = std::mem::take(&mut self.found).into_iter().map(Some).chain(std::iter::repeat(None));
@@ -149,10 +152,15 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
                 ports: info.ports,
                 port_types: port_types[0],
                 upstream: info.upstream,
+                entry_port: info.entry_port,
                 has_clock: info.features.contains(Features::CLOCK),
-                protocols: Some(info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
-                process_bytes: (bytes_of(&info.outputs), bytes_of(&info.inputs)),
-                eeprom_error: info.eeprom.as_ref().err().map(ToString::to_string),
+                protocols: info
+                    .eeprom
+                    .as_ref()
+                    .ok()
+                    .map(|_| info.mailbox.map_or(MailboxProtocols::NONE, |mailbox| mailbox.protocols)),
+                process_bytes: info.described_bytes().into(),
+                eeprom_error: info.eeprom_fault().map(|fault| fault.to_string()),
                 name: info.name,
             });
         }
@@ -300,7 +308,93 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 mod tests {
     use super::*;
     use crate::fieldbus::nic::ChainWires;
+    use crate::master::{FrameBuffer, Wire, WireDown};
+    use crate::slave::cable::Cable;
+    use crate::slave::esc::{CabledChain, Chain, EscSettings, EscSlave, Predecessor, eeprom_of};
     use crate::slave::{Io, Slave};
+
+    /// What sends each frame back as it is.
+    struct Loop(std::collections::VecDeque<Vec<u8>>, Ns);
+
+    impl Wire for Loop {
+        fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+            self.0.push_back(frame.to_vec());
+            Ok(())
+        }
+
+        fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+            let frame = self.0.pop_front()?;
+            buffer[..frame.len()].copy_from_slice(&frame);
+            Some(frame.len())
+        }
+    }
+
+    impl NicWires for Loop {
+        fn now(&self) -> Ns {
+            self.1
+        }
+
+        fn wait(&mut self, until: Ns) {
+            self.1 = until;
+        }
+
+        fn is_real_time(&self) -> bool {
+            false
+        }
+    }
+
+    /// BUS-3.5 A slave that keeps the counter of its mailbox over Init answers in each look after another.
+    #[test]
+    fn one_look_after_another_reads_objects() {
+        for seed in 0..16 {
+            let mut wires = ChainWires::new(vec![Box::new(Io::default())], Default::default()).expect("an EEPROM");
+            wires.leave(&mut Predecessor::seeded(seed));
+            for look in 0..4 {
+                let mut network = SoftwareNetwork::new(wires, Settings::default());
+                // Also where it was left in OP.
+                let id = network.master.scan();
+                assert_eq!(network.wait_for(id), JobDone::Scan(Ok(1)));
+                // As many requests as make each counter the last one now and then.
+                for _ in 0..=look {
+                    let begin = network.wires.now();
+                    let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);
+                    assert_eq!(value.expect("a value").len(), 4, "seed {seed}, look {look}");
+                    assert!(network.wires.now() - begin < 100_000_000, "seed {seed}, look {look}");
+                }
+                wires = network.wires;
+            }
+        }
+    }
+
+    /// BUS-2.3 Frames that come back as they were sent are no slave's, and that is said.
+    #[test]
+    fn frames_that_no_slave_has_changed_are_told() {
+        let mut network = SoftwareNetwork::new(Loop(Default::default(), 1_000_000), Settings::default());
+        let said = network.scan().expect_err("nobody is there").to_string();
+        assert!(said.contains("no slave answers: ") && said.contains("frames came back as they were sent"), "{said}");
+    }
+
+    /// BUS-2.3 What is wrong with an EEPROM is named, and how many bytes of process data there are is not said where it is not known.
+    #[test]
+    fn what_is_wrong_with_an_eeprom_is_named() {
+        let cable = Cable::default();
+        let mut line = CabledChain::new(Vec::new(), cable).expect("nobody");
+        let good = eeprom_of(&mut Io::default(), &EscSettings::default()).expect("it can be described");
+        let mut wrong = good.clone();
+        wrong[4] ^= 1;
+        let slaves = [vec![0xFF; 512], wrong, good];
+        let slaves = slaves.map(|eeprom| EscSlave::new(Box::new(Io::default()), EscSettings::default(), eeprom, 0));
+        *line.chain_mut() = Chain::line(slaves);
+        let wires = ChainWires::on_cable(line, Default::default());
+        let mut network = SoftwareNetwork::new(wires, Settings::default());
+        let found = network.scan().expect("slaves");
+        let said = |n: usize| found[n].eeprom_error.clone().unwrap_or_default();
+        assert!(said(0).contains("the EEPROM is empty: all of its first 64 words are 0xFFFF"), "{}", said(0));
+        assert!(said(1).contains("the checksum of the EEPROM's first words is 0x"), "{}", said(1));
+        assert_eq!(found[2].eeprom_error, None);
+        let bytes: Vec<_> = found.iter().map(|slave| slave.process_bytes).collect();
+        assert_eq!(bytes, [(None, None), (Some(2), Some(2)), (Some(2), Some(2))]);
+    }
 
     /// BUS-1.2 If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
     #[test]

@@ -2,7 +2,7 @@
 
 use super::partial_frames::{Assembler, INCOMPLETE_CYCLES};
 use super::{BoardHandle, Engine, EngineConfig, Event, PartialFrames};
-use crate::fieldbus::{CardsGone, Fieldbus, Ns};
+use crate::fieldbus::{CardsGone, Fieldbus, Ns, Strangers};
 use crate::sk::Frame;
 
 /// A script: what is done to a board and its network at given times.
@@ -88,6 +88,11 @@ impl Board {
     /// The network cards that are gone ([`Fieldbus::cards_gone`]).
     pub fn cards_gone(&self) -> Option<CardsGone> {
         self.bus.cards_gone()
+    }
+
+    /// What comes back of the wire beside the answers of slaves ([`Fieldbus::strangers`]).
+    pub fn strangers(&self) -> Strangers {
+        self.bus.strangers()
     }
 
     /// Whether frames come back from the network.

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::homing::HomingEnd;
 use super::partial_frames::INCOMPLETE_CYCLES;
-use super::state_failure::StateFailure;
+use super::state_failure::{SlaveFall, StateFailure};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Ns;
@@ -205,6 +205,20 @@ pub enum Event {
         /// Slave, from 1.
         slave: u8,
     },
+    /// A slave has left SafeOP or OP by itself, and says why. It is lost.
+    SlaveFell {
+        /// When it happened, in board time.
+        at: Ns,
+        /// Which one, and why.
+        fall: SlaveFall,
+    },
+    /// Another master sends frames on the network. Logged once.
+    OtherMaster {
+        /// When it was seen, in board time.
+        at: Ns,
+        /// The source address of its frames, as slaves have changed it.
+        address: [u8; 6],
+    },
     /// The inputs of a slave that answers have not come for too long, since the working counter beside them is wrong. It is lost.
     InputsStale {
         /// When it happened, in board time.
@@ -240,6 +254,8 @@ pub enum Event {
         at: Ns,
         /// How many sets of outputs, each of a cycle.
         sets: u32,
+        /// A chip runs the bus.
+        has_chip: bool,
     },
     /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs
     /// off (SK-4 \[OURS]).
@@ -406,10 +422,23 @@ impl fmt::Display for Event {
                  again, send SET_STATE to bring the slaves back",
                 at / 1000
             ),
-            Self::OutputsLost { at, sets } => write!(
+            Self::OutputsLost { at, sets, has_chip: true } => write!(
                 f,
                 "the outputs of {sets} cycles before {} us may not have reached the slaves: exchanges with the chip fail, or \
                  frames on the cable are lost; look at its wires and at the cable",
+                at / 1000
+            ),
+            Self::OutputsLost { at, sets, has_chip: false } => write!(
+                f,
+                "the outputs of {sets} cycles before {} us may not have reached the slaves: frames on the cable are lost; look at \
+                 the cables (`ecmsk bus errors`)",
+                at / 1000
+            ),
+            Self::SlaveFell { at, fall } => write!(f, "at {} us: {fall}", at / 1000),
+            Self::OtherMaster { at, address: [a, b, c, d, e, g] } => write!(
+                f,
+                "another master sends frames on this network (from {a:02X}:{b:02X}:{c:02X}:{d:02X}:{e:02X}:{g:02X}), seen at {} us: \
+                 each of the two disturbs the slaves of the other; stop it, or this program",
                 at / 1000
             ),
             Self::SlaveDisturbed { at, slave } => write!(

@@ -77,8 +77,23 @@ impl Handover {
 
     /// Host: takes the oldest report, and waits for one until `end`.
     pub(super) fn receive(&self, out: &mut Frame, end: Option<Instant>) -> Result<Report, Stop> {
+        self.receive_in_parts(out, end, None)
+    }
+
+    /// How often reads were cancelled, for [`Self::receive_in_parts`].
+    pub(super) fn reads_cancelled(&self) -> u64 {
+        lock(&self.outbox).cancels
+    }
+
+    /// The same as a part of a wait that began when reads had been cancelled so often; `None`: it begins now.
+    pub(super) fn receive_in_parts(
+        &self,
+        out: &mut Frame,
+        end: Option<Instant>,
+        cancelled: Option<u64>,
+    ) -> Result<Report, Stop> {
         let mut outbox = lock(&self.outbox);
-        let cancels = outbox.cancels;
+        let cancels = cancelled.unwrap_or(outbox.cancels);
         loop {
             match outbox.phase {
                 Phase::Over(stop) => return Err(stop),

@@ -6,8 +6,10 @@ use super::axis::AxisCheckpoint;
 use super::commands::check_kind;
 use super::network::Step;
 use super::outputs::used_axes;
+use super::state_failure::SlaveFall;
 use super::{Engine, Event};
 use crate::cia402::Mode;
+use crate::ethercat::AlStatus;
 use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 
@@ -59,7 +61,9 @@ impl Engine {
         let CycleDone { at, working_counter: counted, expected_working_counter: expected, .. } = *done;
         let is_held = !self.inputs.held.difference(self.network().lost()).is_empty();
         self.counters.inputs_held += u64::from(is_held);
-        let is_wrong = counted < expected && self.inputs.lost.is_empty() || counted > expected && is_held;
+        // After a time without frames it is told which slaves have left OP by that, as soon as that is known.
+        let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
+        let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
             self.log.push(Event::WorkingCounter { at, counted, expected });
         }
@@ -111,8 +115,13 @@ impl Engine {
         self.volatile.network.mark_lost(newly_lost);
         for slave in newly_lost.iter() {
             let (is_silent, is_stale) = (self.inputs.lost.contains(slave), self.inputs.stale.contains(slave));
+            let al_status = self.inputs.left_with[usize::from(slave) - 1];
             let (failure, event) = match (is_stale, is_silent) {
                 (true, _) => (super::StateFailure::Stale { slave }, Event::InputsStale { at, slave }),
+                (_, true) if al_status != AlStatus::NONE.0 => {
+                    let fall = SlaveFall { slave, al_status, stood_still_ns: self.inputs.stood_still_ns };
+                    (super::StateFailure::Fell(fall), Event::SlaveFell { at, fall })
+                }
                 (_, true) => (super::StateFailure::Lost { slave }, Event::SlaveLost { at, slave }),
                 _ => (super::StateFailure::Lost { slave }, Event::SlaveLeft { at, slave }),
             };

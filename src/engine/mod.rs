@@ -68,7 +68,7 @@ pub use partial_frames::{INCOMPLETE_CYCLES, PartialFrames};
 pub use realtime::{Rate, RealTime};
 pub use reports::Report;
 pub use snapshot::{Leds, Snapshot};
-pub use state_failure::StateFailure;
+pub use state_failure::{SlaveFall, StateFailure};
 pub use stepped::{Stepped, Stop};
 pub use test_mode::{ALL_ON_NS, ONE_ON_NS};
 pub use threaded::{Lateness, Threaded};
@@ -141,6 +141,8 @@ pub struct Engine {
     working_counter_wrong: bool,
     /// The hardware that runs the bus did not answer in the cycle before.
     bus_down: bool,
+    /// Another master was seen and told.
+    has_told_other_master: bool,
     local_inputs: u8,
     /// The outputs of the chip that the bus was told last.
     local_outputs_told: u8,
@@ -196,6 +198,7 @@ impl Engine {
             next_deadline: None,
             working_counter_wrong: false,
             bus_down: false,
+            has_told_other_master: false,
             local_inputs: 0,
             local_outputs_told: 0,
             reports_suppressed: false,
@@ -366,6 +369,7 @@ impl Engine {
             self.set_local_inputs(bits);
         }
         self.note_bus_down(bus.is_down(), now);
+        self.note_other_master(bus, now);
         self.run_jobs(now, bus);
         self.run_clear(now, bus);
         if self.config.test {
@@ -411,6 +415,17 @@ impl Engine {
     const fn note_left_out(&mut self, cycles: u64) {
         if self.network().in_op() {
             self.counters.cycles_left_out += cycles;
+        }
+    }
+
+    /// Another master that comes while this one runs is told once.
+    fn note_other_master(&mut self, bus: &dyn Fieldbus, at: Ns) {
+        if self.has_told_other_master {
+            return;
+        }
+        if let Some(address) = bus.strangers().other_master {
+            self.has_told_other_master = true;
+            self.log.push(Event::OtherMaster { at, address });
         }
     }
 

@@ -192,7 +192,11 @@ impl Engine {
         }
         if done.outputs_lost > 0 {
             self.counters.outputs_lost += u64::from(done.outputs_lost);
-            self.log.push(Event::OutputsLost { at: done.at, sets: done.outputs_lost });
+            self.log.push(Event::OutputsLost {
+                at: done.at,
+                sets: done.outputs_lost,
+                has_chip: matches!(self.pacing, Pacing::Bus { .. }),
+            });
         }
         if done.answers_lost > 0 && self.network().in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);

@@ -5,11 +5,46 @@ use std::fmt;
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
-use crate::fieldbus::{HardwareLimit, Refusal};
+use crate::fieldbus::{HardwareLimit, Ns, Refusal};
 use crate::sk::{MasterState, SlaveKind, StateByte};
 
 /// The AL status code of a watchdog that is set wrong (ETG.1000.6 table 11).
 const WRONG_WATCHDOG: u16 = AlStatus::INVALID_WATCHDOG.0;
+
+/// A slave that has left SafeOP or OP by itself, and says why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlaveFall {
+    /// Slave, from 1.
+    pub slave: u8,
+    /// The AL status code (ETG.1000.6 table 11).
+    pub al_status: u16,
+    /// For how long this machine has sent no frame before, since it was late by that, ns; 0: it was not.
+    pub stood_still_ns: Ns,
+}
+
+impl fmt::Display for SlaveFall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { slave, al_status, stood_still_ns } = *self;
+        let status = Status(al_status);
+        match (AlStatus(al_status), stood_still_ns / 1_000_000) {
+            (AlStatus::WATCHDOG, 0) => write!(
+                f,
+                "slave {slave} got no outputs for too long, and its watchdog took it out of OP, {status}: frames are lost on their way \
+                 (`ecmsk bus errors`), or this machine is late (`ecmsk doctor`); then send SET_STATE to bring it back"
+            ),
+            (AlStatus::WATCHDOG, ms) => write!(
+                f,
+                "this machine stood still for {ms} ms; the slaves' watchdog took slave {slave} out of OP, {status}: give the cycle a \
+                 priority and a processor of its own (priority=, cpu=), see `ecmsk doctor`, then send SET_STATE to bring it back"
+            ),
+            _ => write!(
+                f,
+                "slave {slave} has left its state by itself, {status}; look at its display and its manual, then send SET_STATE to \
+                 bring it back"
+            ),
+        }
+    }
+}
 
 /// Why a change of state has failed, or which slave has left its state. The wire does not show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,10 +85,17 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
-    /// A slave has not answered, or has not reached the state in time.
+    /// A slave has not answered.
     Silent {
         /// Slave, from 1.
         slave: u8,
+    },
+    /// A slave answers, has not reached the state, and does not say why.
+    WithoutReason {
+        /// Slave, from 1.
+        slave: u8,
+        /// The state that was to be reached.
+        target: MasterState,
     },
     /// The hardware between the board and the slaves cannot do what SET_AXIS and SET_DC ask for.
     Hardware(HardwareLimit),
@@ -67,6 +109,8 @@ pub enum StateFailure {
         /// Slave, from 1.
         slave: u8,
     },
+    /// A slave has left SafeOP or OP by itself, and says why.
+    Fell(SlaveFall),
     /// A slave answers, but its inputs have not come for too long: the working counter beside them is wrong.
     Stale {
         /// Slave, from 1.
@@ -81,6 +125,7 @@ impl StateFailure {
         match (al_status, abort, configuring) {
             (WRONG_WATCHDOG, None, _) => Self::Watchdog { slave },
             (0, None, _) => Self::Silent { slave },
+            (Refusal::WITHOUT_REASON, None, _) => Self::WithoutReason { slave, target },
             (_, _, true) => Self::Declared { slave, kind, al_status, abort },
             (_, _, false) => Self::Refused { slave, target, al_status },
         }
@@ -94,7 +139,9 @@ impl StateFailure {
             | Self::Refused { slave, .. }
             | Self::Watchdog { slave }
             | Self::Silent { slave }
+            | Self::WithoutReason { slave, .. }
             | Self::Lost { slave }
+            | Self::Fell(SlaveFall { slave, .. })
             | Self::Stale { slave } => Some(slave),
             Self::NoSlave | Self::Hardware(_) | Self::Late { .. } => None,
         }
@@ -127,9 +174,12 @@ impl fmt::Display for StateFailure {
                 if *kind == SlaveKind::Io {
                     f.write_str(", which is also what a slave is that no SET_AXIS has declared")?;
                 }
-                match abort {
-                    Some((object, code)) => write!(f, ": SDO {object} aborted with {code}")?,
-                    None => write!(f, ": {}", Status(*al_status))?,
+                match (abort, al_status) {
+                    (Some((object, code)), 0) => write!(f, ": SDO {object} aborted with {code}")?,
+                    (Some((object, code)), _) => {
+                        write!(f, ": {}: SDO {object} aborted with {code}", Status(*al_status))?;
+                    }
+                    (None, _) => write!(f, ": {}", Status(*al_status))?,
                 }
                 f.write_str(
                     "; declare it in PreOP with SET_AXIS (0 drive, 1 IO, 2 HSP, 3 STEP, F none), then SET_STATE again",
@@ -157,6 +207,11 @@ impl fmt::Display for StateFailure {
             Self::Silent { slave } => {
                 write!(f, "slave {slave} does not answer; look at its power and its cable, then SET_STATE again")
             }
+            Self::WithoutReason { slave, target } => write!(
+                f,
+                "slave {slave} answers, has not reached {target}, and does not say why (no AL status code); look at its display and \
+                 its manual, then SET_STATE again"
+            ),
             Self::Hardware(limit) => limit.fmt(f),
             Self::Late { target } => {
                 write!(f, "{target} was not reached in time; look at the slaves, then SET_STATE again")
@@ -165,6 +220,7 @@ impl fmt::Display for StateFailure {
                 f,
                 "slave {slave} fell out of the network; look at its power and its cable, then send SET_STATE to bring it back"
             ),
+            Self::Fell(fall) => fall.fmt(f),
             Self::Stale { slave } => write!(
                 f,
                 "the inputs of slave {slave} do not come any more, or come with a wrong working counter, and nobody knows where its axes \
@@ -179,15 +235,12 @@ struct Status(u16);
 
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "AL status 0x{:04X}", self.0)?;
-        // ETG.1000.6 table 11.
-        f.write_str(match self.0 {
-            0x0011 => " (invalid requested state change)",
-            0x001B => " (sync manager watchdog)",
-            0x001D => " (invalid output configuration: it has other process data)",
-            WRONG_WATCHDOG => " (invalid watchdog configuration)",
-            0x001E => " (invalid input configuration: it has other process data)",
-            _ => "",
-        })
+        match AlStatus(self.0) {
+            AlStatus::INVALID_OUTPUTS | AlStatus::INVALID_INPUTS => {
+                let of = if self.0 == AlStatus::INVALID_OUTPUTS.0 { "output" } else { "input" };
+                write!(f, "AL status 0x{:04X} (invalid {of} configuration: it has other process data)", self.0)
+            }
+            status => write!(f, "AL status {status}"),
+        }
     }
 }

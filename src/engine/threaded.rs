@@ -24,6 +24,8 @@ const CATCH_UP_MAX: Duration = Duration::from_secs(1);
 /// How long a write that must not wait may wait all the same until the wire is free: one USB microframe of board time
 /// \[OURS], so that two writes in a row do not fail.
 const TURN_WAIT_MAX: Duration = Duration::from_micros(125);
+/// How often a read that waits looks for what has happened meanwhile: a network that does not answer makes no reports. \[OURS]
+pub const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many events are kept for the log of the host between two calls.
 const EVENTS_KEPT: usize = 32;
 
@@ -192,6 +194,28 @@ impl Threaded {
     /// [`Stop`].
     pub fn read(&self, out: &mut Frame, limit: Option<Duration>) -> Result<Report, Stop> {
         self.shared.handover.receive(out, limit.and_then(end_after))
+    }
+
+    /// The same; each [`LOOK_INTERVAL`] that it waits calls `meanwhile`, without a lock.
+    ///
+    /// # Errors
+    /// [`Stop`].
+    pub fn read_and(
+        &self,
+        out: &mut Frame,
+        limit: Option<Duration>,
+        mut meanwhile: impl FnMut(),
+    ) -> Result<Report, Stop> {
+        let end = limit.and_then(end_after);
+        let cancelled = self.shared.handover.reads_cancelled();
+        loop {
+            let look = end_after(LOOK_INTERVAL);
+            let part = [look, end].into_iter().flatten().min();
+            match self.shared.handover.receive_in_parts(out, part, Some(cancelled)) {
+                Err(Stop::Timeout) if part != end => meanwhile(),
+                done => return done,
+            }
+        }
     }
 
     /// Whether the interface is open. Does not wait.
@@ -390,6 +414,33 @@ mod tests {
         for (late, cycles) in [(0, 0), (MS / 2, 0), (MS / 2 + 1, 1), (MS, 1), (MS + 1, 2), (17 * MS + 1, 18)] {
             assert_eq!(cycles_to_leave_out(late, MS), cycles, "{late}");
         }
+    }
+
+    /// NIC-2.8 A read that waits looks for what has happened meanwhile, ends with its time, and can be cancelled at any moment.
+    #[test]
+    fn a_read_that_waits_looks_around() {
+        // Without slaves the board makes no reports.
+        let board = Board::new(EngineConfig::default(), Box::new(SimBus::new(Vec::new())));
+        let threaded = Threaded::start(board, 0, 4, RealTime::default(), Rate::default()).expect("a thread");
+        let (mut frame, mut looks) = (Frame::new(), 0);
+        let ended = threaded.read_and(&mut frame, Some(5 * LOOK_INTERVAL), || looks += 1);
+        assert!(matches!(ended, Err(Stop::Timeout)) && looks >= 1, "{looks}");
+        assert!(matches!(threaded.read_and(&mut frame, Some(Duration::ZERO), || ()), Err(Stop::Timeout)));
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                // Whenever it comes, between two looks too; before the read has begun it cancels nothing.
+                while !over.load(Ordering::Relaxed) {
+                    threaded.cancel_reads();
+                    std::thread::sleep(Duration::from_micros(700));
+                }
+            });
+            for _ in 0..20 {
+                let ended = threaded.read_and(&mut Frame::new(), None, || ());
+                assert!(matches!(ended, Err(Stop::Cancelled)));
+            }
+            over.store(true, Ordering::Relaxed);
+        });
     }
 
     /// SK-9.8 The runner's thread allocates nothing, from its first cycle to its last: the way to OP, entries, nonsense,

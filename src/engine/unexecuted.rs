@@ -142,7 +142,7 @@ impl Unexecuted {
             Self::Cleared => "wait until the FIFO is empty (160 free) before SET_FIFO 1 and before leaving OP",
             Self::SdoAborted => "look at bit 15 of the answer's Parm: Data2 is then the abort code",
             Self::OutputsLost => {
-                "exchanges with the chip fail, or frames on the cable are lost; look at its wires and at the cable"
+                "frames on the cable are lost, or what goes to the board that sends them; look at the cables and the wires"
             }
             Self::LeftOut => {
                 "give the cycle a priority and a processor of its own (priority=, cpu=), and see `ecmsk doctor`"

@@ -18,7 +18,7 @@ pub use pdo::{SiiPdo, SiiPdoEntries, SiiPdoEntry, SiiPdos};
 pub use records::{
     CoeDetails, FmmuUsage, SiiDcMode, SiiGeneral, SiiGeneralFlags, SiiSmEnable, SiiSmType, SiiSyncManager,
 };
-pub use strings::SiiStrings;
+pub use strings::{SiiStrings, SiiText};
 pub use writer::SiiWriter;
 
 use super::WireError;
@@ -41,6 +41,9 @@ pub const CATEGORIES_WORD: u16 = 0x40;
 pub const SII_INFO_LEN: usize = 2 * CATEGORIES_WORD as usize;
 /// How many of the first bytes the checksum covers, which stands behind them.
 pub const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
+
+/// What stands in word 7 of an EEPROM whose checksum no controller looks at (data sheets of slave controllers).
+pub const UNCHECKED: u16 = 0x88A4;
 
 /// CRC-8 with the polynomial 0x07 and 0xFF at the start; check value 0xFB.
 const ALGORITHM: Algorithm<u8> =
@@ -92,10 +95,16 @@ impl<'a> Sii<'a> {
         (self.fixed[CHECKED_LEN], first)
     }
 
-    /// Whether a controller loads its first words from it.
+    /// Whether a controller loads its first words from it. [`UNCHECKED`] in the place of the checksum is right, too.
     pub fn has_right_checksum(&self) -> bool {
         let (found, expected) = self.checksums();
-        found == expected
+        found == expected || self.fixed[CHECKED_LEN..].first_chunk() == Some(&UNCHECKED.to_le_bytes())
+    }
+
+    /// The byte that all fixed words consist of, 0 or 0xFF: nobody has written this EEPROM; `None`: somebody has.
+    pub fn blank(&self) -> Option<u8> {
+        let [first, ..] = *self.fixed;
+        (matches!(first, 0 | 0xFF) && self.fixed.iter().all(|byte| *byte == first)).then_some(first)
     }
 
     /// The categories; an error is the last item.
@@ -105,6 +114,26 @@ impl<'a> Sii<'a> {
 
     /// The first category of a kind; `None` if there is none before the end or an error.
     pub fn category(&self, kind: CategoryKind) -> Option<Category<'a>> {
-        self.categories().map_while(Result::ok).find(|category| category.kind == kind)
+        self.all_of(kind).next()
+    }
+
+    /// The categories of a kind before the end or an error: what a maker may have put into one it may have put into several.
+    pub fn all_of(&self, kind: CategoryKind) -> impl Iterator<Item = Category<'a>> + use<'a> {
+        self.categories().map_while(Result::ok).filter(move |category| category.kind == kind)
+    }
+
+    /// The sync managers of all categories of them, number 0 first.
+    pub fn sync_managers(&self) -> impl Iterator<Item = SiiSyncManager> + use<'a> {
+        self.all_of(CategoryKind::SyncManagers).flat_map(|category| category.sync_managers())
+    }
+
+    /// The texts of all categories of them, number 1 first.
+    pub fn texts(&self) -> impl Iterator<Item = SiiText<'a>> + use<'a> {
+        self.all_of(CategoryKind::Strings).flat_map(|category| category.strings().iter()).map(SiiText)
+    }
+
+    /// The text with a number; `None` for number 0, which stands for no text, and for one that is not there.
+    pub fn text(&self, number: u8) -> Option<SiiText<'a>> {
+        self.texts().nth(usize::from(number).checked_sub(1)?)
     }
 }

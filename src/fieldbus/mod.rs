@@ -201,10 +201,16 @@ pub struct Configured {
 pub struct Refusal {
     /// Slave, from 1.
     pub slave: u8,
-    /// Its AL status code (ETG.1000.6 table 11); 0 if it has not answered.
+    /// Its AL status code (ETG.1000.6 table 11); 0 if it has not answered, [`Self::WITHOUT_REASON`] if it answers and gives none.
     pub al_status: u16,
-    /// The SDO that the slave has aborted; `None`: the refusal was no SDO abort.
+    /// The SDO that the slave has aborted, or that has failed with this code; `None`: the refusal was no SDO.
     pub abort: Option<(ObjectAddress, AbortCode)>,
+}
+
+impl Refusal {
+    /// In the place of an AL status code: the slave answers, is not in the state that was asked for, and does not say why. \[OURS] No
+    /// slave that is known has this code.
+    pub const WITHOUT_REASON: u16 = u16::MAX;
 }
 
 /// What the hardware that runs a bus cannot do, whatever its slaves can.
@@ -307,6 +313,12 @@ pub struct Inputs {
     pub held: SlaveSet,
     /// The slaves in `lost` that answer, but whose inputs were held for too long ([`STALE_AFTER`]).
     pub stale: SlaveSet,
+    /// The AL status code with which each slave in `lost` that answers has left its state (slave n is `left_with[n - 1]`); 0: it has
+    /// left none, or the bus does not know.
+    pub left_with: [u16; MAX_SLAVES],
+    /// For how long this machine has sent no frame a short time ago, since it was late by that, ns; 0: it was not, or the bus does not
+    /// know.
+    pub stood_still_ns: Ns,
 }
 
 impl Default for Inputs {
@@ -320,6 +332,8 @@ impl Default for Inputs {
             without_inputs: SlaveSet::EMPTY,
             held: SlaveSet::EMPTY,
             stale: SlaveSet::EMPTY,
+            left_with: [0; MAX_SLAVES],
+            stood_still_ns: 0,
         }
     }
 }
@@ -384,6 +398,25 @@ impl RingState {
     /// Whether the next cut would cost slaves.
     pub const fn is_broken(self) -> bool {
         matches!(self, Self::Open | Self::FirstDead | Self::SecondDead)
+    }
+}
+
+/// What comes back of the wire beside the answers of slaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Strangers {
+    /// The source address of another master's newest frame, as slaves have changed it; `None`: there was none.
+    pub other_master: Option<[u8; 6]>,
+    /// Frames of ours that have come back as they were sent: they have passed no slave.
+    pub unpassed: u64,
+}
+
+impl Strangers {
+    /// What it means that there is no slave and so many frames have come back as they were sent.
+    pub fn echo(unpassed: u64) -> String {
+        format!(
+            "{unpassed} frames came back as they were sent, with the source address of this card, which each slave changes: the cable \
+             ends in something that sends them back (a loop, a switch, another card of this machine); look where it goes"
+        )
     }
 }
 
@@ -479,6 +512,11 @@ pub trait Fieldbus: Send {
     /// The network cards that are gone; `None`: all are there, or the bus has none. Asked in each cycle, so it must not allocate.
     fn cards_gone(&self) -> Option<CardsGone> {
         None
+    }
+
+    /// What comes back of the wire beside the answers of slaves; the default: nothing, or the bus does not know.
+    fn strangers(&self) -> Strangers {
+        Strangers::default()
     }
 
     /// The six inputs of the chip that runs the bus, bit k is input k (SK-8). `None`: the bus has none, and the board shows

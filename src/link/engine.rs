@@ -239,7 +239,7 @@ impl Link for EngineLink {
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let done = match &self.runner {
             Runner::Stepped(stepped) => stepped.read(out, wait.limit()),
-            Runner::Threaded(threaded) => threaded.read(out, wait.limit()),
+            Runner::Threaded(threaded) => threaded.read_and(out, wait.limit(), || self.log_events()),
         };
         self.log_events();
         let report = self.counts.read(done.map_err(|stop| self.error(stop, Dir::Read, wait)))?;

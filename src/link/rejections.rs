@@ -231,7 +231,9 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..50 {
             let counters = Counters { outputs_lost: n + 1, ..Counters::default() };
-            log.log([Event::OutputsLost { at: n * MS, sets: 1 }], &counters, n * MS, &mut |_, line| said.push(line));
+            log.log([Event::OutputsLost { at: n * MS, sets: 1, has_chip: true }], &counters, n * MS, &mut |_, line| {
+                said.push(line)
+            });
         }
         assert!(said.len() == 1 && said[0].contains("the outputs of 1 cycles"), "{said:?}");
         log.end(&Counters { outputs_lost: 50, ..Counters::default() }, 60 * MS, &mut |_, line| said.push(line));

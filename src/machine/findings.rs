@@ -4,7 +4,7 @@ mod timing;
 
 use std::fmt;
 
-pub use timing::{lateness, timer};
+pub use timing::{lateness, lateness_of_own_cycles, timer};
 
 /// Whether something is right for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

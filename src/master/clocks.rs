@@ -255,6 +255,19 @@ impl<'a> Measuring<'a> {
         Some(((*self.measurement.passed.get(n)?)?, *self.measurement.delays.get(n)?))
     }
 
+    /// The port by which the frame has come to each slave: the one that it has passed first. That is port 0 unless IN and OUT are swapped
+    /// there, or if it is not known.
+    pub(super) fn entries(&self) -> Vec<u8> {
+        let places = self.bus.with(|shared| shared.clocks.places.clone());
+        let entry = |(place, passed): (&Place, &Option<Passed>)| {
+            let open = |port: &usize| is_open(place.ports, *port);
+            let passed = passed.filter(|_| open(&0))?;
+            let after_port_0 = |port: &usize| passed.ports[*port].wrapping_sub(passed.ports[0]).cast_signed();
+            (0..PORTS).filter(open).min_by_key(after_port_0)
+        };
+        places.iter().zip(&self.measurement.passed).map(|one| entry(one).unwrap_or(0) as u8).collect()
+    }
+
     /// How long the way to each slave is, ns.
     pub(super) fn delays(&self) -> &[u32] {
         &self.measurement.delays

@@ -2,6 +2,7 @@
 
 use super::{ConfigureError, Master, Pace, ProcessManager, ReferenceClock, SyncSignals, process_data};
 use crate::ethercat::registers::SyncManager;
+use crate::ethercat::sii::SiiSmType;
 
 impl Master {
     /// Sets how long the process data of a slave are, bytes, as they were mapped: they lie in the first sync manager that the
@@ -70,6 +71,21 @@ impl Master {
         let info = place.ok_or(ConfigureError::NoSlave(slave))?;
         let is_set = number < info.sync_managers && info.set_manager(number, registers);
         if is_set { Ok(()) } else { Err(ConfigureError::NoManager(slave)) }
+    }
+
+    /// Sets what the sync managers of a slave are for, number 0 first, as its object 0x1C00 says it, where its EEPROM says nothing of it
+    /// ([`assumes_managers`](super::SlaveInfo::assumes_managers)). They take effect with the next [`Self::configure`]. Another scan forgets it.
+    ///
+    /// # Errors
+    /// [`ConfigureError::NoSlave`]; [`ConfigureError::NoManager`]: its EEPROM says what they are.
+    pub fn assume_managers(&mut self, slave: u8, uses: &[SiiSmType]) -> Result<(), ConfigureError> {
+        let place = usize::from(slave).checked_sub(1).and_then(|n| self.slaves.get_mut(n));
+        let info = place.ok_or(ConfigureError::NoSlave(slave))?;
+        if !info.assumes_managers() {
+            return Err(ConfigureError::NoManager(slave));
+        }
+        info.assume_managers(&uses[..uses.len().min(info.sync_managers.into())]);
+        Ok(())
     }
 
     /// Sets whether what a slave sends unasked stays in its mailbox until [`Self::receive_mail`], or another request to that

@@ -53,7 +53,7 @@ impl Transfer {
             loop {
                 let room = self.mailbox.answer_len().saturating_sub(FOE_OVERHEAD);
                 let data = self.mailbox.receive(MailboxProtocol::Foe, until).await?;
-                match FoeMessage::decode(data).map_err(|_| MailboxError::WrongAnswer)? {
+                let wrong = match FoeMessage::decode(data).map_err(|_| MailboxError::WrongAnswer)? {
                     FoeMessage::Ack { packet: other } if other == packet => return Ok(Answer::Taken),
                     FoeMessage::Data { packet: other, data } if other == packet => {
                         content.extend_from_slice(data);
@@ -61,9 +61,12 @@ impl Transfer {
                     }
                     FoeMessage::Error { code, .. } => return Err(FileError::File(code)),
                     FoeMessage::Busy { .. } => break,
-                    // An older packet once more.
-                    FoeMessage::Ack { .. } | FoeMessage::Data { .. } => {}
-                    _ => return self.fail(FoeError::ILLEGAL).await,
+                    FoeMessage::Ack { .. } | FoeMessage::Data { .. } => FoeError::PACKET_NUMBER,
+                    _ => FoeError::ILLEGAL,
+                };
+                // An older packet once more is none to this one.
+                if !self.mailbox.leaves_out() {
+                    return self.fail(wrong).await;
                 }
             }
             self.mailbox.pause(BUSY_NS).await;
@@ -79,6 +82,7 @@ impl Transfer {
     async fn fail<R>(&mut self, code: FoeError) -> Result<R, FileError> {
         // It has ended whether the slave takes note or not.
         let _ = self.say(FoeMessage::Error { code, text: &[] }).await;
+        self.mailbox.wants_no_answer();
         Err(FileError::File(code))
     }
 }
@@ -94,6 +98,7 @@ pub(super) async fn read(bus: Bus, peer: Peer, name: &[u8], password: u32) -> Re
             Answer::Taken => return transfer.fail(FoeError::ILLEGAL).await,
             Answer::Data { is_last: true } => {
                 transfer.say(FoeMessage::Ack { packet }).await?;
+                transfer.mailbox.wants_no_answer();
                 return Ok(content);
             }
             Answer::Data { is_last: false } if content.len() > VALUE_BYTES_MAX => {

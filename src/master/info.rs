@@ -1,9 +1,10 @@
 //! What a scan finds out about a slave.
 
-use super::{SiiError, Upstream};
-use crate::ethercat::registers::{DlStatus, Features, SmControl, SmDirection, SyncManager};
+use super::{SiiError, Upstream, sii};
+use crate::ethercat::registers::{BufferMode, DlStatus, Features, SmControl, SmDirection, SyncManager};
 use crate::ethercat::sii::{
-    CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmType,
+    CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmEnable,
+    SiiSmType, SiiSyncManager,
 };
 use crate::ethercat::{DATA_LEN_MAX, WireError};
 
@@ -11,6 +12,11 @@ use crate::ethercat::{DATA_LEN_MAX, WireError};
 pub const MAILBOX_BYTES_MIN: u16 = 16;
 /// The longest mailbox, which is what one datagram carries.
 pub const MAILBOX_BYTES_MAX: u16 = DATA_LEN_MAX as u16;
+
+/// \[OURS] Where the process data of a slave lie whose EEPROM has no sync managers for them: behind its mailboxes, at a multiple of
+/// this, outputs first, each with room for three buffers of 128 bytes at least.
+const AREA_ALIGN: u16 = 0x80;
+const AREA_ROOM: u16 = 3 * 128;
 
 /// What is said about a slave's mailbox.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,7 +47,7 @@ pub struct SlaveInfo {
     pub alias: u16,
     /// Who it is.
     pub identity: SiiIdentity,
-    /// Its name; empty if it says none. Bytes that are no UTF-8 are replaced.
+    /// Its name, as [`SiiText`](crate::ethercat::sii::SiiText) shows it; empty if it says none.
     pub name: String,
     /// What its controller can do.
     pub features: Features,
@@ -53,6 +59,8 @@ pub struct SlaveInfo {
     pub ports: DlStatus,
     /// Where it is connected; `None`: it is the first one.
     pub upstream: Option<Upstream>,
+    /// The port by which frames come to it, as its clock says: 0, unless its IN and OUT are swapped, or if it has none.
+    pub entry_port: u8,
     /// Its mailbox; `None`: it has none, or none that can be used.
     pub mailbox: Option<MailboxInfo>,
     /// Its sync managers for outputs.
@@ -79,6 +87,7 @@ impl SlaveInfo {
             sync_managers: 0,
             ports: DlStatus::default(),
             upstream: None,
+            entry_port: 0,
             mailbox: None,
             outputs: Vec::new(),
             inputs: Vec::new(),
@@ -95,20 +104,19 @@ impl SlaveInfo {
     fn take_sii(&mut self, sii: &Sii<'_>) {
         let fixed = sii.info();
         self.identity = fixed.identity;
-        let general = sii.category(CategoryKind::General).and_then(|category| category.general().ok());
+        let general = sii.all_of(CategoryKind::General).find_map(|category| category.general().ok());
         let coe = general.map_or(CoeDetails::NONE, |general| general.coe);
-        if let (Some(general), Some(texts)) = (general, sii.category(CategoryKind::Strings)) {
-            let name = texts.strings().get(general.name).or_else(|| texts.strings().get(general.order));
-            self.name = String::from_utf8_lossy(name.unwrap_or_default()).into_owned();
+        if let Some(general) = general {
+            let name = sii.text(general.name).or_else(|| sii.text(general.order));
+            self.name = name.map_or_else(String::new, |name| name.to_string());
         }
         self.lacks_lrw = general.is_some_and(|general| general.flags.contains(SiiGeneralFlags::NO_LRW));
         let areas = fixed.mailbox;
         if fixed.protocols.0 != 0 && is_mailbox_len(areas.receive.len) && is_mailbox_len(areas.send.len) {
             self.mailbox = Some(MailboxInfo { areas, protocols: fixed.protocols, coe });
         }
-        let Some(managers) = sii.category(CategoryKind::SyncManagers) else { return };
-        for (number, described) in (0..16).zip(managers.sync_managers()) {
-            let (list, kind) = match described.kind {
+        for (number, described) in (0..16).zip(sii.sync_managers()) {
+            let (list, kind) = match use_of(sii, &described) {
                 SiiSmType::Outputs => (&mut self.outputs, CategoryKind::RxPdos),
                 SiiSmType::Inputs => (&mut self.inputs, CategoryKind::TxPdos),
                 _ => continue,
@@ -118,6 +126,57 @@ impl SlaveInfo {
             let registers = SyncManager::enabled(described.start, len, described.control);
             list.push(ProcessManager { number, registers });
         }
+        if self.assumes_managers() {
+            self.assume_managers(&[SiiSmType::MailboxOut, SiiSmType::MailboxIn, SiiSmType::Outputs, SiiSmType::Inputs]);
+        }
+    }
+
+    /// Whether its EEPROM says nothing of sync managers for process data, although it has CANopen and so may have some: object 0x1C00
+    /// says which they are, see [`Master::assume_managers`](super::Master::assume_managers).
+    pub fn assumes_managers(&self) -> bool {
+        let sii = self.eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
+        let is_process_data =
+            |sii: &Sii<'_>, one: &SiiSyncManager| matches!(use_of(sii, one), SiiSmType::Outputs | SiiSmType::Inputs);
+        let is_described = |sii: Sii<'_>| sii.sync_managers().any(|one| is_process_data(&sii, &one));
+        !self.lacks_coe() && sii.is_some_and(|sii| !is_described(sii))
+    }
+
+    /// The sync managers are for that, number 0 first. The EEPROM says nothing of those for process data.
+    pub(super) fn assume_managers(&mut self, uses: &[SiiSmType]) {
+        let areas = self.mailbox.map(|mailbox| mailbox.areas).unwrap_or_default();
+        let ends = [areas.receive, areas.send].map(|area| area.start.saturating_add(area.len));
+        let mut start = next_area(ends[0].max(ends[1]));
+        let eeprom = std::mem::replace(&mut self.eeprom, Err(SiiError::NoAnswer));
+        let sii = eeprom.as_deref().ok().and_then(|bytes| Sii::new(bytes).ok());
+        self.outputs.clear();
+        self.inputs.clear();
+        for (number, manager_use) in (0..).zip(uses) {
+            let (list, control, kind) = match manager_use {
+                SiiSmType::Outputs => (&mut self.outputs, SmControl::OUTPUTS, CategoryKind::RxPdos),
+                SiiSmType::Inputs => (&mut self.inputs, SmControl::INPUTS, CategoryKind::TxPdos),
+                _ => continue,
+            };
+            let len = sii.and_then(|sii| pdo_bytes(&sii, kind, number)).unwrap_or(0);
+            list.push(ProcessManager { number, registers: SyncManager::enabled(start, len, control) });
+            start = next_area(start.saturating_add(AREA_ROOM.max(len.saturating_mul(3))));
+        }
+        self.eeprom = eeprom;
+    }
+
+    /// How many bytes of its own outputs and inputs a slave has, as its EEPROM says; `None`: it says nothing of them, and the slave has
+    /// objects that say it.
+    pub fn described_bytes(&self) -> [Option<u16>; 2] {
+        let is_read = self.eeprom.is_ok();
+        [&self.outputs, &self.inputs].map(|managers| {
+            let bytes = managers.iter().fold(0_u16, |sum, manager| sum.saturating_add(manager.registers.len));
+            let is_said = bytes > 0 || managers.is_empty() || self.lacks_coe();
+            (is_read && is_said).then_some(bytes)
+        })
+    }
+
+    /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
+    pub fn eeprom_fault(&self) -> Option<SiiError> {
+        self.eeprom.as_deref().map_or_else(|error| Some(*error), sii::fault)
     }
 
     /// Takes a sync manager for what the EEPROM should have said. False: it is one of a mailbox that there is not.
@@ -171,9 +230,31 @@ const fn is_mailbox_len(len: u16) -> bool {
     MAILBOX_BYTES_MIN <= len && len <= MAILBOX_BYTES_MAX
 }
 
-/// The PDOs of a category, up to the first one that is none.
+/// Where an area may begin that is not before this.
+fn next_area(from: u16) -> u16 {
+    from.checked_next_multiple_of(AREA_ALIGN).unwrap_or(u16::MAX)
+}
+
+/// What a sync manager is for. \[OURS] Of one that has a place and no type the control byte tells, if it is switched on or no one there
+/// has a type: a single buffer is a mailbox.
+fn use_of(sii: &Sii<'_>, manager: &SiiSyncManager) -> SiiSmType {
+    let may_be_used =
+        || manager.enable.contains(SiiSmEnable::ENABLE) || sii.sync_managers().all(|one| one.kind == SiiSmType::Unused);
+    if manager.kind != SiiSmType::Unused || manager.start == 0 || !may_be_used() {
+        return manager.kind;
+    }
+    match (manager.control.mode(), manager.control.direction()) {
+        (BufferMode::Buffered, SmDirection::Write) => SiiSmType::Outputs,
+        (BufferMode::Buffered, SmDirection::Read) => SiiSmType::Inputs,
+        (BufferMode::Mailbox, SmDirection::Write) => SiiSmType::MailboxOut,
+        (BufferMode::Mailbox, SmDirection::Read) => SiiSmType::MailboxIn,
+        _ => SiiSmType::Unused,
+    }
+}
+
+/// The PDOs of all categories of a kind; of each up to the first one that is none.
 fn pdos<'s>(sii: &Sii<'s>, kind: CategoryKind) -> impl Iterator<Item = SiiPdo<'s>> + use<'s> {
-    sii.category(kind).into_iter().flat_map(|category| category.pdos()).map_while(Result::<_, WireError>::ok)
+    sii.all_of(kind).flat_map(|category| category.pdos().map_while(Result::<_, WireError>::ok))
 }
 
 /// How many bytes the PDOs have together that an EEPROM assigns to a sync manager; `None`: it assigns none.

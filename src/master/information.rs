@@ -1,10 +1,11 @@
 //! SDO information: which objects a slave has, and what they are.
 
 use super::bus::Bus;
-use super::mailbox::{MailboxError, Peer};
+use super::mailbox::{FIRST_OBJECT, MailboxError, Peer};
 use super::{SdoError, VALUE_BYTES_MAX};
 use crate::coe::{
-    AbortCode, CoeMessage, EntryRequest, InformationFragment, InformationKind, ObjectListType, decode_abort, decode_u16,
+    AbortCode, CoeMessage, EntryRequest, InformationFragment, InformationKind, ObjectListType, SdoRequest,
+    decode_abort, decode_u16,
 };
 use crate::ethercat::mailbox::MailboxProtocol;
 use crate::ethercat::sii::MailboxProtocols;
@@ -48,12 +49,23 @@ async fn ask(
     let mut expected = None;
     loop {
         let data = mailbox.receive(MailboxProtocol::Coe, until).await?;
-        let Ok(CoeMessage::Information(fragment)) = CoeMessage::decode(data) else { continue };
+        let fragment = match CoeMessage::decode(data) {
+            Ok(CoeMessage::Information(fragment)) => fragment,
+            // Some slaves refuse it as they refuse an SDO.
+            Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code })) if object != FIRST_OBJECT => {
+                return Err(SdoError::Abort(code));
+            }
+            Ok(_) => continue,
+            Err(_) => return Err(MailboxError::WrongAnswer.into()),
+        };
         if fragment.kind == InformationKind::Error {
             return Err(decode_abort(fragment.data).map_or(MailboxError::WrongAnswer.into(), SdoError::Abort));
         }
         if fragment.kind != wanted {
-            continue;
+            if mailbox.leaves_out() {
+                continue;
+            }
+            return Err(MailboxError::WrongAnswer.into());
         }
         // The numbers of fragments count down.
         if expected.is_some_and(|expected| expected != fragment.left) {

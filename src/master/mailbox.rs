@@ -65,6 +65,8 @@ pub(super) struct MailboxState {
     repeat: bool,
     /// A request is under way.
     is_open: bool,
+    /// The slave has not answered a request that was given up, and may still do so.
+    owes: bool,
     /// Another master uses the mailbox, too: requests are not counted, so that none of its own is taken for a repeat.
     pub(super) is_shared: bool,
 }
@@ -73,6 +75,7 @@ impl MailboxState {
     /// The slave enters PreOP: it has forgotten all messages.
     pub(super) const fn begin(&mut self) {
         (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
+        self.owes = false;
     }
 
     /// Whether a request is under way.
@@ -111,14 +114,19 @@ pub(super) struct Mailbox {
     info: MailboxInfo,
     /// A message as it lies in its box. The memory for it is the slave's, whoever uses the mailbox.
     bytes: Vec<u8>,
+    /// The slave has not answered the last request.
+    is_waiting: bool,
+    /// The message was asked for once more, so that it may be an older one.
+    is_repeated: bool,
 }
 
 impl Drop for Mailbox {
     fn drop(&mut self) {
-        let bytes = std::mem::take(&mut self.bytes);
+        let (bytes, is_waiting) = (std::mem::take(&mut self.bytes), self.is_waiting);
         self.bus.with(|shared| {
             if let Some(live) = shared.live_mut(self.slave) {
                 (live.mailbox.is_open, live.mailbox_bytes) = (false, bytes);
+                live.mailbox.owes |= is_waiting;
             }
         });
     }
@@ -132,7 +140,7 @@ impl Mailbox {
             let is_free = !std::mem::replace(&mut live.mailbox.is_open, true);
             is_free.then(|| std::mem::take(&mut live.mailbox_bytes))
         });
-        bytes.map(|bytes| Self { bus, slave, station, info, bytes })
+        bytes.map(|bytes| Self { bus, slave, station, info, bytes, is_waiting: false, is_repeated: false })
     }
 
     fn state<R: Default>(&self, change: impl FnOnce(&mut MailboxState) -> R) -> R {
@@ -173,6 +181,8 @@ impl Mailbox {
         let len = self.bytes.get_mut(MAILBOX_HEADER_LEN..).and_then(encode).ok_or(MailboxError::TooLong)?;
         let header = MailboxHeader::new(protocol, counter);
         encode_around(header, len, &mut self.bytes).map_err(|_| MailboxError::TooLong)?;
+        self.state(|state| state.owes |= self.is_waiting);
+        self.is_waiting = true;
         let mut was_lost = false;
         loop {
             let written = self
@@ -208,6 +218,7 @@ impl Mailbox {
     pub(super) async fn receive(&mut self, protocol: MailboxProtocol, until: Ns) -> Result<&[u8], MailboxError> {
         loop {
             if self.collect().await? && self.is_answer(protocol)? {
+                self.is_waiting = false;
                 break;
             }
             if self.bus.now() >= until {
@@ -216,6 +227,24 @@ impl Mailbox {
             self.bus.sleep(POLL_NS).await;
         }
         Ok(MailboxMessage::decode(&self.bytes).map(|message| message.data).unwrap_or_default())
+    }
+
+    /// What was received is none to the request. Whether it may be one to a request before, or an older one once more, so that the right
+    /// one still comes.
+    pub(super) fn leaves_out(&mut self) -> bool {
+        let is_late = self.is_repeated || self.state(|state| std::mem::take(&mut state.owes));
+        self.is_waiting |= is_late;
+        is_late
+    }
+
+    /// The slave has answered this request. Slaves answer one after the other, so that nothing of those before is to come.
+    pub(super) fn settle(&self) {
+        self.state(|state| state.owes = false);
+    }
+
+    /// There is no answer to the message that was sent.
+    pub(super) const fn wants_no_answer(&mut self) {
+        self.is_waiting = false;
     }
 
     /// Reads the message that the slave has sent, as it lies in its box; `None`: there is none. An emergency becomes an event,
@@ -279,7 +308,10 @@ impl Mailbox {
         loop {
             let ticket = self.bus.queue_with(Command::Fprd, self.station, start, &self.bytes, 1);
             match ticket.answer(&mut self.bytes).await {
-                Ok(counter) => return Ok(counter == 1 && (self.is_new() || repeats == 0)),
+                Ok(counter) => {
+                    self.is_repeated = repeats > 0;
+                    return Ok(counter == 1 && (self.is_new() || repeats == 0));
+                }
                 Err(_) if repeats == 3 => return Err(MailboxError::NoAnswer),
                 // The slave may have taken it for read.
                 Err(_) => self.ask_for_repeat().await?,
@@ -320,8 +352,11 @@ impl Mailbox {
     }
 
     /// Whether the message is one of the protocol and no emergency.
+    ///
+    /// # Errors
+    /// [`MailboxError::WrongAnswer`]: it is longer than its box; [`MailboxError::Fault`].
     fn is_answer(&self, protocol: MailboxProtocol) -> Result<bool, MailboxError> {
-        let Ok(message) = MailboxMessage::decode(&self.bytes) else { return Ok(false) };
+        let message = MailboxMessage::decode(&self.bytes).map_err(|_| MailboxError::WrongAnswer)?;
         if message.header.protocol == MailboxProtocol::Error {
             return MailboxFault::decode(message.data).map_or(Ok(false), |fault| Err(MailboxError::Fault(fault)));
         }

@@ -3,7 +3,7 @@
 use super::bus::{Bus, Unanswered, join};
 use super::exchange::Lost;
 use super::topology::{Upstream, is_open, loose_ends, upstreams};
-use super::{SlaveInfo, clocks, sii, watchdog};
+use super::{SlaveInfo, clocks, sii, states, watchdog};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusWithCode, CYCLIC_UNIT_CONTROL, DL_CONTROL, DL_STATUS, DlControl,
     DlStatus, ESC_WRITE_ENABLE, FEATURES, FMMU, FMMU_LEN, FMMUS, Features, LoopControl, RequestedState,
@@ -122,7 +122,12 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
         bus.with(|shared| ends.iter().for_each(|end| shared.clocks.close(*end)));
         let set = clocks::set(&bus, clocks).await;
         close(&bus, &slaves, &ends, false).await?;
-        let delays = set?.delays().to_vec();
+        let measured = set?;
+        let delays = measured.delays().to_vec();
+        if ends.is_empty() {
+            slaves.iter_mut().zip(measured.entries()).for_each(|(slave, port)| slave.entry_port = port);
+        }
+        drop(measured);
         bus.with(|shared| shared.clocks.ring_delays = Some(delays).filter(|_| !ends.is_empty()));
     }
     Ok(slaves)
@@ -174,12 +179,18 @@ async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
         }
         bus.sleep(STATE_POLL_NS).await;
     }
+    states::take_acknowledgement_back(bus, station).await?;
     let [fmmus] = bus.read(station, FMMUS).await?;
     let [sync_managers] = bus.read(station, SYNC_MANAGERS).await?;
     let features = Features(u16::from_le_bytes(bus.read(station, FEATURES).await?));
     let alias = u16::from_le_bytes(bus.read(station, STATION_ALIAS).await?);
     let ports = DlStatus(u16::from_le_bytes(bus.read(station, DL_STATUS).await?));
-    let info = SlaveInfo::new(station, sii::read(bus, station).await);
+    let mut info = SlaveInfo::new(station, sii::read(bus, station).await);
+    if info.assumes_managers() {
+        for list in [&mut info.outputs, &mut info.inputs] {
+            list.retain(|one| one.number < sync_managers);
+        }
+    }
     let lacks_lrw = info.lacks_lrw || features.contains(Features::NO_LRW);
     Ok(SlaveInfo { alias, features, fmmus, sync_managers, ports, lacks_lrw, ..info })
 }

@@ -66,11 +66,12 @@ impl Sdo {
         Ok(until)
     }
 
-    /// Sends a request and gives what `take` makes of its answer; `None`: it is none to this request, and is left out.
+    /// Sends a request and gives what `take` makes of its answer. One that is none to this request is left out if it may be one to
+    /// another, whose answer nobody waits for any more; else `take` says with which code that ends the transfer.
     async fn ask<R>(
         &mut self,
         request: SdoRequest<'_>,
-        mut take: impl FnMut(SdoResponse<'_>) -> Option<R>,
+        mut take: impl FnMut(SdoResponse<'_>) -> Result<R, AbortCode>,
     ) -> Result<R, SdoError> {
         let until = self.send(request).await?;
         loop {
@@ -82,20 +83,32 @@ impl Sdo {
                 }
                 Err(error) => return Err(error.into()),
             };
-            match CoeMessage::decode(data) {
+            let wrong = match CoeMessage::decode(data) {
                 // The answer to the first request to this mailbox, which is not waited for that long.
-                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, .. }))
-                    if object == FIRST_OBJECT && object != self.object => {}
+                Ok(CoeMessage::SdoRequest(SdoRequest::Abort { object, code }))
+                    if object == FIRST_OBJECT && object != self.object =>
+                {
+                    code
+                }
                 Ok(CoeMessage::SdoRequest(SdoRequest::Abort { code, .. })) => return Err(SdoError::Abort(code)),
                 Ok(CoeMessage::SdoResponse(response)) => {
                     if let Some(code) = abort_in(response) {
                         return Err(SdoError::Abort(code));
                     }
-                    if let Some(taken) = take(response) {
-                        return Ok(taken);
+                    match take(response) {
+                        Ok(taken) => {
+                            self.mailbox.settle();
+                            return Ok(taken);
+                        }
+                        Err(code) => code,
                     }
                 }
-                _ => {}
+                // What slaves send without being asked.
+                Ok(_) => continue,
+                Err(_) => AbortCode::LENGTH,
+            };
+            if !self.mailbox.leaves_out() {
+                return self.fail(wrong).await;
             }
         }
     }
@@ -104,6 +117,7 @@ impl Sdo {
     async fn give_up(&mut self, code: AbortCode) {
         // It has ended whether the slave takes note or not.
         let _ = self.send(SdoRequest::Abort { object: self.object, code }).await;
+        self.mailbox.wants_no_answer();
     }
 
     async fn fail<R>(&mut self, code: AbortCode) -> Result<R, SdoError> {
@@ -210,9 +224,11 @@ pub(super) async fn upload<V: Value>(
     let mut value = V::default();
     let size = sdo
         .ask(SdoRequest::Upload { object, scope }, |response| {
-            let SdoResponse::Upload { object: other, value: part, .. } = response else { return None };
+            let SdoResponse::Upload { object: other, value: part, .. } = response else {
+                return Err(AbortCode::COMMAND);
+            };
             let (size, data) = match part {
-                _ if other != object => return None,
+                _ if other != object => return Err(AbortCode::COMMAND),
                 SdoValuePart::Expedited(data) => (data.len(), data),
                 SdoValuePart::Unsized(four) => (four.len(), &four[..]),
                 // What follows a value in its message has no meaning.
@@ -223,7 +239,7 @@ pub(super) async fn upload<V: Value>(
             };
             value.reserve(size.min(VALUE_BYTES_MAX));
             value.extend(data);
-            Some(size)
+            Ok(size)
         })
         .await?;
     if size > VALUE_BYTES_MAX {
@@ -237,9 +253,10 @@ pub(super) async fn upload<V: Value>(
                 SdoResponse::UploadSegment { toggle: other, last, data } if other == toggle => {
                     let room = size - value.len();
                     value.extend(&data[..data.len().min(room)]);
-                    Some(if data.len() > room { Err(AbortCode::TOO_LONG) } else { Ok(last) })
+                    Ok(if data.len() > room { Err(AbortCode::TOO_LONG) } else { Ok(last) })
                 }
-                _ => None,
+                SdoResponse::UploadSegment { .. } => Err(AbortCode::TOGGLE_BIT),
+                _ => Err(AbortCode::COMMAND),
             })
             .await?;
         match is_last {
@@ -272,8 +289,8 @@ pub(super) async fn download(
         len => (SdoValuePart::First { size: u32::try_from(len).unwrap_or(u32::MAX), data: &value[..first] }, first),
     };
     sdo.ask(SdoRequest::Download { object, scope, value: part }, |response| match response {
-        SdoResponse::Download { object: other, .. } if other == object => Some(()),
-        _ => None,
+        SdoResponse::Download { object: other, .. } if other == object => Ok(()),
+        _ => Err(AbortCode::COMMAND),
     })
     .await?;
     let room = sdo.room(SEGMENT_OVERHEAD).max(1);
@@ -281,8 +298,9 @@ pub(super) async fn download(
     for (n, data) in value[sent..].chunks(room).enumerate() {
         let last = n + 1 == count;
         sdo.ask(SdoRequest::DownloadSegment { toggle, last, data }, |response| match response {
-            SdoResponse::DownloadSegment { toggle: other } if other == toggle => Some(()),
-            _ => None,
+            SdoResponse::DownloadSegment { toggle: other } if other == toggle => Ok(()),
+            SdoResponse::DownloadSegment { .. } => Err(AbortCode::TOGGLE_BIT),
+            _ => Err(AbortCode::COMMAND),
         })
         .await?;
         toggle = !toggle;

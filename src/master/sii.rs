@@ -5,11 +5,11 @@ use crate::ethercat::Ns;
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
 
-/// How long a command for an EEPROM may take (all known masters).
-const BUSY_MAX_NS: Ns = 20_000_000;
-/// \[OURS] How often a command is tried that the EEPROM does not acknowledge: one that writes does not while it still keeps
-/// the word before.
-const TRIES: u32 = 3;
+/// How long a command for an EEPROM may take (TwinCAT): some slaves' own controllers emulate theirs, in flash memory.
+const BUSY_MAX_NS: Ns = 100_000_000;
+/// \[OURS] For how long a command is tried that the EEPROM does not acknowledge: while it keeps a word that was written it answers
+/// nothing, for as long as a command may take.
+const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
 /// \[OURS] How long the master waits before it tries that again, about as long as an EEPROM writes a word.
 const AGAIN_NS: Ns = 5_000_000;
 /// \[OURS] How many bytes of an EEPROM are read at most.
@@ -23,15 +23,32 @@ pub enum SiiError {
     /// The slave did not answer.
     #[error("the slave did not answer while its EEPROM was accessed; check its cable and its power")]
     NoAnswer,
-    /// A command took longer than 20 ms.
-    #[error("the EEPROM is busy for more than 20 ms; the slave's own controller may have kept it")]
+    /// A command took longer than 100 ms.
+    #[error("the EEPROM is busy for more than {} ms; the slave's own controller may have kept it", BUSY_MAX_NS / 1_000_000)]
     Busy,
     /// The EEPROM reports an error.
     #[error("the EEPROM reports an error, status 0x{:04X}", .0.0)]
     Command(SiiControl),
-    /// It has no fixed words, or no end.
-    #[error("the EEPROM has no end of its categories within 32 KiB; it may be empty")]
-    NoEnd,
+    /// Nobody has written it.
+    #[error("the EEPROM is empty: all of its first 64 words are 0x{0:02X}{0:02X}")]
+    Empty(u8),
+    /// Its checksum is wrong, so that the slave's controller loads nothing of it.
+    #[error(
+        "the checksum of the EEPROM's first words is 0x{found:02X} and should be 0x{expected:02X}: the slave's controller loads \
+         nothing of it"
+    )]
+    Checksum {
+        /// What stands there.
+        found: u8,
+        /// What should stand there.
+        expected: u8,
+    },
+    /// Its categories have no end.
+    #[error("the EEPROM's categories are not whole: behind word 0x{word:04X} nothing of them can be read")]
+    NoEnd {
+        /// How many words are whole.
+        word: u16,
+    },
     /// The scan found no slave with that number.
     #[error("there is no slave {0}; the scan found fewer")]
     NoSlave(u8),
@@ -54,30 +71,67 @@ pub(super) async fn offer(bus: &Bus, station: u16, is_offered: bool) -> Result<(
     bus.write(station, SII_CONFIGURATION, &[is_offered.into()]).await
 }
 
-/// The fixed words and the categories.
+/// The fixed words and the categories, as far as they are whole: what stands before one that has no end counts, and
+/// [`fault`] says that it has none.
 ///
 /// # Errors
 /// [`SiiError`].
 pub(super) async fn read(bus: &Bus, station: u16) -> Result<Vec<u8>, SiiError> {
     let mut bytes = Vec::new();
     read_up_to(bus, station, &mut bytes, SII_INFO_LEN).await?;
+    if let Some(byte) = Sii::new(&bytes).ok().and_then(|sii| sii.blank()) {
+        return Err(SiiError::Empty(byte));
+    }
     loop {
         let lacks = match Sii::lacks(&bytes) {
             Ok(0) => break,
-            Ok(lacks) => lacks,
-            Err(_) => return Err(SiiError::NoEnd),
+            Ok(lacks) if bytes.len() + lacks <= BYTES_MAX => lacks,
+            _ => return Ok(bytes),
         };
         let len = bytes.len() + lacks;
-        if len > BYTES_MAX {
-            return Err(SiiError::NoEnd);
+        match read_up_to(bus, station, &mut bytes, len).await {
+            Ok(()) => {
+                if let Some(size) = wraps_at(&bytes) {
+                    bytes.truncate(size);
+                    return Ok(bytes);
+                }
+            }
+            // Behind the end of an EEPROM there is nobody who acknowledges.
+            Err(SiiError::Command(_)) => return Ok(bytes),
+            Err(error) => return Err(error),
         }
-        read_up_to(bus, station, &mut bytes, len).await?;
     }
     // What was read behind the end depends on how many bytes come at once.
     while Sii::lacks(&bytes[..bytes.len() - 2]) == Ok(0) {
         bytes.truncate(bytes.len() - 2);
     }
     Ok(bytes)
+}
+
+/// The size of an EEPROM without an end of its categories behind which it begins anew, as its address has no more bits; `None`: it does
+/// not.
+fn wraps_at(bytes: &[u8]) -> Option<usize> {
+    let is_again = |size: &usize| bytes.get(*size..).is_some_and(|behind| behind.starts_with(&bytes[..SII_INFO_LEN]));
+    std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
+        .take_while(|size| *size < bytes.len())
+        .find(is_again)
+}
+
+/// What is wrong with a content that was read: nothing keeps a master from it, but whoever looks at the slave has to know.
+pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
+    let sii = Sii::new(content).ok()?;
+    if let Some(byte) = sii.blank() {
+        return Some(SiiError::Empty(byte));
+    }
+    if !sii.has_right_checksum() {
+        let (found, expected) = sii.checksums();
+        return Some(SiiError::Checksum { found, expected });
+    }
+    let whole: usize = sii.categories().map_while(Result::ok).map(|category| 2 + category.data.len() / 2).sum();
+    let word = u16::try_from(SII_INFO_LEN / 2 + whole).unwrap_or(u16::MAX);
+    // One that ends with a category needs no other end.
+    let is_cut = Sii::lacks(content) != Ok(0) && content.len() > 2 * usize::from(word);
+    is_cut.then_some(SiiError::NoEnd { word })
 }
 
 /// Who the slave is.
@@ -129,16 +183,14 @@ async fn command(
     word: u16,
     value: Option<u16>,
 ) -> Result<(SiiControl, [u8; 8]), SiiError> {
-    let (mut status, mut kept) = (SiiControl::NONE, false);
+    let (mut status, mut kept);
     let [c0, c1] = command.0.to_le_bytes();
     let [low, high] = word.to_le_bytes();
     let [d0, d1] = value.unwrap_or_default().to_le_bytes();
     let registers = [c0, c1, low, high, 0, 0, d0, d1];
     let written = if value.is_some() { &registers[..] } else { &registers[..6] };
-    for turn in 0..TRIES {
-        if turn > 0 && command.command() == SiiCommand::Write {
-            bus.sleep(AGAIN_NS).await;
-        }
+    let silent_until = bus.now() + SILENT_MAX_NS;
+    loop {
         let until = bus.now() + BUSY_MAX_NS;
         let is_taken = match bus.write(station, SII_CONTROL, written).await {
             Ok(()) => true,
@@ -152,12 +204,9 @@ async fn command(
             let [control @ .., _, _, _, _, _, _, _, _] = &read;
             status = SiiControl(u16::from_le_bytes([control[0], control[1]]));
             if !status.contains(SiiControl::BUSY) {
-                if !is_taken {
-                    kept = true;
-                    break;
-                }
-                kept = false;
-                if !status.intersects(SiiControl::COMMAND_ERROR | SiiControl::WRITE_ENABLE_ERROR) {
+                kept = !is_taken;
+                let is_done = !status.intersects(SiiControl::COMMAND_ERROR | SiiControl::WRITE_ENABLE_ERROR);
+                if is_taken && is_done {
                     return Ok((status, read.last_chunk().copied().unwrap_or_default()));
                 }
                 break;
@@ -165,6 +214,12 @@ async fn command(
             if bus.now() >= until {
                 return Err(SiiError::Busy);
             }
+        }
+        if bus.now() >= silent_until {
+            break;
+        }
+        if !kept {
+            bus.sleep(AGAIN_NS).await;
         }
     }
     Err(if kept { SiiError::Busy } else { SiiError::Command(status) })

@@ -9,8 +9,8 @@ use super::process_data::Registers;
 use super::scan::STATE_POLL_NS;
 use super::{SyncSignals, clocks, sii, watchdog};
 use crate::ethercat::registers::{
-    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, fmmu,
-    sync_manager,
+    AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, Fmmu, RequestedState, SyncManager, TYPE,
+    fmmu, sync_manager,
 };
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns};
 
@@ -51,6 +51,12 @@ pub enum StateReason {
     /// It does not answer.
     #[error("it does not answer; check its cable and its power")]
     NoAnswer,
+    /// It answers, but not to what the change has to read or to write.
+    #[error(
+        "it answers, but one of its registers that this needs was not read or not written (working counter {0} instead of 1); \
+         switch it off and on, and look whether two slaves have one station address"
+    )]
+    NotTaken(u16),
     /// Its controller does not take the time after which it leaves OP without outputs: it could go on for ever after the master's end.
     #[error(
         "its watchdog of process data (registers 0x0400 and 0x0420) has {} us instead of {} us; switch it off and on, and if \
@@ -71,14 +77,17 @@ impl StateReason {
             Self::Refused { code, .. } => code,
             // What a slave says that finds that itself.
             Self::Watchdog { .. } => AlStatus::INVALID_WATCHDOG,
-            Self::TimeUp { .. } | Self::Busy | Self::NoAnswer => AlStatus::NONE,
+            Self::TimeUp { .. } | Self::Busy | Self::NoAnswer | Self::NotTaken(_) => AlStatus::NONE,
         }
     }
 }
 
 impl From<Unanswered> for StateReason {
-    fn from(_: Unanswered) -> Self {
-        Self::NoAnswer
+    fn from(unanswered: Unanswered) -> Self {
+        match unanswered {
+            Unanswered::Lost => Self::NoAnswer,
+            Unanswered::Counter(counter) => Self::NotTaken(counter),
+        }
     }
 }
 
@@ -195,6 +204,16 @@ impl Drop for Change<'_> {
 async fn bring(bus: Bus, plan: Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let (bus, plan) = (&bus, &plan);
     let Some(_change) = Change::begin(bus, plan.slave) else { return Err(StateReason::Busy) };
+    let ended = lead(bus, plan, target, until).await;
+    // Does it answer at all?
+    if ended == Err(StateReason::NotTaken(0)) && bus.read::<1>(plan.station, TYPE).await.is_err() {
+        return Err(StateReason::NoAnswer);
+    }
+    ended
+}
+
+/// Leads a slave there, step by step.
+async fn lead(bus: &Bus, plan: &Plan, target: AlState, until: Ns) -> Result<(), StateReason> {
     let mut current = acknowledge(bus, plan, until).await?;
     while current != target {
         let next = if target < current { target } else { current.above() };
@@ -214,6 +233,21 @@ async fn request(bus: &Bus, plan: &Plan, control: AlControl) -> Result<(), State
     Ok(bus.write(plan.station, AL_CONTROL, &control.0.to_le_bytes()).await?)
 }
 
+/// Takes back the acknowledgement of a request, where a controller shows it as an error: with device emulation (0x0141 bit 0) AL status
+/// copies AL control, bit 4 too, and nobody is there who would clear that, or give it a code. A device with a state machine stays where
+/// it is.
+pub(super) async fn take_acknowledgement_back(bus: &Bus, station: u16) -> Result<(), Unanswered> {
+    let AlStatusWithCode { status, code } = AlStatusWithCode::decode(&bus.read(station, AL_STATUS).await?);
+    if !status.contains(AlStatusRegister::ERROR) || code != AlStatus::NONE {
+        return Ok(());
+    }
+    match bus.write(station, AL_CONTROL, &AlControl::request(status.state()).0.to_le_bytes()).await {
+        // A device that is still at work on the request before takes none.
+        Ok(()) | Err(Unanswered::Counter(_)) => Ok(()),
+        Err(lost) => Err(lost),
+    }
+}
+
 /// Clears an error, and leaves states that are no steps; the state then.
 async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, StateReason> {
     loop {
@@ -231,11 +265,13 @@ async fn acknowledge(bus: &Bus, plan: &Plan, until: Ns) -> Result<AlState, State
                 let init = AlControl::request(RequestedState::State(AlState::Init));
                 request(bus, plan, init.with(AlControl::ACKNOWLEDGE)).await?;
                 bus.sleep(STATE_POLL_NS).await;
+                take_acknowledgement_back(bus, plan.station).await?;
                 continue;
             }
         }
         request(bus, plan, AlControl::request(state).with(AlControl::ACKNOWLEDGE)).await?;
         bus.sleep(STATE_POLL_NS).await;
+        take_acknowledgement_back(bus, plan.station).await?;
     }
 }
 

@@ -4,7 +4,7 @@
 use super::bus::{Bus, Ticket};
 use super::mailbox::Mailbox;
 use super::topology::{Upstream, is_open};
-use super::{Event, SEGMENT_BYTES_MAX, SlaveInfo, clocks, sii};
+use super::{Event, SEGMENT_BYTES_MAX, SlaveInfo, clocks, sii, states};
 use crate::ethercat::registers::{
     AL_CONTROL, AL_STATUS, AlControl, AlStatusRegister, AlStatusWithCode, DL_STATUS, DlStatus, RequestedState,
     SII_CONFIGURATION, STATION_ADDRESS, STATION_ALIAS, SmStatus, TYPE, sync_manager_status,
@@ -188,6 +188,7 @@ impl Watch {
         let station = self.station(slave)?;
         let init = AlControl::request(RequestedState::State(AlState::Init)).with(AlControl::ACKNOWLEDGE);
         self.bus.write(UNKNOWN_STATION, AL_CONTROL, &init.0.to_le_bytes()).await.ok()?;
+        states::take_acknowledgement_back(&self.bus, UNKNOWN_STATION).await.ok()?;
         self.bus.write(UNKNOWN_STATION, STATION_ADDRESS, &station.to_le_bytes()).await.ok()?;
         let status = AlStatusRegister::of(RequestedState::State(AlState::Init));
         self.bus.with(|shared| {

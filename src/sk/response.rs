@@ -128,7 +128,11 @@ impl StateByte {
                  which counts as IO: declare every slave in PreOP with SET_AXIS (0 drive, 1 IO, 2 HSP, 3 STEP, F none) and \
                  its mode with DRIVE_MODE, then SET_STATE again"
             }
-            (_, Some(MasterState::SafeOp | MasterState::Op)) => {
+            (_, Some(MasterState::Op)) => {
+                "a slave has left OP: by its watchdog, if this machine was late, or as its cable or its power is gone; look at its \
+                 own display, then send SET_STATE to bring it back"
+            }
+            (_, Some(MasterState::SafeOp)) => {
                 "a slave fell out of the network or refused the next state; look at its power, its cable and its own \
                  display, then send SET_STATE to bring it back"
             }

@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use crate::sk::StateByte;
+use crate::sk::{MasterState, StateByte};
 
 /// A line of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -115,6 +115,15 @@ impl fmt::Display for Alarm {
 impl fmt::Display for StateFailed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let state = StateByte(self.state);
+        // A change that fails ends below OP.
+        if state.state() == Some(MasterState::Op) {
+            return write!(
+                f,
+                "a slave has left OP while the program ran, byte 2 of slot 0 is 0x{:02X}: {state}; see above which one and why: a \
+                 watchdog, if this machine was late, or a cable, or its power. SET_STATE brings it back",
+                self.state
+            );
+        }
         write!(f, "a change of state failed, byte 2 of slot 0 is 0x{:02X}: {state}", self.state)?;
         f.write_str(match (self.declared, state.state()) {
             _ if self.state == StateByte::FAILED => "; look at the cable to the first slave and at its power",
@@ -132,6 +141,19 @@ impl fmt::Display for StateFailed {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// SK-4.80 A slave that has left OP while a program ran is no change of state that has failed, and no SET_AXIS that is missing.
+    #[test]
+    fn a_slave_that_has_left_op_is_no_failed_change() {
+        for declared in [false, true] {
+            let said = StateFailed { state: 0x18, declared }.to_string();
+            assert!(said.starts_with("a slave has left OP while the program ran, byte 2 of slot 0 is 0x18"), "{said}");
+            assert!(
+                said.contains("watchdog") && !said.contains("SET_AXIS") && !said.contains("change of state"),
+                "{said}"
+            );
+        }
+    }
 
     /// Every line is read back as it was written; a text stays on its line and keeps to its length.
     #[test]

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::AlStatus;
 use crate::link::chip::ChipError;
 use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
@@ -111,7 +112,7 @@ impl From<StepError<ChipError>> for XfError {
 
 fn stuck(slaves: &[(u8, Option<EtherCatState>, u16)]) -> String {
     let one = |(slave, state, al_status): &(u8, Option<EtherCatState>, u16)| match state {
-        Some(state) => format!("slave {slave} is in {state:?}, AL status code 0x{al_status:04X}"),
+        Some(state) => format!("slave {slave} is in {state:?}, AL status code {}", AlStatus(*al_status)),
         None => format!("slave {slave} does not answer"),
     };
     slaves.iter().map(one).collect::<Vec<_>>().join("; ")

@@ -38,7 +38,7 @@ fn slaves_are_found_in_their_order() {
     let upstream: Vec<_> = slaves.iter().map(|slave| slave.upstream.map(|up| (up.slave, up.port))).collect();
     assert_eq!(upstream, [None, Some((1, 1)), Some((2, 1))]);
     assert_eq!(slaves.iter().map(|slave| slave.has_clock).collect::<Vec<_>>(), [true, false, true]);
-    assert_eq!((slaves[2].identity.vendor, slaves[2].process_bytes), (0x556, (8, 19)));
+    assert_eq!((slaves[2].identity.vendor, slaves[2].process_bytes), (0x556, (Some(8), Some(19))));
     assert!(slaves.iter().all(|slave| slave.port_types == 0x0F && slave.ports.has_link(0)));
     let mut kind = [0];
     network.read(1, TYPE, &mut kind).expect("a register");

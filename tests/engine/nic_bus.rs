@@ -6,12 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::{EngineConfig, Event};
-use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
+use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, FrameHeader, FrameWriter, SlaveSet};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus, NicWires, Ring};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{Ns, Role};
 use ecmsk::master::{FrameBuffer, Settings, Wire, WireDown};
 use ecmsk::sk::{MasterCommand, MasterState, Motion, SlaveCommand, StateByte};
+use ecmsk::slave::esc::{CabledChain, EscSettings, EscSlave, eeprom_of};
 use ecmsk::slave::{Drive, DriveConfig, Slave};
 
 use crate::host::Host;
@@ -136,6 +137,10 @@ struct Fixed {
     drive: Drive,
     /// An entry that is another one than the drive's.
     other: Option<(ObjectAddress, u32)>,
+    /// With what it aborts the writing of them.
+    code: AbortCode,
+    /// Nor does it say what is assigned.
+    hides_assignments: bool,
 }
 
 impl Slave for Fixed {
@@ -146,6 +151,9 @@ impl Slave for Fixed {
     }
 
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
+        if self.hides_assignments && matches!(object.index, 0x1C12 | 0x1C13) {
+            return Err(AbortCode::NO_OBJECT);
+        }
         let len = self.drive.read(object, scope, value)?;
         if let Some((_, other)) = self.other.filter(|(at, _)| *at == object) {
             value[..len].copy_from_slice(&other.to_le_bytes()[..len]);
@@ -155,24 +163,48 @@ impl Slave for Fixed {
 
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         if (0x1600..0x1C14).contains(&object.index) {
-            return Err(AbortCode::READ_ONLY);
+            return Err(self.code);
         }
         self.drive.write(object, scope, value)
     }
 }
 
-/// NIC-2.10 A slave whose process data are fixed is used if they are those that are wanted, and refused with the object that is not.
+/// NIC-2.10 A slave whose process data are fixed is used if they are those that are wanted, with whatever code it aborts their writing,
+/// and refused with the object that is not and the code.
 #[test]
 fn fixed_process_data_are_checked_instead_of_written() {
-    let fixed = |other| Box::new(Fixed { drive: Drive::new(DriveConfig::default()), other }) as Box<dyn Slave>;
-    let (mut host, _) = in_op(vec![fixed(None)]);
-    host.servo_on(1);
-    for n in 1..=50 {
-        host.csp(1, n * 10).cycles(1);
+    let drive = || Drive::new(DriveConfig::default());
+    for code in [
+        AbortCode::READ_ONLY,
+        AbortCode::UNSUPPORTED_ACCESS,
+        AbortCode::DEVICE_STATE,
+        AbortCode::VALUE_RANGE,
+        AbortCode::NO_OBJECT,
+        AbortCode::GENERAL,
+    ] {
+        let fixed = Fixed { drive: drive(), other: None, code, hides_assignments: false };
+        let (mut host, _) = in_op(vec![Box::new(fixed)]);
+        host.servo_on(1);
+        for n in 1..=50 {
+            host.csp(1, n * 10).cycles(1);
+        }
+        host.cycles(20);
+        assert!((host.drive(1).position - 500).abs() <= 1, "{code}: {}", host.drive(1).position);
     }
-    host.cycles(20);
-    assert!((host.drive(1).position - 500).abs() <= 1, "{}", host.drive(1).position);
-
+    // What is assigned its EEPROM alone says.
+    let settings = EscSettings::default();
+    let eeprom = eeprom_of(&mut drive(), &settings).expect("it can be described");
+    let hiding = Fixed { drive: drive(), other: None, code: AbortCode::NO_OBJECT, hides_assignments: true };
+    let network = SimHandle::default();
+    let mut cable =
+        CabledChain::new(vec![Box::new(drive())], network.cable().clone()).expect("a drive can be described");
+    cable.chain_mut().add(EscSlave::new(Box::new(hiding), settings, eeprom, 0), 0, 1);
+    let wires = ChainWires::on_cable(cable, network);
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    host.op(2);
+    assert_eq!(host.state().0, 8, "OP");
+    let code = AbortCode::VALUE_RANGE;
+    let fixed = |other| Box::new(Fixed { drive: drive(), other, code, hides_assignments: false }) as Box<dyn Slave>;
     for (object, value) in [
         (ObjectAddress::new(0x1600, 2), 0x60FF_0020),
         (ObjectAddress::new(0x1A00, 0), 5),
@@ -185,7 +217,105 @@ fn fixed_process_data_are_checked_instead_of_written() {
         host.until("the failure", |host| host.board.engine().state_failure().is_some());
         let failure = host.board.engine().state_failure().expect("there is one").to_string();
         assert!(failure.contains("slave 1") && failure.contains(&object.to_string()), "{failure}");
+        assert!(failure.contains(&format!("aborted with {code}")), "{failure}");
     }
+}
+
+/// NIC-2.19 A slave that answers is never said not to answer: it refuses without a reason, or an SDO to it has no answer in time.
+#[test]
+fn a_slave_that_answers_is_never_said_not_to() {
+    let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
+    let board = |network: &SimHandle| {
+        let wires = ChainWires::new(vec![drive()], network.clone()).expect("it has an EEPROM");
+        let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+        host.declare_drives(1);
+        host
+    };
+    let failure = |host: &mut Host| {
+        host.master(MasterCommand::SetState(MasterState::Op));
+        host.until("the failure", |host| host.board.engine().state_failure().is_some());
+        host.board.engine().state_failure().expect("there is one").to_string()
+    };
+    let network = SimHandle::default();
+    let mut host = board(&network);
+    network.refuse(1, Some((AlState::SafeOp, AlStatus::NONE)));
+    let said = failure(&mut host);
+    assert!(said.contains("slave 1 answers, has not reached SafeOP"), "{said}");
+    for code in [0x1A, 0x2C, 0x2D, 0x32, 0x70, 0x8123] {
+        let network = SimHandle::default();
+        let mut host = board(&network);
+        network.refuse(1, Some((AlState::SafeOp, AlStatus(code))));
+        let said = failure(&mut host);
+        assert!(said.contains(&format!("slave 1 refused SafeOP: AL status {}", AlStatus(code))), "{said}");
+    }
+    let network = SimHandle::default();
+    let mut host = board(&network);
+    network.delay_sdo(1, 3_000_000_000);
+    let said = failure(&mut host);
+    assert!(said.contains("SDO 0x1C12:0 aborted with 0x05040000"), "{said}");
+    let network = SimHandle::default();
+    let mut host = board(&network);
+    network.cut_after(0);
+    let said = failure(&mut host);
+    assert!(said.contains("does not answer"), "{said}");
+}
+
+/// Wires on which another master sends frames from some time on.
+struct SharedWires {
+    wires: ChainWires,
+    is_shared: Arc<AtomicBool>,
+}
+
+const STRANGER: [u8; 6] = [0x12, 0, 0, 0, 0, 7];
+
+impl Wire for SharedWires {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        self.wires.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        if !self.is_shared.swap(false, Ordering::Relaxed) {
+            return self.wires.receive(buffer);
+        }
+        let mut frame = FrameWriter::new(buffer, FrameHeader::datagrams(STRANGER)).expect("room");
+        frame.push(DatagramHeader::register(Command::Brd, 3, 0, 0x0130), &[2, 0]).expect("room");
+        Some(frame.finish().len())
+    }
+}
+
+impl NicWires for SharedWires {
+    fn now(&self) -> Ns {
+        self.wires.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        self.wires.wait(until);
+    }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
+}
+
+/// NIC-2.20 Another master that comes while the board runs is told once, with its address. What is lost on a cable is not said to be lost at
+/// a chip.
+#[test]
+fn another_master_is_named() {
+    let is_shared = Arc::new(AtomicBool::new(false));
+    let wires = ChainWires::new(vec![Puppet::obedient().boxed()], SimHandle::default()).expect("it has an EEPROM");
+    let wires = SharedWires { wires, is_shared: Arc::clone(&is_shared) };
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    host.op(1);
+    let mark = host.mark();
+    for _ in 0..3 {
+        is_shared.store(true, Ordering::Relaxed);
+        host.cycles(10);
+    }
+    let told: Vec<Event> = host.board.engine().events_since(mark).collect();
+    let [Event::OtherMaster { address: STRANGER, .. }] = told[..] else { panic!("{told:?}") };
+    assert!(told[0].to_string().contains("12:00:00:00:00:07"), "{}", told[0]);
+    let lost = Event::OutputsLost { at: 0, sets: 3, has_chip: false }.to_string();
+    assert!(!lost.contains("chip"), "{lost}");
 }
 
 /// NIC-2.8 Silence that is too short for the slaves' watchdogs is counted, and nobody is sent to look at the wires; what lasts longer is

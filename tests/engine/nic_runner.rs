@@ -127,6 +127,34 @@ impl Runner {
     }
 }
 
+/// NIC-2.19 Slaves that their watchdog has taken out of OP since this machine stood still are told so, with how long that was, and not the
+/// cable; a board whose frames were lost says nothing of this machine.
+#[test]
+fn a_machine_that_stood_still_is_named() {
+    let puppet = Puppet::obedient();
+    let mut runner = Runner::new(&puppet);
+    runner.until("it talks", |runner| runner.board.engine().talks());
+    let mut kinds = [SlaveKind::None; 8];
+    kinds[0] = SlaveKind::Drive;
+    runner.send(|frame| frame.put_master(SIZE, &MasterCommand::SetAxis { group: 0, kinds }));
+    runner.go(MasterState::Op);
+    (0..300).for_each(|_| runner.cycle(0));
+    let mark = runner.board.engine().events_total();
+    runner.cycle(312_000 * US);
+    runner.until("the loss", |runner| runner.board.engine().state().is_failed());
+    let failure = runner.board.engine().state_failure().expect("there is one").to_string();
+    let told: Vec<String> = runner.board.engine().events_since(mark).map(|event| event.to_string()).collect();
+    assert!(!told.iter().any(|said| said.contains("cable")), "{told:?}");
+    for said in [&failure, &told[0]] {
+        assert!(
+            said.contains("this machine stood still for 31") && said.contains(" ms; the slaves' watchdog"),
+            "{said}"
+        );
+        assert!(said.contains("slave 1") && said.contains("0x001B (sync manager watchdog)"), "{said}");
+        assert!(!said.contains("cable") && !said.contains("SET_AXIS"), "{said}");
+    }
+}
+
 /// NIC-2.16 A runner that has left out cycles below OP, where they are others than those of OP, keeps step with SYNC0 in OP all the same:
 /// sets that are late by less than half a cycle come before the pulse, each before its own, and none is overwritten.
 #[test]

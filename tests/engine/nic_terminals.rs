@@ -15,7 +15,7 @@ use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::SimHandle;
 use ecmsk::master::Settings;
 use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand, SlaveKind};
-use ecmsk::slave::esc::{CabledChain, EscSettings, EscSlave};
+use ecmsk::slave::esc::{CabledChain, Chain, EscSettings, EscSlave};
 use ecmsk::slave::{AlStatus, Drive, DriveConfig, Io, Slave};
 
 use crate::host::Host;
@@ -163,6 +163,35 @@ fn terminals_without_objects_are_used_as_their_eeprom_says() {
             assert_eq!(inputs.collect::<Vec<_>>(), [0, low, low, bits.into(), bits.into()], "{pdi_control:#x}");
         }
     }
+}
+
+/// NIC-2.14 MASTER-3.7 A coupler without a state machine and without process data, in front of all others, keeps nobody from OP.
+#[test]
+fn a_coupler_in_front_keeps_nobody_from_op() {
+    let handle = SimHandle::default();
+    let mut cable = CabledChain::new(Vec::new(), handle.cable().clone()).expect("nobody");
+    let terminals = Terminals::default();
+    let coupler = Box::new(Terminal { state: AlState::Init, terminals: Terminals::default() });
+    let terminal = Box::new(Terminal { state: AlState::Init, terminals: terminals.clone() });
+    let slaves = [
+        EscSlave::new(coupler, EscSettings::default(), eeprom(0, 0, DEVICE_EMULATION), 0),
+        EscSlave::describe(Box::new(Drive::new(DriveConfig::default())), EscSettings::default(), 0).expect("a drive"),
+        EscSlave::new(terminal, EscSettings::default(), eeprom(4, 4, DEVICE_EMULATION), 0),
+    ];
+    *cable.chain_mut() = Chain::line(slaves);
+    let wires = ChainWires::on_cable(cable, handle);
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(wires, Settings::default()));
+    let mut kinds = [SlaveKind::None; 8];
+    (kinds[1], kinds[2]) = (SlaveKind::Drive, SlaveKind::Io);
+    host.master(MasterCommand::SetAxis { group: 0, kinds }).go(MasterState::Op).drained();
+    host.servo_on(2);
+    for n in 1..=50 {
+        host.csp(2, n * 10).cycles(1);
+    }
+    host.slave(3, SlaveCommand::IoWrite(0x5)).drained().cycles(20);
+    assert!((host.drive(2).position - 500).abs() <= 1, "{}", host.drive(2).position);
+    assert_eq!(terminals.outputs.load(Ordering::Relaxed), 0x5);
+    host.go(MasterState::PreOp).go(MasterState::Op);
 }
 
 /// NIC-2.14 A terminal that is lost is named, its outputs are off, and SET_STATE brings it back.

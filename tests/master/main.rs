@@ -5,6 +5,7 @@
 //! - `objects.rs`: SDO
 //! - `clocks.rs`: distributed clocks
 //! - `files.rs`: FoE
+//! - `makers.rs`: EEPROMs, controllers and answers as makers have them
 //! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
@@ -20,6 +21,7 @@ mod faults;
 mod files;
 mod hostile;
 mod lost;
+mod makers;
 mod objects;
 mod predecessor;
 mod registers;

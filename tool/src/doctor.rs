@@ -15,7 +15,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::ValueHint;
-use ecmsk::machine::findings::{Finding, Verdict, lateness};
+use ecmsk::link::keys::Scheme;
+use ecmsk::machine::findings::{Finding, Verdict, lateness, lateness_of_own_cycles};
 use ecmsk::machine::timing::Lateness;
 use serde_json::{Map, Value, json};
 
@@ -119,7 +120,9 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     findings.extend(wanted.as_ref().and_then(link::build));
     findings.extend(system::findings(&args.system, wanted.as_ref()));
     if !args.quick {
-        findings.push(lateness(Lateness::measure(PERIOD, TIMES)));
+        let measured = Lateness::measure(PERIOD, TIMES);
+        let is_own_cycle = wanted.as_ref().is_some_and(|link| link.scheme() == Scheme::Nic);
+        findings.push(if is_own_cycle { lateness_of_own_cycles(measured) } else { lateness(measured) });
         findings.extend(system::round_trip(&args.system, wanted.as_ref(), &findings));
     }
     Ok(Some(findings))

@@ -91,7 +91,7 @@ impl<'a> Category<'a> {
     }
 
     /// The sync managers of [`CategoryKind::SyncManagers`]; a rest of less than 8 bytes is left out.
-    pub fn sync_managers(&self) -> impl Iterator<Item = SiiSyncManager> + 'a {
+    pub fn sync_managers(&self) -> impl Iterator<Item = SiiSyncManager> + use<'a> {
         self.data.as_chunks().0.iter().map(SiiSyncManager::decode)
     }
 

@@ -3,11 +3,12 @@
 
 use super::answer_wait_ns;
 use super::jobs::is_busy;
-use crate::coe::{AbortCode, SdoScope};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, Master, SdoError, SlaveInfo, SyncSignals};
+use crate::master::{JobDone, JobId, MailboxError, Master, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
 /// How many slaves are configured at once. \[OURS]
@@ -21,12 +22,31 @@ const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
     reason = "there are as many as slaves are configured at once, and boxing it would allocate"
 )]
 enum Stage {
+    /// What its sync managers are for is read (object 0x1C00), of which its EEPROM says nothing: the sub-index that is read, and what
+    /// those before it are for. Sub-index 0 says how many there are.
+    ManagerUses { sub: u8, count: u8, uses: [SiiSmType; MANAGERS_MAX] },
     /// Whether a pulse module has a second axis is read.
     SecondAxis,
     /// The downloads that are left, and the one under way. `refused`: the slave has aborted it so, and what the object holds is
     /// read instead.
     Writing { wanted: Wanted, left: Left, current: Download, refused: Option<AbortCode> },
 }
+
+impl Stage {
+    /// The object that is read or written.
+    const fn object(&self) -> ObjectAddress {
+        match self {
+            Self::ManagerUses { sub, .. } => ObjectAddress::new(MANAGER_USES, *sub),
+            Self::SecondAxis => pdo::SECOND_CONTROLWORD,
+            Self::Writing { current, .. } => current.object,
+        }
+    }
+}
+
+/// How many sync managers are asked for. \[OURS]
+const MANAGERS_MAX: usize = 8;
+/// The object that says what they are for.
+const MANAGER_USES: u16 = 0x1C00;
 
 /// Which process data a slave is to have.
 #[derive(Clone, Copy)]
@@ -75,6 +95,8 @@ enum Ended {
     /// An object was read that holds that, or begins with it.
     Holds(u32),
     Aborted(AbortCode),
+    /// The slave answers, and the transfer has failed with this code: there was no answer in time, or a wrong one.
+    Failed(AbortCode),
     /// The mailbox was in use.
     Busy,
     NoAnswer,
@@ -121,7 +143,9 @@ impl Configuring {
                 Ended::Aborted(*code)
             }
             done if is_busy(done) && one.tries < TRIES => Ended::Busy,
-            JobDone::UploadNumber(Err(_)) | JobDone::Download(Err(_)) => Ended::NoAnswer,
+            JobDone::UploadNumber(Err(SdoError::Mailbox(MailboxError::NoAnswer)))
+            | JobDone::Download(Err(SdoError::Mailbox(MailboxError::NoAnswer))) => Ended::NoAnswer,
+            JobDone::UploadNumber(Err(error)) | JobDone::Download(Err(error)) => Ended::Failed(error.abort_code()),
             JobDone::UploadNumber(Ok(number)) => Ended::Holds(*number),
             _ => Ended::Done,
         });
@@ -184,6 +208,51 @@ impl Configuring {
             let _ = master.configure(slave, 0, 0);
             return;
         }
+        if master.slave(slave).is_some_and(SlaveInfo::assumes_managers) {
+            return self.ask_for_manager_use(slave, 0, 0, [SiiSmType::Unused; MANAGERS_MAX], master);
+        }
+        self.begin_mapping(slave, master, mapped);
+    }
+
+    fn ask_for_manager_use(
+        &mut self,
+        slave: u8,
+        sub: u8,
+        count: u8,
+        uses: [SiiSmType; MANAGERS_MAX],
+        master: &mut Master,
+    ) {
+        let id = ask_for_manager_use(slave, sub, master);
+        let stage = Stage::ManagerUses { sub, count, uses };
+        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+    }
+
+    /// The slave has said what a sync manager is for, or how many there are.
+    fn take_manager_use(
+        &mut self,
+        slave: u8,
+        (sub, count, mut uses): (u8, u8, [SiiSmType; MANAGERS_MAX]),
+        answer: Option<u32>,
+        master: &mut Master,
+        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
+    ) {
+        let code = answer.map(|value| value as u8);
+        let count = if sub == 0 { code.unwrap_or(0).min(MANAGERS_MAX as u8) } else { count };
+        if let Some(place) = sub.checked_sub(1).and_then(|n| uses.get_mut(usize::from(n))) {
+            *place = SiiSmType::from_code(code.unwrap_or(0));
+        }
+        if sub < count {
+            return self.ask_for_manager_use(slave, sub + 1, count, uses, master);
+        }
+        if uses.iter().any(|one| matches!(one, SiiSmType::Outputs | SiiSmType::Inputs)) {
+            // It is a slave, and its EEPROM says nothing: that was why it was asked.
+            let _ = master.assume_managers(slave, &uses);
+        }
+        self.begin_mapping(slave, master, mapped);
+    }
+
+    fn begin_mapping(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
+        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
         if role == Role::Io && master.slave(slave).is_some_and(|info| info.lacks_coe() && is_described(info)) {
             return self.take_as_described(slave, master, mapped);
         }
@@ -230,8 +299,14 @@ impl Configuring {
 
     /// A slave has aborted a download, or what it holds is something else. An IO module has its own process data then, if its
     /// EEPROM describes some: the PDOs are assigned that are there from the start.
-    fn cannot_map(&mut self, refusal: Refusal, (wanted, current): (Wanted, Download), master: &mut Master) {
+    fn cannot_map(
+        &mut self,
+        refusal: Refusal,
+        (wanted, current, code): (Wanted, Download, AbortCode),
+        master: &mut Master,
+    ) {
         let slave = refusal.slave;
+        let refusal = Refusal { abort: Some((current.object, code)), ..refusal };
         let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
         let may_have_own = role == Role::Io && matches!(wanted, Wanted::Mapped(_)) && current.is_mapping();
         let Some(info) = master.slave(slave).filter(|info| may_have_own && is_described(info)) else {
@@ -255,8 +330,12 @@ impl Configuring {
             Ended::Holds(value) => Ok(Some(value)),
             Ended::Aborted(code) => Err(code),
             Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
+            Ended::Failed(code) => {
+                return self.refuse(Refusal { slave, al_status: 0, abort: Some((stage.object(), code)) });
+            }
             Ended::Busy => {
                 let id = match &stage {
+                    Stage::ManagerUses { sub, .. } => ask_for_manager_use(slave, *sub, master),
                     Stage::SecondAxis => ask_for_second_axis(slave, master),
                     Stage::Writing { current, refused: None, .. } => download(slave, current, master),
                     Stage::Writing { current, .. } => upload(slave, current, master),
@@ -265,6 +344,9 @@ impl Configuring {
             }
         };
         match stage {
+            Stage::ManagerUses { sub, count, uses } => {
+                self.take_manager_use(slave, (sub, count, uses), ended.ok().flatten(), master, mapped);
+            }
             Stage::SecondAxis => {
                 if ended.is_ok() {
                     self.second_axes.insert(slave);
@@ -272,18 +354,21 @@ impl Configuring {
                 self.write_first(slave, ended.is_ok(), master);
             }
             // What is fixed and as it is wanted need not be written.
-            Stage::Writing { wanted, current, refused: Some(code), .. } if ended != Ok(Some(current.value)) => {
-                let refusal = Refusal { slave, abort: Some((current.object, code)), ..current.refused(code) };
-                self.cannot_map(refusal, (wanted, current), master);
+            Stage::Writing { wanted, current, refused: Some(code), .. }
+                if !is_as_wanted(slave, &current, ended, master) =>
+            {
+                self.cannot_map(Refusal { slave, ..current.refused(code) }, (wanted, current, code), master);
             }
             Stage::Writing { wanted, left, current, refused } => {
                 if let Err(code) = ended
+                    && refused.is_none()
                     && !current.may_fail_with(code)
                 {
-                    if !current.may_be_fixed(code) {
-                        return self.cannot_map(Refusal { slave, ..current.refused(code) }, (wanted, current), master);
+                    if !current.may_be_fixed() {
+                        let refusal = Refusal { slave, ..current.refused(code) };
+                        return self.cannot_map(refusal, (wanted, current, code), master);
                     }
-                    if refused.is_none() && !current.takes_away() {
+                    if !current.takes_away() {
                         let id = upload(slave, &current, master);
                         let stage = Stage::Writing { wanted, left, current, refused: Some(code) };
                         return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
@@ -310,6 +395,16 @@ impl Configuring {
     }
 }
 
+/// Whether an object that a slave does not let be written holds what is wanted, or is one that it may lack. The EEPROM says what is
+/// assigned in a slave whose objects do not say it.
+fn is_as_wanted(slave: u8, wanted: &Download, held: Result<Option<u32>, AbortCode>, master: &Master) -> bool {
+    match held {
+        Ok(value) => value == Some(wanted.value),
+        Err(code) if wanted.may_fail_with(code) => true,
+        Err(_) => master.slave(slave).is_some_and(|info| wanted.is_assigned_in(&info.assigned_pdos())),
+    }
+}
+
 /// Whether an EEPROM describes process data.
 fn is_described(info: &SlaveInfo) -> bool {
     info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
@@ -317,6 +412,10 @@ fn is_described(info: &SlaveInfo) -> bool {
 
 fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {
     master.upload_number(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
+}
+
+fn ask_for_manager_use(slave: u8, sub: u8, master: &mut Master) -> JobId {
+    master.upload_number(slave, ObjectAddress::new(MANAGER_USES, sub), SdoScope::Entry, SDO_TIMEOUT_NS)
 }
 
 fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {

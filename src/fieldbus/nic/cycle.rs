@@ -2,10 +2,10 @@
 
 use super::missed::Cycle;
 use super::{NicBus, NicWires, answer_wait_ns};
-use crate::ethercat::registers::RequestedState;
+use crate::ethercat::registers::{AlStatusRegister, RequestedState};
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
-use crate::fieldbus::{CycleDone, Inputs, SlaveIn, SlaveOut};
+use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, SlaveIn, SlaveOut};
 use crate::master;
 
 impl<W: NicWires> NicBus<W> {
@@ -13,6 +13,7 @@ impl<W: NicWires> NicBus<W> {
     pub(super) fn exchange(&mut self, now: Ns, inputs: &mut Inputs) -> Option<CycleDone> {
         if self.is_working() && !self.has_cycles() {
             // A scan or a mapping has the wire for itself.
+            self.standstill.sent_at = None;
             return self.heard(now, inputs);
         }
         self.put_outputs();
@@ -21,6 +22,7 @@ impl<W: NicWires> NicBus<W> {
         let late = sent_at.wrapping_sub(now.wrapping_sub(self.skew.unwrap_or(0)));
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
         let limit = due.saturating_add(answer_wait_ns(self.cycle));
+        self.standstill.note(sent_at);
         self.master.cycle(sent_at, &mut self.wires);
         self.may_have_come = self.has_new_outputs;
         // An answer that was late ends the cycle before now, which is none of this one's.
@@ -183,6 +185,16 @@ impl<W: NicWires> NicBus<W> {
         inputs.held = self.ages.held.difference(self.lost);
         inputs.stale = self.ages.stale.intersection(self.lost);
         inputs.lost_from = self.lost_from;
+        inputs.stood_still_ns = self.standstill.recent_ns(self.wires.now());
+        inputs.left_with = [0; MAX_SLAVES];
+        if !self.lost.is_empty() {
+            self.master.look_at_statuses(|slave, status| {
+                let has_left = status.is_present && status.status.contains(AlStatusRegister::ERROR);
+                if let Some(place) = inputs.left_with.get_mut(usize::from(slave) - 1).filter(|_| has_left) {
+                    *place = status.code.0;
+                }
+            });
+        }
         (inputs.without_outputs, inputs.without_inputs) = (SlaveSet::EMPTY, SlaveSet::EMPTY);
         for slave in self.all().iter() {
             let commanded = self.station(slave).commanded;

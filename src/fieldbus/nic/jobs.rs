@@ -54,9 +54,14 @@ pub(super) const fn is_busy(done: &master::JobDone) -> bool {
     )
 }
 
-/// The slave is not where it is wanted, and has given no reason.
+/// The slave does not answer.
 const fn no_answer(slave: u8) -> Refusal {
     Refusal { slave, al_status: 0, abort: None }
+}
+
+/// The AL status code with which a slave is told that answers.
+fn told(code: AlStatus) -> u16 {
+    if code == AlStatus::NONE { Refusal::WITHOUT_REASON } else { code.0 }
 }
 
 impl<W: NicWires> NicBus<W> {
@@ -260,24 +265,21 @@ impl<W: NicWires> NicBus<W> {
         let refused = || {
             slaves.iter().find_map(|slave| {
                 let status = self.master.status(slave).filter(|status| status.is_present)?;
-                let AlStatus(al_status) = status.code;
                 let is_refused = status.status.contains(AlStatusRegister::ERROR);
-                is_refused.then_some(Refusal { slave, al_status, abort: None })
+                is_refused.then_some(Refusal { slave, al_status: told(status.code), abort: None })
             })
         };
         let result = match done {
             master::JobDone::State(Ok(())) => Ok(()),
             master::JobDone::State(Err(StateError { slave, reason, .. })) => match (refused(), reason) {
                 (Some(refusal), _) => Err(refusal),
-                (None, StateReason::NoAnswer | StateReason::Busy) if now < until => {
+                (None, StateReason::NoAnswer | StateReason::NotTaken(_) | StateReason::Busy) if now < until => {
                     let again_at = now.saturating_add(AGAIN_NS).min(until);
                     self.job = Some(Running::State(Change { id: None, again_at, ..change }));
                     return;
                 }
-                (None, reason) => {
-                    let AlStatus(al_status) = reason.code();
-                    Err(Refusal { al_status, ..no_answer(*slave) })
-                }
+                (None, StateReason::NoAnswer) => Err(no_answer(*slave)),
+                (None, reason) => Err(Refusal { al_status: told(reason.code()), ..no_answer(*slave) }),
             },
             _ => Err(no_answer(slaves.iter().next().unwrap_or(1))),
         };

@@ -51,7 +51,7 @@ use std::collections::VecDeque;
 use super::pdo::ProcessData;
 use super::{
     AlState, BusError, Busy, CardsGone, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs,
-    Pacing, RingState, SdoRequest, SlaveSet,
+    Pacing, RingState, SdoRequest, SlaveSet, Strangers,
 };
 use crate::master::{self, Master, Settings};
 use crate::sk::CycleTime;
@@ -79,6 +79,37 @@ const fn answer_wait_ns(cycle: CycleTime) -> Ns {
 const DOWN_AFTER: (u32, Ns) = (3, 100_000_000);
 /// How long a wait for frames lasts at most while sequences of the master wait for a time, ns. \[OURS]
 const TURN_NS: Ns = 200_000;
+
+/// A time without a frame is told with a slave that has left OP since if it was that long, and for so long afterwards, ns: slaves wait
+/// for outputs for 100 ms, and are asked for their states some cycles later. \[OURS]
+const STOOD_STILL_NS: Ns = 50_000_000;
+const STOOD_STILL_TOLD_NS: Ns = 1_000_000_000;
+
+/// The longest time without a frame of a cycle, as this machine was late.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standstill {
+    /// When the frames of the newest cycle were sent; `None`: the one before them was none with process data.
+    sent_at: Option<Ns>,
+    /// How long it was, and when it had ended.
+    ns: Ns,
+    ended: Ns,
+}
+
+impl Standstill {
+    /// The frames of a cycle are sent.
+    fn note(&mut self, now: Ns) {
+        let gap = self.sent_at.map_or(0, |before| now.saturating_sub(before));
+        self.sent_at = Some(now);
+        if gap >= STOOD_STILL_NS && gap >= self.recent_ns(now) {
+            (self.ns, self.ended) = (gap, now);
+        }
+    }
+
+    /// How long it was, if that was a short time ago; else 0.
+    const fn recent_ns(&self, now: Ns) -> Ns {
+        if now.saturating_sub(self.ended) < STOOD_STILL_TOLD_NS { self.ns } else { 0 }
+    }
+}
 
 /// What is known of a slave.
 #[derive(Clone, Copy, Debug)]
@@ -116,6 +147,7 @@ pub struct NicBus<W> {
     lost: SlaveSet,
     lost_from: [Option<u64>; MAX_SLAVES],
     ages: Ages,
+    standstill: Standstill,
     /// The outputs that were pushed last.
     outputs: Outputs,
     /// No answer has come to a frame with them.
@@ -153,6 +185,7 @@ impl<W: NicWires> NicBus<W> {
             lost: SlaveSet::EMPTY,
             lost_from: [None; MAX_SLAVES],
             ages: Ages::default(),
+            standstill: Standstill::default(),
             outputs: Outputs::default(),
             has_new_outputs: false,
             may_have_come: false,
@@ -351,6 +384,10 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
 
     fn cards_gone(&self) -> Option<CardsGone> {
         self.wires.cards_gone()
+    }
+
+    fn strangers(&self) -> Strangers {
+        Strangers { other_master: self.master.other_master(), unpassed: self.master.counters().unpassed }
     }
 
     fn is_down(&self) -> bool {

@@ -66,10 +66,24 @@ impl Download {
         downloads
     }
 
-    /// Whether a slave that aborts this download with that abort code may have its process data fixed: what the object holds shows
-    /// whether they are those that are wanted.
-    pub const fn may_be_fixed(&self, code: AbortCode) -> bool {
-        self.is_mapping() && matches!(code, AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
+    /// Whether a slave that aborts this download may have its process data fixed, or its synchronization type: what the object holds
+    /// shows whether they are those that are wanted. Makers choose all kinds of abort codes for that.
+    pub const fn may_be_fixed(&self) -> bool {
+        self.is_mapping() || self.optional
+    }
+
+    /// Whether this download assigns what is assigned: those PDOs for outputs and for inputs.
+    pub fn is_assigned_in(&self, [outputs, inputs]: &[Vec<u16>; 2]) -> bool {
+        let assigned = match self.object.index {
+            RX_ASSIGNMENT => outputs,
+            TX_ASSIGNMENT => inputs,
+            _ => return false,
+        };
+        let value = match self.object.sub.checked_sub(1) {
+            None => Some(assigned.len() as u32),
+            Some(n) => assigned.get(usize::from(n)).map(|pdo| u32::from(*pdo)),
+        };
+        value == Some(self.value)
     }
 
     /// Whether this download takes away what was there, in front of those that put what is wanted.

@@ -7,7 +7,7 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 
 use rustix::io::Errno;
 use rustix::net::netdevice::index_to_name_inlined;
-use rustix::net::{AddressFamily, Protocol, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
+use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socket_with};
 
 use super::interface::{Interface, InterfaceError, request_about};
 
@@ -78,8 +78,8 @@ impl Socket {
 
     fn open_raw(index: i32, ethertype: u16) -> io::Result<Self> {
         let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
-        let protocol = std::num::NonZeroU32::new(ethertype.to_be().into()).map(Protocol::from_raw);
-        let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, protocol)?;
+        // Without a protocol it hears nothing. With one it would hear all interfaces until it is bound to this one.
+        let fd = socket_with(AddressFamily::PACKET, SocketType::RAW, flags, None)?;
         let address = libc::sockaddr_ll {
             sll_family: libc::AF_PACKET as u16,
             sll_protocol: ethertype.to_be(),

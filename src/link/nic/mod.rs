@@ -11,9 +11,9 @@ use super::engine::EngineLink;
 use super::options::{BoardOptions, CommonOptions};
 use super::own_board::{boots, switching_off};
 use super::uri::LinkUri;
-use crate::engine::{Board, Rate};
-use crate::fieldbus::Fieldbus;
+use crate::engine::{Board, Rate, StateFailure};
 use crate::fieldbus::nic::{NicBus, Ring};
+use crate::fieldbus::{Fieldbus, Strangers};
 use crate::master::Settings;
 use card::{Card, Cards};
 
@@ -46,6 +46,19 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
     Ok((Wires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
+/// Why a board has not come up.
+fn why_not(board: &Board) -> String {
+    if let Some(why) = board.engine().state_failure().filter(|why| *why != StateFailure::NoSlave) {
+        return format!("no PreOP: {why}; see who is there with `ecmsk bus scan`");
+    }
+    match board.strangers().unpassed {
+        0 => "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and try `ecmsk \
+              doctor`"
+            .to_owned(),
+        frames => Strangers::echo(frames),
+    }
+}
+
 /// Opens the board: the network is scanned, and its slaves are brought to PreOP.
 pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
     let options = BoardOptions::from_uri(uri)?;
@@ -59,9 +72,7 @@ pub(super) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, 
         if let Some(gone) = board.cards_gone().filter(|gone| gone.is_all) {
             return Err(LinkError::NoBoard { name, reason: gone.text.to_string() });
         }
-        let reason = "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and \
-                      try `ecmsk doctor`";
-        return Err(LinkError::NoBoard { name, reason: reason.to_owned() });
+        return Err(LinkError::NoBoard { name, reason: why_not(&board) });
     }
     EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))
 }

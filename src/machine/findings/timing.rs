@@ -24,18 +24,34 @@ pub fn timer(resolution: Duration) -> Finding {
 
 /// Judges how late threads are woken; `None` if it could not be measured.
 pub fn lateness(measured: Option<Lateness>) -> Finding {
+    judge(measured, |Lateness { period, max, .. }| {
+        let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
+        format!("at a cycle of {} a program that is {cycles} cycles ahead is never too late", Span(period))
+    })
+}
+
+/// The same where this machine sends the frames itself: being ahead does not help then.
+pub fn lateness_of_own_cycles(measured: Option<Lateness>) -> Finding {
+    judge(measured, |Lateness { period, .. }| {
+        format!(
+            "so late are the frames of a link nic:, however far ahead a program is; at a cycle of {} one that is late by more than half \
+             of it is left out, and slaves without frames for 100 ms leave OP",
+            Span(period)
+        )
+    })
+}
+
+fn judge(measured: Option<Lateness>, means: impl FnOnce(Lateness) -> String) -> Finding {
     const CHECK: &str = "wake-up";
-    let Some(Lateness { period, p50, p99, max }) = measured else {
+    let Some(lateness @ Lateness { p50, p99, max, .. }) = measured else {
         return Finding::advice(CHECK, "not measured: the system gave no thread", "free some of the system's threads");
     };
-    let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
     let found = format!(
-        "late by {} (half of the times), {} (99 of 100), {} (the worst): at a cycle of {} a program that is {cycles} cycles \
-         ahead is never too late",
+        "late by {} (half of the times), {} (99 of 100), {} (the worst): {}",
         Span(p50),
         Span(p99),
         Span(max),
-        Span(period)
+        means(lateness)
     );
     let finding = if p99 <= P99_LATENESS_MAX {
         Finding::fine(CHECK, found)
@@ -79,5 +95,9 @@ mod tests {
         assert_eq!(bad.verdict, Verdict::Advice);
         assert!(bad.found.contains("7.25ms (the worst)") && bad.found.contains("9 cycles ahead"), "{}", bad.found);
         assert_eq!(lateness(None).verdict, Verdict::Advice);
+        let own = lateness_of_own_cycles(measured(us(501), us(7250)));
+        assert_eq!((own.verdict, &own.figures), (Verdict::Advice, &bad.figures));
+        assert!(own.found.contains("7.25ms (the worst)") && own.found.contains("however far ahead"), "{}", own.found);
+        assert!(!own.found.contains("never too late"), "{}", own.found);
     }
 }

@@ -215,11 +215,12 @@ impl Application {
         self.fail(device.state(), device.al_status(), controller);
     }
 
-    /// Without a state machine: the status is what the master has asked for, and the device, which judges nothing, is in that
-    /// state.
+    /// Without a state machine: the status is what the master has asked for, its acknowledgement too, and the device, which judges
+    /// nothing, is in that state.
     fn copy_control(&mut self, control: AlControl, controller: &mut Controller, device: &mut dyn Slave) -> Change {
+        const COPIED: u16 = 0x1F;
         let from = self.state();
-        self.status = AlStatusRegister::of(control.state());
+        self.status = AlStatusRegister(control.0 & COPIED);
         controller.set_al_status(self.status, AlStatus::NONE);
         let to = self.state();
         device.set_communication(&controller.communication());

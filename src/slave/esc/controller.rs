@@ -83,7 +83,7 @@ impl Controller {
             memory: Memory::new(&settings),
             fmmus: Fmmus::default(),
             managers: Managers::new(settings.sync_managers),
-            eeprom: Eeprom::new(eeprom, settings.reads_8_bytes, settings.eeprom_ns),
+            eeprom: Eeprom::new(eeprom, &settings),
             watchdog: Watchdog::default(),
             clock: Clock::new(now, settings.local_time_ns, settings.drift_ppb),
             sync: SyncUnit::default(),

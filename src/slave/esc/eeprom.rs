@@ -1,5 +1,6 @@
 //! The EEPROM of a slave and the interface to it, registers 0x0500 to 0x050F.
 
+use super::EscSettings;
 use super::memory::Memory;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{self, SII_ADDRESS, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
@@ -21,13 +22,17 @@ pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
+    /// How long it acknowledges nothing after a word was written, and until when it does not now.
+    silence_ns: Ns,
+    silent_until: Ns,
     /// The control word that was written, until its command is done, and when that is.
     running: Option<(SiiControl, Ns)>,
 }
 
 impl Eeprom {
-    pub(super) fn new(content: Vec<u8>, reads_8_bytes: bool, takes_ns: Ns) -> Self {
-        Self { content, reads_8_bytes, takes_ns, running: None }
+    pub(super) fn new(content: Vec<u8>, settings: &EscSettings) -> Self {
+        let EscSettings { reads_8_bytes, eeprom_ns: takes_ns, eeprom_silence_ns: silence_ns, .. } = *settings;
+        Self { content, reads_8_bytes, takes_ns, silence_ns, silent_until: 0, running: None }
     }
 
     pub(super) fn content(&self) -> &[u8] {
@@ -88,6 +93,7 @@ impl Eeprom {
         let Some((written, _)) = self.running.take_if(|(_, due)| *due <= now) else { return false };
         let at = (memory.u32(SII_ADDRESS) as usize).saturating_mul(2);
         let error = match written.command() {
+            _ if now < self.silent_until => SiiControl::COMMAND_ERROR,
             SiiCommand::Read => {
                 let len = if self.reads_8_bytes { 8 } else { 4 };
                 for n in 0..len {
@@ -103,6 +109,7 @@ impl Eeprom {
                 match self.content.get_mut(at..at.saturating_add(2)) {
                     Some(place) => {
                         place.copy_from_slice(&word);
+                        self.silent_until = now + self.silence_ns;
                         SiiControl::NONE
                     }
                     None => SiiControl::COMMAND_ERROR,

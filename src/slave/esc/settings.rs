@@ -34,6 +34,8 @@ pub struct EscSettings {
     pub reads_8_bytes: bool,
     /// How long a command for the EEPROM takes.
     pub eeprom_ns: Ns,
+    /// How long the EEPROM acknowledges nothing after a word was written.
+    pub eeprom_silence_ns: Ns,
     /// The local time at power-on, ns.
     pub local_time_ns: u64,
     /// By how much the crystal is too fast, parts per billion; negative: too slow.
@@ -69,6 +71,7 @@ impl Default for EscSettings {
             fixed_watchdog_divider: None,
             reads_8_bytes: true,
             eeprom_ns: 0,
+            eeprom_silence_ns: 0,
             local_time_ns: 0,
             drift_ppb: 0,
             device_id: 0,

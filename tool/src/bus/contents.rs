@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use ecmsk::ethercat::sii::{
-    Category, CategoryKind, FmmuUsage, MailboxArea, MailboxAreas, Sii, SiiInfo, SiiPdo, SiiSmType, SiiStrings,
+    Category, CategoryKind, FmmuUsage, MailboxArea, MailboxAreas, Sii, SiiInfo, SiiPdo, SiiSmType, SiiText,
 };
 use serde_json::{Value, json};
 
@@ -29,14 +29,9 @@ pub const fn word_name(word: u16) -> Option<&'static str> {
     })
 }
 
-fn texts<'a>(sii: &Sii<'a>) -> Option<SiiStrings<'a>> {
-    sii.category(CategoryKind::Strings).map(|category| category.strings())
-}
-
 /// The text with a number, e.g. ` "drive"`; nothing for number 0.
-fn named(texts: Option<SiiStrings<'_>>, number: u8) -> String {
-    let text = texts.and_then(|texts| texts.get(number));
-    text.map_or(String::new(), |text| format!(" \"{}\"", String::from_utf8_lossy(text)))
+fn named(sii: &Sii<'_>, number: u8) -> String {
+    sii.text(number).map_or(String::new(), |text| format!(" \"{text}\""))
 }
 
 fn area(area: MailboxArea) -> String {
@@ -80,10 +75,9 @@ pub fn text(content: &[u8]) -> String {
         if protocols.is_empty() { "none".to_owned() } else { protocols.join(", ") },
         areas(info.boot_mailbox),
     );
-    let texts = texts(&sii);
     for category in sii.categories() {
         match category {
-            Ok(category) => put_category(&category, texts, &mut text),
+            Ok(category) => put_category(&category, &sii, &mut text),
             // Writing to a String does not fail.
             Err(error) => drop(writeln!(text, "the categories are not whole: {error}")),
         }
@@ -91,15 +85,21 @@ pub fn text(content: &[u8]) -> String {
     text.trim_end().to_owned()
 }
 
-fn put_category(category: &Category<'_>, texts: Option<SiiStrings<'_>>, text: &mut String) {
+fn put_category(category: &Category<'_>, sii: &Sii<'_>, text: &mut String) {
     let code = category.kind.code();
     let head = |what: &str| format!("category {code} ({what}), {} bytes", category.data.len());
-    let named = |number| named(texts, number);
+    let named = |number| named(sii, number);
     // Writing to a String does not fail.
     let _ = match category.kind {
         CategoryKind::Strings => {
-            let all: Vec<String> =
-                (1..).zip(category.strings().iter()).map(|(n, _): (u8, _)| format!("{n}{}", named(n))).collect();
+            // A second one goes on with the numbers.
+            let before: usize = sii
+                .all_of(CategoryKind::Strings)
+                .take_while(|other| !std::ptr::eq(other.data, category.data))
+                .map(|other| other.strings().iter().count())
+                .sum();
+            let shown = |(n, text)| format!("{n} \"{}\"", SiiText(text));
+            let all: Vec<String> = (before + 1..).zip(category.strings().iter()).map(shown).collect();
             writeln!(text, "{}: {}", head("texts"), all.join(", "))
         }
         CategoryKind::General => match category.general() {
@@ -131,8 +131,8 @@ fn put_category(category: &Category<'_>, texts: Option<SiiStrings<'_>>, text: &m
             }
             Ok(())
         }
-        CategoryKind::TxPdos => put_pdos(&head("PDOs for inputs"), category, texts, text),
-        CategoryKind::RxPdos => put_pdos(&head("PDOs for outputs"), category, texts, text),
+        CategoryKind::TxPdos => put_pdos(&head("PDOs for inputs"), category, sii, text),
+        CategoryKind::RxPdos => put_pdos(&head("PDOs for outputs"), category, sii, text),
         CategoryKind::DcModes => {
             let _ = writeln!(text, "{}:", head("distributed clocks"));
             for mode in category.dc_modes() {
@@ -152,15 +152,15 @@ fn put_category(category: &Category<'_>, texts: Option<SiiStrings<'_>>, text: &m
     };
 }
 
-fn put_pdos(head: &str, category: &Category<'_>, texts: Option<SiiStrings<'_>>, text: &mut String) -> std::fmt::Result {
+fn put_pdos(head: &str, category: &Category<'_>, sii: &Sii<'_>, text: &mut String) -> std::fmt::Result {
     writeln!(text, "{head}:")?;
     for pdo in category.pdos() {
         match pdo {
             Err(error) => writeln!(text, "  not whole: {error}")?,
             Ok(SiiPdo { index, sync_manager, name, entries, .. }) => {
-                writeln!(text, "  0x{index:04X} in sync manager {sync_manager}{}", named(texts, name))?;
+                writeln!(text, "  0x{index:04X} in sync manager {sync_manager}{}", named(sii, name))?;
                 for entry in entries.iter() {
-                    let what = named(texts, entry.name);
+                    let what = named(sii, entry.name);
                     match entry.index {
                         0 => writeln!(text, "    padding, {} bits", entry.bits)?,
                         index => writeln!(text, "    0x{index:04X}:{}, {} bits{what}", entry.sub, entry.bits)?,
@@ -199,8 +199,8 @@ pub fn json(content: &[u8]) -> Value {
     let SiiInfo { identity, alias, mailbox, boot_mailbox, protocols, kbit_less_1, .. } = sii.info();
     let area = |area: MailboxArea| json!({ "start": area.start, "len": area.len });
     let areas = |of: MailboxAreas| json!({ "receive": area(of.receive), "send": area(of.send) });
-    let texts = texts(&sii)
-        .map(|texts| texts.iter().map(|text| String::from_utf8_lossy(text).into_owned()).collect::<Vec<_>>());
+    let has_texts = sii.category(CategoryKind::Strings).is_some();
+    let texts = has_texts.then(|| sii.texts().map(|text| text.to_string()).collect::<Vec<_>>());
     let categories: Vec<Value> = sii
         .categories()
         .map_while(Result::ok)

@@ -92,18 +92,28 @@ impl Tree<'_> {
         }
         let protocols = protocols(slave).join(", ");
         let clock = if slave.has_clock { "distributed clocks" } else { "no distributed clocks" };
-        let (outputs, inputs) = slave.process_bytes;
+        let process_data = match slave.process_bytes {
+            (Some(outputs), Some(inputs)) => format!("{outputs} bytes out, {inputs} in"),
+            (Some(outputs), None) => format!("{outputs} bytes out, how many in its EEPROM does not say"),
+            (None, Some(inputs)) => format!("{inputs} bytes in, how many out its EEPROM does not say"),
+            (None, None) => "its EEPROM does not say how many bytes out and in".to_owned(),
+        };
         let mailbox = match slave.protocols {
             None => "mailbox not known".to_owned(),
             Some(_) if protocols.is_empty() => "no mailbox".to_owned(),
             Some(_) => protocols,
         };
-        lines.push(format!("{mailbox}; {clock}; {outputs} bytes out, {inputs} in"));
+        lines.push(format!("{mailbox}; {clock}; {process_data}"));
         lines.extend(ports(slave).map(|port| {
             let kind = port_kind(slave.port_types, port).unwrap_or_default();
             let counted = counted(&errors.ports[port]);
             let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
-            format!("port {port} ({kind}): {}{counted}", self.connected(slave, port))
+            let swapped = if port > 0 && port == usize::from(slave.entry_port) {
+                "; frames come in here and not by port 0: IN and OUT of this slave are SWAPPED, change its cables"
+            } else {
+                ""
+            };
+            format!("port {port} ({kind}): {}{counted}{swapped}", self.connected(slave, port))
         }));
         lines
     }
@@ -185,7 +195,7 @@ fn line(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Valu
         "failed": slave.found.status.contains(AlStatusRegister::ERROR),
         "al_status": slave.found.code.0, "al_status_text": slave.found.code.text(),
         "upstream": slave.upstream.map(|up| json!({ "slave": up.slave, "port": up.port })),
-        "ports": ports(slave).map(port).collect::<Vec<_>>(),
+        "entry_port": slave.entry_port, "ports": ports(slave).map(port).collect::<Vec<_>>(),
         "protocols": slave.protocols.map(|_| protocols(slave)), "has_dc": slave.has_clock, "output_bytes": slave.process_bytes.0,
         "input_bytes": slave.process_bytes.1, "eeprom_error": slave.eeprom_error,
     })

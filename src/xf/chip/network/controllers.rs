@@ -286,7 +286,11 @@ const fn eeprom_failure(error: SiiError) -> EepromFailure {
     match error {
         SiiError::NoAnswer | SiiError::NoSlave(_) => EepromFailure::NoAnswer,
         SiiError::Busy | SiiError::InUse(_) => EepromFailure::Busy,
-        SiiError::Command(_) | SiiError::NoEnd | SiiError::TooLong => EepromFailure::Refused,
+        SiiError::Command(_)
+        | SiiError::Empty(_)
+        | SiiError::Checksum { .. }
+        | SiiError::NoEnd { .. }
+        | SiiError::TooLong => EepromFailure::Refused,
     }
 }
 

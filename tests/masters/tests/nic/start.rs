@@ -2,6 +2,7 @@
 
 mod needs_network_namespace {
     use std::process::Command;
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
 
     use ecmsk::ecm::{Axis, Close, Config, Ecm, Slave};
@@ -10,7 +11,7 @@ mod needs_network_namespace {
     use ecmsk::link::{LinkError, Share, open};
     use ecmsk::sk::MasterState;
     use masters::motion::{arrive, switch_on};
-    use masters::{MASTER, Rig};
+    use masters::{MASTER, Rig, SECOND_MASTER, SECOND_SLAVES};
 
     const LINK: &str = "nic:veth0?priority=20";
 
@@ -93,6 +94,37 @@ mod needs_network_namespace {
         );
         let said = rig.end();
         assert!(!said.iter().any(|line| line.contains("a master is there")), "{said:?}");
+    }
+
+    /// NIC-1.8 A card hears no frames of other cards while it is opened, however many come there.
+    #[test]
+    fn a_card_is_opened_deaf() {
+        let _rig = Rig::ring("io", "nic_deaf");
+        let there = check(SECOND_MASTER, DefaultRoute::Allowed).expect("the second card");
+        let elsewhere = Socket::open(&check(SECOND_SLAVES, DefaultRoute::Allowed).expect("its other end"), ETHERTYPE);
+        let (elsewhere, here) =
+            (elsewhere.expect("root"), check(MASTER, DefaultRoute::Allowed).expect("the first card"));
+        let listens = Socket::open(&there, ETHERTYPE).expect("root");
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut frame = [0x33; 60];
+                frame[12..14].copy_from_slice(&ETHERTYPE.to_be_bytes());
+                while !over.load(Ordering::Relaxed) {
+                    // Without room it is lost.
+                    let _ = elsewhere.send(&frame);
+                }
+            });
+            let mut buffer = [0; 1514];
+            let mut heard = 0;
+            for _ in 0..3000 {
+                let socket = Socket::open(&here, ETHERTYPE).expect("root");
+                heard += usize::from(socket.take(&mut buffer).expect("it is there").is_some());
+            }
+            over.store(true, Ordering::Relaxed);
+            assert_eq!(heard, 0, "of 3000 that were opened");
+        });
+        assert!(listens.take(&mut [0; 1514]).expect("it is there").is_some(), "frames have come by the second card");
     }
 
     /// NIC-1.6 Without slaves there is no board.

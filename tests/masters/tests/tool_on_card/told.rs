@@ -36,6 +36,8 @@ mod needs_network_namespace {
         let [p50, p99, max] = ["p50_us", "p99_us", "max_us"].map(|name| figures[name].as_i64().expect("a number"));
         assert!(0 < max && p50 <= p99 && p99 <= max, "{figures}");
         assert_eq!(figures["slaves"], 2, "{figures}");
+        let late = finding(&findings, "wake-up").expect("it is measured")["found"].clone();
+        assert!(late.as_str().is_some_and(|text| text.contains("however far ahead a program is")), "{late}");
         let quick = ended(tool(&["doctor", "--quick"]).env("ECMSK_LINK", CARD));
         assert!(quick.out.contains("card-use veth0") && !quick.out.contains("round-trip"), "{quick:?}");
         let said = rig.said();

@@ -3,15 +3,17 @@
 use super::{Network, Place};
 use crate::fieldbus::pdo::ProcessData;
 use crate::sk::{DriveSync, MasterState, StateByte};
+use crate::xf::host::COMFORTABLE_SIZE;
 
 /// How long a change of state may take on a board, and over a chip if its link says nothing else, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
 /// `state_timeout_ms=` is this many times as long as the way to OP, in tenths, where that may take longer than a board waits: real
 /// slaves may need three times as long as those of the model. \[OURS]
 const SPARE_TENTHS: i64 = 30;
-/// What the way takes whatever the slaves are: two changes of state of all, the layout of the process data, packets of another size.
-/// \[OURS]
-const ALL_NS: i64 = 515_000_000;
+/// What the way takes whatever the slaves are: two changes of state of all, the layout of the process data. \[OURS]
+const ALL_NS: i64 = 405_000_000;
+/// What it takes until the packets have another size, where the process data do not fit into short ones. \[OURS]
+const SIZE_NS: i64 = 110_000_000;
 /// What a slave takes beside its SDOs: its place in the layout, its part of each change, its states are read. \[OURS]
 const SLAVE_NS: i64 = 22_000_000;
 /// One SDO of the configuration that writes, or reads an object of the mapping, with the packets that carry it. \[OURS]
@@ -60,7 +62,9 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
     let alone_ns = if none > 0 { ALONE_NS } else { 0 };
     // There are 40 slaves at most, each with some SDOs.
     let [sdos, slaves, none] = [sdos, network.count(), none].map(|count| count as i64);
-    ALL_NS + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns) + none * NONE_NS
+    let is_long = network.output_bytes().max(network.input_bytes()) > COMFORTABLE_SIZE.bytes();
+    let size_ns = if is_long { SIZE_NS } else { 0 };
+    ALL_NS + size_ns + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns) + none * NONE_NS
 }
 
 /// Measures how long a program's way to OP is.

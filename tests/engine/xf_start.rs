@@ -23,14 +23,10 @@ use crate::host::Host;
 /// What went over the wires of a chip.
 #[derive(Clone, Copy, Debug, Default)]
 struct Traffic {
-    exchanges: u64,
-    bytes_ns: Ns,
-    waited_ns: Ns,
-    /// SDO_REQ, STATE_SET, RECONFIG and INFO_UPDATE, each packet that is none of its repetitions.
+    /// SDO_REQ, STATE_SET and RECONFIG, each packet that is none of its repetitions.
     sdos: u64,
     states: u64,
     layouts: u64,
-    updates: u64,
 }
 
 /// Wires that count.
@@ -48,11 +44,7 @@ impl<W: Wires> Wires for Counted<W> {
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), W::Error> {
-        let since = self.wires.now();
-        let done = self.wires.exchange(to_chip, from_chip);
         let mut traffic = self.traffic.lock().unwrap();
-        traffic.exchanges += 1;
-        traffic.bytes_ns += self.wires.now() - since;
         if to_chip.len() > HEADER_LEN {
             let packet = (to_chip[0x0B], to_chip[0x0C]);
             if std::mem::replace(&mut self.newest, packet) != packet {
@@ -60,16 +52,15 @@ impl<W: Wires> Wires for Counted<W> {
                     CommandCode::SdoRequest => traffic.sdos += 1,
                     CommandCode::StateSet => traffic.states += 1,
                     CommandCode::Reconfig => traffic.layouts += 1,
-                    CommandCode::InfoUpdate => traffic.updates += 1,
                     _ => {}
                 }
             }
         }
-        done
+        drop(traffic);
+        self.wires.exchange(to_chip, from_chip)
     }
 
     fn wait_until(&mut self, time: Ns) -> Result<(), W::Error> {
-        self.traffic.lock().unwrap().waited_ns += time.saturating_sub(self.wires.now());
         self.wires.wait_until(time)
     }
 
@@ -450,46 +441,5 @@ fn with_frames_behind_the_chip() {
         let bus = XfBus::new(ChipLine::new(Chip::new(Profile::NEW, network)), config, options);
         let took = times(&start, bus);
         assert!(took[0].ms() <= most, "rest {rest_ms}: {took:?}");
-    }
-}
-
-/// The figures: run with `--nocapture`.
-#[test]
-fn figures() {
-    let starts = [
-        ("1 drive", Start::of_drives(1)),
-        ("9 drives", Start::of_drives(9)),
-        ("40 drives", Start::of_drives(40)),
-        ("40 mixed", Start::of_forty_mixed()),
-        ("40 drives, 1 none", Start::of_drives(40).without(&[20])),
-        ("40 mixed, 1 none", Start::of_forty_mixed().without(&[20])),
-        ("9 drives, csv", Start { mode: Mode::Csv, ..Start::of_drives(9) }),
-        ("9 drives, 2 ms", Start { cycle: CycleTime::from_us(2000).unwrap(), ..Start::of_drives(9) }),
-    ];
-    for (name, start) in starts {
-        for rest_ms in [0, 3000] {
-            let start = start.clone().resting(rest_ms);
-            let [sim, chip] = both(&start);
-            let (bus, traffic) = counted(Profile::NEW, start.slaves());
-            let mut program = Program::new(bus);
-            program.declare(&start);
-            let before = *traffic.lock().unwrap();
-            let _ = [MasterState::SafeOp, MasterState::Op].map(|state| program.go(state));
-            let after = *traffic.lock().unwrap();
-            let ms = |times: [Took; 2]| times.map(Took::ms);
-            println!(
-                "{name}, rest {rest_ms}: sim {:?}, chip {:?}; {} exchanges, {} ms of bytes, {} ms waited, {} SDO, {} states, {} \
-                 layouts, {} updates",
-                ms(sim),
-                ms(chip),
-                after.exchanges - before.exchanges,
-                (after.bytes_ns - before.bytes_ns) / 1_000_000,
-                (after.waited_ns - before.waited_ns) / 1_000_000,
-                after.sdos - before.sdos,
-                after.states - before.states,
-                after.layouts - before.layouts,
-                after.updates - before.updates,
-            );
-        }
     }
 }

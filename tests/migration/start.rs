@@ -10,16 +10,24 @@ use ecmsk::sk::{
     SlotSize, StateByte,
 };
 
-use crate::drives;
-use crate::machine::{Behind, Machine};
+use ecmsk::fieldbus::sim::SimBus;
+use ecmsk::fieldbus::xf::XfBusOptions;
+use support::chip_line::xf_bus;
+use support::start::{Program, Start};
 
-/// Milliseconds from SET_STATE to OP, with so many drives and as many more that are declared none.
+use crate::machine::Behind;
+
+/// Milliseconds from SET_STATE to OP, with so many drives and as many more that are declared none; the program rests nowhere.
 fn start_ms(behind: Behind, drives: usize, none: usize) -> u64 {
-    let mut machine = Machine::new(behind, SlotSize::Bytes12, drives::models(drives + none));
-    machine.declare(&vec![SlaveKind::Drive; drives], &vec![Some(Mode::Csp); drives], 1000);
-    let from = machine.now_ns();
-    machine.go(MasterState::Op);
-    (machine.now_ns() - from) / 1_000_000
+    let mut kinds = vec![SlaveKind::Drive; drives];
+    kinds.resize(drives + none, SlaveKind::None);
+    let start = Start::of(kinds);
+    let mut program = match behind {
+        Behind::Board => Program::new(SimBus::new(start.slaves())),
+        Behind::Chip { ahead } => Program::new(xf_bus(start.slaves(), XfBusOptions { ahead, ..XfBusOptions::DEFAULT })),
+    };
+    program.declare(&start);
+    program.go(MasterState::Op).ms()
 }
 
 /// XF-20.9 The way to OP takes longer behind a chip, the more slaves there are.

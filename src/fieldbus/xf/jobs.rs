@@ -112,8 +112,6 @@ enum Stage {
     TxEntries,
     BuildFifos,
     Resize,
-    /// The packets get the size that holds the cycle in OP.
-    SizeForOp,
     StopFifo,
     EmptyFifos,
     Hold,
@@ -334,8 +332,6 @@ impl<W: Wires> XfBus<W> {
             Stage::TxEntries => job.ask(Stage::BuildFifos, Ask::BuildFifos),
             Stage::BuildFifos => self.fifos_built(job),
             Stage::Resize => self.configured(job),
-            // A reset of the chip meanwhile shows in the states alone.
-            Stage::SizeForOp => self.read_states(job),
             Stage::StopFifo => job.ask(Stage::EmptyFifos, Ask::Clear(Fifos::Both)),
             Stage::EmptyFifos => {
                 job.stage = Stage::Hold;

@@ -40,7 +40,6 @@ use super::{
     SdoRequest, SlaveSet,
 };
 use crate::sk::CycleTime;
-use crate::xf::DataSize;
 use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
 use ahead::Ahead;
 use answers::{ANSWERS, Answer, IMAGE_MAX};
@@ -78,6 +77,15 @@ const BUSY_POLL_NS: Ns = 200_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
 
+/// Whether the chip was set to short packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shortening {
+    Due,
+    UnderWay,
+    /// It was, or it keeps those that it has.
+    Done,
+}
+
 /// What a bus has counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct XfBusCounters {
@@ -111,10 +119,8 @@ pub struct XfBus<W> {
     /// A configuration that begins when what was made of it ahead has ended.
     next_job: Option<Running>,
     ahead: Ahead,
-    /// The n that the chip was found with; `None`: it was not yet. Below OP packets are shorter.
-    size_found: Option<DataSize>,
-    /// It is being set to short packets.
-    is_shortening: bool,
+    /// Whether the chip was set to short packets at its start.
+    shortening: Shortening,
     /// How often the header is asked for while a command runs beside process data.
     busy_poll_in_op_ns: Ns,
     /// The command of the job under way.
@@ -191,8 +197,7 @@ impl<W: Wires> XfBus<W> {
             job: None,
             next_job: None,
             ahead: Ahead::default(),
-            size_found: None,
-            is_shortening: false,
+            shortening: Shortening::Due,
             busy_poll_in_op_ns,
             asked: None,
             pending: None,
@@ -296,8 +301,9 @@ impl<W: Wires> XfBus<W> {
                         // The start switches the chip's FIFO off, whatever the slaves do.
                         self.lose_all();
                         self.taking_down = TakingDown::Due;
-                        if std::mem::take(&mut self.is_shortening) {
+                        if self.shortening == Shortening::UnderWay {
                             // It cannot be set to other packets.
+                            self.shortening = Shortening::Done;
                             self.host.keep_size();
                         }
                         self.host.restart(at);
@@ -333,24 +339,20 @@ impl<W: Wires> XfBus<W> {
         self.feed(now);
     }
 
-    /// Below OP, where commands take most of the time, the chip is set to short packets, once it has started. Who has chosen its
-    /// n has chosen it for all. Whether the driver starts anew for that.
+    /// Once the chip has started it is set to short packets, since the way to OP is one of many commands, each with packets of its own;
+    /// a configuration chooses longer ones where process data need them. Who has chosen an n has chosen it for all. Whether the
+    /// driver starts anew for that.
     fn shorten(&mut self, now: Ns) -> bool {
-        if self.host.state() != HostState::Running {
+        if self.shortening == Shortening::Done || self.host.state() != HostState::Running {
             return false;
         }
-        self.is_shortening = false;
-        let found = self.host.size();
-        if self.size_found.is_some() {
-            return false;
-        }
-        self.size_found = Some(found);
         let is_chosen = self.options.size_is_fixed || self.host.config().wanted_size.is_some();
-        self.is_shortening = !is_chosen && found > COMFORTABLE_SIZE;
-        if self.is_shortening {
+        let shortens = !is_chosen && self.host.size() > COMFORTABLE_SIZE;
+        self.shortening = if shortens { Shortening::UnderWay } else { Shortening::Done };
+        if shortens {
             self.host.resize(now, COMFORTABLE_SIZE);
         }
-        self.is_shortening
+        shortens
     }
 
     /// The driver has given up, and is started again some time later.

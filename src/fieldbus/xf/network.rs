@@ -4,7 +4,6 @@ use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::SlaveConfig;
 use crate::fieldbus::pdo::{Download, MappedDirection, ProcessData};
 use crate::sk::CycleTime;
-use crate::xf::DataSize;
 
 /// What was seen of the objects of a slave that stays in PreOP holds so long; then they are read again. \[OURS] Somebody with a
 /// cable at the drive may have changed them.
@@ -90,8 +89,6 @@ pub(super) struct Network {
     pub seen: [Option<Seen>; MAX_SLAVES],
     /// The chip has laid out process data as the slaves have mapped them, and no slave has left PreOP and come back since.
     pub laid_out: bool,
-    /// The size of packets that holds the cycle in OP; `None`: it is not known yet.
-    pub size_in_op: Option<DataSize>,
     /// The chip has laid out process data, and the slaves are configured.
     pub mapped: bool,
     /// Bytes of one RxPDO of the chip: the outputs of all slaves.
@@ -124,7 +121,6 @@ impl Network {
             configured: SlaveSet::EMPTY,
             seen: [None; MAX_SLAVES],
             laid_out: false,
-            size_in_op: None,
             mapped: false,
             rx_bytes: 0,
             tx_bytes: 0,

@@ -292,15 +292,13 @@ impl<W: Wires> XfBus<W> {
         self.choose_size(job)
     }
 
-    /// Which packets hold the cycle in OP. Below OP short ones do, as long as they hold the process data.
+    /// The packets hold the process data and the exchanges the cycle, or the chip is set to an n with which they do.
     pub(super) fn choose_size(&mut self, job: &mut Running) -> Todo {
         self.network.entries = self.entries();
         match self.plan_cycle() {
             Ok(CyclePlan { size, in_flight, transport_sets, .. }) => {
                 (self.network.in_flight, self.network.transport_sets) = (in_flight, transport_sets);
-                self.network.size_in_op = Some(size);
-                let Network { rx_bytes, tx_bytes, .. } = self.network;
-                if rx_bytes.max(tx_bytes) <= self.host.size().bytes() {
+                if size == self.host.size() {
                     return self.configured(job);
                 }
                 job.stage = Stage::Resize;
@@ -318,7 +316,7 @@ impl<W: Wires> XfBus<W> {
             cycle_ns: cycle.ns(),
             clock_hz: self.options.clock_hz,
             idle_ns: self.host.config().idle_ns,
-            present: self.size_found.unwrap_or(self.host.size()),
+            present: self.host.size(),
             size_is_fixed: self.options.size_is_fixed,
         };
         demand.plan()

@@ -86,10 +86,6 @@ impl<W: Wires> XfBus<W> {
         let to = if lowest > target { target } else { lowest.above().min(target) };
         if to == AlState::Op && self.network.in_op().is_empty() {
             self.leave_op();
-            if let Some(size) = self.network.size_in_op.filter(|size| *size != self.host.size()) {
-                job.stage = Stage::SizeForOp;
-                return Todo::Resize(size);
-            }
             return job.ask(Stage::StopFifo, Ask::Fifo { on: false });
         }
         self.enter(job, to)

@@ -271,6 +271,7 @@ impl<W: Wires> XfBus<W> {
                 let from = if commanded == AlState::Op { self.watch.suspect_from.or(self.watch.unsent) } else { None };
                 self.network.lost_from[usize::from(slave) - 1] = from;
                 self.network.lost.insert(slave);
+                self.network.forget_objects(slave);
                 self.hold_lost(self.network.lost);
             }
         } else if commanded < AlState::SafeOp {

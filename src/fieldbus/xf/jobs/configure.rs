@@ -27,6 +27,10 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn check_before_leaving(&mut self, job: &mut Running, now: Ns) -> Todo {
         let Kind::Configure(config) = &job.kind else { return self.configured(job) };
         let unused = self.network.unused();
+        if !SlaveSet::first(self.network.found).difference(config.selected).is_empty() {
+            // Slaves that were lost are looked at anew (SK-4.73).
+            config.selected.iter().for_each(|slave| self.network.forget_objects(slave));
+        }
         self.network.configured = self.network.configured.difference(config.selected);
         job.keeps_layout = self.keeps_layout(config);
         for slave in 1..=self.network.found {

@@ -169,11 +169,13 @@ impl Engine {
                 for (place, kind) in self.volatile.kinds.iter_mut().skip(first).zip(kinds) {
                     *place = kind;
                 }
+                self.declared(at);
                 let in_init = self.network().state() == Some(MasterState::Init);
                 return Ok(if in_init { 0 } else { self.network().found().into() });
             }
             MasterCommand::SetDc { cycle, shift } => {
                 self.volatile.cycle = cycle;
+                self.declared(at);
                 if let DcShift::Other(data2) = shift {
                     self.log.push(Event::OddDcShift { at, data2 });
                 }
@@ -256,6 +258,7 @@ impl Engine {
     fn run_slave(&mut self, slave: usize, command: &SlaveCommand, at: Ns) -> Result<Outcome, Reason> {
         if let SlaveCommand::DriveMode { mode, sync } = *command {
             self.volatile.modes[slave - 1] = (mode, sync);
+            self.declared(at);
             return Ok(Outcome::Executed(None));
         }
         check_kind(command, self.role(slave))?;

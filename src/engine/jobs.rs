@@ -12,6 +12,10 @@ use crate::fieldbus::{
 };
 use crate::sk::{DriveSync, MasterState, SlaveKind};
 
+/// So long nothing more has to be declared until the bus is told: programs send SET_AXIS, SET_DC and DRIVE_MODE one after the other, 2 ms
+/// apart (LIB, habits). \[OURS]
+const DECLARED_NS: Ns = 10_000_000;
+
 /// The job of the bus under way that is no SDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct NetworkJob {
@@ -86,6 +90,24 @@ impl Engine {
     fn start_restore_if_free(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.job.is_none() && self.sdo_owner.is_none() {
             self.start_restore(now, bus);
+        }
+        self.tell_declarations(now, bus);
+    }
+
+    /// Something was declared: the bus is told when nothing else follows.
+    pub(super) const fn declared(&mut self, at: Ns) {
+        (self.volatile.has_declared, self.volatile.told_at) = (true, Some(at.saturating_add(DECLARED_NS)));
+    }
+
+    /// Tells the bus in PreOP what the next configuration will be, so that it may prepare it.
+    fn tell_declarations(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
+        let is_due = self.volatile.told_at.is_some_and(|at| now >= at);
+        let is_free = self.job.is_none() && self.sdo_owner.is_none();
+        if is_due && is_free && self.network().rests_in(MasterState::PreOp) {
+            self.volatile.told_at = None;
+            if self.lacks_process_data().is_none() {
+                bus.prepare(&self.declared_config(), now);
+            }
         }
     }
 
@@ -267,14 +289,23 @@ impl Engine {
         StateFailure::of(refusal, configuring, target_of(step), kind.copied().unwrap_or_default())
     }
 
-    /// The configuration of all slaves as declared, which is in force from now on.
+    /// The configuration of all slaves as declared.
+    fn declared_config(&self) -> BusConfig {
+        let found = usize::from(self.network().found());
+        let slaves = std::array::from_fn(|n| match n < found {
+            true => SlaveConfig { role: self.declared_role(n), sync: self.volatile.modes[n].1 },
+            false => SlaveConfig { role: Role::Unused, sync: DriveSync::DcSync },
+        });
+        BusConfig { cycle: self.volatile.cycle, selected: self.found_slaves(), slaves }
+    }
+
+    /// The same, which is in force from now on.
     fn bus_config(&mut self) -> BusConfig {
-        self.volatile.cycle_in_op = self.volatile.cycle;
-        (self.volatile.roles, self.volatile.syncs) = ([Role::Unused; MAX_SLAVES], [DriveSync::DcSync; MAX_SLAVES]);
-        for n in 0..usize::from(self.network().found()) {
-            (self.volatile.roles[n], self.volatile.syncs[n]) = (self.declared_role(n), self.volatile.modes[n].1);
-        }
-        self.config_for(self.found_slaves())
+        let config = self.declared_config();
+        self.volatile.cycle_in_op = config.cycle;
+        self.volatile.roles = config.slaves.map(|slave| slave.role);
+        self.volatile.syncs = config.slaves.map(|slave| slave.sync);
+        config
     }
 
     /// The configuration in force, for these slaves.
@@ -302,6 +333,10 @@ impl Engine {
             done => {
                 let Some(work) = self.job.take() else { return };
                 self.network_job_done(work, done, now);
+                if self.volatile.has_declared {
+                    // What the bus has prepared is used, or slaves have left PreOP since.
+                    self.declared(now);
+                }
             }
         }
     }

@@ -139,6 +139,11 @@ impl Network {
         self.found
     }
 
+    /// Whether all slaves are in that state, and nothing else was asked for.
+    pub(super) fn rests_in(&self, state: MasterState) -> bool {
+        self.reached == Some(state) && self.change.is_none() && !self.failed && self.lost.is_empty()
+    }
+
     /// The slaves that are lost.
     pub(super) const fn lost(&self) -> SlaveSet {
         self.lost

@@ -41,6 +41,10 @@ pub(super) struct Volatile {
     pub(super) kinds: [SlaveKind; MAX_SLAVES],
     pub(super) modes: [(Mode, DriveSync); MAX_SLAVES],
     pub(super) cycle: CycleTime,
+    /// Something was declared since the boot.
+    pub(super) has_declared: bool,
+    /// When the bus is told what is declared; `None`: it knows.
+    pub(super) told_at: Option<Ns>,
     pub(super) network: Network,
     /// The newest failure of a change of state.
     pub(super) failure: Option<StateFailure>,
@@ -80,6 +84,8 @@ impl Volatile {
             kinds: [SlaveKind::default(); MAX_SLAVES],
             modes: [(Mode::Csp, DriveSync::DcSync); MAX_SLAVES],
             cycle: CycleTime::DEFAULT,
+            has_declared: false,
+            told_at: None,
             network: Network::default(),
             failure: None,
             cycle_in_op: CycleTime::DEFAULT,

@@ -441,6 +441,11 @@ pub trait Fieldbus: Send {
     /// [`Busy`] while another job is under way. Whether an SDO may run beside a change of state is up to the bus.
     fn start(&mut self, job: Job, now: Ns) -> Result<(), Busy>;
 
+    /// Tells what the next [`Job::Configure`] will be, as far as is declared, while all slaves are in PreOP and nothing is under way.
+    /// A bus whose configurations take long may begin with it, as long as no SDO shows that and no job waits for it longer than it
+    /// would have taken.
+    fn prepare(&mut self, _config: &BusConfig, _now: Ns) {}
+
     /// How a job has ended; each end is given once, and the ends of two jobs one after the other.
     fn poll_job(&mut self, now: Ns) -> Option<JobDone>;
 

@@ -12,7 +12,7 @@ use crate::cia402::{CONTROLWORD, Controlword, ERROR_CODE, Mode, SECOND_AXIS_OFFS
 use crate::coe::ObjectAddress;
 use crate::sk::DriveSync;
 
-pub use downloads::{Download, Downloads, NO_SUCH_MODE};
+pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_MODE};
 
 /// The length of the longest process image that the board maps, bytes: that of a pulse module of two channels.
 pub const IMAGE_BYTES_MAX: usize = 20;

@@ -3,20 +3,25 @@
 use super::{Network, Place};
 use crate::fieldbus::pdo::ProcessData;
 use crate::sk::{DriveSync, MasterState, StateByte};
+use crate::xf::host::COMFORTABLE_SIZE;
 
 /// How long a change of state may take on a board, and over a chip if its link says nothing else, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
-/// `state_timeout_ms=` is this many times as long as the way to OP, in tenths, where that may take longer than a board waits.
-/// \[OURS]
-const SPARE_TENTHS: i64 = 15;
-/// What the way takes whatever the slaves are: the states of all, the layout of the process data, the clocks. \[OURS]
-const ALL_NS: i64 = 415_000_000;
-/// What a slave takes beside its SDOs: its states are read, and more. \[OURS]
-const SLAVE_NS: i64 = 41_000_000;
-/// An SDO of the configuration, with the packets that carry it. \[OURS]
-const SDO_NS: i64 = 4_000_000;
-/// What a slave takes more that goes its way alone, as all do beside one that is declared none. \[OURS]
-const ALONE_NS: i64 = 300_000_000;
+/// `state_timeout_ms=` is this many times as long as the way to OP, in tenths, where that may take longer than a board waits: real
+/// slaves may need three times as long as those of the model. \[OURS]
+const SPARE_TENTHS: i64 = 30;
+/// What the way takes whatever the slaves are: two changes of state of all, the layout of the process data. \[OURS]
+const ALL_NS: i64 = 405_000_000;
+/// What it takes until the packets have another size, where the process data do not fit into short ones. \[OURS]
+const SIZE_NS: i64 = 110_000_000;
+/// What a slave takes beside its SDOs: its place in the layout, its part of each change, its states are read. \[OURS]
+const SLAVE_NS: i64 = 22_000_000;
+/// One SDO of the configuration that writes, or reads an object of the mapping, with the packets that carry it. \[OURS]
+const SDO_NS: i64 = 3_800_000;
+/// What a slave takes more that goes to OP alone, as all do beside one that is declared none. \[OURS]
+const ALONE_NS: i64 = 50_000_000;
+/// What a slave takes that is declared none: it comes back from SafeOP. \[OURS]
+const NONE_NS: i64 = 35_000_000;
 
 /// The way to OP, on the recorded board and over a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,20 +44,27 @@ impl Start {
     }
 }
 
-/// How long the way from PreOP to OP takes over a chip, in nanoseconds. \[OURS] An estimate from what the model of a chip takes,
-/// which does an SDO in 3 ms: each SDO that the configuration of a slave needs is a command of its own, and beside slaves that were
-/// found and are declared none the others go one by one.
+/// How long the way from PreOP to OP takes over a chip, in nanoseconds, for a program that rests nowhere between its declarations and
+/// SET_STATE. \[OURS] An estimate from what the model of a chip takes, which does an SDO in 3 ms: each SDO is a command of its own,
+/// slaves have their mapping already, so that its objects are read and not written, and beside slaves that were found and are declared
+/// none the others go from SafeOP to OP one by one.
 pub fn time_to_op_ns(network: &Network) -> i64 {
     let sdos = |slave| {
         let data = ProcessData::of(network.role(slave), network.second_channels[slave - 1]);
-        data.map_or(0, |data| data.downloads(DriveSync::DcSync).into_iter().count())
+        data.map_or(0, |data| {
+            let downloads = data.downloads(DriveSync::DcSync);
+            let others = downloads.into_iter().filter(|download| !download.is_mapping()).count();
+            downloads.mapping_images().count() + others
+        })
     };
     let sdos: usize = network.slaves().map(sdos).sum();
-    let goes_alone = network.length() > network.count();
-    // There are 40 slaves at most, each with some dozens of SDOs.
-    let [sdos, slaves] = [sdos, network.count()].map(|count| count as i64);
-    let alone_ns = if goes_alone { ALONE_NS } else { 0 };
-    ALL_NS + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns)
+    let none = network.length().saturating_sub(network.count());
+    let alone_ns = if none > 0 { ALONE_NS } else { 0 };
+    // There are 40 slaves at most, each with some SDOs.
+    let [sdos, slaves, none] = [sdos, network.count(), none].map(|count| count as i64);
+    let is_long = network.output_bytes().max(network.input_bytes()) > COMFORTABLE_SIZE.bytes();
+    let size_ns = if is_long { SIZE_NS } else { 0 };
+    ALL_NS + size_ns + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns) + none * NONE_NS
 }
 
 /// Measures how long a program's way to OP is.

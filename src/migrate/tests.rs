@@ -219,15 +219,15 @@ fn the_way_to_op() {
     let plan = found.plan.expect("a plan");
     assert_eq!((plan.network.found, plan.network.count()), (10, 8));
     assert!(plan.links.model.starts_with("xf-sim:?slaves=drive*8,io*2&"), "{}", plan.links.model);
-    // Beside slaves that are declared none the others go one by one.
-    assert!(plan.start.chip_ns > 2 * start(&Run::in_op(8, 1000)).chip_ns, "{:?}", plan.start);
+    // Beside slaves that are declared none the others go to OP one by one.
+    assert!(plan.start.chip_ns > start(&Run::in_op(8, 1000)).chip_ns + 400 * MS, "{:?}", plan.start);
     assert_eq!(plan.start.timeout_ms, None);
     let mut run = Run::new();
     run.report(StateByte::reached(MasterState::PreOp), 0).slaves(32, 40);
     run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS).op(0);
     let plan = run.found().plan.expect("a plan");
-    let ms = plan.start.timeout_ms.expect("more than SET_STATE has");
-    assert!(plan.start.chip_ns > 10_000 * MS && ms * MS > plan.start.chip_ns, "{:?}", plan.start);
+    let ms = plan.start.timeout_ms.expect("it may take more than SET_STATE has");
+    assert!(plan.start.chip_ns > 3000 * MS && ms > 10_000, "{:?}", plan.start);
     assert!(plan.links.machine.contains(&format!("&state_timeout_ms={ms}")), "{}", plan.links.machine);
     // One that was given up, or failed, is none.
     let mut run = Run::new();

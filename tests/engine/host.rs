@@ -217,7 +217,7 @@ impl Host {
             }
             self.one_cycle();
         }
-        panic!("never: {what}; newest answer {:?}", self.answer());
+        panic!("never: {what}; newest answer {:?}, {:?}", self.answer(), self.board.engine().state_failure());
     }
 
     /// Slot 0 of the newest report.

@@ -211,7 +211,10 @@ impl Slave for Puppet {
             }
             return Ok(());
         }
+        let is_mode = object.index & !0x800 == 0x6060 && strings.images.role().is_some();
         match strings.objects.get_mut(&(object.index, object.sub)) {
+            // The board writes the mode of a slave whose mapping it knows, too.
+            None if is_mode => Ok(()),
             None => Err(AbortCode::NO_OBJECT),
             Some((bytes, _)) if usize::from(*bytes) != value.len() => Err(AbortCode::LENGTH),
             Some((_, kept)) => {

@@ -104,7 +104,7 @@ impl<B: Fieldbus> Watch<B> {
 }
 
 impl<B: Fieldbus> Fieldbus for Watch<B> {
-    hand_on!(inner: pacing, room, clear_ahead, poll_clear, poll);
+    hand_on!(inner: pacing, prepare, room, clear_ahead, poll_clear, poll);
 
     fn push(&mut self, outputs: &Outputs) -> Result<(), BusError> {
         self.spans.2.fetch_add(1, Ordering::Relaxed);

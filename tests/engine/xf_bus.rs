@@ -131,7 +131,7 @@ fn no_more_than_ahead_lie_in_the_chip() {
 fn what_was_taken_is_sent_before_slaves_leave_op() {
     let puppet = Puppet::new();
     let mut host = over_xf(vec![puppet.boxed()]);
-    host.go(MasterState::Op).slave(1, SlaveCommand::IoWrite(0xFFFF)).drained();
+    host.go(MasterState::Op).cycles(5).slave(1, SlaveCommand::IoWrite(0xFFFF)).drained();
     assert_eq!(puppet.last().outputs, 0xFFFF);
     host.build(|frame, size| {
         frame.put_master(size, &MasterCommand::SetState(MasterState::SafeOp));

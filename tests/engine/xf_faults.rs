@@ -291,8 +291,10 @@ fn cycles_are_told_behind_a_job_that_was_given_up() {
 /// then: the next change of state fails, and the one behind it starts the network.
 #[test]
 fn a_reset_during_a_resize_is_seen() {
-    let puppet = Puppet::obedient();
-    let mut bus = xf_bus(vec![puppet.boxed()], XfBusOptions::DEFAULT);
+    // The packets of a chip's start do not hold the process data of so many.
+    const DRIVES: u8 = 12;
+    let puppets: Vec<Puppet> = (0..DRIVES).map(|_| Puppet::obedient()).collect();
+    let mut bus = xf_bus(puppets.iter().map(Puppet::boxed).collect(), XfBusOptions::DEFAULT);
     let mut now = 0;
     let mut ends = |bus: &mut XfBus<ChipLine<SlaveModels>>, job, resets: bool| {
         bus.start(job, now).unwrap();
@@ -306,7 +308,10 @@ fn a_reset_during_a_resize_is_seen() {
             bus.poll_job(now)
         })
     };
-    let configure = configure(CycleTime::from_us(250).unwrap());
+    let slaves = SlaveSet::first(DRIVES);
+    let state = |target| Job::State { target, slaves, timeout_ns: 10_000_000_000 };
+    let Job::Configure(config) = configure(CycleTime::DEFAULT) else { panic!("it is one") };
+    let configure = Job::Configure(BusConfig { selected: slaves, ..config });
     for job in [Job::Scan, state(AlState::PreOp)] {
         ends(&mut bus, job, false).expect("it ends");
     }
@@ -317,7 +322,7 @@ fn a_reset_during_a_resize_is_seen() {
         let done = ends(&mut bus, job, false);
         assert!(matches!(done, Some(JobDone::State(Ok(())) | JobDone::Configure(Ok(_)))), "{done:?}");
     }
-    assert_eq!(puppet.strings().al_state(), AlState::SafeOp);
+    assert_eq!(puppets[0].strings().al_state(), AlState::SafeOp);
 }
 
 /// XF-19.12 A chip that was reset between a configuration and the change of state behind it has no process data any more: the

@@ -26,7 +26,7 @@ fn board(slaves: Vec<Box<dyn Slave>>, state_timeout_ns: Ns) -> (Host, SimHandle)
 /// timed out, and not after the 10 s of a board.
 #[test]
 fn a_silent_slave_fails_sooner() {
-    for cycles in [0, 100] {
+    for cycles in [0, 30] {
         let (mut host, network) = board(drives(2), 10 * SECOND);
         host.declare_drives(2).cycle();
         let asked = host.board.now();
@@ -57,27 +57,27 @@ fn a_silent_slave_declared_none_is_missed() {
     host.go(Op);
 }
 
-/// XF-20.9 SK-4.57 Beside slaves that are declared none and stay in PreOP the others go one by one: of 40 slaves with six
-/// such ones they are not there when the time of SET_STATE is over.
+/// XF-20.9 SK-4.57 Slaves that are declared none do not keep the others from SafeOP, to which all go by one command: of 40 with six
+/// such ones it takes hardly longer than without. To OP the others go one by one, and are there long before the time of SET_STATE is
+/// over.
 #[test]
-fn slaves_declared_none_make_the_others_go_one_by_one() {
-    let way = |state_timeout_ns, none: &[usize]| {
-        let (mut host, _) = board(drives(40), state_timeout_ns);
+fn slaves_declared_none_keep_nobody_back() {
+    let way = |none: &[usize]| {
+        let (mut host, _) = board(drives(40), 10 * SECOND);
         for group in 0..5u8 {
             let kind =
                 |k| if none.contains(&(usize::from(group) * 8 + k + 1)) { SlaveKind::None } else { SlaveKind::Drive };
             host.master(MasterCommand::SetAxis { group, kinds: std::array::from_fn(kind) });
         }
-        host.cycle();
-        let asked = host.board.now();
-        host.master(MasterCommand::SetState(SafeOp)).until("its end", |host| host.state() != StateByte::reached(PreOp));
-        (host.state().0, (host.board.now() - asked) / 1_000_000)
+        [SafeOp, Op].map(|state| {
+            let asked = host.board.now();
+            host.go(state);
+            (host.board.now() - asked) / 1_000_000
+        })
     };
-    let none = [5, 12, 19, 26, 33, 40];
-    let [all, others, late] = [way(60 * SECOND, &[]), way(60 * SECOND, &none), way(10 * SECOND, &none)];
-    assert!(all.0 == 0x04 && all.1 < 6000, "{all:?}");
-    assert!(others.0 == 0x04 && others.1 > 10_000, "{others:?}");
-    assert_eq!(late.0, 0x12);
+    let [all, others] = [way(&[]), way(&[5, 12, 19, 26, 33, 40])];
+    assert!(others[0] < all[0] + 200, "{all:?} and {others:?}");
+    assert!(all[1] < 500 && (1500..2500).contains(&others[1]), "{all:?} and {others:?}");
 }
 
 /// XF-20.7 SK-4.74 Of three slaves that were lost together one refuses PreOP: the others do not come back until it does.

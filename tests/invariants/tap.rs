@@ -26,7 +26,7 @@ impl Tap {
 }
 
 impl Slave for Tap {
-    support::hand_on_slave!(inner: name, state, read, set_sync_managers, step, apply_fault, has_dc, shaft);
+    support::hand_on_slave!(inner: name, state, read_entries, set_sync_managers, step, apply_fault, has_dc, shaft);
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
         let entered = self.inner.enter(target);

@@ -45,7 +45,7 @@ fn hardly_anything_lies_in_the_chip_while_an_axis_is_switched_on() {
 /// cycle or less often, until the other one is on.
 #[test]
 fn large_packets_are_too_slow_for_so_few() {
-    let repeats = repeats(None, 0);
+    let repeats = repeats(stall::LARGE, 0);
     let [first, last] = [repeats.first(), repeats.last()].map(|cycle| cycle.copied().unwrap_or_default());
     assert!(last - first <= 60 && 6 * repeats.len() <= last - first + 12, "{repeats:?}");
 }

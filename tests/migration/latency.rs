@@ -30,7 +30,7 @@ fn latency(mut machine: Machine, drives: usize) -> usize {
 /// drives does not wait much longer than one of two.
 #[test]
 fn an_answer_comes_some_reports_later() {
-    for (drives, size, most) in [(2, None, 8), (2, stall::SMALL, 6), (8, None, 8), (8, stall::SMALL, 6), (40, None, 8)]
+    for (drives, size, most) in [(2, None, 6), (2, stall::LARGE, 8), (8, None, 6), (8, stall::LARGE, 8), (40, None, 8)]
     {
         assert_eq!(latency(drives::in_op(Behind::Board, drives), drives), 1, "{drives} drives");
         let later = latency(stall::machine(XfBusOptions::DEFAULT.ahead, drives, size).0, drives);

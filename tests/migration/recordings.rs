@@ -18,7 +18,12 @@ struct Recording {
     slaves: &'static str,
     /// The rows by which a chip differs, in this order: later answers, a longer way to OP, a longer wait for SDOs.
     rows: &'static [Row],
+    /// Keys of the link to the chip.
+    keys: &'static str,
 }
+
+/// Packets as newer chips start with.
+const LARGE: &str = "&use_n=1024";
 
 const ROWS: &[Row] = &[Row::Latency, Row::Start];
 
@@ -26,9 +31,22 @@ const ROWS: &[Row] = &[Row::Latency, Row::Start];
 fn recordings(folder: &TempDir) -> Vec<Recording> {
     let capture = |name| root().join("tests/recordings").join(name);
     let mut all = vec![
-        // Looks at the board every 2 to 5 ms only: the latency does not show.
-        Recording { name: "usbmon_12", file: capture("usbmon_12.pcap"), slaves: "drive,hsp2,io", rows: &[Row::Start] },
-        Recording { name: "usbmon_16", file: capture("usbmon_16.pcap"), slaves: "drive,hsp2,io", rows: &[Row::Start] },
+        // Looks at the board every 2 to 5 ms only: the latency does not show. With shorter packets an input that its own output
+        // switches comes within the answer to the last command, where the recording has it behind that.
+        Recording {
+            name: "usbmon_12",
+            file: capture("usbmon_12.pcap"),
+            slaves: "drive,hsp2,io",
+            rows: &[Row::Start],
+            keys: LARGE,
+        },
+        Recording {
+            name: "usbmon_16",
+            file: capture("usbmon_16.pcap"),
+            slaves: "drive,hsp2,io",
+            rows: &[Row::Start],
+            keys: LARGE,
+        },
     ];
     for (name, program) in [
         ("a", Program::default()),
@@ -41,7 +59,7 @@ fn recordings(folder: &TempDir) -> Vec<Recording> {
     ] {
         let file = folder.path().join(name).with_extension("pcapng");
         program.record_to(&file, &folder.path().join("script"));
-        all.push(Recording { name, file, slaves: "drive*2,io", rows: ROWS });
+        all.push(Recording { name, file, slaves: "drive*2,io", rows: ROWS, keys: "" });
     }
     all
 }
@@ -62,12 +80,12 @@ fn played(file: &std::path::Path, link: &str) -> (Comparison, i64) {
 #[test]
 fn recordings_on_both_models() {
     let folder = tempfile::tempdir().expect("a folder");
-    for Recording { name, file, slaves, rows } in recordings(&folder) {
+    for Recording { name, file, slaves, rows, keys } in recordings(&folder) {
         let (found, waited_ms) = played(&file, &format!("sim:?slaves={slaves}"));
         assert!(found.is_equal() && found.answers > 15, "{name}: {found}");
         assert_eq!((waited_ms, found.latency.usual, found.shifted_answers), (0, 0, 0), "{name}: {found}");
 
-        let (found, waited_ms) = played(&file, &format!("xf-sim:?slaves={slaves}"));
+        let (found, waited_ms) = played(&file, &format!("xf-sim:?slaves={slaves}{keys}"));
         assert!(found.is_equal() && found.answers > 15, "{name}: {found}");
         let mut shown = Vec::new();
         if found.latency.usual != 0 {
@@ -75,8 +93,8 @@ fn recordings_on_both_models() {
             shown.push(Row::Latency);
         }
         if waited_ms > 0 {
-            // 0.6 s of two drives, where the board takes 0.4.
-            assert!((200..=900).contains(&waited_ms), "{name}: {waited_ms} ms");
+            // 0.5 s of two drives, where the board takes 0.4; 0.8 s with another cycle than the chip has at first.
+            assert!((40..=900).contains(&waited_ms), "{name}: {waited_ms} ms");
             shown.push(Row::Start);
         }
         assert_eq!(shown, rows, "{name}: {found}, {waited_ms} ms");

@@ -20,6 +20,8 @@ use crate::tap::Log;
 
 /// Small packets, as the manuals have them.
 pub const SMALL: Option<DataSize> = Some(DataSize::MANUAL);
+/// Those that newer chips start with, where a link asks for them.
+pub const LARGE: Option<DataSize> = Some(DataSize::NEWER);
 
 /// A bus whose chip goes on while the PC, with the board's model in it, stands still.
 pub struct Stalling {
@@ -134,7 +136,7 @@ fn what_lies_in_the_chip_bridges_a_stall() {
         (4, 40, None, 4),
         (20, 2, None, 20),
         (60, 2, None, 54),
-        (60, 2, SMALL, 54),
+        (60, 2, LARGE, 54),
         (60, 40, None, 18),
     ] {
         let cycles = bridged(ahead, drives, size);

@@ -51,6 +51,20 @@ impl Download {
         matches!(self.object.index, 0x1600..=TX_ASSIGNMENT)
     }
 
+    /// Which of the process data this download maps; `None`: it maps none.
+    pub const fn direction(&self) -> Option<MappedDirection> {
+        match self.object.index {
+            0x1600..=0x17FF | RX_ASSIGNMENT => Some(MappedDirection::Outputs),
+            0x1A00..=0x1BFF | TX_ASSIGNMENT => Some(MappedDirection::Inputs),
+            _ => None,
+        }
+    }
+
+    /// Whether this download sets a synchronization type.
+    pub const fn is_sync_type(&self) -> bool {
+        self.object.index == SYNC_TYPES[0] || self.object.index == SYNC_TYPES[1]
+    }
+
     /// The downloads that assign these PDOs for outputs and inputs, whose entries are left as they are. A slave may lack
     /// the objects, or have them as constants.
     pub fn assigning(outputs: &[u16], inputs: &[u16]) -> Vec<Self> {
@@ -103,6 +117,46 @@ impl Download {
     }
 }
 
+/// Which process data an object maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MappedDirection {
+    /// From the master to the slave.
+    Outputs,
+    /// From the slave to the master.
+    Inputs,
+}
+
+/// The most bytes of a [`MappingImage`]: a count with its padding, and four entries.
+const MAPPING_IMAGE_MAX: usize = 2 + 4 * 4;
+
+/// A mapping or assignment object as the downloads of a configuration leave it: what an upload of it with complete access begins
+/// with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MappingImage {
+    index: u16,
+    direction: MappedDirection,
+    bytes: [u8; MAPPING_IMAGE_MAX],
+    len: usize,
+}
+
+impl MappingImage {
+    /// The object, from sub-index 0 on.
+    pub const fn object(&self) -> ObjectAddress {
+        ObjectAddress::new(self.index, 0)
+    }
+
+    /// Which process data the object maps.
+    pub const fn direction(&self) -> MappedDirection {
+        self.direction
+    }
+
+    /// Whether an upload with complete access shows the object as the downloads would leave it. Entries behind the count do not
+    /// matter.
+    pub fn is_shown_by(&self, upload: &[u8]) -> bool {
+        upload.starts_with(&self.bytes[..self.len])
+    }
+}
+
 /// The refusal, with 0 as the number of the slave, for a role in a mode of operation that it has no process data for.
 pub const NO_SUCH_MODE: Refusal = Refusal {
     slave: 0,
@@ -141,6 +195,29 @@ impl Downloads {
             downloads.push(Download { optional: true, ..Download::new(index, 1, SdoSize::Two, sync_type) });
         }
         downloads
+    }
+
+    /// The mapping and assignment objects as these downloads leave them.
+    pub fn mapping_images(&self) -> impl Iterator<Item = MappingImage> {
+        let list = &self.list[..self.len];
+        let is_first = |n: usize| list[..n].iter().all(|before| before.object.index != list[n].object.index);
+        let objects = (0..list.len()).filter(move |n| is_first(*n));
+        objects.filter_map(|n| Some(self.mapping_image(list[n].object.index, list[n].direction()?)))
+    }
+
+    /// The object of that index: its count is the last one that is written, and its entries come in their order.
+    fn mapping_image(&self, index: u16, direction: MappedDirection) -> MappingImage {
+        let mut image = MappingImage { index, direction, bytes: [0; MAPPING_IMAGE_MAX], len: 2 };
+        for download in self.list[..self.len].iter().filter(|download| download.object.index == index) {
+            let size = usize::from(download.size.bytes());
+            if download.object.sub == 0 {
+                image.bytes[0] = download.value as u8;
+            } else {
+                image.bytes[image.len..][..size].copy_from_slice(&download.value.to_le_bytes()[..size]);
+                image.len += size;
+            }
+        }
+        image
     }
 
     /// Maps the entries of each axis into a PDO, and assigns the PDOs to their sync manager.

@@ -2,6 +2,7 @@
 
 use crate::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
+use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};
 use crate::xf::request::{
     DcTiming, EcatInit, FifoClear, FifoEnable, FifoInit, FifoSetRxCount, FifoSetTxCount, Fifos, GpioMode, GpioPull,
@@ -13,6 +14,9 @@ use crate::xf::request::{
 const INIT_NS: Ns = 30_000_000_000;
 /// How long any other command may run. \[OURS]
 const COMMAND_NS: Ns = 10_000_000_000;
+
+/// How many bytes of a mapping object are asked for: a driver may take a longer object for an error. \[OURS]
+const COMPARED_BYTES: u16 = 64;
 
 /// A command. Slaves count from 1, as everywhere in this project but in the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +46,12 @@ pub(super) enum Ask {
         object: ObjectAddress,
         size: SdoSize,
         value: u32,
+        timeout_ns: Ns,
+    },
+    /// Whether a mapping object is as it is to be, read with complete access: 1 or 0.
+    Compare {
+        slave: u8,
+        image: MappingImage,
         timeout_ns: Ns,
     },
     Reconfig,
@@ -87,6 +97,12 @@ impl Ask {
             Self::Info(slave, item) => host.submit(now, &SlaveInfoGet { slave: number(slave), item }),
             Self::Upload { slave, object, timeout_ns } => {
                 let request = sdo(slave, object, timeout_ns, SdoOperation::Read { bytes: 4 });
+                host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
+            }
+            Self::Compare { slave, image, timeout_ns } => {
+                let read = SdoOperation::Read { bytes: COMPARED_BYTES };
+                let entry = sdo(slave, image.object(), timeout_ns, read);
+                let request = SdoRequest { scope: SdoScope::Complete, ..entry };
                 host.submit_pair(now, &request, &SdoGet, timeout_ns.saturating_add(COMMAND_NS))
             }
             Self::Download { slave, object, size, value, timeout_ns } => {
@@ -146,6 +162,7 @@ impl Asked {
                 info.map(|info| info.number().unwrap_or(0))
             }
             Ask::Upload { .. } => host.take(ticket, &SdoGet)?.map(little_endian),
+            Ask::Compare { image, .. } => host.take(ticket, &SdoGet)?.map(|bytes| image.is_shown_by(bytes).into()),
             Ask::Download { slave, object, size, value, timeout_ns } => {
                 let bytes = value.to_le_bytes();
                 let request = sdo(slave, object, timeout_ns, SdoOperation::Write(&bytes[..size.bytes().into()]));

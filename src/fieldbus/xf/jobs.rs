@@ -9,6 +9,7 @@ mod state;
 
 use super::XfBus;
 use super::ask::{Ask, Reply};
+use super::network::Mapped;
 use crate::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::pdo::ProcessData;
@@ -49,6 +50,12 @@ pub(super) struct Running {
     second_axes: SlaveSet,
     /// The process data that are being mapped.
     mapping: Option<ProcessData>,
+    /// What the slave has of that mapping.
+    mapped: Mapped,
+    /// It is a configuration that nobody has asked for yet: nothing is written to a slave, and nobody is told its end.
+    pub(super) is_ahead: bool,
+    /// Slaves that are not used, and were told to go back to PreOP.
+    brought_back: SlaveSet,
     /// The lengths of a slave's outputs as the chip has them.
     output_bytes: usize,
 }
@@ -94,6 +101,9 @@ enum Stage {
     /// They have, and the last cycles of OP are told.
     Left,
     SecondAxis(u8),
+    /// A mapping object of a slave is read, that at this place.
+    Look(u8, usize),
+    LookAtSyncType(u8, usize),
     Download(u8, usize),
     Reconfig,
     OutputBytes(u8),
@@ -111,6 +121,8 @@ enum Stage {
     EnterAll(AlState),
     /// Some have not entered it.
     Retry,
+    /// A slave that is not used, and went to SafeOP with all others, goes back to PreOP.
+    BringBack(u8),
     AlStatus(u8),
     EmptyTxFifo,
     FifoOn,
@@ -152,8 +164,33 @@ impl Running {
             tells_until: None,
             second_axes: SlaveSet::EMPTY,
             mapping: None,
+            mapped: Mapped::ALL,
+            is_ahead: false,
+            brought_back: SlaveSet::EMPTY,
             output_bytes: 0,
         })
+    }
+
+    /// A configuration that nobody has asked for yet.
+    pub(super) fn ahead(config: BusConfig, now: Ns) -> Option<Self> {
+        Some(Self { is_ahead: true, ..Self::new(Job::Configure(config), now)? })
+    }
+
+    /// Whether the job may be dropped between two commands, and nothing is left half done that another one would find: the network
+    /// is not being initialised.
+    pub(super) const fn may_be_left(&self) -> bool {
+        use Stage::{AllToPreOp, ClearFifos, Count, FifoOff, Init};
+        !matches!(self.stage, FifoOff | ClearFifos | Init | Count | AllToPreOp)
+    }
+
+    /// Whether the job lays out process data for this configuration, of which all objects were seen.
+    pub(super) fn lays_out(&self, wanted: &BusConfig) -> bool {
+        use Stage::{BuildFifos, InputBytes, OutputBytes, Reconfig, Resize, RxEntries, TxEntries};
+        let is_layout = matches!(
+            self.stage,
+            Reconfig | OutputBytes(_) | InputBytes(_) | RxEntries | TxEntries | BuildFifos | Resize
+        );
+        is_layout && matches!(&self.kind, Kind::Configure(config) if config == wanted)
     }
 
     fn ask(&mut self, stage: Stage, ask: Ask) -> Todo {
@@ -268,6 +305,8 @@ impl<W: Wires> XfBus<W> {
             }
             Stage::Left => self.left(job),
             Stage::SecondAxis(slave) => self.map(job, slave, reply.is_ok()),
+            Stage::Look(slave, place) => self.looked(job, slave, place, reply),
+            Stage::LookAtSyncType(slave, place) => self.looked_at_sync_type(job, slave, place, reply),
             Stage::Download(slave, place) => self.downloaded(job, slave, place, reply),
             Stage::Reconfig => match reply {
                 Ok(_) => job.ask(Stage::OutputBytes(1), Ask::Info(1, SlaveInfoItem::OutputBytes)),
@@ -291,7 +330,7 @@ impl<W: Wires> XfBus<W> {
             }
             Stage::RxEntries => job.ask(Stage::TxEntries, Ask::TxEntries(self.entries())),
             Stage::TxEntries => job.ask(Stage::BuildFifos, Ask::BuildFifos),
-            Stage::BuildFifos => self.choose_size(job),
+            Stage::BuildFifos => self.fifos_built(job),
             Stage::Resize => self.configured(job),
             Stage::StopFifo => job.ask(Stage::EmptyFifos, Ask::Clear(Fifos::Both)),
             Stage::EmptyFifos => {
@@ -302,6 +341,7 @@ impl<W: Wires> XfBus<W> {
             Stage::Enter(to, slave) => self.entered(job, to, slave, reply),
             Stage::EnterAll(to) => self.all_entered(job, to, reply),
             Stage::Retry => self.read_states(job),
+            Stage::BringBack(slave) => self.brought_back(job, slave, reply, now),
             Stage::AlStatus(slave) => match reply {
                 Ok(al_status) if al_status != 0 => {
                     job.failed(Refusal { slave, al_status: al_status as u16, abort: None })
@@ -322,7 +362,10 @@ impl<W: Wires> XfBus<W> {
     fn begin(&mut self, job: &mut Running, now: Ns) -> Todo {
         let known = self.network.initialised && self.network.cycle == self.wanted_cycle(job);
         match job.kind {
+            // A chip that has lost its network is not started before somebody asks for it.
+            Kind::Configure(_) if job.is_ahead && !self.network.initialised => self.configured(job),
             Kind::State { target, .. } if known && self.runs && target < AlState::Op => self.send_first(job, now),
+            Kind::Configure(_) if known && job.is_ahead => self.map_from(job, 1),
             Kind::Configure(_) | Kind::State { .. } if known => self.read_states(job),
             _ => {
                 self.leave_op();

@@ -5,6 +5,7 @@
 //! | `mod.rs` | [`XfBus`], the bus as the engine sees it |
 //! | `options.rs` | how it uses its chip: [`XfBusOptions`] |
 //! | `jobs.rs`, `jobs/` | scan, configuration and changes of state as sequences of commands, and in `run.rs` how these are asked; `ask.rs`: one command and its answer |
+//! | `ahead.rs` | what of a configuration is done before it is asked for |
 //! | `flow.rs` | process data: what is written and read in which exchange |
 //! | `plan.rs` | how a cycle is held: the packets' size, sets in an exchange, exchanges under way |
 //! | `level.rs` | how many sets of outputs lie in the chip, by estimate |
@@ -18,6 +19,7 @@
 //! The bus uses the driver ([`Host`]) over its wires in steps, until the wires' clock has reached the time for which the
 //! engine polls. It starts no thread.
 
+mod ahead;
 mod answers;
 mod ask;
 mod clear;
@@ -34,10 +36,12 @@ mod watch;
 use std::collections::VecDeque;
 
 use super::{
-    BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing, SdoRequest, SlaveSet,
+    AlState, BusConfig, BusError, Busy, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, Ns, Outputs, Pacing,
+    SdoRequest, SlaveSet,
 };
 use crate::sk::CycleTime;
-use crate::xf::host::{Host, HostConfig, HostState, StepError, Wires};
+use crate::xf::host::{COMFORTABLE_SIZE, Host, HostConfig, HostState, StepError, Wires};
+use ahead::Ahead;
 use answers::{ANSWERS, Answer, IMAGE_MAX};
 use ask::{Ask, Asked};
 use clear::Clearing;
@@ -68,8 +72,19 @@ const SKEW_MAX_NS: Ns = 2_000_000;
 const LATE_MAX_NS: Ns = 1_000_000_000;
 /// The longest packet with its idle time takes less at 24 MHz, and two of them hardly more. \[OURS]
 const CATCH_UP_NS: Ns = 1_000_000;
+/// How often the header is asked for while a command runs and no slave is in OP: in cycles of OP process data go first. \[OURS]
+const BUSY_POLL_NS: Ns = 200_000;
 /// After the driver has stopped it is started again so much later. \[OURS]
 const RESTART_NS: Ns = 100_000_000;
+
+/// Whether the chip was set to short packets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shortening {
+    Due,
+    UnderWay,
+    /// It was, or it keeps those that it has.
+    Done,
+}
 
 /// What a bus has counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,6 +116,13 @@ pub struct XfBus<W> {
     /// The chip's own cycles are told: a slave is in OP.
     runs: bool,
     job: Option<Running>,
+    /// A configuration that begins when what was made of it ahead has ended.
+    next_job: Option<Running>,
+    ahead: Ahead,
+    /// Whether the chip was set to short packets at its start.
+    shortening: Shortening,
+    /// How often the header is asked for while a command runs beside process data.
+    busy_poll_in_op_ns: Ns,
     /// The command of the job under way.
     asked: Option<Asked>,
     /// A command that the driver has not taken yet.
@@ -161,7 +183,9 @@ impl<W: Wires> XfBus<W> {
     /// The network behind the chip at the end of these wires, which is started.
     pub fn new(wires: W, config: HostConfig, options: XfBusOptions) -> Self {
         let ahead = options.ahead.clamp(1, XfBusOptions::AHEAD_MAX);
-        let host = Host::new(wires.now(), HostConfig { pipelined_writes: true, ..config });
+        let busy_poll_in_op_ns = config.busy_poll_ns;
+        let busy_poll_ns = busy_poll_in_op_ns.min(BUSY_POLL_NS);
+        let host = Host::new(wires.now(), HostConfig { pipelined_writes: true, busy_poll_ns, ..config });
         Self {
             wires,
             host,
@@ -171,6 +195,10 @@ impl<W: Wires> XfBus<W> {
             network: Network::new(),
             runs: false,
             job: None,
+            next_job: None,
+            ahead: Ahead::default(),
+            shortening: Shortening::Due,
+            busy_poll_in_op_ns,
             asked: None,
             pending: None,
             sdo: None,
@@ -273,6 +301,11 @@ impl<W: Wires> XfBus<W> {
                         // The start switches the chip's FIFO off, whatever the slaves do.
                         self.lose_all();
                         self.taking_down = TakingDown::Due;
+                        if self.shortening == Shortening::UnderWay {
+                            // It cannot be set to other packets.
+                            self.shortening = Shortening::Done;
+                            self.host.keep_size();
+                        }
                         self.host.restart(at);
                         self.stopped_at = None;
                     }
@@ -294,12 +327,32 @@ impl<W: Wires> XfBus<W> {
         if self.take_down(now) {
             return;
         }
+        if self.shorten(now) {
+            return;
+        }
         self.set_up_pins(now);
         self.run_job(now);
         self.run_sdo();
+        self.go_ahead(now);
         self.clear_on(now);
         self.watch_on(now);
         self.feed(now);
+    }
+
+    /// Once the chip has started it is set to short packets, since the way to OP is one of many commands, each with packets of its own;
+    /// a configuration chooses longer ones where process data need them. Who has chosen an n has chosen it for all. Whether the
+    /// driver starts anew for that.
+    fn shorten(&mut self, now: Ns) -> bool {
+        if self.shortening == Shortening::Done || self.host.state() != HostState::Running {
+            return false;
+        }
+        let is_chosen = self.options.size_is_fixed || self.host.config().wanted_size.is_some();
+        let shortens = !is_chosen && self.host.size() > COMFORTABLE_SIZE;
+        self.shortening = if shortens { Shortening::UnderWay } else { Shortening::Done };
+        if shortens {
+            self.host.resize(now, COMFORTABLE_SIZE);
+        }
+        shortens
     }
 
     /// The driver has given up, and is started again some time later.
@@ -323,6 +376,7 @@ impl<W: Wires> XfBus<W> {
         if std::mem::take(&mut self.runs) {
             self.ledger.settle();
         }
+        self.host.set_busy_poll_ns(self.busy_poll_in_op_ns.min(BUSY_POLL_NS));
         let newest = self.newest_taken();
         let waited = self.queue.len();
         self.drop_queue();
@@ -340,6 +394,7 @@ impl<W: Wires> XfBus<W> {
     /// The first slaves are in OP and both FIFOs are empty: from now on the chip's cycles are told.
     fn enter_op(&mut self) {
         self.lose_left_behind();
+        self.host.set_busy_poll_ns(self.busy_poll_in_op_ns);
         self.level.clear();
         self.newest_cycle = self.wires.now();
         (self.runs, self.gap, self.dropped) = (true, false, None);
@@ -365,9 +420,10 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
         let at = self.wires_time(now);
         match job {
             Job::Sdo(request) => {
-                if self.sdo.is_some() || self.job.is_some() {
+                if self.sdo.is_some() || !self.make_way() {
                     return Err(Busy);
                 }
+                self.note_sdo(&request);
                 let SdoRequest { slave, object, write, timeout_ns } = request;
                 let ask = match write {
                     None => Ask::Upload { slave, object, timeout_ns },
@@ -378,10 +434,24 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
                     Err(error) => self.ended.push_back(jobs::sdo_done(&request, Err(error))),
                 }
             }
-            _ if self.job.is_some() || self.sdo.is_some() => return Err(Busy),
-            job => self.job = Running::new(job, at),
+            Job::Configure(config) if self.job.as_ref().is_some_and(|job| job.is_ahead && job.lays_out(&config)) => {
+                self.next_job = Running::new(job, at);
+            }
+            _ if self.sdo.is_some() || !self.make_way() => return Err(Busy),
+            job => {
+                self.end_ahead();
+                if matches!(job, Job::State { target, .. } if target <= AlState::PreOp) {
+                    // [OURS] Each way up to SafeOP has a layout of its own, as makers' drivers have it.
+                    self.network.laid_out = false;
+                }
+                self.job = Running::new(job, at);
+            }
         }
         Ok(())
+    }
+
+    fn prepare(&mut self, config: &BusConfig, _now: Ns) {
+        self.declare(config);
     }
 
     fn poll_job(&mut self, now: Ns) -> Option<JobDone> {
@@ -390,7 +460,7 @@ impl<W: Wires + Send> Fieldbus for XfBus<W> {
     }
 
     fn cancel_job(&mut self) {
-        self.job = None;
+        (self.job, self.next_job) = (None, None);
         self.abandon_job();
         self.ended.retain(|done| matches!(done, JobDone::Sdo(_)));
     }

@@ -1,8 +1,13 @@
 //! What the bus knows of the chip's network.
 
-use crate::ethercat::{AlState, MAX_SLAVES, SlaveSet};
-use crate::fieldbus::pdo::ProcessData;
+use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
+use crate::fieldbus::SlaveConfig;
+use crate::fieldbus::pdo::{Download, MappedDirection, ProcessData};
 use crate::sk::CycleTime;
+
+/// What was seen of the objects of a slave that stays in PreOP holds so long; then they are read again. \[OURS] Somebody with a
+/// cable at the drive may have changed them.
+const SEEN_FOR_NS: Ns = 60_000_000_000;
 
 /// Where the process data of a slave are in the images of the chip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,6 +16,56 @@ pub(super) struct Place {
     pub output_bytes: usize,
     pub inputs_at: usize,
     pub input_bytes: usize,
+}
+
+/// Which of the objects that a configuration writes a slave has as they are to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Mapped {
+    /// The mapping and the assignment of its outputs.
+    pub outputs: bool,
+    /// Those of its inputs.
+    pub inputs: bool,
+    /// Its synchronization types.
+    pub sync: bool,
+}
+
+impl Mapped {
+    pub(super) const ALL: Self = Self { outputs: true, inputs: true, sync: true };
+
+    /// Whether the slave needs that download no more. The mode of operation is written in each configuration: a host may have
+    /// written another one.
+    pub(super) const fn has(&self, download: &Download) -> bool {
+        match download.direction() {
+            Some(direction) => self.is_mapped(direction),
+            None => self.sync && download.is_sync_type(),
+        }
+    }
+
+    pub(super) const fn is_mapped(&self, direction: MappedDirection) -> bool {
+        match direction {
+            MappedDirection::Outputs => self.outputs,
+            MappedDirection::Inputs => self.inputs,
+        }
+    }
+
+    /// Objects of that direction are other ones.
+    pub(super) const fn differs(&mut self, direction: MappedDirection) {
+        match direction {
+            MappedDirection::Outputs => self.outputs = false,
+            MappedDirection::Inputs => self.inputs = false,
+        }
+    }
+}
+
+/// What is known of the objects of a slave that a configuration writes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    /// For which configuration they were looked at.
+    pub config: SlaveConfig,
+    pub data: ProcessData,
+    pub mapped: Mapped,
+    /// When, in time of the wires.
+    pub at: Ns,
 }
 
 /// The network. Slave n is at place n - 1 of each list.
@@ -30,7 +85,11 @@ pub(super) struct Network {
     /// Slaves that were configured since the network was started; whether the chip has their process data, says
     /// [`Self::with_process_data`].
     pub configured: SlaveSet,
-    /// The chip has laid out process data.
+    /// What was seen of the objects of a slave; `None`: nothing, or they may have changed since.
+    pub seen: [Option<Seen>; MAX_SLAVES],
+    /// The chip has laid out process data as the slaves have mapped them, and no slave has left PreOP and come back since.
+    pub laid_out: bool,
+    /// The chip has laid out process data, and the slaves are configured.
     pub mapped: bool,
     /// Bytes of one RxPDO of the chip: the outputs of all slaves.
     pub rx_bytes: usize,
@@ -60,6 +119,8 @@ impl Network {
             process_data: [None; MAX_SLAVES],
             places: [Place { outputs_at: 0, output_bytes: 0, inputs_at: 0, input_bytes: 0 }; MAX_SLAVES],
             configured: SlaveSet::EMPTY,
+            seen: [None; MAX_SLAVES],
+            laid_out: false,
             mapped: false,
             rx_bytes: 0,
             tx_bytes: 0,
@@ -98,6 +159,38 @@ impl Network {
     /// The slaves whose process data the chip has.
     pub(super) fn with_process_data(&self) -> SlaveSet {
         if self.mapped { self.configured } else { SlaveSet::EMPTY }
+    }
+
+    /// The slaves that were configured as ones that are not used.
+    pub(super) fn unused(&self) -> SlaveSet {
+        let is_unused = |slave: &u8| self.process_data[usize::from(*slave) - 1].is_none();
+        self.configured.intersection(SlaveSet::first(self.found)).iter().filter(is_unused).collect()
+    }
+
+    /// What was seen of a slave's objects, if that was for this configuration and still holds.
+    pub(super) fn seen(&self, slave: u8, config: &SlaveConfig, now: Ns) -> Option<Seen> {
+        let holds = |seen: &Seen| seen.config == *config && now.saturating_sub(seen.at) < SEEN_FOR_NS;
+        self.seen[usize::from(slave) - 1].filter(holds)
+    }
+
+    /// The objects of a slave, and with them the layout of the chip, may be other ones now.
+    pub(super) const fn forget_objects(&mut self, slave: u8) {
+        if let Some(n) = (slave as usize).checked_sub(1)
+            && n < MAX_SLAVES
+        {
+            self.seen[n] = None;
+            self.laid_out = false;
+        }
+    }
+
+    /// A slave was read in that state. One in Init, or one that does not answer, may come up with other objects; from SafeOP on
+    /// nobody changes them.
+    pub(super) fn note_objects(&mut self, slave: u8, state: Option<AlState>, now: Ns) {
+        match (state, &mut self.seen[usize::from(slave) - 1]) {
+            (None | Some(AlState::Init), _) => self.forget_objects(slave),
+            (Some(AlState::SafeOp | AlState::Op), Some(seen)) => seen.at = now,
+            _ => {}
+        }
     }
 
     pub(super) fn in_op(&self) -> SlaveSet {

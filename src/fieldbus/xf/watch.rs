@@ -257,14 +257,21 @@ impl<W: Wires> XfBus<W> {
         lowest == Some(AlState::Op) && network.lost.is_empty() && network.in_op() == SlaveSet::first(network.found)
     }
 
+    /// The states are being read.
+    pub(super) const fn is_watching(&self) -> bool {
+        self.watch.asked.is_some()
+    }
+
     /// What a slave's state means: one below the state to which it was brought is lost.
     pub(super) fn note_state(&mut self, slave: u8, state: Option<AlState>) {
+        self.network.note_objects(slave, state, self.wires.now());
         let commanded = self.network.commanded[usize::from(slave) - 1];
         if state.is_none_or(|state| state < commanded) {
             if !self.network.lost.contains(slave) {
                 let from = if commanded == AlState::Op { self.watch.suspect_from.or(self.watch.unsent) } else { None };
                 self.network.lost_from[usize::from(slave) - 1] = from;
                 self.network.lost.insert(slave);
+                self.network.forget_objects(slave);
                 self.hold_lost(self.network.lost);
             }
         } else if commanded < AlState::SafeOp {
@@ -276,8 +283,10 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn lose_all(&mut self) {
         if let Some(job) = self.job.take() {
             self.abandon_asked();
-            self.ended.push_back(job.cut_off());
+            let asked_for = self.next_job.take().or(Some(job).filter(|job| !job.is_ahead));
+            self.ended.extend(asked_for.map(|job| job.cut_off()));
         }
+        self.end_ahead();
         let in_op = self.network.in_op();
         // Who was silent before nobody will find out any more.
         let next = self.ledger.next_id();

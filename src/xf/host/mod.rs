@@ -283,6 +283,16 @@ impl Host {
         self.config.poll_ns = poll_ns;
     }
 
+    /// How often the header is asked for while a non-immediate command runs: [`HostConfig::busy_poll_ns`].
+    pub const fn set_busy_poll_ns(&mut self, busy_poll_ns: Ns) {
+        self.config.busy_poll_ns = busy_poll_ns;
+    }
+
+    /// From the next start on the chip keeps the n that it is found with: [`HostConfig::wanted_size`] is `None`.
+    pub const fn keep_size(&mut self) {
+        (self.config.size, self.config.wanted_size) = (None, None);
+    }
+
     /// Starts anew with another n, to which the chip is set (SPI_RECONFIG_OP). As with every start, the RxFIFO is off and
     /// empty afterwards, with the entries that it had; an ECM-XFU refuses.
     pub fn resize(&mut self, now: Ns, size: DataSize) {

@@ -134,7 +134,10 @@ impl Slave for Follower {
     }
 
     fn write(&mut self, object: ObjectAddress, _: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
-        if self.inside().images.take(object, number(value)) { Ok(()) } else { Err(AbortCode::NO_OBJECT) }
+        let mut inside = self.inside();
+        // The board writes the mode of a slave whose mapping it knows, too.
+        let is_mode = object.index == 0x6060 && inside.images.role().is_some();
+        if inside.images.take(object, number(value)) || is_mode { Ok(()) } else { Err(AbortCode::NO_OBJECT) }
     }
 
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]) {

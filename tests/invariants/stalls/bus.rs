@@ -42,7 +42,7 @@ struct Noting {
 }
 
 impl Slave for Noting {
-    support::hand_on_slave!(inner: name, state, enter, read, set_sync_managers, step, apply_fault, has_dc, shaft);
+    support::hand_on_slave!(inner: name, state, enter, read_entries, set_sync_managers, step, apply_fault, has_dc, shaft);
 
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
         self.inner.write(object, scope, value)?;

@@ -17,6 +17,11 @@ macro_rules! hand_on {
             self.$bus.start(job, now)
         }
     };
+    (@prepare $bus:tt) => {
+        fn prepare(&mut self, config: &ecmsk::fieldbus::BusConfig, now: ecmsk::fieldbus::Ns) {
+            self.$bus.prepare(config, now);
+        }
+    };
     (@poll_job $bus:tt) => {
         fn poll_job(&mut self, now: ecmsk::fieldbus::Ns) -> Option<ecmsk::fieldbus::JobDone> {
             self.$bus.poll_job(now)

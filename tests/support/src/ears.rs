@@ -95,7 +95,7 @@ struct Listening {
 }
 
 impl Slave for Listening {
-    crate::hand_on_slave!(drive: name, state, read, set_sync_managers, step, begin_step, end_step, has_dc);
+    crate::hand_on_slave!(drive: name, state, read_entries, set_sync_managers, step, begin_step, end_step, has_dc);
 
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
         let entered = self.drive.enter(target);

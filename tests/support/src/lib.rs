@@ -7,6 +7,7 @@
 //!   axis, `ears` drives that listen
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
 //! - programs and their recordings: `examples`, `script_client`, `recording`, `recorded`, `captures`, `dotnet`, `pe`
+//! - how long a program's start takes: `start`
 //! - servers and what is said: `served`, `tcp`, `usbip_client`, `heard`
 //! - programs whose system calls fail: `failing_calls`
 //!
@@ -42,6 +43,7 @@ pub mod script_client;
 #[cfg(target_os = "linux")]
 pub mod served;
 pub mod slave_wrapper;
+pub mod start;
 pub mod swift;
 #[cfg(any(unix, windows))]
 pub mod tcp;

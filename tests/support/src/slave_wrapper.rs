@@ -32,6 +32,21 @@ macro_rules! hand_on_slave {
             self.$slave.read(object, scope, value)
         }
     };
+    // Without complete access to the mapping: a bus then maps by writing each entry, which a wrapper that keeps account of the mapping
+    // has to see.
+    (@read_entries $slave:tt) => {
+        fn read(
+            &mut self,
+            object: ecmsk::coe::ObjectAddress,
+            scope: ecmsk::coe::SdoScope,
+            value: &mut [u8],
+        ) -> Result<usize, ecmsk::coe::AbortCode> {
+            if scope == ecmsk::coe::SdoScope::Complete && (0x1600..0x1C14).contains(&object.index) {
+                return Err(ecmsk::coe::AbortCode::COMPLETE_ACCESS);
+            }
+            self.$slave.read(object, scope, value)
+        }
+    };
     (@set_sync_managers $slave:tt) => {
         fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
             self.$slave.set_sync_managers(outputs, inputs);

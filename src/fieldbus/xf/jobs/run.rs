@@ -29,6 +29,11 @@ impl<W: Wires> XfBus<W> {
             Todo::Wait(until) => job.wait_until = Some(until),
             Todo::Resize(size) => self.host.resize(now, size),
             Todo::Hold => self.send_holding(),
+            Todo::Done(_) if job.is_ahead => {
+                self.end_ahead();
+                self.job = self.next_job.take();
+                return;
+            }
             Todo::Done(done) => {
                 self.ended.push_back(done);
                 return;

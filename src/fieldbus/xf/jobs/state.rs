@@ -59,6 +59,10 @@ impl<W: Wires> XfBus<W> {
             self.network.found_again(slave);
             self.network.lost_from[usize::from(slave) - 1] = None;
         }
+        if let Some(slave) = self.strayed(job) {
+            job.brought_back.insert(slave);
+            return job.ask(Stage::BringBack(slave), Ask::Enter(Some(slave), AlState::PreOp));
+        }
         if self.network.in_op().is_empty() {
             if self.runs && !job.has_told_op {
                 job.has_told_op = true;
@@ -87,18 +91,39 @@ impl<W: Wires> XfBus<W> {
         self.enter(job, to)
     }
 
+    /// A slave that is not used, and has gone to SafeOP with the others.
+    fn strayed(&self, job: &Running) -> Option<u8> {
+        let Kind::State { slaves, .. } = job.kind else { return None };
+        let unused = self.network.unused().difference(slaves).difference(job.brought_back);
+        unused.iter().find(|slave| job.state(*slave) > Some(AlState::PreOp))
+    }
+
+    /// If it refuses the way down it stays where it is, and nobody waits for it.
+    pub(super) fn brought_back(&mut self, job: &mut Running, slave: u8, reply: Reply, now: Ns) -> Todo {
+        if reply.is_ok() {
+            let n = usize::from(slave) - 1;
+            (self.network.commanded[n], job.states[n]) = (AlState::PreOp, Some(AlState::PreOp));
+        }
+        self.move_on(job, now)
+    }
+
     /// The slaves that are behind go to a state. The chip moves one slave or all of them, and all together take no longer
     /// than one.
+    ///
+    /// \[OURS] Slaves that are declared none (SK-4.57) go to SafeOP with the others and come back to PreOP at once: one by one, 39
+    /// slaves that take 300 ms each would need more than the 10 s that SET_STATE has. They go no further, since in OP outputs act.
     pub(super) fn enter(&mut self, job: &mut Running, to: AlState) -> Todo {
         let found = SlaveSet::first(self.network.found);
         let behind = self.behind(job, to);
-        let stays = |slave: &u8| job.state(*slave).is_none_or(|state| state == to);
+        let goes_along = |slave: &u8| to == AlState::SafeOp && job.state(*slave) == Some(AlState::PreOp);
+        let unused: SlaveSet = self.network.unused().difference(behind).iter().filter(goes_along).collect();
+        let stays = |slave: &u8| unused.contains(*slave) || job.state(*slave).is_none_or(|state| state == to);
         if behind.len() < 2 || job.all_tried == Some(to) || !found.difference(behind).iter().all(|slave| stays(&slave))
         {
             return self.enter_from(job, to, 1);
         }
         job.all_tried = Some(to);
-        self.note_commanded(behind, to, AlState::SafeOp);
+        self.note_commanded(behind.union(unused), to, AlState::SafeOp);
         job.ask(Stage::EnterAll(to), Ask::Enter(None, to))
     }
 

@@ -15,7 +15,7 @@ use super::rig::{CYCLE, MS, Rig, SECOND, device, slave};
 /// A controller whose AL status copies AL control.
 const DEVICE_EMULATION: u16 = 0x0105;
 
-/// MASTER-3.7 Slaves without a state machine, which show the acknowledgement of a request as an error, are brought to every state beside
+/// MASTER-3.7 ECAT-11.12 Slaves without a state machine, which show the acknowledgement of a request as an error, are brought to every state beside
 /// others, and back, and are never taken for failed; so are those that were without power.
 #[test]
 fn slaves_that_copy_the_acknowledgement_come_to_op() {

@@ -30,7 +30,7 @@ fn valid(_: usize, valid: usize) -> usize {
 }
 
 fn valid4(_: usize, valid: usize) -> usize {
-    (24 + valid + 3) / 4 * 4
+    (24 + valid).next_multiple_of(4)
 }
 
 /// Bit by bit, as a microcontroller without a table does it.

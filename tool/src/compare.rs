@@ -200,7 +200,7 @@ fn settling_tolerance(args: &Args, options: &Options, found: &Comparison) -> Res
     if found.is_equal() {
         return Ok(None);
     }
-    let (mut options, mut first) = (options.clone(), found.first.clone());
+    let (mut options, mut first) = (*options, found.first.clone());
     for _ in 0..PROPOSALS_MAX {
         let Some(difference) = first else { return Ok(Some(options.tolerance_counts)) };
         let apart = difference.what.iter().map(|what| match what {

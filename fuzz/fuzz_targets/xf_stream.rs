@@ -35,7 +35,7 @@ fn parse(packet: &[u8]) {
     assert_eq!(packet.first_chunk(), Some(&START_WORD.to_le_bytes()));
     assert_eq!(packet.last_chunk(), Some(&END_WORD.to_le_bytes()));
     let size = DataSize::of_packet(packet.len()).expect("32 to 1408 bytes of data");
-    for coverage in [Coverage::All, Coverage::Valid] {
+    for coverage in Coverage::EVERY {
         for rule in [CheckRule { coverage, ..CheckRule::FIXED }, CheckRule { coverage, ..CheckRule::CRC32 }] {
             if let Ok(command) = CommandPacket::parse(packet, size, rule) {
                 let _ = command.request();

@@ -11,11 +11,13 @@ use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DESCRIPTOR};
 use crate::ethercat::sii::SiiIdentity;
 use crate::fieldbus::RingState;
-#[cfg(feature = "sim")]
-use crate::link::chip::ChipOptions;
 use crate::link::chip::{self, ChipLink};
 #[cfg(feature = "sim")]
+use crate::link::chip::{ChipNetwork, ChipOptions, ModelledChip, SimChip, SimChipOptions};
+#[cfg(feature = "sim")]
 use crate::link::keys::Scheme;
+#[cfg(feature = "sim")]
+use crate::link::options::Clock;
 use crate::link::uri::LinkUri;
 use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
 use crate::xf::EtherCatState;
@@ -53,9 +55,12 @@ impl XfNetwork {
     pub(super) fn open(uri: &LinkUri) -> Result<Self, BusError> {
         #[cfg(feature = "sim")]
         if uri.scheme() == Scheme::XfSim {
-            let link = super::simulated::ScriptedChip::new(uri)?;
+            let options = SimChipOptions::from_uri(uri)?;
+            let chip = ModelledChip { network: Some(ChipNetwork::Controllers), ..options.chip };
+            let options = SimChipOptions { clock: Clock::Virtual, chip, ..options };
+            let link = SimChip::with_options(&uri.to_string(), &options).map_err(XfError::Link)?;
             let config = chip::host_config(&link.info(), &ChipOptions::from_uri(uri)?);
-            return Self::over(Box::new(link), config);
+            return Self::over(chip::recorded(uri, Box::new(link)).map_err(XfError::Link)?, config);
         }
         let (link, config) = chip::open(&uri.to_string()).map_err(XfError::Link)?;
         Self::over(link, config)

@@ -1,13 +1,11 @@
-//! Simulated slaves as the wires of our own master, or behind the model of an ECM-XF, in virtual time, with the script of their
-//! link.
+//! Simulated slaves as the wires of our own master, in virtual time, with the script of their link.
 
 use super::BusError;
 use crate::engine::Script as _;
 use crate::ethercat::Ns;
 use crate::fieldbus::nic::{ChainWires, NicWires};
 use crate::link::LinkError;
-use crate::link::chip::{ChipError, ChipInfo, ChipLink, ChipNetwork, SimChip, SimChipOptions};
-use crate::link::options::{Clock, SimOptions};
+use crate::link::options::SimOptions;
 use crate::link::script::RunningScript;
 use crate::link::simulated_slaves::{self, SimulatedSlavesError};
 use crate::link::uri::LinkUri;
@@ -15,7 +13,6 @@ use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
 use crate::slave::handle::SimHandle;
-use crate::xf::host::Wires;
 
 /// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
 const DRIFT_PPB: u32 = 20_000;
@@ -94,64 +91,5 @@ impl NicWires for SimulatedWires {
 
     fn is_real_time(&self) -> bool {
         false
-    }
-}
-
-/// The model of an ECM-XF over controllers, to whose slaves happens what a script says.
-pub(super) struct ScriptedChip {
-    chip: SimChip,
-    script: Option<RunningScript>,
-}
-
-impl ScriptedChip {
-    /// The chip of a link `xf-sim:`, in virtual time, with a controller for each slave.
-    pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
-        let SimChipOptions { chip, .. } = SimChipOptions::from_uri(uri)?;
-        let handle = SimHandle::default();
-        let (devices, script) = slaves(uri, &handle)?;
-        let network = ChipNetwork::Controllers.with(devices, handle).map_err(|error| undescribed(uri, &error))?;
-        Ok(Self { chip: SimChip::over(&uri.to_string(), chip, Clock::Virtual, network), script })
-    }
-
-    fn run_script(&mut self) {
-        if let Some(script) = &mut self.script {
-            script.run(self.chip.now(), &mut |_| {});
-        }
-    }
-}
-
-impl Wires for ScriptedChip {
-    type Error = ChipError;
-
-    fn now(&self) -> Ns {
-        self.chip.now()
-    }
-
-    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
-        self.run_script();
-        self.chip.exchange(to_chip, from_chip)
-    }
-
-    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
-        while self.chip.now() < time {
-            self.run_script();
-            self.chip.wait_until(time.min(self.chip.now().saturating_add(STEP_NS)))?;
-        }
-        Ok(())
-    }
-
-    fn wait_ready(&mut self, until: Ns) -> Result<bool, ChipError> {
-        self.run_script();
-        self.chip.wait_ready(until)
-    }
-}
-
-impl ChipLink for ScriptedChip {
-    fn info(&self) -> ChipInfo {
-        self.chip.info()
-    }
-
-    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
-        self.chip.int1()
     }
 }

@@ -46,6 +46,22 @@ pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlav
     }
 }
 
+/// The same for slaves behind a chip: its lines wait for nothing, and happen to frames only if there are some.
+///
+/// # Errors
+/// [`SimulatedSlavesError`].
+pub(super) fn script_of_chip(
+    path: &Path,
+    slaves: &[SlaveSpec],
+    has_frames: bool,
+) -> Result<Script, SimulatedSlavesError> {
+    let script = if has_frames { Script::load(path, slaves)? } else { Script::load_for_board(path, slaves)? };
+    match script.of_board() {
+        Some((line, verb)) => Err(SimulatedSlavesError::NoBoard { file: path.display().to_string(), line, verb }),
+        None => Ok(script),
+    }
+}
+
 /// Starts a script of a network without a board; its times count from `now`.
 pub fn start(script: Script, network: Cable, now: Ns) -> RunningScript {
     script.start(network, BoardHandle::default(), now)

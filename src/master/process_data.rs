@@ -83,7 +83,10 @@ pub struct CycleDone {
     pub sent_at: Ns,
     /// The sum of the working counters of the process data.
     pub working_counter: u16,
-    /// What that sum is if all slaves that are in SafeOP or OP take part.
+    /// Those of them that came back with an LWR, where LRW is not used: masters that count a slave's outputs twice in any case, as an
+    /// LRW does, add these once more.
+    pub written: u16,
+    /// What the sum is if all slaves that are in SafeOP or OP take part.
     pub expected_working_counter: u16,
     /// Datagrams with process data that did not come back in time.
     pub lost: u8,
@@ -127,6 +130,8 @@ struct Segment {
     slaves: SlaveSet,
     /// The working counters that came back in this cycle, together.
     counted: u16,
+    /// That of its LWR among them.
+    written: u16,
     /// How many of its datagrams have not come back in this cycle.
     missing: u8,
     /// The working counters that are right: of the datagram with the inputs, or the only one, and of the LWR beside it if LRW is off.
@@ -146,6 +151,7 @@ impl Segment {
             data,
             slaves: SlaveSet::EMPTY,
             counted: 0,
+            written: 0,
             missing: 0,
             expected: [Expected::default(); 2],
             is_fresh: false,
@@ -391,7 +397,7 @@ impl ProcessData {
         let is_lrw_off = self.is_lrw_off;
         for segment in &mut self.segments {
             let is_split = is_lrw_off && segment.command == Command::Lrw;
-            (segment.counted, segment.missing) = (0, 1 + u8::from(is_split));
+            (segment.counted, segment.written, segment.missing) = (0, 0, 1 + u8::from(is_split));
             (segment.is_fresh, segment.is_of_all, segment.is_doubtful) = (false, false, false);
         }
         let Some(mut frame) = exchange.begin_cyclic(now) else { return };
@@ -452,6 +458,9 @@ impl ProcessData {
         let Some(segment) = self.segments.get_mut(n) else { return };
         segment.missing = segment.missing.saturating_sub(1);
         segment.counted = segment.counted.saturating_add(datagram.working_counter);
+        if is_written || segment.command == Command::Lwr {
+            segment.written = datagram.working_counter;
+        }
         let expected = &segment.expected[usize::from(is_written)];
         let is_right = expected.allows(datagram.working_counter);
         segment.is_doubtful |= !is_right;
@@ -491,6 +500,7 @@ impl ProcessData {
             cycle.expected_working_counter += expected;
             let answer = segment.answer();
             cycle.working_counter = cycle.working_counter.saturating_add(answer.unwrap_or(0));
+            cycle.written = cycle.written.saturating_add(answer.map_or(0, |_| segment.written));
             cycle.lost += u8::from(answer.is_none());
             if answer.is_none_or(|answer| answer < expected) {
                 cycle.short = cycle.short.union(taking_part);

@@ -4,7 +4,8 @@ use super::chip::Refused;
 use super::row::{Row, Verdict};
 use super::usage::{Count, Subject};
 use super::{Needs, Network, Setting};
-use crate::sk::{CommandId, MasterState};
+use crate::ethercat::Ns;
+use crate::sk::{CommandId, CycleTime, MasterState};
 
 /// A command differs as a whole if more than one in so many of its uses does: a program that writes ahead begins with an
 /// empty FIFO, too. \[OURS]
@@ -25,6 +26,7 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool
         Subject::Command(CommandId::SdoRead | CommandId::SdoWrite) | Subject::Read(_) | Subject::Write(_) => {
             differs(Row::Sdo, ever)
         }
+        Subject::Cycle(cycle) if cycle.ns() > WATCHDOG_NS => outlasts_watchdog(cycle),
         Subject::Cycle(cycle) => {
             match network.map(|network| Needs::of(&Network { cycle, ..*network }, setting.clock_hz)) {
                 Some(Needs { with_int0: Err(refused), .. }) => no_cycle(&refused),
@@ -40,6 +42,24 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool
         Subject::Lost => Verdict::Differs(Row::Loss),
         Subject::Return => Verdict::Differs(Row::Remap),
         Subject::Command(_) | Subject::Kind(_) | Subject::Mode(..) | Subject::FifoFull => Verdict::Yes,
+    }
+}
+
+/// How long slaves wait for outputs before they leave OP: what their registers start with (ETG.1000.4, watchdog of process data).
+/// A board's simulated network gives them theirs right before each step.
+const WATCHDOG_NS: Ns = 100_000_000;
+
+fn outlasts_watchdog(cycle: CycleTime) -> Verdict {
+    let longest = std::iter::successors(CycleTime::from_us(cycle.us() / 2), |cycle| CycleTime::from_us(cycle.us() / 2));
+    let longest = longest.into_iter().find(|cycle| cycle.ns() <= WATCHDOG_NS).map_or(0, CycleTime::us);
+    Verdict::No {
+        row: Row::Cycle,
+        reason: format!(
+            "a slave that gets no outputs for {} ms leaves OP by its watchdog, and a cycle of {} us is longer",
+            WATCHDOG_NS / 1_000_000,
+            cycle.us()
+        ),
+        next: format!("take a cycle of {longest} us at most (SET_DC)"),
     }
 }
 

@@ -116,6 +116,14 @@ impl Links {
             model: format!("xf-sim:?slaves={}&int0=yes&{keys}", network.models()),
         }
     }
+
+    /// The same with these slaves behind the model, as the key `slaves=` has them: those that were recorded, with what is along the
+    /// way of their axes and the objects of their makers.
+    pub fn with_slaves(&mut self, slaves: &str) {
+        if let Some((_, keys)) = self.model.split_once("&int0=") {
+            self.model = format!("xf-sim:?slaves={slaves}&int0={keys}");
+        }
+    }
 }
 
 /// A frequency as links have it: `24M`, `500k`, else the number.

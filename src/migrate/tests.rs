@@ -347,3 +347,20 @@ fn never_in_op() {
     assert!(found.op.is_none() && !found.runs_as_it_is() && found.plan.is_none());
     assert_eq!(found.timing.stall(MS), None);
 }
+
+/// TOOL-178 A cycle that is longer than slaves wait for outputs does not run, with the longest that does; one that is shorter does.
+#[test]
+fn a_cycle_beyond_the_watchdog_does_not_run() {
+    let found = |cycle_us| {
+        let run = Run::in_op(2, cycle_us);
+        let found = Migration::of(&run.survey, &Setting::default());
+        let item = found.items.iter().find(|item| matches!(item.count.subject, Subject::Cycle(_))).expect("SET_DC");
+        item.verdict.clone()
+    };
+    assert_eq!(found(64_000), Verdict::Yes);
+    for cycle_us in [128_000, 256_000, 512_000] {
+        let Verdict::No { row: Row::Cycle, reason, next } = found(cycle_us) else { panic!("{cycle_us}") };
+        assert!(reason.contains("watchdog") && reason.contains(&cycle_us.to_string()), "{reason}");
+        assert_eq!(next, "take a cycle of 64000 us at most (SET_DC)");
+    }
+}

@@ -5,7 +5,7 @@
 //! `std`, and is the one that zlib's users in Rust have.
 
 use super::header::CommandHeader;
-use super::{FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
+use super::{DataSize, FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
 
 /// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are
 /// undefined.
@@ -35,14 +35,55 @@ impl CheckType {
     }
 }
 
-/// Which bytes a CRC-32 covers. Nothing on the wire says it.
+/// Which bytes a CRC-32 covers. Nothing on the wire says it. Which firmware has which is not known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Coverage {
     /// The header and all n bytes of the data segment, as the manuals say.
     #[default]
     All,
-    /// The header and as many bytes of the data segment as the header says are valid: a later firmware (OBS).
+    /// The header and as many bytes of the data segment as the header says are valid (OBS: the vendor's driver 1.60, built for a
+    /// certain firmware).
     Valid,
+    /// The same, up to the next multiple of 4 bytes (OBS: the vendor's driver 0.1).
+    Valid4,
+}
+
+impl Coverage {
+    /// Every coverage that is known, in the order in which a host tries them.
+    pub const EVERY: [Self; 3] = [Self::All, Self::Valid, Self::Valid4];
+
+    /// How many bytes of a packet's header and data segment count if `len` bytes of data are valid.
+    ///
+    /// `[OURS]` A length beyond the data segment, as a damaged header may have, covers all of it.
+    pub fn bytes(self, size: DataSize, len: u16) -> usize {
+        self.end(HEADER_LEN + size.bytes(), len)
+    }
+
+    /// As [`Self::bytes`], of header and data segment with `covered` bytes.
+    fn end(self, covered: usize, len: u16) -> usize {
+        let valid = HEADER_LEN + usize::from(len);
+        match self {
+            Self::All => covered,
+            Self::Valid => covered.min(valid),
+            Self::Valid4 => covered.min(valid.next_multiple_of(4)),
+        }
+    }
+}
+
+/// What a CRC-32 covers in each direction; one client covers more in its commands than it checks in answers (OBS).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Coverages {
+    /// In commands.
+    pub commands: Coverage,
+    /// In answers.
+    pub answers: Coverage,
+}
+
+impl From<Coverage> for Coverages {
+    /// The same in both directions.
+    fn from(coverage: Coverage) -> Self {
+        Self { commands: coverage, answers: coverage }
+    }
 }
 
 /// How check words are made.
@@ -78,14 +119,8 @@ impl CheckRule {
 }
 
 /// The CRC-32 over header and data segment, `covered`.
-///
-/// `[OURS]` A length beyond the data segment, as a damaged header may have, covers all of it.
 fn crc32(covered: &[u8], len: u16, coverage: Coverage) -> u32 {
-    let end = match coverage {
-        Coverage::All => covered.len(),
-        Coverage::Valid => covered.len().min(HEADER_LEN + usize::from(len)),
-    };
-    crc32fast::hash(&covered[..end])
+    crc32fast::hash(&covered[..coverage.end(covered.len(), len)])
 }
 
 /// What the check word of a packet says about it.

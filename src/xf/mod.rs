@@ -66,7 +66,7 @@ mod segment;
 pub mod size;
 pub mod value;
 
-pub use check::{CheckRule, CheckType, Coverage};
+pub use check::{CheckRule, CheckType, Coverage, Coverages};
 pub use code::CommandCode;
 pub use header::{AnswerHeader, CommandHeader, Control, Errors, Interrupts, NetworkState, Reserve, Status};
 pub use malformed::{Allowed, Malformed};

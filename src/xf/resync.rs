@@ -3,7 +3,7 @@
 //! That is so on SPI when a host starts while the chip runs, and on USB behind a serial port. What the vendor's driver
 //! does is seen in it (OBS): where an end word and a start word follow each other there is a border between packets,
 //! and two such borders show n. A border may stand in data as well, so that here the check word between the two has to
-//! be right too, by either of its types and either coverage. Once n is known, start word and end word alone tell a
+//! be right too, by either of its types and any coverage. Once n is known, start word and end word alone tell a
 //! packet, so that one with a wrong check word reaches the parser, which names the error.
 
 use super::{DataSize, END_WORD, FIXED_CHECK, HEADER_LEN, MAX_PACKET, NOT_READY, START_WORD};
@@ -235,7 +235,8 @@ impl Resync {
     fn checked(&self, packet: usize, lens: impl Iterator<Item = usize>) -> Option<DataSize> {
         let bytes = &self.bytes[packet..self.held];
         let valid = HEADER_LEN + usize::from(u16::from_le_bytes([*bytes.get(0x0E)?, *bytes.get(0x0F)?]));
-        let (mut digest, mut covered, mut crc_of_valid) = (crc32fast::Hasher::new(), 0, None);
+        let (mut digest, mut covered) = (crc32fast::Hasher::new(), 0);
+        let mut of_valid = [valid, valid.next_multiple_of(4)].map(|end| (end, None));
         lens.filter_map(DataSize::of_packet).find(|size| {
             let end = HEADER_LEN + size.bytes();
             let Some(word) = bytes.get(end..end + 4) else { return false };
@@ -245,7 +246,9 @@ impl Resync {
             word == FIXED_CHECK
                 || word == NOT_READY
                 || word == digest.clone().finalize()
-                || (valid <= end && word == *crc_of_valid.get_or_insert_with(|| crc32fast::hash(&bytes[..valid])))
+                || of_valid.iter_mut().any(|(valid, crc)| {
+                    *valid <= end && word == *crc.get_or_insert_with(|| crc32fast::hash(&bytes[..*valid]))
+                })
         })
     }
 

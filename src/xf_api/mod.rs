@@ -82,7 +82,7 @@ pub use process::{Input, Output, ProcessData};
 use crate::ethercat::Ns;
 use crate::link::chip::{self, ChipLink};
 use crate::xf::AnswerHeader;
-use crate::xf::host::{Host, HostConfig, HostState, Ticket};
+use crate::xf::host::{Host, HostConfig, HostError, HostState, Ticket};
 use crate::xf::request::Call;
 use axes::Axis;
 use stop::Motors;
@@ -135,6 +135,9 @@ impl<L: ChipLink> Xf<L> {
     fn start(&mut self) -> Result<(), XfError> {
         while self.host.state() != HostState::Running {
             self.step(Ns::MAX)?;
+        }
+        if self.host.gave_crc_up() {
+            log::warn!("{}", HostError::CRC_GIVEN_UP);
         }
         Ok(())
     }

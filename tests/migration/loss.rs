@@ -1,6 +1,8 @@
 //! The row `loss`: when a slave that is lost is named.
 
-use ecmsk::sk::MasterState;
+use std::time::Duration;
+
+use ecmsk::sk::{MasterState, StateByte};
 
 use crate::drives;
 use crate::machine::Behind;
@@ -27,5 +29,35 @@ fn a_lost_slave_is_named_later() {
         assert!(board <= 2, "{drives} drives: {board}");
         let chip = named_after(Behind::CHIP, drives);
         assert!(chip <= most, "{drives} drives: {chip} ms");
+    }
+}
+
+/// XF-20.6 A board says nothing while the cable is cut before its first slave in OP; behind a chip reports go on, with all slaves
+/// lost, and both come back when it is plugged again.
+#[test]
+fn a_cut_before_the_first_slave_is_no_silence() {
+    let mut board = drives::on(Behind::Board, 2);
+    board.fresh();
+    board.network.cut_after(0);
+    for _ in 0..3 {
+        board.says_nothing(Duration::from_millis(1));
+    }
+    assert!(board.says_nothing(Duration::from_secs(2)));
+
+    let mut chip = drives::on(Behind::CHIP, 2);
+    chip.fresh();
+    chip.network.cut_after(0);
+    let named = chip.until("the loss", |machine| machine.answer().state.is_failed());
+    assert!(named <= 12, "{named} ms");
+    for _ in 0..2000 {
+        assert_eq!(chip.read().answer().state, StateByte(0x18));
+    }
+
+    for mut machine in [board, chip] {
+        machine.network.heal();
+        machine.read_some(200);
+        assert_eq!(machine.answer().state, StateByte(0x18));
+        machine.go(MasterState::Op).settle();
+        assert_eq!(machine.answer().state, StateByte(0x08));
     }
 }

@@ -108,6 +108,11 @@ impl Machine {
         self
     }
 
+    /// Whether no report comes for so long.
+    pub fn says_nothing(&mut self, limit: Duration) -> bool {
+        self.link.read(&mut self.report, Wait::For(limit)).is_err()
+    }
+
     pub fn read_some(&mut self, reports: usize) -> &mut Self {
         for _ in 0..reports {
             self.read();

@@ -1,10 +1,10 @@
 //! The link `xf-spi:`: a chip ECM-XF on SPI.
 
 use ecmsk::io::spi::Level;
-use ecmsk::link::chip::{self, ChipError, ChipLink, SpiChip};
+use ecmsk::link::chip::{self, ChipError, ChipLink, ResetTimes, SpiChip};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{Host, HostConfig, HostError, Wires};
+use ecmsk::xf::host::{Host, HostConfig, HostError, Pacing, Wires};
 use ecmsk::xf::request::{
     InterruptEnable, InterruptSetEnable, PeripheralInterrupts, Polarity, SlaveCountGet, SpiPackSizeGet,
 };
@@ -26,6 +26,7 @@ fn keys_have_these_defaults_and_normal_forms() {
     for (text, expected) in [
         ("xf-spi:/dev/spidev0.0?speed=24M&idle_us=150&int0_active=high", "xf-spi:/dev/spidev0.0"),
         ("xf-spi:/dev/spidev1.2?speed=96000k&use_n=256", "xf-spi:/dev/spidev1.2?use_n=256&speed=96M"),
+        ("xf-spi:/dev/spidev0.0?reset_at=open&reset=gpiochip0/23", "xf-spi:/dev/spidev0.0?reset=gpiochip0/23"),
         (
             "xf-spi:/dev/spidev0.0?int1=gpiochip0/7&int0_active=low&int0=/dev/gpiochip0/READY",
             "xf-spi:/dev/spidev0.0?int0=/dev/gpiochip0/READY&int0_active=low&int1=gpiochip0/7",
@@ -43,6 +44,8 @@ fn keys_have_these_defaults_and_normal_forms() {
         ("int0_active", "1"),
         ("use_n", "31"),
         ("idle_us", "-1"),
+        ("reset", "gpiochip0"),
+        ("reset_at", "now"),
     ] {
         let error = LinkUri::parse(&format!("xf-spi:/dev/spidev0.0?{key}={bad}")).unwrap_err();
         assert!(matches!(&error, UriError::BadValue { key: named, .. } if named == key), "{key}={bad}: {error}");
@@ -66,6 +69,7 @@ fn what_is_wrong_with_a_link_is_named() {
     fails("xf-spi:", &["as its place", "xf-spi:/dev/spidev0.0"]);
     fails("xf-spi:spidev0.0", &["as its place", "xf-spi:/dev/spidev0.0"]);
     fails("xf-spi:/dev/spidev0.0?int0_active=low", &["`int0_active`", "int0=CHIP/LINE"]);
+    fails("xf-spi:/dev/spidev0.0?reset_at=both", &["`reset_at`", "reset=CHIP/LINE"]);
     fails("xf-spi:/dev/spidev0.0?busy=gpiochip0/1", &["`busy`", "int0, int0_active, int1"]);
     fails("xf-spi:/dev/spidev999.7", &["/dev/spidev999.7 is not there", "switch SPI on", "correct the link"]);
     fails("xf-spi:/dev/null", &["/dev/null is no device of that kind", "correct the link"]);
@@ -222,6 +226,28 @@ fn a_chip_that_was_reset_starts_again() {
         assert_eq!(resets, 1);
         move_axis(&mut xf).unwrap();
         assert_eq!(xf.host().counters().chip_resets, 1);
+    }
+}
+
+/// XF-16.12 XF-11.74 The reset line is low for 100 ms when the link is opened, closed, or both; the chip starts as after power-on, in
+/// the midst of a packet, too.
+#[test]
+fn the_reset_line() {
+    for (at_open, at_close) in [(false, false), (true, false), (false, true), (true, true)] {
+        let mut wires = ChipWires::new(Profile::NEW, 1, HIGH);
+        let resets = wires.resets.clone();
+        // A host before has left the chip in the midst of a packet, with another n.
+        ecmsk::io::spi::EdgeWires::sleep(&mut wires, std::time::Duration::from_secs(1));
+        ecmsk::io::spi::EdgeWires::exchange(&mut wires, &[0; 700], &mut [0; 700]).unwrap();
+        let count = || resets.lock().unwrap().clone();
+        let link = SpiChip::over("xf-spi:test", wires, SPEED_HZ).reset_at(ResetTimes { at_open, at_close }).unwrap();
+        let low = std::time::Duration::from_millis(100);
+        assert_eq!(count(), vec![low; usize::from(at_open)]);
+        let mut xf = ecmsk::xf_api::Xf::over(link, HostConfig { pacing: Pacing::Int0, ..HostConfig::DEFAULT }).unwrap();
+        move_axis(&mut xf).unwrap();
+        xf.link_mut().reset().unwrap();
+        drop(xf);
+        assert_eq!(count().len(), 1 + usize::from(at_open) + usize::from(at_close));
     }
 }
 

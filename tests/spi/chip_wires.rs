@@ -1,5 +1,6 @@
 //! Wires in the hands of a test, in virtual time, with the model of an ECM-XF at their other end.
 
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ecmsk::ethercat::Ns;
@@ -41,6 +42,8 @@ pub struct ChipWires {
     pub lengths: Vec<usize>,
     /// So many of the next exchanges fail.
     pub failures: u32,
+    /// How long the reset line was low, each time; others have it, too.
+    pub resets: Arc<Mutex<Vec<Duration>>>,
 }
 
 impl ChipWires {
@@ -59,6 +62,7 @@ impl ChipWires {
             level: false,
             lengths: Vec::new(),
             failures: 0,
+            resets: Arc::default(),
         };
         wires.look();
         wires
@@ -153,5 +157,13 @@ impl EdgeWires for ChipWires {
 
     fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError> {
         Ok(Some(self.port.chip_mut().int1(self.now)))
+    }
+
+    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+        self.resets.lock().expect("no test panics with it").push(low);
+        self.advance(self.now + low.as_nanos() as Ns);
+        self.port.reset(self.now);
+        self.look();
+        Ok(true)
     }
 }

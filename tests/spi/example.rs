@@ -14,12 +14,16 @@ struct Example(Child);
 
 impl Example {
     fn start(link: &str) -> Self {
+        Self::start_with(&[link])
+    }
+
+    fn start_with(words: &[&str]) -> Self {
         let program = support::example("spi_board");
         let mut timeout = Command::new("timeout");
         timeout
             .arg("300")
             .arg(program.get_program())
-            .arg(link)
+            .args(words)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
@@ -111,4 +115,35 @@ fn the_example_finds_its_board_again_after_a_reset() {
     example.until(&Frame::new(), |answer| state(answer) == Some(MasterState::PreOp));
     let said = example.end();
     assert!(!said.contains(" 0 of them"), "{said}");
+}
+
+/// WIRE-125, SK-10.9 With a folder it has BUSY and RESETN as a GPIO's files: the board is held in reset while RESETN is low, BUSY is
+/// high until it has started, and it is in PreOP then.
+#[test]
+fn the_example_has_busy_and_resetn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let level = |line: &str| std::fs::read(folder.path().join(line)).unwrap_or_default();
+    let until = |line: &str, wanted: &[u8]| {
+        let mut looks = (0..60_000).map(|_| {
+            sleep(Duration::from_millis(1));
+            level(line)
+        });
+        assert!(looks.any(|found| found == wanted), "{line} does not become {wanted:?}");
+    };
+    let link = "sim:?slaves=drive&queue=1&name=spi-example-lines";
+    let mut example = Example::start_with(&[link, folder.path().to_str().expect("UTF-8")]);
+    until("busy", b"0");
+    axes().for_each(|frame| {
+        example.exchange(&frame);
+    });
+    example.exchange(&to(MasterState::Op));
+    example.until(&Frame::new(), |answer| state(answer) == Some(MasterState::Op));
+    std::fs::write(folder.path().join("resetn"), "0").expect("it is written");
+    until("busy", b"1");
+    assert_eq!(example.exchange(&Frame::new()), Frame::new(), "it is held in reset");
+    assert_eq!(level("busy"), b"1");
+    std::fs::write(folder.path().join("resetn"), "1").expect("it is written");
+    until("busy", b"0");
+    example.until(&Frame::new(), |answer| state(answer) == Some(MasterState::PreOp));
+    example.end();
 }

@@ -17,11 +17,14 @@
 //! - `pair.rs`, `pair/`: the driver and the model together, every function of them, with the feature `sim`
 //! - `schedules.rs`, `schedules/`: the same two while anything goes wrong, by seeds, with the feature `sim`
 //! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
+//! - `drivers.rs`: hosts in the spirit of others' drivers against it, which share no line with this project's
 
 mod answers;
 #[cfg(feature = "sim")]
 mod chip;
 mod codes;
+#[cfg(feature = "sim")]
+mod drivers;
 mod fields;
 mod golden;
 mod header;

@@ -18,6 +18,7 @@ pub const WAIT_INT0: u8 = 2;
 pub const INT1: u8 = 3;
 pub const DELAY: u8 = 4;
 pub const CLOSE: u8 = 5;
+pub const RESET: u8 = 6;
 
 /// The lines of a server's log.
 #[derive(Clone, Default)]

@@ -50,6 +50,24 @@ fn half_a_message() {
     }
 }
 
+/// XF-14.13 A connection that says nothing loses the chip, and the next host gets it; one that has asked once may be silent.
+#[test]
+fn a_silent_stranger() {
+    let options = Options { listen: any_port(), message_limit: Duration::from_millis(50), ..Options::default() };
+    let (server, log) = serve_with(URI, options);
+    let mut stranger = Client::connect(server.listen());
+    let (kind, status, text) = stranger.receive().expect("the reason");
+    let text = String::from_utf8(text).expect("text");
+    assert!((kind, status) == (5, 5) && text.contains("no request has come"), "{text}");
+    assert_eq!(stranger.receive(), None);
+    let mut host = Client::connect_when_free(server.listen());
+    host.exchange(&[0; 144]);
+    std::thread::sleep(Duration::from_millis(200));
+    host.exchange(&[0; 144]);
+    server.stop();
+    assert!(log.lines().iter().any(|line| line.contains("no request has come")), "{:?}", log.lines());
+}
+
 /// XF-14.6 A host that sends requests and reads no answer loses the chip; the server keeps one answer for it and no more.
 #[test]
 fn a_host_that_never_reads() {

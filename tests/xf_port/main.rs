@@ -8,6 +8,7 @@
 //! - `vanish.rs`: axes whose host has vanished
 //! - `listening.rs`: where a chip is served
 //! - `recording.rs`: recordings of a chip, `record=`
+//! - `script.rs`: what happens to the slaves, `script=`
 #![cfg(unix)]
 
 mod client;
@@ -15,4 +16,5 @@ mod hosts;
 mod listening;
 mod messages;
 mod recording;
+mod script;
 mod vanish;

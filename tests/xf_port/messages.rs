@@ -2,9 +2,10 @@
 
 use ecmsk::link::chip::{ChipLink, SimChip};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::xf::host::Wires;
+use ecmsk::port::xf::{Options, Server};
+use ecmsk::xf::host::{HostConfig, Wires};
 
-use crate::client::{CLOSE, Client, DELAY, EXCHANGE, INT1, WAIT_INT0, serve};
+use crate::client::{CLOSE, Client, DELAY, EXCHANGE, INT1, RESET, Remote, WAIT_INT0, any_port, serve};
 
 const OLD: &str = "xf-sim:?slaves=drive&clock=virtual&chip_fw=old&int0=yes";
 
@@ -55,6 +56,36 @@ fn lines() {
     assert_eq!(client.ask(INT1, &[]), (0, vec![u8::from(level)]));
 }
 
+/// XF-14.14 XF-11.74 A host resets the chip, in the midst of a packet: it starts as after power-on, with the first byte of a packet
+/// and fixed check words. A link without the line says so.
+#[test]
+fn the_chip_is_reset() {
+    let (server, _) = serve(OLD);
+    let mut client = Client::connect(server.listen());
+    let second = 1_000_000_u32.to_le_bytes();
+    client.ask(DELAY, &second);
+    let first = client.exchange(&[0; 144]);
+    client.exchange(&[0; 100]);
+    assert_eq!(client.ask(RESET, &[]), (0, Vec::new()));
+    let starting = client.exchange(&[0; 144]);
+    assert_eq!(
+        (&starting[..4], &starting[136..]),
+        (&first[..4], &[0x21, 0x43, 0x65, 0x87, 0x59, 0x58, 0x57, 0x56][..])
+    );
+    client.ask(DELAY, &second);
+    assert_eq!(client.exchange(&[0; 144]), first);
+    assert_eq!(client.ask(CLOSE, &[]), (0, Vec::new()));
+
+    // A link of this test, which knows no reset line.
+    let listen = server.listen().clone();
+    let open = move || Ok((Box::new(Remote::connect(&listen)) as Box<dyn ChipLink>, HostConfig::DEFAULT));
+    let options = Options { listen: any_port(), ..Options::default() };
+    let without = Server::start(open, options).expect("it can be served");
+    let mut client = Client::connect(without.listen());
+    let (status, text) = client.ask(RESET, &[]);
+    assert_eq!((status, String::from_utf8(text).expect("text").contains("reset line is not wired")), (3, true));
+}
+
 /// XF-14.3 A line that is not wired is said to be none.
 #[test]
 fn a_line_that_is_not_wired() {
@@ -70,9 +101,10 @@ fn what_is_no_request() {
     let (server, _) = serve(OLD);
     let mut client = Client::connect(server.listen());
     let long = (1_000_001_u32).to_le_bytes();
-    let cases: [(u8, &[u8], &str); 9] = [
+    let cases: [(u8, &[u8], &str); 10] = [
         (0, &[], "no request has the kind 0"),
-        (6, b"body", "no request has the kind 6"),
+        (RESET, b"body", "has to have 0"),
+        (7, &[], "no request has the kind 7"),
         (255, &[], "no request has the kind 255"),
         (EXCHANGE, &[], "1 or more"),
         (INT1, &[0], "has to have 0"),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::ValueHint;
-use ecmsk::compare::{CompareError, Comparison, Options, RecordedRun, Steps, TimedFrame, compare_steps};
+use ecmsk::compare::{CompareError, Comparison, Deviation, Options, RecordedRun, Steps, TimedFrame, compare_steps};
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
@@ -172,9 +172,53 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
         let drawing = draw(steps(a), steps(b), &names, &found)?;
         plot::save(file, "--plot", &[&args.a, &args.b], &drawing)?;
     }
-    let text =
-        if args.how.json { json::object(&names, &found, &options).to_string() + "\n" } else { text(&names, &found) };
+    let settles = settling_tolerance(args, &options, &found)?;
+    let text = if args.how.json {
+        let mut object = json::object(&names, &found, &options);
+        if let Some(counts) = settles {
+            object["settling_tolerance_counts"] = counts.into();
+        }
+        object.to_string() + "\n"
+    } else {
+        let settles = settles.map(|counts| {
+            format!(
+                "positions alone differ, by no more than {counts} counts: --tolerance {counts} takes that for equal\n"
+            )
+        });
+        text(&names, &found) + &settles.unwrap_or_default()
+    };
     print(text, names.code(&found, &options))
+}
+
+/// The largest tolerance that is proposed, in counts. \[OURS] What is further apart is no noise of a measurement.
+const PROPOSED_COUNTS_MAX: u32 = 1000;
+/// How often the recordings are compared once more to find it. \[OURS]
+const PROPOSALS_MAX: usize = 8;
+
+/// The tolerance with which the recordings are equal, if positions alone differ, and not by much.
+fn settling_tolerance(args: &Args, options: &Options, found: &Comparison) -> Result<Option<u32>, CompareVerbError> {
+    if found.is_equal() {
+        return Ok(None);
+    }
+    let (mut options, mut first) = (*options, found.first.clone());
+    for _ in 0..PROPOSALS_MAX {
+        let Some(difference) = first else { return Ok(Some(options.tolerance_counts)) };
+        let apart = difference.what.iter().map(|what| match what {
+            Deviation::Position { counts: [a, b], .. } => Some(a.abs_diff(*b)),
+            _ => None,
+        });
+        let Some(most) = apart.collect::<Option<Vec<u32>>>().and_then(|apart| apart.into_iter().max()) else {
+            return Ok(None);
+        };
+        if most > PROPOSED_COUNTS_MAX {
+            return Ok(None);
+        }
+        options.tolerance_counts = most;
+        let Runs { a, b, size } = Runs::open(args, &options)?;
+        let steps = |source| Steps::new(source, size, options.ignore_repeats);
+        first = compare_steps(steps(a), steps(b), &options).first;
+    }
+    Ok(None)
 }
 
 impl Names {

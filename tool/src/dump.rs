@@ -5,7 +5,7 @@
 //! - `dump.rs`: options, errors, and the two sources of frames
 //! - `frames.rs`: a frame with what is known of it, and which of its slots are shown
 //! - `hex.rs`, `direction.rs`: frames from hexadecimal digits, and their direction
-//! - `packets.rs`: the packets of a recording of a chip ECM-XF
+//! - `packets.rs`: the packets of a chip ECM-XF; `pieces.rs`: packets that passed in parts
 //! - `text.rs`, `json.rs`, `slot_json.rs`: the output as text and as JSON
 
 mod direction;
@@ -13,6 +13,7 @@ mod frames;
 mod hex;
 mod json;
 mod packets;
+mod pieces;
 pub mod slot_json;
 mod text;
 
@@ -35,7 +36,7 @@ use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
 use frames::{Shown, Time, View};
-use hex::{HexError, HexFrame};
+use hex::HexError;
 use text::Numbering;
 
 /// Show the frames of a recording, or frames given as hexadecimal digits, in words or as JSON
@@ -45,9 +46,9 @@ use text::Numbering;
 /// ECM-XF the packets are shown; --slots, --commands and what else is about slots do not apply to them.
 #[derive(clap::Args)]
 #[command(after_help = "\
-Hexadecimal input: one frame a line, 504 to 512 bytes; blanks do not count, `#` starts a comment, `>` in front is a
-frame to the board, `<` one from it. The direction of a line without either is that of --command or --response, else
-it is guessed from slot 0, and the output says so.
+Hexadecimal input: one frame a line, 504 to 512 bytes, or one packet of a chip ECM-XF, from a4a3a2a1 to 59585756; blanks do
+not count, `#` starts a comment, `>` in front is a frame to the board, `<` one from it. The direction of a line without
+either is that of --command or --response, else it is guessed, and the output says so.
 
 Examples:
   ecmsk dump run.pcapng --slots 0,3-5,sdo | less
@@ -247,7 +248,14 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         // A character that is not UTF-8 is no digit, and the error names it.
         let found =
             hex::parse(&String::from_utf8_lossy(&bytes)).map_err(|problem| DumpError::Line { line, problem })?;
-        let Some(HexFrame { frame, len, direction: prefix }) = found else { continue };
+        let Some(found) = found else { continue };
+        let told = found.direction.or(direction);
+        if found.is_of_bytes() && packets::is_packet(&found.bytes) {
+            printer.packet(line, found.bytes, told)?;
+            continue;
+        }
+        let len = found.bytes.len();
+        let frame = found.frame().map_err(|problem| DumpError::Line { line, problem })?;
         sizes.look(&frame, len);
         let (size, from) = sizes.size_of(&frame, len);
         if len < size.frame_len() {
@@ -256,7 +264,6 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
         if from == SizeFrom::Assumed && !std::mem::replace(&mut noted, true) {
             recording::note_assumed(&format!("line {line}"), size);
         }
-        let told = prefix.or(direction);
         let direction = told.unwrap_or_else(|| direction::guess(&frame));
         let shown = Shown { number: line, time: None, direction, guessed: told.is_none(), size, frame };
         printer.print(&shown, &mut kinds)?;
@@ -338,6 +345,17 @@ impl Printer {
             json::write(&mut self.out, shown, &lines)?;
         } else {
             text::write(&mut self.out, self.numbering, shown, &lines)?;
+        }
+        Ok(())
+    }
+
+    /// Prints a packet of a chip, which has no slots to choose from.
+    fn packet(&mut self, line: u64, bytes: Vec<u8>, told: Option<Dir>) -> Result<(), CliError> {
+        self.frames += 1;
+        let dir = told.unwrap_or_else(|| packets::guessed(&bytes));
+        if self.direction.is_none_or(|direction| direction == dir) {
+            self.printed += 1;
+            packets::write_of_line(&mut self.out, line, bytes, dir, told.is_none(), self.json)?;
         }
         Ok(())
     }

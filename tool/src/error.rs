@@ -138,8 +138,17 @@ fn failed_in_json(error: &str, code: u8) {
     super::stderr::line(&serde_json::json!({"error": error, "exit_code": code}).to_string());
 }
 
-/// Ends the process because of a command line that is wrong, or that asks for help or the version.
-pub fn wrong_command_line(error: &clap::Error) -> ! {
+/// Ends the process because of a command line that is wrong, or that asks for help or the version. A word that is no verb, where
+/// there are some, is answered with those that there are.
+pub fn wrong_command_line(mut error: clap::Error) -> ! {
+    use clap::error::{ContextKind, ContextValue, ErrorKind};
+
+    if matches!(error.kind(), ErrorKind::InvalidSubcommand | ErrorKind::UnknownArgument)
+        && let Some((verbs, names)) = verbs_there(std::env::args_os().skip(1))
+    {
+        let told = format!("`{verbs}` has the verbs {names}");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![told.into()]));
+    }
     if error.use_stderr() && wants_json() {
         let text = error.render().to_string();
         let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -147,6 +156,20 @@ pub fn wrong_command_line(error: &clap::Error) -> ! {
         std::process::exit(2);
     }
     error.exit()
+}
+
+/// The verb of which a command line asks for one that there is not, and those that it has.
+fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
+    let tool = <super::Cli as clap::CommandFactory>::command();
+    let (mut at, mut name) = (&tool, tool.get_name().to_owned());
+    for word in words {
+        let Some(below) = at.find_subcommand(&word) else { break };
+        at = below;
+        name = format!("{name} {}", at.get_name());
+    }
+    let verbs: Vec<&str> =
+        at.get_subcommands().filter(|verb| !verb.is_hide_set()).map(clap::Command::get_name).collect();
+    (name != tool.get_name() && !verbs.is_empty()).then(|| (name, verbs.join(", ")))
 }
 
 /// Prints a line on standard error: `kind: what`.

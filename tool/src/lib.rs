@@ -131,7 +131,7 @@ enum Verb {
 
 /// Runs the tool on the arguments of this process.
 pub fn main() -> ExitCode {
-    let cli = Cli::try_parse().unwrap_or_else(|error| error::wrong_command_line(&error));
+    let cli = Cli::try_parse().unwrap_or_else(|error| error::wrong_command_line(error));
     env_logger::Builder::from_env(env_logger::Env::new().filter_or("ECMSK_LOG", "off"))
         .target(env_logger::Target::Pipe(Box::new(stderr::Log)))
         .init();
@@ -170,8 +170,8 @@ impl Verb {
             Self::Man(args) => man::run(&args).map(|()| ExitCode::SUCCESS),
             Self::Serve(args) => serve::run(&args),
             Self::Slave(args) => slave::run(&args),
-            Self::Bus(args) => Ok(bus::run(&args)?),
-            Self::Xf(args) => Ok(xf::run(&args).map(|()| ExitCode::SUCCESS)?),
+            Self::Bus(args) => Ok(recording_end::of_opened(bus::run(&args)?)),
+            Self::Xf(args) => Ok(xf::run(&args).map(|()| recording_end::of_opened(ExitCode::SUCCESS))?),
             Self::Completions(args) => completions::run(&args).map(|()| ExitCode::SUCCESS),
         }
     }

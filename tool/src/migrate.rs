@@ -127,9 +127,13 @@ pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
     let lacks = tell(&name, &source)?;
     let clock = source.meta().map_or(Clock::Real, |meta| meta.clock);
     let link = source.meta().and_then(|meta| LinkUri::parse(&meta.link).ok());
-    let is_behind_chip = link.is_some_and(|link| link.scheme().has_chip());
+    let is_behind_chip = link.as_ref().is_some_and(|link| link.scheme().has_chip());
     let setting = Setting { clock_hz: args.speed, clock, slot: source.size(), is_behind_chip };
-    let found = Migration::of(&survey, &setting);
+    let mut found = Migration::of(&survey, &setting);
+    let given = link.iter().flat_map(LinkUri::keys).find(|(key, _)| *key == "slaves");
+    if let (Some(plan), Some((_, slaves))) = (&mut found.plan, given) {
+        plan.links.with_slaves(slaves);
+    }
     if found.op.is_none() {
         let what = "it never reaches OP: of its motion and its host nothing is known; record it while it moves";
         say("note", &format_args!("{name}: {what}"));

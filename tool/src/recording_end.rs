@@ -1,13 +1,35 @@
 //! Checks the recording of a program, or of a verb, that has ended.
 
 use std::path::Path;
+use std::process::ExitCode;
+use std::sync::OnceLock;
 
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
+use super::error::say;
+
 /// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
 /// program that it has ended, and none that shells or `env` use.
 pub const NOT_WHOLE: u8 = 124;
+
+/// The link of a verb that talks to a chip or to a network, and may record on the way.
+static OPENED: OnceLock<LinkUri> = OnceLock::new();
+
+/// A verb opens this link.
+pub fn opens(link: &LinkUri) {
+    // A verb opens one.
+    let _ = OPENED.set(link.clone());
+}
+
+/// The exit code of a verb that has closed its link: another one if it succeeded and its recording is not whole.
+pub fn of_opened(code: ExitCode) -> ExitCode {
+    let lacks = not_whole(OPENED.get()).filter(|_| code == ExitCode::SUCCESS);
+    lacks.map_or(code, |lacks| {
+        say("warning", &lacks);
+        ExitCode::from(NOT_WHOLE)
+    })
+}
 
 /// What the recording of the link lacks, with its file's name; `None` if nothing is known to be missing, or the link
 /// does not record to a file.

@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::bus::Bus;
-use super::lines::{InputLine, Level, ReadyLine};
+use super::lines::{InputLine, Level, ReadyLine, ResetLine};
 use super::{EdgeWires, GpioLine, WireError};
 
 /// The device files of the wires, and the settings of SPI.
@@ -23,6 +23,8 @@ pub struct EdgeSettings {
     pub ready_level: Level,
     /// The line for interrupts, if it is wired.
     pub interrupt: Option<GpioLine>,
+    /// The reset line, if it is wired: low resets the device.
+    pub reset: Option<GpioLine>,
 }
 
 /// Wires that this process has opened. Their clock is monotonic, and 0 when they are opened.
@@ -30,6 +32,7 @@ pub struct EdgeDevice {
     bus: Bus,
     ready: Option<ReadyLine>,
     interrupt: Option<InputLine>,
+    reset: Option<ResetLine>,
     opened: Instant,
 }
 
@@ -42,7 +45,8 @@ impl EdgeDevice {
         let bus = Bus::open(&settings.device, settings.speed_hz, settings.mode)?;
         let ready = settings.ready.as_ref().map(|place| ReadyLine::open(place, settings.ready_level)).transpose()?;
         let interrupt = settings.interrupt.as_ref().map(InputLine::open).transpose()?;
-        Ok(Self { bus, ready, interrupt, opened: Instant::now() })
+        let reset = settings.reset.as_ref().map(ResetLine::open).transpose()?;
+        Ok(Self { bus, ready, interrupt, reset, opened: Instant::now() })
     }
 }
 
@@ -73,5 +77,9 @@ impl EdgeWires for EdgeDevice {
 
     fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError> {
         self.interrupt.as_ref().map(InputLine::is_high).transpose()
+    }
+
+    fn reset(&mut self, low: Duration) -> Result<bool, WireError> {
+        self.reset.as_ref().map_or(Ok(false), |reset| reset.pull_low(low).map(|()| true))
     }
 }

@@ -89,6 +89,14 @@ pub trait EdgeWires: Send {
     /// # Errors
     /// [`WireError`].
     fn interrupt_is_high(&mut self) -> Result<Option<bool>, WireError>;
+
+    /// Pulls the reset line low for at least `low` and releases it. Returns `false`, and does nothing, if none is wired.
+    ///
+    /// # Errors
+    /// [`WireError`].
+    fn reset(&mut self, _low: Duration) -> Result<bool, WireError> {
+        Ok(false)
+    }
 }
 
 /// Why SPI or a GPIO line cannot be used.

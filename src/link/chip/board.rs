@@ -9,7 +9,7 @@ use crate::link::keys;
 use crate::link::options::{BoardOptions, CommonOptions};
 use crate::link::own_board::{boots, switching_off};
 use crate::link::uri::{LinkUri, UriError};
-use crate::xf::host::StepError;
+use crate::xf::host::{HostError, StepError};
 
 /// How a board uses the chip that its slaves are behind.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -94,6 +94,9 @@ impl ChipBoard {
             }
             StepError::Wires(error) => refused(&name, error),
         })?;
+        if bus.host().gave_crc_up() {
+            log::warn!("{name}: {}", HostError::CRC_GIVEN_UP);
+        }
         let mut board = Board::new(self.board.engine(), Box::new(bus));
         if !boots(&mut board) {
             let next = "look at the network cable and at the slaves' power, and try `ecmsk xf scan`";

@@ -22,6 +22,8 @@ mod spi;
 mod usb;
 
 pub use board::{ChipBoard, ChipUse};
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub use options::ResetTimes;
 #[cfg(feature = "sim")]
 pub use options::SimChipOptions;
 pub use options::{ChipModel, ChipNetwork, ChipOptions, ModelledChip};
@@ -32,6 +34,8 @@ pub use sim::SimChip;
 pub use spi::SpiChip;
 #[cfg(all(feature = "usb", unix))]
 pub use usb::UsbChip;
+
+use std::time::Duration;
 
 use super::keys::Scheme;
 use super::uri::{LinkUri, UriError};
@@ -66,7 +70,19 @@ pub trait ChipLink: Wires<Error = ChipError> + Send {
     /// # Errors
     /// [`ChipError::Wires`].
     fn int1(&mut self) -> Result<Option<bool>, ChipError>;
+
+    /// Pulls the chip's reset line low for [`RESET_LOW`] and releases it. The chip is as after power-on then, and takes its time to
+    /// start. Returns `false`, and does nothing, if the line is not wired.
+    ///
+    /// # Errors
+    /// [`ChipError::Wires`].
+    fn reset(&mut self) -> Result<bool, ChipError> {
+        Ok(false)
+    }
 }
+
+/// How long a chip's reset line is pulled low (OBS: a client of the chip).
+pub const RESET_LOW: Duration = Duration::from_millis(100);
 
 /// A link behind a pointer is a link.
 macro_rules! through {
@@ -99,6 +115,10 @@ macro_rules! through {
             fn int1(&mut self) -> Result<Option<bool>, ChipError> {
                 (**self).int1()
             }
+
+            fn reset(&mut self) -> Result<bool, ChipError> {
+                (**self).reset()
+            }
         }
     )*};
 }
@@ -127,6 +147,10 @@ pub enum ChipError {
     #[cfg(feature = "sim")]
     #[error(transparent)]
     ManufacturerObjects(#[from] super::manufacturer_objects::ManufacturerObjectsError),
+    /// The script of what happens to the slaves is invalid, or has a line that cannot happen there.
+    #[cfg(feature = "sim")]
+    #[error(transparent)]
+    Script(#[from] super::simulated_slaves::SimulatedSlavesError),
     /// The slaves cannot be put on a network of controllers.
     #[cfg(feature = "sim")]
     #[error("{name}: {reason}; take that slave out, or write network=models")]
@@ -152,11 +176,15 @@ pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     let uri = LinkUri::parse(uri)?;
     let link = connect(&uri)?;
     let config = host_config(&link.info(), &ChipOptions::from_uri(&uri)?);
-    let link: Box<dyn ChipLink> = match options::record(&uri) {
+    Ok((recorded(&uri, link)?, config))
+}
+
+/// The link, which records if its URI says so.
+pub(crate) fn recorded(uri: &LinkUri, link: Box<dyn ChipLink>) -> Result<Box<dyn ChipLink>, ChipError> {
+    Ok(match options::record(uri) {
         Some(path) => Box::new(RecordedChip::new(link, &path)?),
         None => link,
-    };
-    Ok((link, config))
+    })
 }
 
 /// How the driver uses a chip behind that link.

@@ -23,9 +23,9 @@ use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
 #[cfg(feature = "sim")]
 use crate::slave::handle::SimHandle;
-use crate::xf::DataSize;
 #[cfg(feature = "sim")]
 use crate::xf::chip::{Controllers, Profile, SimulatedNetwork, SlaveModels};
+use crate::xf::{Coverage, Coverages, DataSize};
 
 /// Options of every link to a chip: how the driver uses it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,16 +42,34 @@ impl ChipOptions {
     /// # Errors
     /// [`UriError::BadValue`] if a value does not fit the type of its option.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
-        Ok(Self {
-            idle_ns: uri.required("idle_us", |value| Some(value.parse::<Ns>().ok()? * 1000))?,
-            use_n: uri.typed("use_n", data_size)?,
-        })
+        let use_n = uri.typed("use_n", data_size)?;
+        if use_n.is_some() && uri.value("chip_fw") == Some("xfu") {
+            let (key, value) = ("use_n".to_owned(), uri.value("use_n").unwrap_or_default().to_owned());
+            let why = "an ECM-XFU has 992 always; allowed: with chip_fw=new or old, or leave it out".to_owned();
+            return Err(UriError::BadValue { key, value, why });
+        }
+        let idle_ns = uri.required("idle_us", |value| Some(value.parse::<Ns>().ok()? * 1000))?;
+        Ok(Self { idle_ns, use_n })
     }
 }
 
 /// Parses n.
 fn data_size(value: &str) -> Option<DataSize> {
     DataSize::new(value.parse().ok()?)
+}
+
+/// Parses what a CRC-32 covers: of both directions, or of commands and behind a comma of answers.
+fn coverages(value: &str) -> Option<Coverages> {
+    let one = |value| match value {
+        "all" => Some(Coverage::All),
+        "valid" => Some(Coverage::Valid),
+        "valid4" => Some(Coverage::Valid4),
+        _ => None,
+    };
+    match value.split_once(',') {
+        Some((commands, answers)) => Some(Coverages { commands: one(commands)?, answers: one(answers)? }),
+        None => one(value).map(Coverages::from),
+    }
 }
 
 /// The file to which the exchanges of a link are recorded (`record=`); `None`: there is no recording.
@@ -108,6 +126,8 @@ pub struct ModelledChip {
     pub model: ChipModel,
     /// Its n when it has got its power; `None`: that of the model.
     pub size: Option<DataSize>,
+    /// What its CRC-32 covers.
+    pub coverages: Coverages,
     /// The clock of SPI in Hz, 1 and more.
     pub speed_hz: u32,
     /// Whether INT0 is wired.
@@ -127,6 +147,7 @@ impl ModelledChip {
         Ok(Self {
             model: uri.choice("chip_fw", models)?,
             size: uri.typed("n", data_size)?,
+            coverages: uri.required("crc_over", coverages)?,
             speed_hz: speed_hz(uri)?,
             int0: uri.choice("int0", [("no", false), ("yes", true)])?,
             network: uri.typed("network", ChipNetwork::parse)?,
@@ -141,7 +162,7 @@ impl ModelledChip {
             ChipModel::Old => Profile::OLD,
             ChipModel::Xfu => Profile::XFU,
         };
-        Profile { size: self.size.unwrap_or(profile.size), ..profile }
+        Profile { size: self.size.unwrap_or(profile.size), coverages: self.coverages, ..profile }
     }
 }
 
@@ -155,6 +176,8 @@ pub struct SimChipOptions {
     pub clock: Clock,
     /// The chip and the wires to it.
     pub chip: ModelledChip,
+    /// A file of events that happen to the slaves.
+    pub script: Option<PathBuf>,
 }
 
 #[cfg(feature = "sim")]
@@ -169,6 +192,7 @@ impl SimChipOptions {
             slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
             clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
             chip: ModelledChip::from_uri(uri)?,
+            script: uri.typed("script", |value| Some(PathBuf::from(value)))?,
         })
     }
 }
@@ -176,6 +200,38 @@ impl SimChipOptions {
 /// The frequency of the clock of SPI.
 fn speed_hz(uri: &LinkUri) -> Result<u32, UriError> {
     uri.required("speed", |value| keys::hertz(value)?.try_into().ok())
+}
+
+/// When an `xf-spi:` link resets its chip, which needs the line for it.
+#[cfg(all(feature = "spi", target_os = "linux"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ResetTimes {
+    /// When it is opened.
+    pub at_open: bool,
+    /// When it is closed.
+    pub at_close: bool,
+}
+
+/// When the chip is reset; never without the line.
+///
+/// # Errors
+/// [`UriError::BadValue`]: another time than the opening, without the line.
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub(super) fn reset_times(uri: &LinkUri) -> Result<ResetTimes, UriError> {
+    let has_line = uri.typed("reset", GpioLine::parse)?.is_some();
+    let times = |at_open, at_close| ResetTimes { at_open, at_close };
+    let chosen = uri.choice(
+        "reset_at",
+        [("open", times(true, false)), ("close", times(false, true)), ("both", times(true, true))],
+    )?;
+    match uri.value("reset_at") {
+        Some(value) if !has_line && chosen.at_close => {
+            let why = "it is about a line that the link does not name; allowed: with reset=CHIP/LINE".to_owned();
+            Err(UriError::BadValue { key: "reset_at".to_owned(), value: value.to_owned(), why })
+        }
+        _ if has_line => Ok(chosen),
+        _ => Ok(times(false, false)),
+    }
 }
 
 /// The mode of the chip's SPI (XF EN 148).
@@ -203,6 +259,7 @@ pub(super) fn spi_settings(uri: &LinkUri) -> Result<EdgeSettings, UriError> {
         ready,
         ready_level,
         interrupt: uri.typed("int1", GpioLine::parse)?,
+        reset: uri.typed("reset", GpioLine::parse)?,
     })
 }
 

@@ -125,6 +125,10 @@ impl ChipLink for RecordedChip {
     fn int1(&mut self) -> Result<Option<bool>, ChipError> {
         self.inner.int1()
     }
+
+    fn reset(&mut self) -> Result<bool, ChipError> {
+        self.inner.reset()
+    }
 }
 
 impl Drop for RecordedChip {

@@ -2,10 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use super::{ChipError, ChipInfo, ChipLink, ChipNetwork, ModelledChip, SimChipOptions};
+use super::{ChipError, ChipInfo, ChipLink, ChipNetwork, ModelledChip, RESET_LOW, SimChipOptions};
+use crate::engine::Script as _;
 use crate::ethercat::Ns;
 use crate::link::options::Clock;
+use crate::link::script::RunningScript;
 use crate::link::sim;
+use crate::link::simulated_slaves;
 use crate::link::uri::LinkUri;
 use crate::slave::handle::SimHandle;
 use crate::xf::chip::{Chip, ChipPort, SimulatedNetwork};
@@ -20,7 +23,12 @@ pub struct SimChip {
     byte_ps: u64,
     /// The chip was or came to be at work in the last exchange: INT0 becomes active once more.
     edge_to_come: bool,
+    /// What happens to the slaves and when, in the chip's time (`script=`).
+    script: Option<RunningScript>,
 }
+
+/// How far the chip's time advances at most before its script is looked at again. \[OURS] The shortest cycle of a board.
+const SCRIPT_STEP_NS: Ns = 250_000;
 
 /// How long a byte of an ECM-XFU takes: its packets of 1024 bytes take a microframe of USB. \[OURS]
 const USB_BYTE_PS: u64 = 125_000_000 / 1024;
@@ -52,14 +60,30 @@ impl SimChip {
     /// The chip that an `xf-sim:` link describes.
     ///
     /// # Errors
-    /// [`ChipError::Uri`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
+    /// [`ChipError::Uri`], and as [`Self::with_options`].
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
-        let options = SimChipOptions::from_uri(uri)?;
+        Self::with_options(&uri.to_string(), &SimChipOptions::from_uri(uri)?)
+    }
+
+    /// The chip with these options; `name` is the name of the link in messages. A script begins now.
+    ///
+    /// # Errors
+    /// [`ChipError::Script`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
+    pub fn with_options(name: &str, options: &SimChipOptions) -> Result<Self, ChipError> {
+        let network = options.chip.network.unwrap_or(ChipNetwork::Controllers);
+        let script = match &options.script {
+            Some(path) => {
+                Some(simulated_slaves::script_of_chip(path, &options.slaves, network == ChipNetwork::Controllers)?)
+            }
+            None => None,
+        };
         let slaves = sim::slaves(&options.slaves)?;
-        let network = options.chip.network.unwrap_or(ChipNetwork::Controllers).with(slaves, SimHandle::default());
-        let network =
-            network.map_err(|error| ChipError::Network { name: uri.to_string(), reason: error.to_string() })?;
-        Ok(Self::over(&uri.to_string(), options.chip, options.clock, network))
+        let handle = SimHandle::default();
+        let script = script.map(|script| simulated_slaves::start(script, handle.cable().clone(), 0));
+        let network = network
+            .with(slaves, handle)
+            .map_err(|error| ChipError::Network { name: name.to_owned(), reason: error.to_string() })?;
+        Ok(Self { script, ..Self::over(name, options.chip, options.clock, network) })
     }
 
     /// The chip with that network; `name` is the name of the link in messages.
@@ -80,7 +104,21 @@ impl SimChip {
             Clock::Real => ChipClock::Real(Instant::now()),
         };
         let port = ChipPort::new(Chip::new(profile, network));
-        Self { info, port, clock, byte_ps, edge_to_come: false }
+        Self { info, port, clock, byte_ps, edge_to_come: false, script: None }
+    }
+
+    /// What the script says until now happens to the slaves.
+    fn run_script(&mut self) {
+        let Some(script) = &mut self.script else { return };
+        let (mut at, now) = (self.port.chip().now(), self.clock.now());
+        loop {
+            script.run(at, &mut |_| {});
+            if at >= now || script.is_over() {
+                return;
+            }
+            at = now.min(at + SCRIPT_STEP_NS);
+            self.port.chip_mut().run_until(at);
+        }
     }
 
     /// The chip, to look at.
@@ -104,6 +142,7 @@ impl Wires for SimChip {
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
         // The chip chooses its answer at the first byte, and takes the packet at the last one.
         let Some(last) = to_chip.len().min(from_chip.len()).checked_sub(1) else { return Ok(()) };
+        self.run_script();
         let begin = self.clock.now();
         self.port.transfer(begin, &to_chip[..last], &mut from_chip[..last]);
         self.clock.wait_until(begin.saturating_add(to_chip.len() as u64 * self.byte_ps / 1000));
@@ -135,7 +174,18 @@ impl ChipLink for SimChip {
     }
 
     fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        self.run_script();
         let now = self.clock.now();
         Ok(Some(self.port.chip_mut().int1(now)))
+    }
+
+    /// A modelled chip always has the line.
+    fn reset(&mut self) -> Result<bool, ChipError> {
+        self.run_script();
+        let low = Ns::try_from(RESET_LOW.as_nanos()).unwrap_or(Ns::MAX);
+        self.clock.wait_until(self.clock.now().saturating_add(low));
+        self.port.reset(self.clock.now());
+        self.edge_to_come = true;
+        Ok(true)
     }
 }

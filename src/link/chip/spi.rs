@@ -6,8 +6,8 @@
 
 use std::time::Duration;
 
-use super::options::spi_settings;
-use super::{ChipError, ChipInfo, ChipLink};
+use super::options::{reset_times, spi_settings};
+use super::{ChipError, ChipInfo, ChipLink, RESET_LOW, ResetTimes};
 use crate::ethercat::Ns;
 use crate::io::spi::{EdgeDevice, EdgeWires, WireError};
 use crate::link::spi::next_step;
@@ -15,9 +15,10 @@ use crate::link::uri::LinkUri;
 use crate::xf::host::Wires;
 
 /// A chip on SPI.
-pub struct SpiChip<W = EdgeDevice> {
+pub struct SpiChip<W: EdgeWires = EdgeDevice> {
     info: ChipInfo,
     wires: W,
+    resets_at_close: bool,
 }
 
 impl SpiChip {
@@ -26,10 +27,10 @@ impl SpiChip {
     /// # Errors
     /// [`ChipError::Uri`]; [`ChipError::Wires`], which says which device or line cannot be used and what to do.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
-        let settings = spi_settings(uri)?;
+        let (settings, times) = (spi_settings(uri)?, reset_times(uri)?);
         let name = uri.to_string();
         let wires = EdgeDevice::open(&settings).map_err(|error| refused(&name, &error))?;
-        Ok(Self::over(&name, wires, settings.speed_hz))
+        Self::over(&name, wires, settings.speed_hz).reset_at(times)
     }
 }
 
@@ -44,7 +45,19 @@ impl<W: EdgeWires> SpiChip<W> {
             has_int0: wires.has_ready_line(),
             virtual_time: false,
         };
-        Self { info, wires }
+        Self { info, wires, resets_at_close: false }
+    }
+
+    /// The same chip, which is reset now or when it is closed.
+    ///
+    /// # Errors
+    /// [`ChipError::Wires`].
+    pub fn reset_at(mut self, times: ResetTimes) -> Result<Self, ChipError> {
+        if times.at_open {
+            self.reset()?;
+        }
+        self.resets_at_close = times.at_close;
+        Ok(self)
     }
 
     /// The wires.
@@ -90,6 +103,20 @@ impl<W: EdgeWires> ChipLink for SpiChip<W> {
 
     fn int1(&mut self) -> Result<Option<bool>, ChipError> {
         self.wires.interrupt_is_high().map_err(|error| refused(&self.info.name, &error))
+    }
+
+    fn reset(&mut self) -> Result<bool, ChipError> {
+        self.wires.reset(RESET_LOW).map_err(|error| refused(&self.info.name, &error))
+    }
+}
+
+impl<W: EdgeWires> Drop for SpiChip<W> {
+    fn drop(&mut self) {
+        if self.resets_at_close
+            && let Err(error) = self.reset()
+        {
+            log::warn!("the chip was not reset at the end and may go on: {error}");
+        }
     }
 }
 

@@ -270,12 +270,32 @@ pub const KEYS: &[Key] = &[
         meaning: "bytes of data in a packet when the chip has got its power; not given: what chip_fw has",
     },
     Key {
+        name: "crc_over",
+        schemes: XF_SIM,
+        syntax: Syntax::Choice(&[
+            "all",
+            "valid",
+            "valid4",
+            "all,valid",
+            "all,valid4",
+            "valid,all",
+            "valid,valid4",
+            "valid4,all",
+            "valid4,valid",
+        ]),
+        default: Some("all"),
+        example: "all,valid",
+        meaning: "what a CRC-32 of the chip covers of a packet's data: all of them; valid, as many as its header says; valid4, the \
+                  same up to the next multiple of 4; A,B: A in commands and B in answers",
+    },
+    Key {
         name: "use_n",
         schemes: XF_ON_SPI,
         syntax: DATA_SIZE,
         default: None,
         example: "256",
-        meaning: "bytes of data in a packet that the chip is set to at the start; not given: it keeps what it has",
+        meaning: "bytes of data in a packet that the chip is set to at the start; not given, as it has to be for chip_fw=xfu: it keeps \
+                  what it has",
     },
     Key {
         name: "idle_us",
@@ -345,6 +365,24 @@ pub const KEYS: &[Key] = &[
         default: None,
         example: "gpiochip0/25",
         meaning: "the line that INT1 (pin 7) is connected to, by number or name; not given: the program cannot read it",
+    },
+    Key {
+        name: "reset",
+        schemes: XF_SPI,
+        syntax: Syntax::Line,
+        default: None,
+        example: "gpiochip0/23",
+        meaning: "the line that the chip's reset is connected to, by number or name, low for 100 ms to reset it, whoever opens the \
+                  link, `ecmsk xf` too; not given: the chip is taken as it is",
+    },
+    Key {
+        name: "reset_at",
+        schemes: XF_SPI,
+        syntax: Syntax::Choice(&["open", "close", "both"]),
+        default: Some("open"),
+        example: "both",
+        meaning: "when reset= resets the chip: when the link is opened, when it is closed, so that nothing is sent to the slaves any \
+                  more, or both",
     },
     Key {
         name: "speed",

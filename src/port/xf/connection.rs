@@ -41,8 +41,10 @@ pub(super) struct Connection {
     outgoing: Box<[u8; MESSAGE_MAX]>,
     /// What of it is not sent yet.
     unsent: std::ops::Range<usize>,
-    /// Since when the host owes the rest of a message, or does not read an answer.
+    /// Since when the host owes its first request or the rest of a message, or does not read an answer.
     owes_since: Option<Instant>,
+    /// It has sent a whole message: it is a host, and no stranger that keeps the chip from one.
+    has_asked: bool,
     limit: Duration,
 }
 
@@ -57,7 +59,8 @@ impl Connection {
             used: 0,
             outgoing: Box::new([0; MESSAGE_MAX]),
             unsent: 0..0,
-            owes_since: None,
+            owes_since: Some(Instant::now()),
+            has_asked: false,
             limit,
         };
         let greeting = wire::greeting();
@@ -88,7 +91,7 @@ impl Connection {
             if let Some(head) = self.incoming[..self.held].first_chunk::<HEAD_LEN>() {
                 let end = HEAD_LEN + wire::body_len(*head).map_err(Left::Broken)?;
                 if self.held >= end {
-                    self.owes_since = None;
+                    (self.owes_since, self.has_asked) = (None, true);
                     self.used = end;
                     return Ok(true);
                 }
@@ -100,6 +103,9 @@ impl Connection {
                 Ok(0) => return Err(Left::Gone("it has ended without a close".to_owned())),
                 Ok(count) => self.held += count,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock && self.held == 0 && !self.has_asked => {
+                    return self.waits(now, "no request has come");
+                }
                 Err(error) if error.kind() == ErrorKind::WouldBlock && self.held == 0 => {
                     self.owes_since = None;
                     return Ok(false);
@@ -176,7 +182,8 @@ impl Connection {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => {
                     self.unsent.start += count;
-                    self.owes_since = None;
+                    // The greeting is no answer.
+                    self.owes_since = self.owes_since.filter(|_| !self.has_asked);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),

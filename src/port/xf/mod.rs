@@ -36,7 +36,7 @@ use crate::xf::host::HostConfig;
 use address::Listener;
 use service::Service;
 
-/// How long a host may take for the rest of a message, or to read an answer. \[OURS]
+/// How long a host may take for its first request and for the rest of a message, or to read an answer. \[OURS]
 const MESSAGE_TIME_MAX: Duration = Duration::from_secs(2);
 
 /// What happens when the host is gone without having said that it ends.
@@ -64,7 +64,7 @@ pub struct Options {
     pub insecure_anyone: bool,
     /// What happens when the host has vanished.
     pub on_vanish: OnVanish,
-    /// How long a host may take for the rest of a message, or to read an answer; 2 s by default.
+    /// How long a host may take for its first request and for the rest of a message, or to read an answer; 2 s by default.
     pub message_limit: Duration,
     /// Called with each line of the log, in a thread of its own for which no other thread waits. Lines that it does not
     /// take in time are dropped, and their number is reported to it.

@@ -287,6 +287,15 @@ impl Served {
             Request::Delay(micros) => {
                 in_slices(&mut **link, micros, ends, |link, until| link.wait_until(until).map(|()| false)).map(|_| 0)
             }
+            Request::Reset => match link.reset() {
+                Ok(true) => {
+                    // It is as after power-on: nothing is left to be stopped, whatever happens to the host.
+                    self.was_used = false;
+                    Ok(0)
+                }
+                Ok(false) => return Err(no_line("the reset line", "name it with reset=, or send WARM_RESET")),
+                Err(error) => Err(error),
+            },
             Request::Close => Ok(0),
         };
         if !matches!(request, Request::Close) {

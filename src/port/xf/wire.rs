@@ -33,6 +33,8 @@ pub enum Kind {
     Delay = 4,
     /// The host ends and leaves everything as it is; the answer has no body. From the server: it ends.
     Close = 5,
+    /// Pull the chip's reset line low for 100 ms and release it; the answer has no body.
+    Reset = 6,
 }
 
 impl Kind {
@@ -45,6 +47,7 @@ impl Kind {
             3 => Some(Self::Int1),
             4 => Some(Self::Delay),
             5 => Some(Self::Close),
+            6 => Some(Self::Reset),
             _ => None,
         }
     }
@@ -81,6 +84,8 @@ pub enum Request<'m> {
     Delay(u32),
     /// The host ends.
     Close,
+    /// Reset the chip.
+    Reset,
 }
 
 /// What is wrong with a request.
@@ -93,7 +98,9 @@ pub enum BadRequest {
         found: usize,
     },
     /// No request has that kind.
-    #[error("no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close")]
+    #[error(
+        "no request has the kind {kind}; they are 1 exchange, 2 wait for INT0, 3 read INT1, 4 delay, 5 close, 6 reset"
+    )]
     Kind {
         /// The kind.
         kind: u8,
@@ -147,6 +154,7 @@ impl<'m> Request<'m> {
             Some(Kind::Int1) => empty(Self::Int1),
             Some(Kind::Delay) => micros().map(Self::Delay),
             Some(Kind::Close) => empty(Self::Close),
+            Some(Kind::Reset) => empty(Self::Reset),
             Some(Kind::Greeting) | None => Err(BadRequest::Kind { kind }),
         }
     }

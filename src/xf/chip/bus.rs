@@ -110,7 +110,7 @@ impl Bus {
 
     /// `outputs_from`: the state from which outputs count.
     pub fn expected_working_counter(&self, outputs_from: AlState) -> u16 {
-        self.places().iter().map(|place| place.counts(place.commanded, self.lrw, outputs_from)).sum()
+        self.places().iter().map(|place| place.counts(place.commanded, outputs_from)).sum()
     }
 
     /// Reads a slave's state into the memory. `[OURS]` The error bit is set while the slave is below the state to which

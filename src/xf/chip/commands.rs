@@ -144,7 +144,9 @@ impl<N: Network> Chip<N> {
             }
             Request::HelperStateSet(request) => done_if(self.helper.set_target(request.motor.get(), request.state)),
             Request::HelperStateGet(request) => self.drive_state(request.motor, data),
-            Request::HelperControlSet(ref request) => done_if(self.helper.set_control(request)),
+            Request::HelperControlSet(ref request) => {
+                done_if(self.helper.set_control(request, self.profile.has_helper_defaults()))
+            }
             Request::HelperControlGet(request) => answered(self.helper.control(request.motor.get()), data),
             Request::HelperStatuswordGet(request) => answered(self.statusword(request.motor), data),
 

@@ -9,8 +9,8 @@ use crate::xf::header::CommandHeader;
 use crate::xf::packet::{write_answer, write_not_ready};
 use crate::xf::response::{Answer, Returned};
 use crate::xf::{
-    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Control, DataSize, Errors, HEADER_LEN, Interrupts,
-    MAX_PACKET, Malformed, PacketError, Reserve, Status,
+    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Control, Coverage, DataSize, Errors, HEADER_LEN,
+    Interrupts, MAX_PACKET, Malformed, PacketError, Request, Reserve, Status,
 };
 
 /// GPIO 0 to 11, which the header drives with every firmware (XF EN 211).
@@ -121,7 +121,7 @@ impl<N: Network> Chip<N> {
 
     /// `[OURS]` CRC_TYPE_SET is taken with the fixed word too, and the new type holds from its answer on.
     fn parse<'p>(&self, bytes: &'p [u8]) -> Result<CommandPacket<'p>, (PacketError, CommandHeader)> {
-        let rule = self.check_rule();
+        let rule = self.check_rule(self.profile.coverages.commands);
         CommandPacket::parse(bytes, self.size, rule).or_else(|error| {
             let head = bytes.first_chunk::<HEADER_LEN>().map(|head| CommandHeader::decode(head).1);
             let header = head.unwrap_or_default();
@@ -133,22 +133,26 @@ impl<N: Network> Chip<N> {
         })
     }
 
-    const fn check_rule(&self) -> CheckRule {
-        CheckRule { kind: self.check, coverage: self.profile.coverage }
+    const fn check_rule(&self, coverage: Coverage) -> CheckRule {
+        CheckRule { kind: self.check, coverage }
+    }
+
+    /// An error is there from now on.
+    pub(super) fn raise(&mut self, error: Errors) {
+        self.errors = self.errors | error;
+        self.not_shown = self.not_shown | error;
     }
 
     /// A packet that is none is counted and not run. `[OURS]` A wrong check word is error bit 6 and interrupt 23, wrong
     /// start and end words are error bit 4, and the answer has the NOP flag.
     fn count_damage(&mut self, error: PacketError) {
         self.crc_errors = self.crc_errors.saturating_add(1);
-        self.errors = self.errors
-            | match error {
-                PacketError::CheckWord { .. } => {
-                    self.interrupts.raise(Interrupts::CRC);
-                    Errors::CRC
-                }
-                _ => Errors::SPI,
-            };
+        if matches!(error, PacketError::CheckWord { .. }) {
+            self.interrupts.raise(Interrupts::CRC);
+            self.raise(Errors::CRC);
+        } else {
+            self.raise(Errors::SPI);
+        }
     }
 
     /// `[OURS]` Of a repeated packet the header is taken too, but it starts no update of states.
@@ -162,14 +166,16 @@ impl<N: Network> Chip<N> {
         let outcome = self.run_command(packet, data);
         let updates = header.control.contains(Control::UPDATE_STATE);
         if outcome.is_err() || updates && !self.start_update() {
-            self.errors = self.errors | Errors::COMMAND;
+            self.raise(Errors::COMMAND);
         }
         let returned = outcome.unwrap_or(Returned::NONE);
         Reply { index: header.index, code: header.code, returned, is_nop: false }
     }
 
     fn run_command(&mut self, packet: &CommandPacket<'_>, data: &mut [u8]) -> Outcome {
-        let outcome = packet.request().map_err(Into::into).and_then(|request| self.run(&request, data));
+        let request = packet.request();
+        self.unknown_commands += u64::from(matches!(request, Ok(Request::Unknown(_))));
+        let outcome = request.map_err(Into::into).and_then(|request| self.run(&request, data));
         if outcome.is_err() {
             data.fill(0);
         }
@@ -177,8 +183,12 @@ impl<N: Network> Chip<N> {
     }
 
     /// What every header does: clears errors and flags, and drives GPIOs.
+    ///
+    /// `[OURS]` An error is cleared only when an answer that is no NOP has shown it: a client sends the bits that clear all of them in
+    /// every packet from the first error on, and looks at the answers to its commands alone (OBS); it would never see another one.
     fn take_header(&mut self, header: &CommandHeader) {
-        self.errors = self.errors.without(Errors(header.control.0 & Control::CLEAR_ALL.0));
+        let shown = self.errors.without(self.not_shown);
+        self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));
         self.interrupts.clear(header.interrupt_clear);
         if header.interrupt_clear.contains(Interrupts::ENCODER) {
             self.encoder.flags = Default::default();
@@ -216,9 +226,12 @@ impl<N: Network> Chip<N> {
             gpio_interrupts: self.gpio.flags() as u16,
             gpio_inputs: self.gpio.values() as u16,
         };
+        if !reply.is_nop {
+            self.not_shown = Errors::NONE;
+        }
         let Returned { ret, len } = reply.returned;
         let answer = Encoded { ret, data: &data[..usize::from(len).min(data.len())] };
-        let rule = self.check_rule();
+        let rule = self.check_rule(self.profile.coverages.answers);
         let bytes = &mut self.prepared.bytes;
         let written = write_answer(bytes, self.size, rule, header, &answer).map(<[u8]>::len);
         // A size that has just become smaller than the answer leaves no room for it.

@@ -51,10 +51,16 @@ impl Helper {
     }
 
     /// 402_CTL_SET. `[OURS]` Its slave is taken too, its number of motors is not. False: the axis is not configured.
-    pub fn set_control(&mut self, request: &HelperControlSet) -> bool {
-        let set =
-            |axis: &mut Axis| (axis.control, axis.slave, axis.in_fault) = (request.control, request.slave.get(), 0);
-        self.axis_mut(request.motor.get()).map(set).is_some()
+    ///
+    /// With `defaults` an axis that is not configured is one now, with both words at the beginning of the slave's PDOs (OBS: the
+    /// vendor's driver 0.1 sets offsets "if the default is not fit").
+    pub fn set_control(&mut self, request: &HelperControlSet, defaults: bool) -> bool {
+        let (motor, control, slave) = (request.motor, request.control, request.slave);
+        if defaults && self.axes[usize::from(motor.get())].is_none() {
+            self.configure(&HelperConfigSet { motor, controlword_offset: 0, statusword_offset: 0, control, slave });
+        }
+        let set = |axis: &mut Axis| (axis.control, axis.slave, axis.in_fault) = (control, slave.get(), 0);
+        self.axis_mut(motor.get()).map(set).is_some()
     }
 
     /// The control byte; `None`: the axis is not configured.

@@ -192,7 +192,7 @@ impl<N: Network> Chip<N> {
                     (running.due, running.begin_at) = (at, at);
                     self.job = Some(running);
                 }
-                Progress::Failed => self.errors = self.errors | Errors::NON_IMMEDIATE,
+                Progress::Failed => self.raise(Errors::NON_IMMEDIATE),
             }
         }
     }
@@ -312,7 +312,7 @@ impl<N: Network> Chip<N> {
     pub(super) fn build_fifos(&mut self) -> bool {
         let fits = self.fifos.build(self.bus.rx_bytes, self.bus.tx_bytes);
         if !fits {
-            self.errors = self.errors | Errors::FIFO;
+            self.raise(Errors::FIFO);
         }
         fits
     }

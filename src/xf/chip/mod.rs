@@ -118,7 +118,10 @@ pub struct Chip<N> {
     /// WARM_RESET was just taken.
     restarts: bool,
     errors: Errors,
+    /// Those that no answer to a command has shown.
+    not_shown: Errors,
     crc_errors: u8,
+    unknown_commands: u64,
 
     bus: Bus,
     /// The PHY had a link when the network was initialised.
@@ -165,7 +168,9 @@ impl<N: Network> Chip<N> {
             port_ready_at: 0,
             restarts: false,
             errors: Errors::NONE,
+            not_shown: Errors::NONE,
             crc_errors: 0,
+            unknown_commands: 0,
             bus: Bus::new(timing.cycle_ns),
             phy_link: false,
             fifos: Fifos::new(),
@@ -187,7 +192,13 @@ impl<N: Network> Chip<N> {
         chip
     }
 
-    /// Power-on and WARM_RESET: all is as at first but what is outside of the chip and its flash memory.
+    /// The reset line is released at `now`, after which the chip starts.
+    pub fn reset(&mut self, now: Ns) {
+        self.run_until(now);
+        self.restart();
+    }
+
+    /// Power-on, the reset line and WARM_RESET: all is as at first but what is outside of the chip and its flash memory.
     fn restart(&mut self) {
         self.size = self.profile.size;
         self.check = CheckType::Fixed;
@@ -195,7 +206,7 @@ impl<N: Network> Chip<N> {
         self.ready_at = self.now + self.timing.start_ns;
         self.port_ready_at = self.ready_at + self.timing.port_ns;
         self.restarts = false;
-        self.errors = Errors::NONE;
+        (self.errors, self.not_shown) = (Errors::NONE, Errors::NONE);
         self.crc_errors = 0;
         self.bus = Bus::new(self.timing.cycle_ns);
         self.next_cycle = self.now + self.timing.cycle_ns;
@@ -230,6 +241,17 @@ impl<N: Network> Chip<N> {
     /// From when on the chip takes the next packet, which is when INT0 becomes active.
     pub const fn ready_at(&self) -> Ns {
         self.ready_at
+    }
+
+    /// Whether process data travel in LRW, and not in LRD and LWR.
+    pub const fn uses_lrw(&self) -> bool {
+        self.bus.lrw
+    }
+
+    /// Commands whose code or function no manual has; each was answered with the command error. The vendor's header names more than
+    /// the manuals do (OBS).
+    pub const fn unknown_commands(&self) -> u64 {
+        self.unknown_commands
     }
 
     /// The network.

@@ -74,12 +74,13 @@ impl Place {
         self.inputs_at as usize..self.inputs_at as usize + self.input_bytes as usize
     }
 
-    /// What the slave adds to the working counter in that state: 1 for inputs that are read, 2 for outputs that are
-    /// written by LRW and 1 by LWR (ETG.1000.4 5.4). `outputs_from`: the state from which outputs count.
-    pub fn counts(&self, state: AlState, lrw: bool, outputs_from: AlState) -> u16 {
+    /// What the slave counts in the working counter in that state: 1 for inputs that are read, 2 for outputs that are written. LRW
+    /// adds so much by itself (ETG.1000.4 5.4); of an LWR beside an LRD the chip counts each slave twice (XF EN 434).
+    /// `outputs_from`: the state from which outputs count.
+    pub fn counts(&self, state: AlState, outputs_from: AlState) -> u16 {
         let read = state >= AlState::SafeOp && self.input_bytes > 0;
         let written = state >= outputs_from && self.output_bytes > 0;
-        u16::from(read) + if lrw { 2 * u16::from(written) } else { u16::from(written) }
+        u16::from(read) + 2 * u16::from(written)
     }
 }
 

@@ -60,6 +60,12 @@ impl<N: Network> ChipPort<N> {
         passed
     }
 
+    /// The chip's reset line was low, and is high from `now` on: all is as after power-on, and the next byte begins a packet.
+    pub fn reset(&mut self, now: Ns) {
+        self.chip.reset(now);
+        self.at = 0;
+    }
+
     fn begin(&mut self) {
         self.is_ready = self.chip.is_ready();
         self.len = self.chip.outgoing_len(self.is_ready);

@@ -2,7 +2,7 @@
 
 use crate::xf::request::PdoConfigForm;
 use crate::xf::response::{FirmwareIdentity, Series};
-use crate::xf::{Coverage, DataSize};
+use crate::xf::{Coverage, Coverages, DataSize};
 
 /// A chip with its firmware. Start from one of the constants and change what is to be different.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,8 +15,8 @@ pub struct Profile {
     pub size: DataSize,
     /// The size cannot be changed: an ECM-XFU (XF EN 715).
     pub size_is_fixed: bool,
-    /// What a CRC-32 covers.
-    pub coverage: Coverage,
+    /// What a CRC-32 covers in each direction.
+    pub coverages: Coverages,
     /// How many PDOs PDO_CONFIG_GET answers with.
     pub pdo_config: PdoConfigForm,
 }
@@ -30,7 +30,7 @@ impl Profile {
         identity: None,
         size: DataSize::MANUAL,
         size_is_fixed: false,
-        coverage: Coverage::All,
+        coverages: Coverages { commands: Coverage::All, answers: Coverage::All },
         pdo_config: PdoConfigForm::Three,
     };
 
@@ -48,10 +48,15 @@ impl Profile {
     /// An ECM-XFU: as [`Self::NEW`] with n always 992.
     pub const XFU: Self = Self { size: DataSize::XFU, size_is_fixed: true, ..Self::NEW };
 
-    /// Whether the firmware knows LRW, the reference clock and items 10 to 13 of SLV_INFO_GET: 0x22 and later (XF EN
-    /// 375). `[OURS]` For the items nobody names a version.
+    /// Whether the firmware knows LRW and the reference clock: 0x22 and later (XF EN 375).
     pub const fn is_newer(&self) -> bool {
         self.version >= 0x22
+    }
+
+    /// Whether the CiA 402 helper has defaults, so that 402_CTL_SET needs no 402_CONFIG_SET before: the vendor's driver of the first
+    /// chips sends none (OBS). `[OURS]` Firmware before 0x22, since the manual of the newer one demands it (XF EN 795).
+    pub const fn has_helper_defaults(&self) -> bool {
+        !self.is_newer()
     }
 
     /// Whether GPIO 12 to 15 can be driven by the header, 12 and 13 in each other's place: 0x1E and later (XF ZH 246).

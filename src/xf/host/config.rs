@@ -2,7 +2,7 @@
 
 use crate::ethercat::Ns;
 use crate::xf::request::FIFO_ENTRIES;
-use crate::xf::{Coverage, DataSize};
+use crate::xf::{Coverages, DataSize};
 
 const US: Ns = 1_000;
 const MS: Ns = 1_000_000;
@@ -28,8 +28,8 @@ pub struct HostConfig {
     /// The n that the chip shall have, as [`Budget::choose_size`](super::Budget::choose_size) gives it; the chip is set
     /// to it at the start. `None`, the default: it keeps what it has, as an ECM-XFU has to.
     pub wanted_size: Option<DataSize>,
-    /// What a CRC-32 covers; `None`, the default: the first answer that has one tells.
-    pub coverage: Option<Coverage>,
+    /// What a CRC-32 covers; `None`, the default: it is found by trying, and if nothing fits the chip is set to the fixed word.
+    pub coverages: Option<Coverages>,
     /// Idle time or INT0; idle time by default.
     pub pacing: Pacing,
     /// The idle time behind an exchange in nanoseconds; 150 us by default (XF EN 1706).
@@ -98,7 +98,7 @@ impl HostConfig {
     pub const DEFAULT: Self = Self {
         size: None,
         wanted_size: None,
-        coverage: None,
+        coverages: None,
         pacing: Pacing::Idle,
         idle_ns: 150 * US,
         idle_max_ns: 5 * MS,

@@ -139,6 +139,13 @@ pub enum HostError {
     Malformed(Malformed),
 }
 
+impl HostError {
+    /// What is to be told where [`Host::gave_crc_up`](super::Host::gave_crc_up), which is no error.
+    pub const CRC_GIVEN_UP: &str = "the chip's CRC-32 covers nothing that is known (all of a packet, its valid bytes, these up to a \
+                                    multiple of 4): it was set to the fixed check word, with which bits that flip on the wires go \
+                                    unnoticed; keep the wires short and speed= low, and send a recording (docs/HARDWARE.md)";
+}
+
 impl From<Malformed> for HostError {
     fn from(malformed: Malformed) -> Self {
         Self::Malformed(malformed)

@@ -66,6 +66,7 @@
 //! | `slots.rs` | the queues of commands |
 //! | `process.rs` | process data; `fifo.rs`: the room in the RxFIFO |
 //! | `search.rs`, `start.rs` | n and the beginning of packets; the steps of the start |
+//! | `coverage.rs` | what a CRC-32 covers, found by trying |
 //! | `pace.rs` | idle time and INT0 |
 //! | `budget.rs` | what an exchange costs, and the n for process data |
 //! | `config.rs`, `error.rs`, `counters.rs` | numbers to change, what goes wrong, what is counted |
@@ -73,6 +74,7 @@
 mod budget;
 mod config;
 mod counters;
+mod coverage;
 mod error;
 mod fifo;
 mod flight;
@@ -98,10 +100,11 @@ pub use wires::{StepError, Wires};
 
 use super::response::FirmwareVersion;
 use super::{
-    AnswerHeader, Call, CheckRule, CheckType, CommandCode, DataSize, Errors, HEADER_LEN, Interrupts, MAX_PACKET,
-    PacketError,
+    AnswerHeader, Call, CheckRule, CheckType, CommandCode, Coverages, DataSize, Errors, HEADER_LEN, Interrupts,
+    MAX_PACKET, PacketError,
 };
 use crate::ethercat::Ns;
+use coverage::CoverageSearch;
 use fifo::RxRoom;
 use flight::Flight;
 use inbox::Inbox;
@@ -150,8 +153,11 @@ pub struct Host {
     config: HostConfig,
     state: HostState,
     size: DataSize,
+    /// How the check words of commands are made.
     rule: CheckRule,
-    coverage_known: bool,
+    coverages: CoverageSearch,
+    /// CRC-32 was given up: it covers nothing that is known.
+    gave_crc_up: bool,
     /// The chip has been set to CRC-32: an answer with the fixed word shows that it was reset.
     crc_on: bool,
     started: Ns,
@@ -213,8 +219,9 @@ impl Host {
         let mut host = Self {
             state: HostState::Searching,
             size: config.size.unwrap_or(DataSize::MANUAL),
-            rule: CheckRule { kind: CheckType::Fixed, coverage: config.coverage.unwrap_or_default() },
-            coverage_known: config.coverage.is_some(),
+            rule: CheckRule::FIXED,
+            coverages: CoverageSearch::new(config.coverages),
+            gave_crc_up: false,
             crc_on: false,
             started: now,
             search: Search::new(now),
@@ -264,6 +271,10 @@ impl Host {
     }
 
     fn begin_start(&mut self, now: Ns) {
+        if matches!(self.state, HostState::Stopped(_)) {
+            // It may be another chip.
+            self.coverages = CoverageSearch::new(self.config.coverages);
+        }
         self.forget_all();
         self.outstanding = None;
         self.pacer = Pacer::new(&self.config);
@@ -315,6 +326,22 @@ impl Host {
     /// The n of packets; before it is found, what the driver takes it for.
     pub const fn size(&self) -> DataSize {
         self.size
+    }
+
+    /// The check word that packets have now. It is the fixed one before CRC-32 was set, and where [`Self::gave_crc_up`].
+    pub const fn check(&self) -> CheckType {
+        self.rule.kind
+    }
+
+    /// What a CRC-32 covers, as far as it was found.
+    pub fn coverages(&self) -> Coverages {
+        self.coverages.coverages()
+    }
+
+    /// Whether the chip was set back to the fixed check word, since its CRC-32 covers nothing that is known. Bits that flip on the
+    /// wires go unnoticed then, and so does a reset of the chip.
+    pub const fn gave_crc_up(&self) -> bool {
+        self.gave_crc_up
     }
 
     /// The header of the newest answer: errors, levels, interrupt flags, GPIO. `None` before the first one.

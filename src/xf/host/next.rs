@@ -8,7 +8,7 @@ use super::slots::SlotState;
 use super::{Host, HostError, HostState, Next, Outstanding, StartStep};
 use crate::ethercat::Ns;
 use crate::xf::packet::write_around;
-use crate::xf::request::InfoUpdate;
+use crate::xf::request::{Arguments, InfoUpdate};
 use crate::xf::{CommandCode, CommandHeader, Control, Errors, Request, Reserve, WriteError, write_request};
 
 /// After so many attempts to clear an error it is taken for one that stays, and ignored until it goes away.
@@ -218,7 +218,17 @@ impl Host {
             return Choice::Nothing { until: due };
         }
         let wanted = self.config.wanted_size.unwrap_or(self.size);
-        self.send_short(now, Purpose::Start(step), step.control(), &step.request(wanted))
+        let request = step.request(wanted);
+        if step.len() == 0 {
+            return self.send_short(now, Purpose::Start(step), step.control(), &request);
+        }
+        let header = self.new_header(step.control());
+        let arguments = Arguments::NONE.len(step.len());
+        self.packets[self.current].fill(0);
+        match write_around(&mut self.packets[self.current], self.size, self.rule, header, request.code(), arguments) {
+            Ok(_) => self.launch(now, Purpose::Start(step), request.code()),
+            Err(_) => Choice::Nothing { until: now + 1 },
+        }
     }
 
     fn run(&mut self, now: Ns) -> Choice {

@@ -1,12 +1,14 @@
 //! What came back: damaged, not ready, or an answer, and what its header says.
 
-use super::flight::{Purpose, Verdict};
+use super::flight::{Flight, Purpose, Verdict};
 use super::process::ProcessOutcome;
 use super::slots::{SlotState, Slots};
 use super::{Host, HostError, HostState, Outstanding, StartStep};
 use crate::ethercat::Ns;
 use crate::xf::packet::Judged;
-use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, Coverage, Errors, MAX_PACKET, PacketError, Status};
+use crate::xf::{
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, Errors, MAX_PACKET, PacketError, Status,
+};
 
 impl Host {
     /// Takes what came back in the exchange that [`Self::next`] asked for: as many bytes as went out, or none if the
@@ -94,27 +96,24 @@ impl Host {
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// Whether the packet is an answer. What a CRC-32 covers is tried both ways until the first one was right.
+    /// Whether the packet is an answer. A CRC-32 is tried with every coverage that answers may have.
     fn judge(&mut self, len: usize) -> Result<Judged, PacketError> {
         let expected = self.size.packet_len();
         let bytes = self.inbox.received(len).ok_or(PacketError::Length { expected, found: len })?;
-        let first = AnswerPacket::judge(bytes, self.size, self.rule.coverage);
-        if self.coverage_known {
-            return first;
-        }
-        let other = match self.rule.coverage {
-            Coverage::All => Coverage::Valid,
-            Coverage::Valid => Coverage::All,
-        };
-        let (judged, coverage) = match first {
-            Err(PacketError::CheckWord { kind: CheckType::Crc32, .. }) => {
-                (AnswerPacket::judge(bytes, self.size, other).or(first), other)
+        let mut judged = Err(PacketError::Length { expected, found: len });
+        for coverage in self.coverages.of_answers() {
+            judged = AnswerPacket::judge(bytes, self.size, coverage);
+            match judged {
+                Err(PacketError::CheckWord { kind: CheckType::Crc32, .. }) => {}
+                Ok(Judged::Answer) if !self.coverages.answers_are_known() => {
+                    let AnswerHeader { status, len, .. } = self.inbox.header();
+                    if status.check_type() == Ok(CheckType::Crc32) {
+                        self.coverages.answer_fits(coverage, self.size, len);
+                    }
+                    break;
+                }
+                _ => break,
             }
-            first => (first, self.rule.coverage),
-        };
-        if judged == Ok(Judged::Answer) && self.inbox.header().status.check_type() == Ok(CheckType::Crc32) {
-            self.rule.coverage = coverage;
-            self.coverage_known = true;
         }
         judged
     }
@@ -124,6 +123,10 @@ impl Host {
         self.pacer.excuse_int0();
         self.last_error = Some(error);
         self.bad_in_row += 1;
+        let is_unfit = matches!(error, PacketError::CheckWord { kind: CheckType::Crc32, .. });
+        if is_unfit && matches!(self.state, HostState::Starting(_)) && self.coverages.answer_is_unfit() {
+            self.give_crc_up();
+        }
         if self.bad_in_row >= self.config.resync_after {
             self.search_anew(now);
         }
@@ -184,6 +187,9 @@ impl Host {
         if !nop && self.settle_overtaken(Some(header)) {
             return;
         }
+        if rejected && self.tries_coverage(header) {
+            return;
+        }
         let Some(flight) = &mut self.flight else {
             self.counters.stray += 1;
             return;
@@ -196,6 +202,7 @@ impl Host {
                 self.counters.stray += u64::from(!nop);
             }
             Verdict::Result | Verdict::Lost => {
+                self.learn_coverage(&flight);
                 self.flight = None;
                 self.settled = now;
                 self.bits_known = true;
@@ -210,10 +217,53 @@ impl Host {
     /// one is made anew.
     fn follow_check_type(&mut self, header: &AnswerHeader) {
         let Ok(kind) = header.status.check_type() else { return };
-        if matches!(self.state, HostState::Starting(_)) && kind != self.rule.kind {
-            self.rule = CheckRule { kind, ..self.rule };
+        let follows = matches!(self.state, HostState::Starting(step) if step != StartStep::FixedWord);
+        if follows && kind != self.rule.kind {
+            self.rule = CheckRule { kind, coverage: self.coverages.of_commands() };
             self.flight = None;
         }
+    }
+
+    /// The chip has rejected a packet: if it is the one of the start that is on its way, and none with a CRC-32 was taken yet, it is
+    /// made anew with another coverage. Whether it is.
+    fn tries_coverage(&mut self, header: &AnswerHeader) -> bool {
+        let Some(flight) = self.flight.filter(|flight| matches!(flight.purpose, Purpose::Start(_))) else {
+            return false;
+        };
+        // What was rejected may be the packet before, where the answer does not echo which one it was.
+        let is_this = flight.matches(header) || flight.copies > 2;
+        let is_open = self.coverages.is_open() || !self.coverages.commands_fit();
+        if self.rule.kind != CheckType::Crc32 || !is_this || !is_open {
+            return false;
+        }
+        if self.coverages.command_is_rejected(self.rule.coverage) {
+            self.give_crc_up();
+        } else {
+            self.rule.coverage = self.coverages.of_commands();
+            self.flight = None;
+        }
+        true
+    }
+
+    /// A packet of the start was run: if it had a CRC-32, its coverage is right.
+    fn learn_coverage(&mut self, flight: &Flight) {
+        if self.rule.kind == CheckType::Crc32
+            && matches!(flight.purpose, Purpose::Start(_))
+            && let Some(head) = self.packets[self.current].first_chunk()
+        {
+            self.coverages.command_ran(self.rule.coverage, self.size, CommandHeader::decode(head).1.len);
+            self.rule.coverage = self.coverages.of_commands();
+        }
+    }
+
+    /// The chip is set to the fixed word, which it takes whatever its CRC-32 covers.
+    fn give_crc_up(&mut self) {
+        self.gave_crc_up = true;
+        self.crc_on = false;
+        self.rule = CheckRule::FIXED;
+        self.flight = None;
+        self.bad_in_row = 0;
+        self.state = HostState::Starting(StartStep::FixedWord);
     }
 
     /// What the chip was to do is lost; it is started anew.

@@ -9,7 +9,7 @@ use crate::coe::AbortCode;
 use crate::ethercat::Ns;
 use crate::xf::request::{CrcTypeSet, FirmwareVersionGet, PdoOperation, SpiPackSizeGet};
 use crate::xf::response::Returned;
-use crate::xf::{AnswerHeader, AnswerPacket, CheckType, CommandCode, DataSize, Errors, Status};
+use crate::xf::{AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, DataSize, Errors, Status};
 
 impl Host {
     /// The packet of `flight` has its answer, or its answer is lost and `header` shows that it ran.
@@ -43,17 +43,25 @@ impl Host {
                     return;
                 }
                 Ok(size) if self.config.wanted_size.is_some_and(|wanted| wanted != size) => Some(StartStep::Resize),
+                Ok(_) if self.rule.kind == CheckType::Crc32 && self.coverages.is_open() => Some(StartStep::Coverage),
                 Ok(_) => step.next(),
                 Err(_) => return,
             },
+            StartStep::FixedWord => {
+                if answer.header.status.check_type() != Ok(CheckType::Fixed) {
+                    return;
+                }
+                step.next()
+            }
             StartStep::CheckType => {
                 if answer.answer_to(&CrcTypeSet { kind: CheckType::Crc32 }).is_err()
                     || answer.header.status.check_type() != Ok(CheckType::Crc32)
                 {
                     return;
                 }
-                self.rule.kind = CheckType::Crc32;
+                self.rule = CheckRule { kind: CheckType::Crc32, coverage: self.coverages.of_commands() };
                 self.crc_on = true;
+                self.gave_crc_up = false;
                 step.next()
             }
             StartStep::Version => {

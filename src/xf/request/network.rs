@@ -24,8 +24,14 @@ plain! {
     ConfigMap, ConfigMap -> ();
 }
 
+/// The state that a code asks for. Bit 4 may stand beside it, which acknowledges an error as in a slave's AL control: an application
+/// sends 0x12 after one (OBS). `[OURS]` It is left out: an error is acknowledged on the way to any state.
+fn requested_state(code: u8) -> Result<EtherCatState, Malformed> {
+    EtherCatState::decode(code & !NetworkState::ERROR)
+}
+
 short! {
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. `par` slaves, `i0` state (XF EN 619).
+    /// ECAT_STATE_SET, code 12: brings slaves to a state. `par` slaves, `i0` state, to which bit 4 may be added (XF EN 619; OBS).
     StateSet {
         /// Which slaves.
         pub slaves: Slaves,
@@ -33,7 +39,7 @@ short! {
         pub state: EtherCatState,
     }, StateSet -> (),
         |request| Arguments::NONE.parameter(request.slaves.code()).info([request.state.code(), 0, 0, 0]),
-        |a| Self { slaves: Slaves::decode(a.parameter)?, state: EtherCatState::decode(a.info[0])? };
+        |a| Self { slaves: Slaves::decode(a.parameter)?, state: requested_state(a.info[0])? };
 
     /// ECAT_STATE_CHECK, code 41: what [`StateSet`], [`StateUpdate`] and [`StateGet`] do, in one (XF EN 1187).
     StateCheck {
@@ -43,7 +49,7 @@ short! {
         pub state: EtherCatState,
     }, StateCheck -> (),
         |request| Arguments::NONE.parameter(request.slaves.code()).info([request.state.code(), 0, 0, 0]),
-        |a| Self { slaves: Slaves::decode(a.parameter)?, state: EtherCatState::decode(a.info[0])? };
+        |a| Self { slaves: Slaves::decode(a.parameter)?, state: requested_state(a.info[0])? };
 
     /// ECAT_STATE_GET, code 13: the state in the chip's memory, which [`StateUpdate`] renews. `par` slaves; `ret` the
     /// state (XF EN 627).

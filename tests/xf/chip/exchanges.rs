@@ -3,8 +3,8 @@
 use ecmsk::xf::chip::{ChipPort, NEED_REGISTERS, Profile};
 use ecmsk::xf::request::{
     AsyncReset, AsyncResetActions, CrcErrorCountClear, CrcTypeSet, EnableLrw, FifoGetRxCount, FifoSetRxCount,
-    FirmwareVersionGet, GpioExtGetValue, InfoUpdate, InitDc, SlaveCountGet, SpiPackSizeGet, SpiReconfig, StateUpdate,
-    WarmReset,
+    FirmwareVersionGet, GpioExtGetValue, InfoUpdate, InitDc, SdoOperation, SlaveCountGet, SpiPackSizeGet, SpiReconfig,
+    StateUpdate, WarmReset,
 };
 use ecmsk::xf::{
     AnswerPacket, CheckRule, CheckType, CommandCode, CommandHeader, Control, Coverage, DataSize, Errors, EtherCatState,
@@ -87,6 +87,32 @@ fn damaged_packets_are_counted() {
     let got = host.send(&CrcErrorCountClear);
     assert_eq!((got.errors(), got.header.crc_errors), (Errors::NONE, 4));
     assert_eq!(host.send(&InfoUpdate).header.crc_errors, 0);
+}
+
+/// XF-11.73 An error is cleared only when an answer to a command has shown it: a client that clears all of them in every packet
+/// sees a transfer that fails, once, and then not any more.
+#[test]
+fn errors_are_shown_before_they_are_cleared() {
+    let mut host = Host::in_state(EtherCatState::PreOp);
+    let header = |host: &mut Host| {
+        host.index = host.index.wrapping_add(1);
+        CommandHeader { control: Control::CLEAR_ALL, ..CommandHeader::with_index(host.index) }
+    };
+    for copies in 1..=3 {
+        let missing = super::sdo(0, 0x5FFF, 0, SdoOperation::Read { bytes: 4 });
+        let first = header(&mut host);
+        host.send_with(first, &missing);
+        let mut shown = 0;
+        for _ in 0..100 {
+            // Each packet is sent more than once; the answers to the copies, which are NOPs, show nothing to this client.
+            let header = header(&mut host);
+            for _ in 0..copies {
+                let got = host.send_with(header, &InfoUpdate);
+                shown += u32::from(!got.has(Status::NOP) && got.errors() == Errors::NON_IMMEDIATE);
+            }
+        }
+        assert_eq!((shown, host.call(&InfoUpdate).errors()), (1, Errors::NONE), "{copies} copies");
+    }
 }
 
 /// XF-11.4 CRC_TYPE_SET is taken with the fixed word or with a word of the type in force; the new type holds from its

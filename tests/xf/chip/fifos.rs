@@ -184,20 +184,20 @@ fn clear() {
     }
 }
 
-/// XF-11.23 PDO_DATA_OP goes past the FIFOs: outputs act from the next cycle on, inputs are the newest. Without "bits
-/// are valid" it writes and reads.
+/// XF-11.23 PDO_DATA_OP goes past the FIFOs: outputs act from the next cycle on, inputs are the newest. "Bits are valid" comes
+/// back in the return byte; without it it writes and reads.
 #[test]
 fn past_the_fifos() {
     let mut host = Host::in_state(EtherCatState::Op);
     let all = PdoOperation::VALID | PdoOperation::WRITE | PdoOperation::READ;
     let got = host.call(&PdoData { operation: all, data: &rx(0x0F0F) });
-    assert_eq!((done(&got), got.valid().len()), (PdoOperation::WRITE | PdoOperation::READ, TX_BYTES));
+    assert_eq!((done(&got), got.valid().len()), (all, TX_BYTES));
     host.pass(5 * MS);
     assert_eq!(io_outputs(&mut host), 0x0F0F);
     let got = host.call(&PdoData { operation: PdoOperation::VALID | PdoOperation::READ, data: &[] });
-    assert_eq!((done(&got), &got.valid()[20..]), (PdoOperation::READ, &[0x0F, 0x0F][..]));
+    assert_eq!((done(&got), &got.valid()[20..]), (PdoOperation::VALID | PdoOperation::READ, &[0x0F, 0x0F][..]));
     let got = host.call(&PdoData { operation: PdoOperation::VALID | PdoOperation::WRITE, data: &rx(1) });
-    assert_eq!((done(&got), got.header.len), (PdoOperation::WRITE, 0));
+    assert_eq!((done(&got), got.header.len), (PdoOperation::VALID | PdoOperation::WRITE, 0));
     let got = host.call(&PdoData { operation: PdoOperation::NONE, data: &rx(2) });
     assert_eq!(done(&got), PdoOperation::WRITE | PdoOperation::READ);
     host.pass(5 * MS);

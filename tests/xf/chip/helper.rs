@@ -2,6 +2,7 @@
 
 use ecmsk::cia402::DriveState;
 use ecmsk::slave::{DeviceFault, Fault};
+use ecmsk::xf::chip::Profile;
 use ecmsk::xf::request::{
     HelperConfigSet, HelperControl, HelperControlGet, HelperControlSet, HelperStateGet, HelperStateSet,
     HelperStatuswordGet, PdoData, PdoOperation,
@@ -100,6 +101,18 @@ fn fault_resets() {
             assert_eq!(state(&mut host), Some(if is_reset { OperationEnabled } else { InFault }), "{reset:?}");
         }
     }
+}
+
+/// XF-11.72 Firmware before 0x22 takes its defaults where 402_CTL_SET comes without 402_CONFIG_SET, as the vendor's driver 0.1 sends
+/// it: both words stand first in the slave's PDOs. The drive is led then.
+#[test]
+fn defaults_of_old_firmware() {
+    let mut host = Host::new(Profile::OLD, vec![super::drive(), super::drive()]);
+    host.bring_to(EtherCatState::Op);
+    let set = HelperControlSet { motor: motor(5), control: HelperControl::ON, motors: 2, slave: slave(1) };
+    host.run(&set);
+    lead_to(&mut host, DriveState::OperationEnabled);
+    assert_eq!(state(&mut host), Some(DriveState::OperationEnabled));
 }
 
 /// XF-11.45 402_CTL_SET changes the control byte of an axis, 402_CTL_GET tells it; an axis that is not configured is a

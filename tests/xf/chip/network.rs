@@ -8,7 +8,7 @@ use ecmsk::xf::request::{
     StateUpdate, WkcErrorCountGet, WkcErrorLimit, WkcErrorMaxGet, WkcErrorMaxSet, WorkingCounterItem,
 };
 use ecmsk::xf::response::SlaveInfo;
-use ecmsk::xf::{Errors, EtherCatState, NetworkState, Status};
+use ecmsk::xf::{CommandHeader, Control, Errors, EtherCatState, NetworkState, Status};
 
 use super::{Host, INIT, MS, to_all};
 use crate::slave;
@@ -137,8 +137,7 @@ fn layout() {
     assert!(host.call(&InfoUpdate).has(Status::PDO_CONFIGURED));
 }
 
-/// XF-11.31 SLV_INFO_GET: identity, name, addresses, state, bytes of process data, clocks; the last ones with newer
-/// firmware alone.
+/// XF-11.31 SLV_INFO_GET: identity, name, addresses, state, bytes of process data, and clocks, these with every firmware.
 #[test]
 fn slave_info() {
     let mut host = Host::in_state(EtherCatState::SafeOp);
@@ -167,7 +166,21 @@ fn slave_info() {
     let mut old = Host::new(Profile::OLD, vec![super::drive()]);
     old.run(&INIT);
     let dc = SlaveInfoGet { slave: slave(0), item: SlaveInfoItem::HasDc };
-    assert_eq!(old.call(&dc).errors(), Errors::COMMAND);
+    assert_eq!(old.call(&dc).to(&dc), SlaveInfo::U8(1));
+    assert_eq!(item(&mut old, 0, SlaveInfoItem::DcCycle), Some(1_000_000));
+    // The vendor's header has items up to 40, which nobody describes.
+    for code in [14, 40] {
+        old.index += 1;
+        let mut bytes = old.packet(CommandHeader::with_index(old.index), &dc);
+        bytes[0x04] = code;
+        old.exchange_bytes(&bytes);
+        let got = old.send(&InfoUpdate);
+        assert_eq!((got.header.index, got.errors()), (old.index - 1, Errors::COMMAND), "item {code}");
+        old.send_with(
+            CommandHeader { control: Control::CLEAR_ALL, ..CommandHeader::with_index(100 + code) },
+            &InfoUpdate,
+        );
+    }
 }
 
 /// XF-11.32 The clocks are stable some time after ECAT_INIT_OP if a slave has one; DCSYNC sets other times for a slave,
@@ -196,8 +209,8 @@ fn clocks() {
     assert!(!host.call(&InfoUpdate).has(Status::DC_STABLE), "no slave has a clock");
 }
 
-/// XF-11.33 The working counter is inputs + 2 * outputs with LRW, and inputs + outputs with LRD and LWR. INIT_OP
-/// chooses with newer firmware, ENABLE_LRW later.
+/// XF-11.33 The working counter is inputs + 2 * outputs, with LRW as with LRD and LWR. INIT_OP chooses with newer firmware,
+/// ENABLE_LRW later.
 #[test]
 fn working_counter() {
     let mut host = Host::in_state(EtherCatState::Op);
@@ -207,13 +220,13 @@ fn working_counter() {
     assert_eq!(counter(&mut host, WorkingCounterItem::Counter), 3 + 2 * 3);
     host.call(&EnableLrw { lrw: false });
     host.pass(5 * MS);
-    assert_eq!(counter(&mut host, WorkingCounterItem::Counter), 3 + 3);
+    assert_eq!(counter(&mut host, WorkingCounterItem::Counter), 3 + 2 * 3);
     assert_eq!(host.call(&InfoUpdate).header.wkc_errors, 0);
 
     let mut host = Host::with_drives();
     host.run(&EcatInit { lrw: false, ..INIT });
     host.run(&to_all(EtherCatState::Op));
-    assert_eq!(counter(&mut host, WorkingCounterItem::Counter), 6);
+    assert_eq!(counter(&mut host, WorkingCounterItem::Counter), 9);
     // Older firmware does not look at the bit.
     let mut host = Host::new(Profile::OLD, vec![super::drive()]);
     host.run(&EcatInit { lrw: false, ..INIT });

@@ -22,7 +22,8 @@ fn read(bytes: u16) -> SdoOperation<'static> {
     SdoOperation::Read { bytes }
 }
 
-/// XF-11.36 SDO_REQ reads an object for SDO_GET, and writes one; the abort code is 0 then.
+/// XF-11.36 SDO_REQ reads an object for SDO_GET, and writes one; the abort code is 0 then. After a read that fails SDO_GET has no
+/// bytes.
 #[test]
 fn sdo_transfers() {
     let mut host = Host::in_state(EtherCatState::PreOp);
@@ -38,6 +39,9 @@ fn sdo_transfers() {
     let all = SdoRequest { scope: SdoScope::Complete, ..sdo(0, 0x1C12, 0, read(64)) };
     host.run(&all);
     assert_eq!(host.call(&SdoGet).to(&SdoGet)[..4], [1, 0, 0x00, 0x16]);
+    // What was read before is not the result of a read that fails.
+    host.end(&sdo(2, 0x5FFF, 0, read(4)));
+    assert_eq!(host.call(&SdoGet).to(&SdoGet), [0; 0]);
 }
 
 /// XF-11.37 A transfer that fails sets bit 3, and its abort code is kept until the next transfer.

@@ -7,8 +7,8 @@ use ecmsk::xf::packet::write_not_ready;
 use ecmsk::xf::request::{PdoOperation, Request, SdoOperation, SlaveInfoItem};
 use ecmsk::xf::response::{Answer, PdoExchange, Returned};
 use ecmsk::xf::{
-    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, DataSize, Errors, MAX_PACKET, Malformed,
-    Status, write_answer,
+    AnswerHeader, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, Coverages, DataSize, Errors, MAX_PACKET,
+    Malformed, Status, write_answer,
 };
 
 /// A result that is already bytes.
@@ -58,7 +58,9 @@ pub struct Chip {
     pub start: DataSize,
     pub size: DataSize,
     pub kind: CheckType,
-    pub coverage: Coverage,
+    pub coverages: Coverages,
+    /// A CRC-32 of it is none that anybody knows: of its answers, of what it takes.
+    pub strange: [bool; 2],
     /// Packets for which a non-immediate command keeps the chip busy.
     pub busy_for: u32,
     /// Packets between two cycles.
@@ -98,7 +100,8 @@ impl Chip {
             start: size,
             size,
             kind: CheckType::Fixed,
-            coverage: Coverage::All,
+            coverages: Coverages::default(),
+            strange: [false; 2],
             busy_for: 6,
             cycle: 3,
             rx_entries: 64,
@@ -199,8 +202,8 @@ impl Chip {
         self.busy = u32::MAX;
     }
 
-    fn rule(&self) -> CheckRule {
-        CheckRule { kind: self.kind, coverage: self.coverage }
+    fn rule(&self, coverage: Coverage) -> CheckRule {
+        CheckRule { kind: self.kind, coverage }
     }
 
     fn header(&self, index: u8, code: CommandCode, status: Status) -> AnswerHeader {
@@ -221,8 +224,13 @@ impl Chip {
     fn answer(&mut self, index: u8, code: CommandCode, status: Status, result: Bytes<'_>, rx_fifo: u8) {
         let mut buffer = [0xA5; MAX_PACKET];
         let header = AnswerHeader { rx_fifo, ..self.header(index, code, status) };
-        let packet = write_answer(&mut buffer, self.size, self.rule(), header, &result).expect("it fits");
-        self.answers.push_back(packet.to_vec());
+        let rule = self.rule(self.coverages.answers);
+        let mut packet = write_answer(&mut buffer, self.size, rule, header, &result).expect("it fits").to_vec();
+        if self.strange[0] && self.kind == CheckType::Crc32 {
+            let check = packet.len() - 8;
+            packet[check] ^= 0xFF;
+        }
+        self.answers.push_back(packet);
     }
 
     fn take(&mut self, bytes: &[u8]) {
@@ -237,7 +245,9 @@ impl Chip {
                 self.errors = self.errors | Errors::NON_IMMEDIATE;
             }
         }
-        let parsed = CommandPacket::parse(bytes, self.size, self.rule());
+        let parsed = CommandPacket::parse(bytes, self.size, self.rule(self.coverages.commands));
+        let is_strange = self.strange[1] && self.kind == CheckType::Crc32;
+        let parsed = parsed.map_err(drop).and_then(|packet| if is_strange { Err(()) } else { Ok(packet) });
         let fixed = || CommandPacket::parse(bytes, self.size, CheckRule::FIXED).ok();
         let either = parsed.ok().or_else(|| fixed().filter(|packet| packet.header.code == CommandCode::CrcTypeSet));
         let Some(packet) = either else {

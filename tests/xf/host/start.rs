@@ -1,10 +1,13 @@
 //! From a chip of which nothing is known to one that runs, and what has a deadline.
 
+use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, StartStep};
-use ecmsk::xf::{CheckType, CommandCode, Coverage, DataSize};
+use ecmsk::xf::request::{SdoOperation, SdoRequest, SlaveInfoItem};
+use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize};
 
 use super::Rig;
 use super::chip::{Chip, Fault};
+use crate::slave;
 
 fn codes(rig: &Rig) -> Vec<u8> {
     rig.chip.taken.iter().map(|(_, code)| code.code()).collect()
@@ -24,14 +27,14 @@ fn n_and_the_offset_are_found() {
     }
 }
 
-/// XF-12.1 Chips of every n, with a CRC-32 of either coverage in force from before, and one that is busy.
+/// XF-12.1 Chips of every n, with a CRC-32 of any coverage in force from before, and one that is busy.
 #[test]
 fn chips_of_all_kinds_are_started() {
     for n in [32, 33, 112, 992, 1024, 1408] {
-        for coverage in [Coverage::All, Coverage::Valid] {
+        for coverage in Coverage::EVERY {
             for kind in [CheckType::Fixed, CheckType::Crc32] {
                 let mut chip = Chip::new(DataSize::new(n).expect("in range"));
-                (chip.coverage, chip.kind) = (coverage, kind);
+                (chip.coverages, chip.kind) = (coverage.into(), kind);
                 chip.clock(&[0; 2000]);
                 let mut rig = Rig::new(HostConfig::default(), chip);
                 rig.until("running", |rig| rig.host.state() == HostState::Running);
@@ -40,6 +43,59 @@ fn chips_of_all_kinds_are_started() {
                 rig.done(ticket);
             }
         }
+    }
+}
+
+/// XF-12.17 Whatever a CRC-32 covers in each direction, the host finds it: commands of any length are taken and no answer is
+/// damaged from then on.
+#[test]
+fn what_a_crc_covers_is_found_for_each_direction() {
+    for commands in Coverage::EVERY {
+        for answers in Coverage::EVERY {
+            for kind in [CheckType::Fixed, CheckType::Crc32] {
+                let mut chip = Chip::new(DataSize::MANUAL);
+                (chip.coverages, chip.kind) = (Coverages { commands, answers }, kind);
+                chip.clock(&[0; 500]);
+                let mut rig = Rig::new(HostConfig::default(), chip);
+                rig.until("running", |rig| rig.host.state() == HostState::Running);
+                let found = rig.host.coverages();
+                assert_eq!((found, rig.host.check()), (Coverages { commands, answers }, CheckType::Crc32));
+                assert!(!rig.host.gave_crc_up());
+                let before = rig.host.counters();
+                rig.chip.ran.clear();
+                // Of 13, 14, 15 and 16 bytes.
+                for value in [&[1, 0, 0, 0][..], &[2, 0, 0, 0, 0], &[3, 0, 0, 0, 0, 0], &[4, 0, 0, 0, 0, 0, 0]] {
+                    let ticket = rig.submit(&SdoRequest {
+                        slave: slave(0),
+                        object: ObjectAddress::new(0x2000, 0),
+                        scope: SdoScope::Entry,
+                        timeout_us: 1000,
+                        operation: SdoOperation::Write(value),
+                    });
+                    rig.done(ticket);
+                }
+                let after = rig.host.counters();
+                assert_eq!((after.damaged, after.rejected), (before.damaged, before.rejected));
+                assert_eq!(rig.chip.ran.iter().filter(|(code, _)| *code == CommandCode::SdoRequest).count(), 4);
+            }
+        }
+    }
+}
+
+/// XF-12.17 A chip whose CRC-32 is none that is known is set to the fixed word, and the host says so: whether its answers or what
+/// it takes are not understood.
+#[test]
+fn a_crc_that_covers_nothing_known_is_given_up() {
+    for strange in [[true, false], [false, true], [true, true]] {
+        let mut chip = Chip::new(DataSize::MANUAL);
+        chip.strange = strange;
+        let mut rig = Rig::new(HostConfig::default(), chip);
+        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        assert!(rig.host.gave_crc_up(), "{strange:?}");
+        assert_eq!((rig.host.check(), rig.chip.kind), (CheckType::Fixed, CheckType::Fixed));
+        let ticket = rig.submit(&ecmsk::xf::request::SlaveInfoGet { slave: slave(3), item: SlaveInfoItem::Vendor });
+        rig.done(ticket);
+        assert_eq!(rig.host.counters().chip_resets, 0);
     }
 }
 

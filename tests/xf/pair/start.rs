@@ -2,12 +2,12 @@
 
 use ecmsk::slave::Io;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, HostError};
+use ecmsk::xf::host::{HostConfig, HostError, ProcessData, ProcessOutcome};
 use ecmsk::xf::request::{
     AsyncReset, AsyncResetActions, CrcErrorCountClear, FirmwareVersionGet, InfoUpdate, SdoOperation, SdoRequest,
     SlaveCountGet, SpiPackSizeGet, WarmReset,
 };
-use ecmsk::xf::{CommandCode, DataSize, Errors, EtherCatState, NetworkState, Status};
+use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize, Errors, EtherCatState, NetworkState, Status};
 
 use super::{INIT, MS, Pair, S, drive, sdo};
 
@@ -22,6 +22,30 @@ fn the_driver_starts_the_model() {
             pair.until_running();
             assert_eq!(pair.host.size(), profile.size, "{skipped}");
             assert_eq!(pair.host.version().expect("a version").version, profile.version, "{skipped}");
+        }
+    }
+}
+
+/// XF-12.17 XF-2.3 The driver starts a model whose CRC-32 covers anything in either direction; commands and process data of any length
+/// pass then, and the right coverage is found.
+#[test]
+fn a_crc_of_any_coverage() {
+    for commands in Coverage::EVERY {
+        for answers in Coverage::EVERY {
+            let coverages = Coverages { commands, answers };
+            for profile in [Profile::OLD, Profile::XFU].map(|profile| Profile { coverages, ..profile }) {
+                let slaves = vec![drive(), drive(), Box::new(Io::default()) as Box<_>];
+                let mut pair = Pair::running_with(profile, HostConfig::DEFAULT, slaves);
+                assert_eq!((pair.host.coverages(), pair.host.check()), (coverages, CheckType::Crc32));
+                let before = pair.host.counters();
+                pair.bring_to(EtherCatState::Op);
+                for outputs in [[0; 14], [1; 14]] {
+                    let outcome = pair.process(ProcessData::DirectExchange { outputs: &outputs });
+                    assert_eq!(outcome, ProcessOutcome::Done { read: true }, "{coverages:?}");
+                }
+                let after = pair.host.counters();
+                assert_eq!((after.damaged, after.rejected), (before.damaged, before.rejected), "{coverages:?}");
+            }
         }
     }
 }

@@ -94,8 +94,8 @@ fn a_cut_cable_is_told_of() {
     fails(&mut pair, &INIT);
 }
 
-/// XF-11.69 Without LRW each slave with outputs counts 1 for them, from the next cycle on; FMMUs map the process data where they
-/// are.
+/// XF-11.69 XF-11.33 Without LRW a slave with outputs adds 1 to an LWR, which the chip counts twice, so that the sum stays; FMMUs map
+/// the process data where they are.
 #[test]
 fn working_counters_are_those_of_the_frames() {
     let mut pair = in_state(EtherCatState::Op);
@@ -105,7 +105,7 @@ fn working_counters_are_those_of_the_frames() {
     };
     assert_eq!(counter(&mut pair), 9);
     pair.run(&EnableLrw { lrw: false });
-    assert_eq!(counter(&mut pair), 6);
+    assert_eq!(counter(&mut pair), 9);
     assert_eq!(errors_in_a_row(&mut pair), 0);
     for n in 0..3 {
         let fmmus: Vec<u8> = peek(&mut pair, n, registers::FMMU, 32);

@@ -63,6 +63,7 @@ impl NetworkArgs {
         if !chosen.is_named() {
             return Err(BusVerbError::NoLink);
         }
+        crate::recording_end::opens(&chosen.uri);
         Session::open(&chosen.uri.to_string(), self.json)
     }
 }

@@ -1,15 +1,15 @@
-//! Parses frames from hexadecimal digits, one per line: `> 01 00 00 e7 02 ...`.
+//! Parses frames and packets from hexadecimal digits, one per line: `> 01 00 00 e7 02 ...`.
 
 use ecmsk::link::Dir;
 use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 
-/// A frame from a line.
+/// The bytes of a line.
 #[derive(Debug, PartialEq, Eq)]
-pub struct HexFrame {
-    /// The frame; bytes that the line does not have are 0.
-    pub frame: Frame,
-    /// The number of bytes on the line, 504..=512.
-    pub len: usize,
+pub struct HexLine {
+    /// The bytes. A digit without a second one stands alone in the last of them.
+    pub bytes: Vec<u8>,
+    /// How many digits they are.
+    digits: usize,
     /// The direction from the prefix: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
 }
@@ -36,7 +36,7 @@ const FRAME_BYTES_MIN: usize = SlotSize::Bytes12.frame_len();
 
 /// Parses a line: an optional `>` or `<`, then digits, with blanks anywhere; `#` starts a comment. `None` for an
 /// empty line or a comment.
-pub fn parse(line: &str) -> Result<Option<HexFrame>, HexError> {
+pub fn parse(line: &str) -> Result<Option<HexLine>, HexError> {
     let line = line.split('#').next().unwrap_or_default().trim();
     let (direction, rest) = match line.split_at_checked(1) {
         Some((">", rest)) => (Some(Dir::Write), rest),
@@ -45,19 +45,32 @@ pub fn parse(line: &str) -> Result<Option<HexFrame>, HexError> {
         None if line.is_empty() => return Ok(None),
         None => (None, line),
     };
-    let mut frame = Frame::new();
-    let mut digits = 0;
+    let (mut bytes, mut digits) = (Vec::new(), 0_usize);
     for found in rest.chars().filter(|c| !c.is_whitespace()) {
         let value = found.to_digit(16).ok_or(HexError::NotADigit { found })? as u8;
-        if let Some(byte) = frame.bytes_mut().get_mut(digits / 2) {
-            *byte = *byte << 4 | value;
+        match bytes.last_mut() {
+            Some(byte) if !digits.is_multiple_of(2) => *byte = *byte << 4 | value,
+            _ => bytes.push(value),
         }
         digits += 1;
     }
-    if !digits.is_multiple_of(2) || !(FRAME_BYTES_MIN..=FRAME_LEN).contains(&(digits / 2)) {
-        return Err(HexError::Length { digits });
+    Ok(Some(HexLine { bytes, digits, direction }))
+}
+
+impl HexLine {
+    /// The frame of a board on the line; bytes that the line does not have are 0.
+    ///
+    /// # Errors
+    /// [`HexError::Length`]
+    pub fn frame(&self) -> Result<Frame, HexError> {
+        let is_whole = self.digits.is_multiple_of(2) && (FRAME_BYTES_MIN..=FRAME_LEN).contains(&self.bytes.len());
+        if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }
     }
-    Ok(Some(HexFrame { frame, len: digits / 2, direction }))
+
+    /// Whether they are whole bytes.
+    pub const fn is_of_bytes(&self) -> bool {
+        self.digits.is_multiple_of(2)
+    }
 }
 
 /// The number of bytes of that many digits as text: `12` or `12 and a half`.
@@ -82,9 +95,9 @@ mod tests {
             let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();
             for (prefix, direction) in [("", None), ("> ", Some(Dir::Write)), ("<", Some(Dir::Read))] {
                 let parsed = parse(&format!(" {prefix}{digits}# comment")).expect("a frame").expect("no empty line");
-                prop_assert_eq!(parsed.len, bytes.len());
+                prop_assert_eq!(&parsed.bytes, &bytes);
                 prop_assert_eq!(parsed.direction, direction);
-                prop_assert_eq!(parsed.frame, Frame::from_prefix(&bytes));
+                prop_assert_eq!(parsed.frame(), Ok(Frame::from_prefix(&bytes)));
             }
         }
 

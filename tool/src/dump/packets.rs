@@ -1,4 +1,4 @@
-//! The packets of a recording of a chip ECM-XF, in words, as bytes or as JSON.
+//! The packets of a chip ECM-XF, in a recording or as hexadecimal digits, in words, as bytes or as JSON.
 
 use std::io::{self, Read, Write};
 use std::rc::Rc;
@@ -7,12 +7,13 @@ use ecmsk::link::Dir;
 use ecmsk::recording::exchanges::{Exchanges, RecordedBytes, is_of_chip};
 use ecmsk::recording::{RecordError, RecordMeta};
 use ecmsk::xf::{
-    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, DataSize, Errors,
-    PacketError, Received, Status,
+    AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandCode, CommandPacket, Coverage, DataSize, END_WORD, Errors,
+    PacketError, Received, START_WORD, Status,
 };
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::Args;
+use super::pieces::Pieces;
 use crate::error::{CliError, say};
 use crate::filter::Times;
 use crate::{output, recording};
@@ -48,8 +49,19 @@ fn show(args: &Args, source: Box<dyn Read>, name: &str, out: &mut output::Out) -
     let mut exchanges = Exchanges::new(source, name)?;
     let (mut first_ns, mut meta): (Option<u64>, Option<Rc<RecordMeta>>) = (None, None);
     let mut number = 0;
+    let mut pieces = [Pieces::default(), Pieces::default()];
     while let Some(recorded) = exchanges.next() {
-        let recorded = recorded?;
+        let recorded = match recorded {
+            Ok(recorded) => recorded,
+            Err(error) => {
+                write_pieces(out, &mut pieces, args)?;
+                return Err(error.into());
+            }
+        };
+        let is_piece = Pieces::is_one(&recorded);
+        if !is_piece || exchanges.meta() != meta.as_deref() || pieces.iter().any(Pieces::is_full) {
+            write_pieces(out, &mut pieces, args)?;
+        }
         if exchanges.meta() != meta.as_deref() {
             meta = exchanges.meta().cloned().map(Rc::new);
             if let Some(meta) = meta.as_deref().filter(|_| !args.json) {
@@ -62,12 +74,13 @@ fn show(args: &Args, source: Box<dyn Read>, name: &str, out: &mut output::Out) -
         if other_way || !times.contains(since_ns) {
             continue;
         }
-        if args.json {
-            write_json(out, number, since_ns, &recorded)?;
+        if is_piece {
+            pieces[usize::from(recorded.dir == Dir::Read)].add(number, since_ns, &recorded);
         } else {
-            write_text(out, number, since_ns, &recorded, args.hex)?;
+            write_packet(out, number, since_ns, &recorded, args)?;
         }
     }
+    write_pieces(out, &mut pieces, args)?;
     let lacks = exchanges.lacks();
     if !lacks.is_nothing() {
         say("note", &format_args!("{name}: {lacks}"));
@@ -85,35 +98,144 @@ const fn direction(dir: Dir) -> &'static str {
     }
 }
 
-fn write_text(
+fn seconds(since_ns: i64) -> String {
+    let (ns, sign) = (since_ns.unsigned_abs(), if since_ns < 0 { "-" } else { "" });
+    format!("{sign}{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
+}
+
+fn write_packet(
     out: &mut output::Out,
     number: u64,
     since_ns: i64,
     recorded: &RecordedBytes,
-    hex: bool,
+    args: &Args,
 ) -> io::Result<()> {
-    let (ns, sign) = (since_ns.unsigned_abs(), if since_ns < 0 { "-" } else { "" });
-    let seconds = format!("{sign}{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000);
-    writeln!(out, "packet {number:<6} {seconds:>14} s  {}", direction(recorded.dir))?;
+    if args.json {
+        let mut object = object(recorded);
+        object["number"] = number.into();
+        object["time_ns"] = since_ns.into();
+        object["recorded_ns"] = recorded.at_ns.into();
+        return writeln!(out, "{object}");
+    }
+    writeln!(out, "packet {number:<6} {:>14} s  {}", seconds(since_ns), direction(recorded.dir))?;
+    write_lines(out, recorded, args.hex)
+}
+
+fn write_lines(out: &mut output::Out, recorded: &RecordedBytes, hex: bool) -> io::Result<()> {
     for line in Shown::of(recorded).lines() {
         writeln!(out, "  {line}")?;
     }
-    if hex {
-        for line in recorded.bytes.chunks(32) {
-            writeln!(out, "  {}", digits(line))?;
+    if hex { write_hex(out, &recorded.bytes) } else { Ok(()) }
+}
+
+fn write_hex(out: &mut output::Out, bytes: &[u8]) -> io::Result<()> {
+    bytes.chunks(32).try_for_each(|line| writeln!(out, "  {}", digits(line)))
+}
+
+/// Writes what was held back, and forgets it.
+fn write_pieces(out: &mut output::Out, held: &mut [Pieces; 2], args: &Args) -> io::Result<()> {
+    for (pieces, dir) in held.iter_mut().zip([Dir::Write, Dir::Read]) {
+        let pieces = std::mem::take(pieces);
+        match pieces.count {
+            0 => {}
+            1 => {
+                let (at_ns, bytes) = (pieces.recorded_ns, pieces.bytes);
+                let recorded = RecordedBytes { at_ns, dir, bytes };
+                write_packet(out, pieces.numbers[0], pieces.since_ns[0], &recorded, args)?;
+            }
+            _ => write_joined(out, &pieces, dir, args)?,
         }
     }
     Ok(())
 }
 
-fn write_json(out: &mut output::Out, number: u64, since_ns: i64, recorded: &RecordedBytes) -> io::Result<()> {
+fn write_joined(out: &mut output::Out, pieces: &Pieces, dir: Dir, args: &Args) -> io::Result<()> {
+    let (packets, in_none) = pieces.packets(dir);
+    let found: u64 = packets.iter().map(|(times, _)| times).sum();
+    let Pieces { bytes, count, numbers: [first, last], since_ns: [from, to], recorded_ns } = pieces;
+    let text = format!("{} bytes in {count} pieces: {found} packets, and {in_none} bytes in none", bytes.len());
+    if args.json {
+        let of = |(times, packet): &(u64, RecordedBytes)| {
+            let mut object = object(packet);
+            object["times"] = (*times).into();
+            object
+        };
+        let object = json!({
+            "number": first,
+            "last_number": last,
+            "time_ns": from,
+            "last_time_ns": to,
+            "recorded_ns": recorded_ns,
+            "direction": direction(dir),
+            "pieces": count,
+            "bytes_in_no_packet": in_none,
+            "bytes": hex_of(bytes),
+            "text": [text],
+            "packets": packets.iter().map(of).collect::<Vec<Value>>(),
+        });
+        return writeln!(out, "{object}");
+    }
+    let (from, to) = (seconds(*from), seconds(*to));
+    writeln!(out, "packet {first:<6} {from:>14} s  {}, up to packet {last} at {to} s", direction(dir))?;
+    writeln!(out, "  {text}")?;
+    for (times, packet) in &packets {
+        if *times > 1 {
+            writeln!(out, "  {times} times:")?;
+        }
+        write_lines(out, packet, false)?;
+    }
+    if args.hex { write_hex(out, bytes) } else { Ok(()) }
+}
+
+fn hex_of(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Whether bytes given as digits are a packet of a chip: their length, and the words around them.
+pub fn is_packet(bytes: &[u8]) -> bool {
+    DataSize::of_packet(bytes.len()).is_some()
+        && bytes.starts_with(&START_WORD.to_le_bytes())
+        && bytes.ends_with(&END_WORD.to_le_bytes())
+}
+
+/// Writes a packet that was given as digits.
+pub fn write_of_line(
+    out: &mut output::Out,
+    line: u64,
+    bytes: Vec<u8>,
+    dir: Dir,
+    is_guess: bool,
+    json: bool,
+) -> io::Result<()> {
+    let recorded = RecordedBytes { at_ns: 0, dir, bytes };
+    if json {
+        let mut object = object(&recorded);
+        object["number"] = line.into();
+        object["direction_guessed"] = is_guess.into();
+        return writeln!(out, "{object}");
+    }
+    writeln!(out, "line {line:<4} {}{}", direction(dir), if is_guess { " (guessed)" } else { "" })?;
+    write_lines(out, &recorded, false)
+}
+
+/// Guesses the direction of a packet. \[OURS] Bytes 8 to 10 of a command are reserved or clear errors; in an answer they are the
+/// state, link levels and the check type: an answer has a state, a link or a check type there.
+pub fn guessed(bytes: &[u8]) -> Dir {
+    let Some(&[state, levels, status]) = bytes.get(0x08..0x0B).and_then(|bytes| bytes.first_chunk()) else {
+        return Dir::Write;
+    };
+    let has_state = matches!(state & 0x0F, 1..=4 | 8) && state & 0xE0 == 0;
+    let has_link = levels & (Errors::LINK_PIN | Errors::PHY_LINK).0 != 0;
+    let has_crc = matches!(Status(status).check_type(), Ok(CheckType::Crc32));
+    if has_state || has_link || has_crc { Dir::Read } else { Dir::Write }
+}
+
+/// What is known of the bytes of one direction, as JSON.
+fn object(recorded: &RecordedBytes) -> Value {
     let shown = Shown::of(recorded);
     let mut object = json!({
-        "number": number,
-        "time_ns": since_ns,
-        "recorded_ns": recorded.at_ns,
         "direction": direction(recorded.dir),
-        "bytes": recorded.bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>(),
+        "bytes": hex_of(&recorded.bytes),
         "text": shown.lines(),
     });
     match &shown {
@@ -135,7 +257,7 @@ fn write_json(out: &mut output::Out, number: u64, since_ns: i64, recorded: &Reco
         Shown::Damaged(problem) => object["damaged"] = problem.to_string().into(),
         Shown::NoPacket(_) => {}
     }
-    writeln!(out, "{object}")
+    object
 }
 
 /// The bytes of one direction as far as they are known.
@@ -161,18 +283,16 @@ impl<'p> Shown<'p> {
         let Some(size) = DataSize::of_packet(bytes.len()) else { return Self::NoPacket(bytes.len()) };
         match recorded.dir {
             Dir::Write => {
-                let rules =
-                    [CheckRule::FIXED, CheckRule::CRC32, CheckRule { coverage: Coverage::Valid, ..CheckRule::CRC32 }];
                 let parse = |rule: CheckRule| {
                     let check = rule.kind;
                     CommandPacket::parse(bytes, size, rule).map(|packet| Self::Command { packet, check })
                 };
-                let crc = || parse(rules[1]).or_else(|error| parse(rules[2]).map_err(|_| error));
-                parse(rules[0]).or_else(|_| crc()).unwrap_or_else(Self::Damaged)
+                let crc = |coverage| parse(CheckRule { coverage, ..CheckRule::CRC32 });
+                parse(CheckRule::FIXED).or_else(|_| first_right(crc)).unwrap_or_else(Self::Damaged)
             }
             Dir::Read => {
                 let parse = |coverage| AnswerPacket::parse(bytes, size, coverage);
-                match parse(Coverage::All).or_else(|error| parse(Coverage::Valid).map_err(|_| error)) {
+                match first_right(parse) {
                     Ok(Received::Answer(AnswerPacket { header, data })) => Self::Answer { header, data },
                     Ok(Received::NotReady) => Self::NotReady,
                     Err(error) => Self::Damaged(error),
@@ -210,6 +330,12 @@ impl<'p> Shown<'p> {
             Self::NoPacket(count) => vec![format!("{count} bytes, as no packet has")],
         }
     }
+}
+
+/// What the first coverage gives that fits; if none does, what is wrong with the first one.
+fn first_right<T>(parse: impl Fn(Coverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
+    let others = || Coverage::EVERY.into_iter().skip(1);
+    parse(Coverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
 }
 
 fn result(header: &AnswerHeader, data: &[u8]) -> String {

@@ -8,6 +8,7 @@ use ecmsk::xf_api::{Layout, MappedField, SlaveLayout, XfError};
 use serde_json::{Value, json};
 
 use super::session::{ChipArgs, Session};
+use super::words::slave_number;
 use super::{Shown, XfVerbError};
 use crate::step::object::KNOWN;
 
@@ -18,7 +19,7 @@ use crate::step::object::KNOWN;
 #[derive(clap::Args)]
 pub struct Args {
     /// One slave alone, from 0
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(0..=127))]
+    #[arg(value_name = "SLAVE", value_parser = slave_number)]
     pub slave: Option<u8>,
 
     #[command(flatten)]

@@ -5,6 +5,7 @@ use ecmsk::xf::EtherCatState;
 use ecmsk::xf_api::XfError;
 
 use super::session::{ChipArgs, Session};
+use super::words::slave_number;
 use super::{Shown, XfVerbError};
 use crate::transfer::{OtherSize, Transfer, Written, WrongValue};
 
@@ -47,7 +48,7 @@ enum Verb {
 #[derive(Clone, clap::Args)]
 pub struct Which {
     /// The slave, the first one is 0
-    #[arg(value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(0..=127))]
+    #[arg(value_name = "SLAVE", value_parser = slave_number)]
     pub slave: u8,
     #[command(flatten)]
     pub transfer: Transfer,

@@ -2,7 +2,7 @@
 
 use ecmsk::link::chip::{self, ChipLink};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::xf::host::HostConfig;
+use ecmsk::xf::host::{HostConfig, HostError};
 use ecmsk::xf::request::{Reconfig, Slaves};
 use ecmsk::xf::{AnswerHeader, EtherCatState};
 use ecmsk::xf_api::{NetworkConfig, Xf, XfError};
@@ -45,6 +45,7 @@ impl ChipArgs {
         if !chosen.is_named() {
             return Err(XfVerbError::NoLink);
         }
+        crate::recording_end::opens(&chosen.uri);
         let (link, config) = chip::open(&chosen.uri.to_string()).map_err(XfError::Link)?;
         Ok(Session::over(link, config, self.json)?)
     }
@@ -59,7 +60,11 @@ impl Session {
         let info = link.info();
         let xf = Xf::over(link, HostConfig { keep_fifo: true, ..config })?;
         let found = xf.host().found().copied().unwrap_or_default();
-        Ok(Self { xf, link: info.name, reporter: Reporter::new(json, info.virtual_time), found })
+        let reporter = Reporter::new(json, info.virtual_time);
+        if xf.host().gave_crc_up() {
+            reporter.note(format_args!("{}", HostError::CRC_GIVEN_UP));
+        }
+        Ok(Self { xf, link: info.name, reporter, found })
     }
 
     /// The state of the network, as the chip knows it; `None`: there is none.

@@ -5,7 +5,7 @@ use ecmsk::xf::request::{SlaveNumber, Slaves};
 use serde_json::json;
 
 use super::session::{ChipArgs, Session};
-use super::words::{al_status_text, parse_state, state_name, state_text};
+use super::words::{al_status_text, parse_state, slave_number, state_name, state_text};
 use super::{Shown, XfVerbError};
 
 /// Show or change the EtherCAT state of the slaves
@@ -24,7 +24,7 @@ pub struct Args {
     pub to: Option<EtherCatState>,
 
     /// One slave alone, from 0
-    #[arg(long, value_name = "SLAVE", value_parser = clap::value_parser!(u8).range(0..=127))]
+    #[arg(long, value_name = "SLAVE", value_parser = slave_number)]
     pub slave: Option<u8>,
 
     #[command(flatten)]

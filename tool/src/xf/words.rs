@@ -27,6 +27,15 @@ pub fn state_text(state: NetworkState) -> String {
     if state.has_error() { format!("{name}, with an error") } else { name }
 }
 
+/// Parses the number of a slave.
+///
+/// # Errors
+/// It is none; the error says what is allowed.
+pub fn slave_number(text: &str) -> Result<u8, String> {
+    let number = text.parse().ok().filter(|number| *number <= 127);
+    number.ok_or_else(|| "allowed: 0 to 127, the first slave is 0".to_owned())
+}
+
 /// Parses a state in any case.
 ///
 /// # Errors

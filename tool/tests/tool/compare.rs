@@ -3,8 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use crate::common::motion::FakeBoard;
 use crate::common::svg::{ALARM, COLOURS, Plot};
 use crate::common::{Ran, run};
+use ecmsk::sk::SlotSize;
 use serde_json::Value;
 use support::recorded::{BEFORE, Program, Run, TARGETS};
 
@@ -198,4 +200,39 @@ fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     assert_eq!(ran.code, Some(1));
     assert!(ran.err.starts_with("note: B: ") && ran.err.contains("ends in the middle"), "{}", ran.err);
     assert!(ran.out.contains("B ends early: "), "{}", ran.out);
+}
+
+/// TOOL-60 Where positions alone differ, and by no more than noise, the tolerance is named with which the recordings are equal; where
+/// something else differs, or more, none is.
+#[test]
+fn the_tolerance_that_would_settle_it_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let record = |name: &str, apart: i32, error_code: u16| {
+        let mut board = FakeBoard::new(SlotSize::Bytes12, 1);
+        for n in 0..60 {
+            board.send(&[if n < 40 { 0 } else { 5 }]);
+            board.positions[0] = if n < 20 { 0 } else { apart - i32::from(n < 30) };
+            board.drives[0].error_code = error_code;
+            board.cycle();
+        }
+        let file = folder.path().join(name);
+        board.script.record(&file, "sim:?clock=virtual", Some(SlotSize::Bytes12));
+        file.to_str().expect("UTF-8").to_owned()
+    };
+    let (a, near, far, other) =
+        (record("a", 1, 0), record("near", 4, 0), record("far", 5000, 0), record("other", 4, 0x7500));
+    let found = run(["compare", &a, &near]);
+    assert_eq!(found.code, Some(1), "{found:?}");
+    let (_, named) = found.out.split_once("--tolerance ").expect(&found.out);
+    let counts = named.split(' ').next().expect("a number");
+    let settled = run(["compare", &a, &near, "--tolerance", counts]);
+    assert!(settled.code == Some(0) && !settled.out.contains("--tolerance"), "{settled:?}");
+    let less = (counts.parse::<u32>().expect("a number") - 1).to_string();
+    assert_eq!(run(["compare", &a, &near, "--tolerance", &less]).code, Some(1));
+    let json: Value = serde_json::from_str(&run(["compare", &a, &near, "--json"]).out).expect("an object");
+    assert_eq!(json["settling_tolerance_counts"].to_string(), counts);
+    for b in [&far, &other] {
+        let found = run(["compare", &a, b]);
+        assert!(found.code == Some(1) && !found.out.contains("--tolerance"), "{found:?}");
+    }
 }

@@ -51,6 +51,43 @@ fn json_has_the_numbers_of_the_golden_frames() {
     }
 }
 
+/// XF-15.7 Golden packets of a chip, commands and answers, of any size and check word, in words and as JSON; between them a frame.
+#[test]
+fn golden_packets_are_dumped() {
+    let sign = |is_answer| if is_answer { '<' } else { '>' };
+    let packets = vectors::xf::packets();
+    for packet in &packets {
+        let input = format!("{} {} # {}\n", sign(packet.is_answer), hex(&packet.bytes), packet.name);
+        let object = json_lines(&dump(&["--json"], &input).expect_quiet())[0].clone();
+        let direction = if packet.is_answer { "answer" } else { "command" };
+        assert_eq!((&object["direction"], &object["direction_guessed"]), (&direction.into(), &false.into()));
+        assert!(object.get("damaged").is_none(), "{}: {object}", packet.name);
+        if object.get("not_ready").is_none() {
+            assert_eq!(
+                (&object["code"], &object["index"]),
+                (&packet.field("cmd").into(), &packet.field("index").into())
+            );
+        }
+        assert_eq!(object["bytes"], hex(&packet.bytes));
+        let guessed = json_lines(&dump(&["--json"], hex(&packet.bytes)).expect_quiet())[0].clone();
+        assert_eq!(guessed["direction_guessed"], true, "{}", packet.name);
+        // An answer of a chip without slaves and cable, with the fixed word, looks like a command.
+        let is_bare = packet.is_answer && packet.bytes[8..10] == [0; 2] && packet.bytes[10] & 3 == 0;
+        assert!(is_bare || guessed["direction"] == direction, "{}: {guessed}", packet.name);
+    }
+    let state = packets.iter().find(|packet| packet.name == "state-set-op").expect("it is golden");
+    let input = format!("> {}\n{}", hex(&state.bytes), line(&vector_named("set-state-preop")));
+    let text = dump(&[], &input).expect_quiet();
+    assert!(
+        text.contains("line 1    command\n") && text.contains("STATE_SET") && text.contains("line 2    command\n"),
+        "{text}"
+    );
+    let mut damaged = state.bytes.clone();
+    damaged[30] ^= 1;
+    let text = dump(&["--command"], hex(&damaged)).expect_quiet();
+    assert!(text.contains("damaged: the check word"), "{text}");
+}
+
 /// What byte 3 says: right, absent, wrong, and right although 0.
 #[test]
 fn json_says_whether_the_crc_is_right_absent_or_wrong() {

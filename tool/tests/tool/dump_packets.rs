@@ -65,6 +65,46 @@ fn packets_are_shown_in_words() {
     assert!(objects.last().expect("some")["text"][0] == "10 bytes, as no packet has");
 }
 
+/// XF-15.7 A driver that clocks single bytes while it looks for n gives a few lines: its bytes are joined, and packets in them are
+/// shown. So is a packet that passes in parts.
+#[test]
+fn pieces_are_joined() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("run.pcapng");
+    let (mut wires, _) = chip::open(&link(&file)).expect("a chip");
+    wires.wait_until(1_000_000_000).expect("it waits");
+    for _ in 0..5 * 144 {
+        wires.exchange(&[0], &mut [0]).expect("it passes");
+        let next = wires.now() + 1_000_000;
+        wires.wait_until(next).expect("it waits");
+    }
+    wires.exchange(&vectors::xf::packet_named("info-update-fixed").bytes, &mut [0; 144]).expect("it passes");
+    drop(wires);
+    let file = file.to_str().expect("UTF-8");
+    let dumped = run(&["dump", file]);
+    assert_eq!((dumped.code, dumped.err.as_str()), (Some(0), ""), "{dumped:?}");
+    assert!(dumped.out.lines().count() < 30, "{}", dumped.out);
+    for part in [
+        "  720 bytes in 720 pieces: 0 packets, and 720 bytes in none\n",
+        "  720 bytes in 720 pieces: 5 packets, and 0 bytes in none\n",
+        ", up to packet 1439 at ",
+        " NOP, no result\n",
+        ": InfoUpdate\n",
+    ] {
+        assert!(dumped.out.contains(part), "no {part:?}:\n{}", dumped.out);
+    }
+    let answers = run(&["dump", file, "--direction", "response", "--json"]);
+    let first: serde_json::Value =
+        serde_json::from_str(answers.out.lines().next().expect("a line")).expect("an object");
+    assert_eq!(
+        (&first["pieces"], &first["bytes_in_no_packet"], &first["last_number"]),
+        (&720.into(), &0.into(), &1440.into())
+    );
+    assert!(first["packets"].as_array().is_some_and(|packets| packets.iter().all(|packet| packet["errors"].is_u64())));
+    let hex = run(&["dump", file, "--hex"]);
+    assert!(hex.out.contains("\n  00 00 00 00 ") && hex.out.lines().count() < 120, "{hex:?}");
+}
+
 /// XF-15.5 Other verbs say what the file is and which verb shows it; `--hex` with the recording of a board is refused.
 #[test]
 fn other_verbs_say_what_it_is() {

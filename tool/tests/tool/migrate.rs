@@ -380,3 +380,20 @@ fn every_row_is_in_the_page() {
         assert!(cells[4].contains("tests/"), "{cells:?}");
     }
 }
+
+/// TOOL-182 The lines to replay and to run the program have the slaves of the recording's link, with all that it says of them.
+#[test]
+fn the_links_have_the_slaves_of_the_recording() {
+    let files = Files::new();
+    let board = stalled(0);
+    let slaves = "drive:start@5:limits@-200000..300000:home@..500:objects@maker.txt";
+    let file = files.path("run.pcapng");
+    board.script.record(&file, &format!("sim:?slaves={slaves}&clock=virtual"), Some(board.size));
+    let ran = migrate(&file, &["--allow-incomplete"]);
+    for verb in ["ecmsk replay", "ecmsk exec"] {
+        let line = ran.out.lines().find(|line| line.contains(verb)).expect(verb);
+        assert!(line.contains(&format!("xf-sim:?slaves={slaves}&int0=yes&ahead=")), "{line}");
+    }
+    let plain = files.recorded("plain.pcapng", &board);
+    assert!(migrate(&plain, &[]).out.contains("xf-sim:?slaves=drive&int0=yes"));
+}

@@ -114,8 +114,8 @@ fn exec_tells_of_its_recording() {
     assert!(!file.exists());
 }
 
-/// A verb, and a server, that have done what they were to do and whose disk was full say what the recording lacks, and end with
-/// 124.
+/// A verb, of a board, a chip or a network, and a server, that have done what they were to do and whose disk was full say what the
+/// recording lacks, and end with 124.
 #[test]
 fn a_verb_and_a_server_tell_of_their_recording() {
     let place = ExecFolder::new();
@@ -136,6 +136,19 @@ fn a_verb_and_a_server_tell_of_their_recording() {
     ));
     assert_eq!(watched.code, Some(124), "{watched:?}");
     assert!(watched.err.contains("warning: watched.pcapng: "), "{watched:?}");
+
+    for (verb, link) in [("xf scan", "xf-sim:?slaves=drive*3&clock=virtual"), ("bus scan", "xf-sim:?slaves=drive*3")] {
+        let file = format!("{}.pcapng", verb.replace(' ', "-"));
+        let seen = run(&format!("{tool} {verb} --link '{link}&record={file}'"));
+        assert!(seen.code == Some(124) && !seen.out.is_empty(), "{verb}: {seen:?}");
+        let last = seen.err.lines().last().expect("a line");
+        assert!(
+            last.starts_with(&format!("warning: {file}: the recording")) && seen.err.contains("File too large"),
+            "{seen:?}"
+        );
+        let whole = run(&format!("ulimit -f unlimited 2>/dev/null; {tool} {verb} --link '{link}'"));
+        assert_eq!(whole.code, Some(0), "{verb}: {whole:?}");
+    }
 
     let served = run(&format!(
         "{tool} serve tcp --listen 127.0.0.1:0 --link '{board}&record=served.pcapng' >said & server=$!

@@ -43,6 +43,44 @@ fn a_chip_is_named_or_there_is_none() {
     assert_eq!((ran.code, json_lines(&ran.out).len()), (Some(0), 3), "{ran:?}");
 }
 
+/// XF-11.75 `script=` happens behind `xf` and `serve xf`, or the link is refused; `use_n=` of an ECM-XFU is, too.
+#[test]
+fn what_a_link_says_happens_or_it_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let script = folder.path().join("refuse.ecmscript");
+    std::fs::write(&script, "refuse 2 safeop\n").expect("it is written");
+    let link = format!("{CHIP}&script={}", script.display());
+    let ran = run(["xf", "state", "safeop", "--link", &link]);
+    assert!(ran.code == Some(1) && ran.err.contains("slave 1"), "{ran:?}");
+    for verb in [&["xf", "scan"][..], &["serve", "xf", "--listen", "127.0.0.1:0"]] {
+        let link = format!("{CHIP}&script=/nowhere/at/all");
+        let ran = run([verb, &["--link", &link]].concat());
+        ran.expect_failure(1, &["cannot read the script /nowhere/at/all"], "name another file");
+        let ran = run([verb, &["--link", "xf-sim:?clock=virtual&chip_fw=xfu&use_n=112"]].concat());
+        assert!(ran.code.is_some_and(|code| code > 0) && ran.err.contains("an ECM-XFU has 992"), "{ran:?}");
+    }
+}
+
+/// XF-18.7, XF-18.9 A word that is no verb is answered with the verbs that there are, a slave that is no number with what is allowed.
+#[test]
+fn what_there_is_is_named() {
+    for (words, verbs) in [
+        (&["xf", "sdo", "1", "0x6041"][..], "`ecmsk xf sdo` has the verbs read, write"),
+        (&["xf", "gpio", "3"], "`ecmsk xf gpio` has the verbs mode, set"),
+        (
+            &["xf", "slaves"],
+            "`ecmsk xf` has the verbs commands, scan, info, sdo, pdo, state, gpio, adc, dac, encoder, raw",
+        ),
+    ] {
+        run(words).expect_misuse(&[verbs]);
+        run([words, &["--json"]].concat()).expect_misuse(&[verbs]);
+    }
+    for words in [&["xf", "state", "--slave", "x"][..], &["xf", "sdo", "read", "128", "0x6041"], &["xf", "pdo", "-1"]] {
+        let ran = run(words);
+        assert!(ran.code == Some(2) && (ran.err.contains("allowed: 0 to 127") || words.contains(&"-1")), "{ran:?}");
+    }
+}
+
 /// XF-18.2 The table has the 91 functions, with and without a chip, in words and as JSON.
 #[test]
 fn commands_are_listed() {
@@ -101,7 +139,7 @@ fn a_wrong_value_opens_no_chip() {
         (&["write", "0", "0x1018", "1", "--complete"], "all sub-indices at once are bytes"),
         (&["write", "0", "0x5555", "hex:123"], "two hexadecimal digits"),
         (&["write", "0", "0x5555", "x"], "bytes as hex:0102FF"),
-        (&["read", "128", "0x1000"], "128 is not in 0..=127"),
+        (&["read", "128", "0x1000"], "allowed: 0 to 127"),
         (&["read", "0", "0x1000", "--complete", "--type", "u8"], "--complete"),
         (&["read", "0", "6041"], "did you mean `0x6041`?"),
     ] {

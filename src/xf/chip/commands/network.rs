@@ -29,7 +29,8 @@ impl<N: Network> Chip<N> {
         answered(state, data)
     }
 
-    /// `[OURS]` Items 10 and 13 are one byte, 11 and 12 four, and firmware before 0x22 does not have these.
+    /// `[OURS]` Items 10 and 13 are one byte, 11 and 12 four. Those above 13, up to 40 in the vendor's header (OBS), nobody describes:
+    /// they are refused.
     pub(super) fn slave_info(&self, request: &SlaveInfoGet, data: &mut [u8]) -> Outcome {
         let slave = request.slave.get();
         if !self.found(request.slave.into()) {
@@ -37,7 +38,6 @@ impl<N: Network> Chip<N> {
         }
         let (known, place) = (&self.bus.known[usize::from(slave)], &self.bus.places[usize::from(slave)]);
         let identity = self.network.identity(slave).ok_or(Refused)?;
-        let is_newer = self.profile.is_newer();
         let item = match request.item {
             SlaveInfoItem::Vendor => SlaveInfo::U32(identity.vendor),
             SlaveInfoItem::Product => SlaveInfo::U32(identity.product),
@@ -52,11 +52,10 @@ impl<N: Network> Chip<N> {
             SlaveInfoItem::AlStatus => SlaveInfo::U16(known.al_status),
             SlaveInfoItem::OutputBytes => SlaveInfo::U32(place.output_bytes.into()),
             SlaveInfoItem::InputBytes => SlaveInfo::U32(place.input_bytes.into()),
-            SlaveInfoItem::HasDc if is_newer => SlaveInfo::U8(self.network.has_dc(slave).into()),
-            SlaveInfoItem::DcCycle if is_newer => SlaveInfo::U32(known.dc.sync0_ns),
-            SlaveInfoItem::DcShift if is_newer => SlaveInfo::U32(known.dc.shift_ns as u32),
-            SlaveInfoItem::DcActive if is_newer => SlaveInfo::U8(known.dc_active.into()),
-            _ => return Err(Refused),
+            SlaveInfoItem::HasDc => SlaveInfo::U8(self.network.has_dc(slave).into()),
+            SlaveInfoItem::DcCycle => SlaveInfo::U32(known.dc.sync0_ns),
+            SlaveInfoItem::DcShift => SlaveInfo::U32(known.dc.shift_ns as u32),
+            SlaveInfoItem::DcActive => SlaveInfo::U8(known.dc_active.into()),
         };
         Ok(item.encode(data)?)
     }
@@ -69,7 +68,8 @@ impl<N: Network> Chip<N> {
         done_if(self.profile.is_newer())
     }
 
-    /// As many bytes as were read, or as the data segment holds. `[OURS]` Before any were read it is refused.
+    /// As many bytes as were read, or as the data segment holds; none if the last read failed. `[OURS]` Before any were read it is
+    /// refused.
     pub(super) fn sdo_get(&self, data: &mut [u8]) -> Outcome {
         let read = self.sdo.len.map(|len| &self.sdo.data[..len.min(data.len())]);
         answered(read, data)

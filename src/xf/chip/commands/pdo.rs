@@ -25,7 +25,7 @@ impl<N: Network> Chip<N> {
         if writes {
             let stored = (0..count).all(|i| self.fifos.push_rx(&request.data[i * rx_bytes..][..rx_bytes]));
             if !stored {
-                self.errors = self.errors | Errors::FIFO;
+                self.raise(Errors::FIFO);
             }
             done = done | if stored { PdoOperation::WRITE } else { PdoOperation::FAILED };
         }
@@ -44,7 +44,9 @@ impl<N: Network> Chip<N> {
 
     /// Outputs and inputs past the FIFOs: the RxPDO is put out from the next cycle on, the TxPDO is the newest.
     ///
-    /// `[OURS]` Without "bits are valid" no data are no write. A wrong length fails as in [`Self::pdo_data_fifo`].
+    /// Bit 2 of the operation comes back in the return byte: the vendor's driver takes inputs only with it (OBS).
+    ///
+    /// `[OURS]` Without "bits are valid" no data are no write. A wrong length fails as in [`Self::pdo_data_fifo`], without the bit.
     pub(super) fn pdo_data(&mut self, request: &PdoData<'_>, data: &mut [u8]) -> Returned {
         let is_chosen = has(request.operation, PdoOperation::VALID);
         let writes = if is_chosen { has(request.operation, PdoOperation::WRITE) } else { !request.data.is_empty() };
@@ -54,7 +56,7 @@ impl<N: Network> Chip<N> {
         if !self.bus.mapped || !is_right {
             return self.failed();
         }
-        let mut returned = Returned::NONE;
+        let mut returned = Returned { ret: request.operation.0 & PdoOperation::VALID.0, len: 0 };
         if writes {
             self.bus.outputs[..rx_bytes].copy_from_slice(request.data);
             returned.ret |= PdoOperation::WRITE.0;
@@ -68,7 +70,7 @@ impl<N: Network> Chip<N> {
     }
 
     fn failed(&mut self) -> Returned {
-        self.errors = self.errors | Errors::COMMAND;
+        self.raise(Errors::COMMAND);
         Returned { ret: PdoOperation::FAILED.0, len: 0 }
     }
 

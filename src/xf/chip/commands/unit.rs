@@ -31,7 +31,7 @@ impl<N: Network> Chip<N> {
     /// `[OURS]` A command that is given up has no more effects, whether by 1 or by 4; 4 says that it has failed.
     pub(super) fn reset_job(&mut self, actions: AsyncResetActions) -> Outcome {
         if actions.contains(AsyncResetActions::GIVE_UP) && self.job.is_some() {
-            self.errors = self.errors | Errors::NON_IMMEDIATE;
+            self.raise(Errors::NON_IMMEDIATE);
         }
         if actions.contains(AsyncResetActions::GIVE_UP) || actions.contains(AsyncResetActions::CLEAR_BUSY) {
             self.drop_job();

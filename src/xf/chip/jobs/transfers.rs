@@ -41,6 +41,10 @@ impl<N: Network> Chip<N> {
             Err(abort) => abort,
             Ok(()) => AbortCode(0),
         };
+        if result.is_err() && !job.writes {
+            // What was read before is not what was asked for now.
+            self.sdo.len = Some(0);
+        }
         if result.is_ok() { Progress::Done } else { Progress::Failed }
     }
 

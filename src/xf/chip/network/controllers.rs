@@ -405,7 +405,7 @@ impl Network for Controllers {
         }
         let cycle = self.master.take_cycle();
         self.is_doubtful = cycle.is_some_and(|cycle| !cycle.doubtful.is_empty());
-        cycle.map_or(0, |cycle| cycle.working_counter)
+        cycle.map_or(0, |cycle| cycle.working_counter.saturating_add(cycle.written))
     }
 
     fn is_doubtful(&self) -> bool {

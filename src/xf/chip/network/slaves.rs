@@ -176,7 +176,7 @@ impl AtOnce for SlaveModels {
         self.answering_mut(slave).ok_or(AbortCode::TIMEOUT)?.slave.write(object, scope, value)
     }
 
-    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], lrw: bool) -> u16 {
+    fn exchange(&mut self, places: &[Place], outputs: &[u8], inputs: &mut [u8], _lrw: bool) -> u16 {
         let reachable = self.reachable();
         let answering = self.handle.answering();
         let mut working_counter = 0;
@@ -186,7 +186,7 @@ impl AtOnce for SlaveModels {
                 continue;
             }
             let sent = (place.commanded == AlState::Op).then(|| &outputs[place.outputs()]);
-            working_counter += place.counts(place.commanded.min(station.slave.state()), lrw, AlState::Op);
+            working_counter += place.counts(place.commanded.min(station.slave.state()), AlState::Op);
             station.slave.exchange(sent, &mut inputs[place.inputs()]);
         }
         working_counter

@@ -1,0 +1,61 @@
+//! Bytes of exchanges that are no packets by themselves, joined: a driver clocks single bytes while it looks for n, and one with
+//! a small buffer clocks packets in parts.
+
+use ecmsk::link::Dir;
+use ecmsk::recording::exchanges::RecordedBytes;
+use ecmsk::xf::{DataSize, Resync};
+
+/// The most bytes of a direction that are held. \[OURS] What is longer is shown in several parts.
+const BYTES_MAX: usize = 1 << 20;
+
+/// The pieces of one direction, one behind the other.
+#[derive(Debug, Default)]
+pub struct Pieces {
+    pub bytes: Vec<u8>,
+    /// How many there are.
+    pub count: u64,
+    /// The numbers in the recording of the first and the last one, and when they passed: since the first packet of the recording, and
+    /// as recorded.
+    pub numbers: [u64; 2],
+    pub since_ns: [i64; 2],
+    pub recorded_ns: u64,
+}
+
+impl Pieces {
+    /// Whether an exchange has only a piece of a packet: as many bytes as no packet has.
+    pub fn is_one(recorded: &RecordedBytes) -> bool {
+        DataSize::of_packet(recorded.bytes.len()).is_none()
+    }
+
+    /// Takes a piece.
+    pub fn add(&mut self, number: u64, since_ns: i64, recorded: &RecordedBytes) {
+        if self.count == 0 {
+            (self.numbers[0], self.since_ns[0], self.recorded_ns) = (number, since_ns, recorded.at_ns);
+        }
+        (self.numbers[1], self.since_ns[1]) = (number, since_ns);
+        self.bytes.extend_from_slice(&recorded.bytes);
+        self.count += 1;
+    }
+
+    /// Whether it holds as much as it may.
+    pub const fn is_full(&self) -> bool {
+        self.bytes.len() >= BYTES_MAX
+    }
+
+    /// The packets in the bytes, those that follow each other unchanged as one with their number; and how many bytes are in none.
+    pub fn packets(&self, dir: Dir) -> (Vec<(u64, RecordedBytes)>, usize) {
+        let (mut reader, mut rest, mut in_packets) = (Resync::new(), &self.bytes[..], 0);
+        let mut packets: Vec<(u64, RecordedBytes)> = Vec::new();
+        while !rest.is_empty() {
+            rest = &rest[reader.push(rest)..];
+            while let Some(packet) = reader.next_packet() {
+                in_packets += packet.len();
+                match packets.last_mut() {
+                    Some((times, last)) if last.bytes == packet => *times += 1,
+                    _ => packets.push((1, RecordedBytes { at_ns: self.recorded_ns, dir, bytes: packet.to_vec() })),
+                }
+            }
+        }
+        (packets, self.bytes.len() - in_packets)
+    }
+}

@@ -26,6 +26,8 @@ pub struct Beside {
     pub positions: Vec<(u8, Pieces)>,
     /// When axes had a fault.
     pub faults: Vec<(u8, Vec<Span>)>,
+    /// When homing gave the positions of axes another zero last.
+    pub zeroed: Vec<(u8, f64)>,
 }
 
 /// Another recording, which was read once.
@@ -88,6 +90,7 @@ impl Other {
             let moved =
                 |piece: Vec<(f64, f64)>| piece.into_iter().map(|(at, position)| (at + later, position)).collect();
             beside.positions.push((axis.axis, axis.position.into_iter().map(moved).collect()));
+            beside.zeroed.extend(axis.zeroed.map(|at| (axis.axis, at + later)));
             let faults = axis.states.into_iter().filter(|span| span.state == State::Fault);
             let named = |Span { state, from, to, note }: Span| Span {
                 state,

@@ -5,20 +5,14 @@ use super::Model;
 use crate::ethercat::AlState;
 use crate::slave::dictionary::Object;
 
-/// The objects of a device by which programs recognize it, but for its identity object: 0x1000, 0x1001 and 0x1008 to 0x100A.
-pub const fn description<M: Model>() -> [Object<M>; 5] {
+/// The objects of a device by which programs recognize it, but for its identity object: 0x1000, 0x1001 and 0x1008.
+pub const fn description<M: Model>() -> [Object<M>; 3] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
         Object::u8(0x1001, 0, "Error register").tx().live(error_register),
         Object::text(0x1008, 0, "Device name", |device: &M| device.base().identity.name),
-        Object::text(0x1009, 0, "Hardware version", |_| HARDWARE_VERSION),
-        Object::text(0x100A, 0, "Software version", |_| SOFTWARE_VERSION),
     ]
 }
-
-/// \[OURS] The versions of every kind.
-const HARDWARE_VERSION: &str = "1.0";
-const SOFTWARE_VERSION: &str = "1.0";
 
 /// The identity object, 0x1018, and the sync manager types, 0x1C00, which every device has and masters look for.
 pub const fn identity<M: Model>() -> [Object<M>; 10] {

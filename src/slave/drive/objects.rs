@@ -150,6 +150,9 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
 
 /// The objects that other CiA 402 axes do not have, or have otherwise.
 const DRIVE: &[Row] = &[
+    // [OURS] The first version of each.
+    Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
+    Row::text(0x100A, 0, "Software version", |_| "1.0"),
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(changed::<_, 0>),
     Row::u16(0x6066, 0, "Following error time out").rw().rx().default(10).changed(changed::<_, 0>),
     Row::u32(0x6067, 0, "Position window").rw().rx(),

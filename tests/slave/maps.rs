@@ -274,7 +274,7 @@ fn get(image: &[u8], pdos: &[(u16, &[u32])], object: u32) -> Option<u64> {
     None
 }
 
-/// SK-7.55 Each map is taken, and the drive is enabled with it and shows where it is.
+/// SK-7.57 Each map is taken, and the drive is enabled with it and shows where it is.
 #[test]
 fn maps_of_other_masters_are_taken() {
     for wanted in MAPS {
@@ -309,7 +309,7 @@ fn maps_of_other_masters_are_taken() {
     }
 }
 
-/// SK-7.55 Every CiA 402 axis but a DP3CL, which is as its maker has it, has the first three PDOs of each direction, with
+/// SK-7.57 Every CiA 402 axis but a DP3CL, which is as its maker has it, has the first three PDOs of each direction, with
 /// 0x60FE:1 among what they take.
 #[test]
 fn each_drive_has_three_pdos_of_each_direction() {
@@ -339,7 +339,7 @@ fn each_drive_has_three_pdos_of_each_direction() {
 
 /// The mandatory objects of CiA 402-2 and ETG.6010 for the modes of a drive, and those that masters usually read: each can be read,
 /// with its size; an entry of RxPDOs or TxPDOs can be mapped.
-/// SK-7.56 Among them the demands of velocity and torque, 0x606B and 0x6074.
+/// SK-7.58 Among them the demands of velocity and torque, 0x606B and 0x6074.
 #[test]
 fn objects_of_the_profile() {
     const OBJECTS: [(u16, u8, u8, char); 83] = [
@@ -441,7 +441,7 @@ fn objects_of_the_profile() {
     }
 }
 
-/// SK-7.56 What a drive does not do it does not take: a polarity, a gear, a touch probe.
+/// SK-7.58 What a drive does not do it does not take: a polarity, a gear, a touch probe.
 #[test]
 fn what_would_change_the_motion_is_refused() {
     let mut drive = drive_with("");
@@ -488,7 +488,7 @@ fn run(drive: &mut Drive, controlword: u16, target: i32, cycles: u32) {
     }
 }
 
-/// SK-7.56 0x60B0 is added to the target of CSP, 0x60B1 to that of CSV, 0x60B2 to that of CST; 0x606B and 0x6074 show what the
+/// SK-7.58 0x60B0 is added to the target of CSP, 0x60B1 to that of CSV, 0x60B2 to that of CST; 0x606B and 0x6074 show what the
 /// loops follow.
 #[test]
 fn offsets_are_added_and_demands_shown() {
@@ -522,7 +522,7 @@ fn offsets_are_added_and_demands_shown() {
     assert_eq!((read(&mut drive, 0x6077, 0), read(&mut drive, 0x6074, 0)), (Ok(150), Ok(150)));
 }
 
-/// SK-7.56 The lowest of the three limits of the torque is in force.
+/// SK-7.58 The lowest of the three limits of the torque is in force.
 #[test]
 fn torque_limits() {
     for limit in [0x6072, 0x60E0, 0x60E1] {

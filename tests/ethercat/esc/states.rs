@@ -275,7 +275,7 @@ fn a_device_has_its_own_reasons() {
     assert_eq!((status, code), (0x11, rig.chain.slave(0).device().al_status()));
 }
 
-/// ECAT-11.12 A drive that a master has told to run by SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30; with
+/// ECAT-11.14 A drive that a master has told to run by SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30; with
 /// SYNC0, with another type, or without a word it goes.
 #[test]
 fn a_drive_told_to_run_by_sync0_needs_it() {

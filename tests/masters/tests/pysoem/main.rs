@@ -170,7 +170,7 @@ mod needs_pysoem {
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
     }
 
-    /// ECAT-11.12 A drive that was told to run by SYNC0 refuses OP without it.
+    /// ECAT-11.14 A drive that was told to run by SYNC0 refuses OP without it.
     #[test]
     fn sync0_that_was_told_is_needed() {
         let said = run("drive", "sync0");

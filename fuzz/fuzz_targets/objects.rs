@@ -57,7 +57,7 @@ fn have(mut objects: ManufacturerObjects) {
     for object in objects.objects().to_vec() {
         let at = object.address;
         match upload(&objects, at) {
-            Ok(bits) => assert_eq!(bits, object.bits as u32),
+            Ok(bits) => assert_eq!(bits, object.value.bits() as u32),
             Err(code) => assert_eq!((code, object.access), (AbortCode::WRITE_ONLY, Access::WriteOnly)),
         }
         for size in [SdoSize::One, SdoSize::Two, SdoSize::Four] {

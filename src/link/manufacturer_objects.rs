@@ -31,8 +31,16 @@ pub fn load(file: &Path) -> Result<ManufacturerObjects, ManufacturerObjectsError
 /// # Errors
 /// [`ManufacturerObjectsError`].
 pub fn read_text(file: &Path, size_max: u64) -> Result<String, ManufacturerObjectsError> {
-    let read = read_small(file, size_max).map_err(|error| wrong(file, error))?;
-    String::from_utf8(read.bytes).map_err(|_| wrong(file, "it is no text in UTF-8; save it as UTF-8"))
+    let bytes = read_bytes(file, size_max)?;
+    String::from_utf8(bytes).map_err(|_| wrong(file, "it is no text in UTF-8; save it as UTF-8"))
+}
+
+/// Reads a regular file of at most `size_max` bytes.
+///
+/// # Errors
+/// [`ManufacturerObjectsError`].
+pub fn read_bytes(file: &Path, size_max: u64) -> Result<Vec<u8>, ManufacturerObjectsError> {
+    Ok(read_small(file, size_max).map_err(|error| wrong(file, error))?.bytes)
 }
 
 fn wrong(file: &Path, message: impl ToString) -> ManufacturerObjectsError {

@@ -13,6 +13,8 @@ use super::keys::decimal;
 use super::travel::TravelSpec;
 use super::uri::suggestion;
 use crate::sk::SlotSize;
+#[cfg(feature = "sim")]
+use crate::slave::cable;
 
 /// The value for a network without slaves.
 const NONE: &str = "none";
@@ -58,8 +60,8 @@ const ANY: &str = "any";
 /// The section on manufacturer-specific objects of `ecmsk link help`.
 pub(super) fn manufacturer_objects_help() -> String {
     "Behind any kind may stand the objects of its maker, which programs write before they go on, e.g. drive:objects@sv2.objects*2:\n  \
-     :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS VALUE \
-     NAME;\n      `ecmsk objects from-esi` and `from-drive` make one\n  \
+     :objects@FILE\n      the objects of that file (a path without `,` `*` and `:`), one a line: INDEX:SUB TYPE ACCESS [MAPPING] \
+     VALUE NAME;\n      `ecmsk objects from-esi` and `from-drive` make one\n  \
      :objects@any\n      whatever is written to 0x2000..0x9FFF is stored and read back, where a real drive may refuse it\n"
         .to_owned()
 }
@@ -74,11 +76,24 @@ pub(super) fn form() -> String {
     )
 }
 
-/// Parses a list; the result has one entry for each slave.
+/// Parses the list of a board; the result has one entry for each slave.
 ///
 /// # Errors
 /// Why the list is invalid and what is allowed.
 pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
+    parse_at_most(list, SLAVES_MAX)
+}
+
+/// Parses the list of a network without a board, which may have more slaves.
+///
+/// # Errors
+/// As [`parse`].
+#[cfg(feature = "sim")]
+pub fn parse_for_network(list: &str) -> Result<Vec<SlaveSpec>, String> {
+    parse_at_most(list, cable::SLAVES_MAX)
+}
+
+fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String> {
     let mut slaves = Vec::new();
     if list == NONE {
         return Ok(slaves);
@@ -91,7 +106,7 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     }
     for item in list.split(',') {
         let (kind, count) = match item.split_once('*') {
-            Some((kind, count)) => (kind, parse_count(item, count)?),
+            Some((kind, count)) => (kind, parse_count(item, count, slaves_max)?),
             None => (item, 1),
         };
         let (kind, parts) = match kind.split_once(':') {
@@ -109,8 +124,8 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
             None => TravelSpec::default(),
         };
         slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, manufacturer_objects }, count));
-        if slaves.len() > SLAVES_MAX {
-            return Err(format!("allowed: at most {SLAVES_MAX} slaves"));
+        if slaves.len() > slaves_max {
+            return Err(format!("allowed: at most {slaves_max} slaves"));
         }
     }
     Ok(slaves)
@@ -181,14 +196,14 @@ fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
     Ok(travel)
 }
 
-fn parse_count(item: &str, count: &str) -> Result<usize, String> {
-    let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=SLAVES_MAX).contains(n));
+fn parse_count(item: &str, count: &str, slaves_max: usize) -> Result<usize, String> {
+    let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=slaves_max).contains(n));
     number.ok_or_else(|| match count.split_once(':') {
         Some((count, parts)) => format!(
             "in `{item}`, the number stands last; allowed: {}:{parts}*{count}",
             item.split('*').next().unwrap_or_default()
         ),
-        None => format!("in `{item}`, allowed: a whole number from 1 to {SLAVES_MAX} after the *"),
+        None => format!("in `{item}`, allowed: a whole number from 1 to {slaves_max} after the *"),
     })
 }
 

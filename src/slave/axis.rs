@@ -71,6 +71,19 @@ pub struct Targets {
     pub velocity: i32,
     /// Target torque, 0x6071, 0.1 % of rated.
     pub torque: i16,
+    /// Whether an offset was ever written; kept here so that a cycle without offsets reads nothing else.
+    has_offsets: bool,
+}
+
+/// What is added to the targets of the cyclic modes (CiA 402-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Offsets {
+    /// Position offset, 0x60B0, counts; of CSP.
+    pub position: i32,
+    /// Velocity offset, 0x60B1, counts/s; of CSV. \[OURS] In CSP it has no effect: the simulated loops need no feed-forward.
+    pub velocity: i32,
+    /// Torque offset, 0x60B2, 0.1 % of rated; of CST. \[OURS] In CSP and CSV it has no effect, for the same reason.
+    pub torque: i16,
 }
 
 /// What the axis makes its motor do.
@@ -140,6 +153,7 @@ pub struct Axis {
     /// How long shaft and demand have been at standstill, in homing mode and while the axis brakes after it.
     standstill_ns: Ns,
     settings: Settings,
+    offsets: Offsets,
     homing: Homing,
     switches: Switches,
 }
@@ -172,6 +186,7 @@ impl Axis {
             machine: StateMachine::new(times, settings.options),
             plant,
             settings,
+            offsets: Offsets::default(),
             following: FollowingErrorWindow::of(&settings),
             limits: None,
             switches: Switches::new(&Travel::NONE, 1),
@@ -249,7 +264,8 @@ impl Axis {
         };
         self.motion = if moves && mode != Mode::Homing { Motion::BrakeAfterHoming } else { Motion::Off };
         self.mode = mode;
-        self.targets = Targets { position: self.position() as i32, ..Targets::default() };
+        self.targets = Targets { has_offsets: self.targets.has_offsets, ..Targets::default() };
+        self.hold_target();
         if mode == Mode::Homing {
             self.reset_standstill();
             self.homing.enter(self.machine.controlword(), self.settings.homing);
@@ -264,7 +280,7 @@ impl Axis {
     /// Sets the position actual value of where the shaft is.
     pub fn set_position(&mut self, position: i64) {
         self.origin = position.wrapping_sub(self.plant.position());
-        self.targets.position = position as i32;
+        self.hold_target();
         self.measure();
     }
 
@@ -297,6 +313,32 @@ impl Axis {
     /// [`Self::take_target_position`].
     pub const fn targets_mut(&mut self) -> &mut Targets {
         &mut self.targets
+    }
+
+    /// What is added to the targets.
+    pub const fn offsets(&self) -> &Offsets {
+        &self.offsets
+    }
+
+    /// The offsets, to be written by SDO or process data.
+    pub const fn offsets_mut(&mut self) -> &mut Offsets {
+        self.targets.has_offsets = true;
+        &mut self.offsets
+    }
+
+    /// The target position becomes the one at which the axis stays where it is.
+    const fn hold_target(&mut self) {
+        let offset = if self.targets.has_offsets { self.offsets.position } else { 0 };
+        self.targets.position = (self.position() as i32).wrapping_sub(offset);
+    }
+
+    /// Velocity demand value (0x606B), counts/s: that of the demand which the control loops follow; 0 without power.
+    pub fn velocity_demand(&self) -> i64 {
+        rounded(match (self.motion, self.mode) {
+            (Motion::Off, _) => 0.0,
+            (Motion::Follow, Mode::Csp) => self.plant.demanded_velocity(),
+            _ => self.demand.velocity,
+        })
     }
 
     /// Position demand value (0x6062), counts.

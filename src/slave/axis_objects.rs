@@ -44,7 +44,7 @@ const fn ramp<M: AxisModel, const N: usize>(of_axis_1: u16, name: &'static str) 
 
 /// The objects of axis `N` (from 0). 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported
 /// ends in a homing error when it is started \[OURS].
-pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 23] {
+pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 27] {
     [
         Object::u16(index::<N>(0x603F), 0, "Error code")
             .tx()
@@ -86,9 +86,15 @@ pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 
             .tx()
             .live(|device: &M| device.axes()[N].mode().code().into()),
         Object::i32(index::<N>(0x6062), 0, "Position demand value").tx().live(|device: &M| device.axes()[N].demand()),
+        Object::i32(index::<N>(0x6063), 0, "Position actual internal value")
+            .tx()
+            .live(|device: &M| device.axes()[N].plant().position()),
         Object::i32(index::<N>(0x6064), 0, "Position actual value")
             .tx()
             .live(|device: &M| device.axes()[N].measured().position.into()),
+        Object::i32(index::<N>(0x606B), 0, "Velocity demand value")
+            .tx()
+            .live(|device: &M| device.axes()[N].velocity_demand()),
         Object::i32(index::<N>(0x606C), 0, "Velocity actual value")
             .tx()
             .live(|device: &M| rounded(device.axes()[N].plant().velocity())),
@@ -109,7 +115,30 @@ pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 
         Object::u32(index::<N>(0x6099), 1, "Speed during search for switch").rw().rx().changed(changed::<M, N>),
         Object::u32(index::<N>(0x6099), 2, "Speed during search for zero").rw().rx().changed(changed::<M, N>),
         ramp::<M, N>(0x609A, "Homing acceleration"),
+        Object::i32(index::<N>(0x60B0), 0, "Position offset")
+            .rw()
+            .rx()
+            .live(|device: &M| device.axes()[N].offsets().position.into())
+            .setter(|device: &mut M, counts| {
+                device.axes_mut()[N].offsets_mut().position = counts as i32;
+                Ok(())
+            }),
+        Object::i32(index::<N>(0x60FC), 0, "Position demand internal value")
+            .tx()
+            .live(|device: &M| device.axes()[N].shaft_demand()),
     ]
+}
+
+/// The velocity offset of axis `N` (from 0), for devices with CSV.
+pub(super) const fn velocity_offset<M: AxisModel, const N: usize>() -> Object<M> {
+    Object::i32(index::<N>(0x60B1), 0, "Velocity offset")
+        .rw()
+        .rx()
+        .live(|device: &M| device.axes()[N].offsets().velocity.into())
+        .setter(|device: &mut M, velocity| {
+            device.axes_mut()[N].offsets_mut().velocity = velocity as i32;
+            Ok(())
+        })
 }
 
 /// The target velocity of axis `N` (from 0), for devices with CSV.

@@ -17,6 +17,12 @@ use super::{AlStatus, Fault};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
+/// The most slaves on a cable. \[OURS] Their numbers, and the place of a cut, are one byte; a board has 40 of them at most.
+pub const SLAVES_MAX: usize = 254;
+
+/// A set of slaves on a cable, by the bits of their numbers.
+type Bits = [u64; 4];
+
 /// How one slave is made to answer changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
 struct ScriptedAnswers {
@@ -43,15 +49,15 @@ struct Shared {
     reach: AtomicU8,
     /// The slave before which frames are damaged, in the upper half, and one of how many; 0: none is damaged.
     noise: AtomicU32,
-    /// Bit n - 1: slave n does not answer.
-    silent: AtomicU64,
-    /// Bit n - 1: slave n has lost its power since the last cycle.
-    powered_off: AtomicU64,
+    /// The slaves that do not answer.
+    silent: [AtomicU64; 4],
+    /// The slaves that have lost their power since the last cycle.
+    powered_off: [AtomicU64; 4],
     /// There are faults that no cycle has taken yet.
     has_faults: AtomicBool,
     /// Those faults, each with its slave.
     faults: Mutex<Vec<(u8, Fault)>>,
-    answers: Mutex<[ScriptedAnswers; MAX_SLAVES]>,
+    answers: Mutex<Box<[ScriptedAnswers]>>,
 }
 
 /// The cable; clones are the same cable. Slaves are numbered from 1. A call for a slave that does not exist has no effect.
@@ -63,11 +69,11 @@ impl Default for Cable {
         Self(Arc::new(Shared {
             reach: AtomicU8::new(u8::MAX),
             noise: AtomicU32::new(0),
-            silent: AtomicU64::new(0),
-            powered_off: AtomicU64::new(0),
+            silent: Default::default(),
+            powered_off: Default::default(),
             has_faults: AtomicBool::new(false),
-            faults: Mutex::new(Vec::with_capacity(2 * MAX_SLAVES)),
-            answers: Mutex::new([ScriptedAnswers::default(); MAX_SLAVES]),
+            faults: Mutex::new(Vec::with_capacity(2 * SLAVES_MAX)),
+            answers: Mutex::new(vec![ScriptedAnswers::default(); SLAVES_MAX].into()),
         }))
     }
 }
@@ -94,11 +100,11 @@ impl Cable {
     /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass
     /// it, and time passes in it.
     pub fn silence(&self, slave: u8, silent: bool) {
-        let bit = bit_of(slave);
+        let (word, bit) = bit_of(slave);
         if silent {
-            self.0.silent.fetch_or(bit, Ordering::Relaxed);
+            self.0.silent[word].fetch_or(bit, Ordering::Relaxed);
         } else {
-            self.0.silent.fetch_and(!bit, Ordering::Relaxed);
+            self.0.silent[word].fetch_and(!bit, Ordering::Relaxed);
         }
     }
 
@@ -106,7 +112,8 @@ impl Cable {
     /// so that the slaves behind it stay on the network.
     pub fn lose(&self, slave: u8) {
         self.silence(slave, true);
-        self.0.powered_off.fetch_or(bit_of(slave), Ordering::Relaxed);
+        let (word, bit) = bit_of(slave);
+        self.0.powered_off[word].fetch_or(bit, Ordering::Relaxed);
     }
 
     /// Gives a slave its power back after [`Self::lose`]: it answers, in Init.
@@ -164,18 +171,25 @@ impl Cable {
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
     }
 
-    /// The slaves that frames reach and that answer.
+    /// The slaves of a board that frames reach and that answer.
     pub fn answering(&self) -> SlaveSet {
-        let silent = SlaveSet::from_bits(self.0.silent.load(Ordering::Relaxed));
+        let silent = SlaveSet::from_bits(self.0.silent[0].load(Ordering::Relaxed) >> 1);
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
     }
 
-    /// The slaves that have lost their power since the last call.
+    /// The slaves that do not answer, wherever the cable is cut.
+    pub(super) fn silent(&self) -> Bits {
+        self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
+    }
+
+    /// The slaves of a board that have lost their power since the last call.
     pub fn take_powered_off(&self) -> SlaveSet {
-        match self.0.powered_off.load(Ordering::Relaxed) {
-            0 => SlaveSet::EMPTY,
-            _ => SlaveSet::from_bits(self.0.powered_off.swap(0, Ordering::Relaxed)),
-        }
+        SlaveSet::from_bits(take(&self.0.powered_off[0]) >> 1)
+    }
+
+    /// All slaves that have lost their power since the last call.
+    pub(super) fn take_all_powered_off(&self) -> Bits {
+        self.0.powered_off.each_ref().map(take)
     }
 
     /// The AL status code with which a slave is made to refuse a state; `None`: it is not.
@@ -210,11 +224,20 @@ impl Cable {
     }
 }
 
-fn bit_of(slave: u8) -> u64 {
-    match slave {
-        1..=64 => 1 << (slave - 1),
-        _ => 0,
-    }
+/// The word and the bit of a slave.
+const fn bit_of(slave: u8) -> (usize, u64) {
+    (slave as usize / 64, 1 << (slave % 64))
+}
+
+/// Whether a slave is in a set.
+pub(super) const fn has(set: &Bits, slave: u8) -> bool {
+    let (word, bit) = bit_of(slave);
+    set[word] & bit != 0
+}
+
+/// A cycle only reads a word that nobody has written.
+fn take(word: &AtomicU64) -> u64 {
+    if word.load(Ordering::Relaxed) == 0 { 0 } else { word.swap(0, Ordering::Relaxed) }
 }
 
 /// A thread that has panicked leaves plain data behind, which is still valid.

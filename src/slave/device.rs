@@ -7,6 +7,7 @@
 mod as_slave;
 mod information;
 mod objects;
+mod sync_types;
 mod test_memory;
 
 use super::al::ApplicationLayer;
@@ -27,6 +28,7 @@ use crate::ethercat::{AlState, Ns};
 
 pub(super) use as_slave::fall;
 pub use objects::{both, description, free_run, identity, synchronization};
+use sync_types::SyncTypes;
 pub use test_memory::{TEST_MEMORY, TEST_MEMORY_BYTES_MAX};
 
 /// Vendor ID, 0x1018:1, of the devices here. \[OURS] "ECMS": no vendor has this number.
@@ -63,6 +65,8 @@ pub struct Base<M> {
     /// The octets that masters store to test long transfers.
     test_memory: Vec<u8>,
     mapping: Mapping,
+    /// How the device is synchronized. No cycle uses it.
+    sync_types: SyncTypes,
     /// The lengths of sync managers 2 and 3 that the master has set, bytes.
     sync_managers: (u16, u16),
     plan: Plan<M>,
@@ -78,7 +82,21 @@ impl<M: Model> Base<M> {
         let test_memory = Vec::with_capacity(if M::TEST_MEMORY { TEST_MEMORY_BYTES_MAX } else { 0 });
         let (manufacturer, sync_managers) = (None, (0, 0));
         let files = M::FIRMWARE.map(|firmware| Box::new(FileStore::new(firmware)));
-        Self { name, serial, identity, al, values, manufacturer, files, test_memory, mapping, sync_managers, plan }
+        let sync_types = SyncTypes::default();
+        Self {
+            name,
+            serial,
+            identity,
+            al,
+            values,
+            manufacturer,
+            files,
+            test_memory,
+            mapping,
+            sync_types,
+            sync_managers,
+            plan,
+        }
     }
 
     /// The device loses its power and gets it back: its AL state, its mapping and its stored values are those of power-on.
@@ -180,6 +198,11 @@ pub trait Model: Send + Sized + 'static {
         true
     }
 
+    /// As [`Slave::waits_for_outputs`](super::Slave::waits_for_outputs).
+    fn waits_for_outputs(&self) -> bool {
+        true
+    }
+
     /// The station alias at power-on; 0: none.
     fn station_alias(&self) -> u16 {
         0
@@ -202,8 +225,8 @@ pub trait Model: Send + Sized + 'static {
     /// The watchdog of outputs has expired, and the device has left OP.
     fn watchdog_expired(&mut self) {}
 
-    /// Judges a change of the AL state to the next higher one. `mapped`: what the mapping and the lengths of the sync
-    /// managers allow; it matters in the change to SafeOP alone.
+    /// Judges a change of the AL state to the next higher one. `mapped`: on the way to SafeOP what the mapping and the lengths
+    /// of the sync managers allow, on the way to OP what the synchronization does.
     ///
     /// # Errors
     /// The AL status code with which the device refuses.

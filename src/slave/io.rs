@@ -86,6 +86,10 @@ impl Model for Io {
         false
     }
 
+    fn waits_for_outputs(&self) -> bool {
+        false
+    }
+
     fn lines_mut(&mut self) -> &mut [Lines] {
         slice::from_mut(&mut self.lines)
     }

@@ -1,5 +1,5 @@
 //! Manufacturer-specific objects: those from 0x2000 on, and others that programs write at their start and that no simulated
-//! slave has by itself. They have no effect; what is written is read back.
+//! slave has by itself. They have no effect; what is written, by SDO or as process data, is read back.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -19,18 +19,18 @@
 //! ```
 
 mod format;
-
-use std::fmt;
+mod value;
 
 use super::dictionary::{
-    Access, DataType, DataTypeCode, EntryDescription, ObjectDescription, access_of, number_of, put_first,
+    Access, DataType, DataTypeCode, EntryDescription, ObjectDescription, PdoDirection, access_of, put_first,
 };
-use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
+use crate::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
+pub use value::ManufacturerValue;
 
 /// The data type of a manufacturer-specific object. The board transfers 4 bytes at most: of a longer value it reads the
-/// first 4, and it cannot write it.
+/// first 4, and it cannot write it. Another master transfers all of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ManufacturerType {
     /// `bool`, one byte.
@@ -55,7 +55,7 @@ pub enum ManufacturerType {
     U64,
     /// `f64`, IEEE 754.
     F64,
-    /// `text`, its first 8 bytes.
+    /// `text`, of any length.
     Text,
     /// `any`: a value of unknown size, as of an object that was read over the board, which shows 4 bytes at most. A write
     /// of any size is accepted.
@@ -129,15 +129,50 @@ impl ManufacturerType {
         }
     }
 
-    /// How many bytes an upload gives: of a text the 8 that are kept, and of a value of unknown size 4.
-    const fn shown_bytes(self) -> u8 {
-        match self.bytes() {
-            Some(bytes) => bytes,
-            None if matches!(self, Self::Text) => 8,
-            None => 4,
+    /// Whether a PDO may have an entry of that many bits with a value of this type. \[OURS] An `u8` may be one of the types of 2 to
+    /// 7 bits, which files do not tell apart.
+    const fn can_be_mapped_with(self, bits: u8) -> bool {
+        match (self, self.bytes()) {
+            (Self::Bool, _) => bits == 1,
+            (Self::U8, _) => bits >= 1 && bits <= 8,
+            (_, Some(bytes)) => bits == bytes * 8,
+            (_, None) => false,
         }
     }
 }
+
+/// Into which PDOs an object may be mapped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mappable {
+    /// Into RxPDOs, as an output.
+    pub rx: bool,
+    /// Into TxPDOs, as an input.
+    pub tx: bool,
+}
+
+impl Mappable {
+    /// The keyword in a file; none for an object that cannot be mapped.
+    pub const fn word(self) -> Option<&'static str> {
+        match (self.rx, self.tx) {
+            (false, false) => None,
+            (true, false) => Some("rx"),
+            (false, true) => Some("tx"),
+            (true, true) => Some("rxtx"),
+        }
+    }
+
+    const fn has(self, direction: PdoDirection) -> bool {
+        match direction {
+            PdoDirection::Rx => self.rx,
+            PdoDirection::Tx => self.tx,
+        }
+    }
+}
+
+/// The longest value that is stored, bytes \[OURS].
+pub const MANUFACTURER_VALUE_BYTES_MAX: usize = 0x1_0000;
+/// How many bytes of a value of unknown size an upload gives at least.
+const ANY_BYTES_MIN: usize = 4;
 
 /// One sub-index of a manufacturer-specific object.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -148,28 +183,12 @@ pub struct ManufacturerObject {
     pub data: ManufacturerType,
     /// Whether it can be read and written. A file shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,
-    /// The value: the bytes of an SDO, the lowest first.
-    pub bits: u64,
+    /// Into which PDOs it may be mapped; without effect for a type without a fixed size.
+    pub mappable: Mappable,
+    /// The value.
+    pub value: ManufacturerValue,
     /// The name that people know it by; may be empty.
     pub name: String,
-}
-
-/// As a line of a file, see [`ManufacturerObjects::parse`].
-impl fmt::Display for ManufacturerObject {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let access = match self.access {
-            Access::ReadOnly => "ro",
-            Access::WriteOnly => "wo",
-            Access::ReadWrite | Access::ReadWriteUpTo(_) => "rw",
-        };
-        let ObjectAddress { index, sub } = self.address;
-        write!(f, "0x{index:04X}:{sub} {} {access} 0x{:X}", self.data.word(), self.bits)?;
-        let name = self.name.replace(|c: char| c.is_control(), " ");
-        match name.trim() {
-            "" => Ok(()),
-            name => write!(f, " {name}"),
-        }
-    }
 }
 
 /// The most objects that [`ManufacturerObjects::any`] creates by writes \[OURS]: more than any program writes at its start.
@@ -237,14 +256,20 @@ impl ManufacturerObjects {
     /// The description of an entry.
     pub(super) fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'_>> {
         let object = &self.objects[self.find(at).ok()?];
-        Some(EntryDescription {
-            at,
-            data_type: object.data.code(),
-            bits: u16::from(object.data.shown_bytes()) * 8,
-            access: access_of(object.access),
-            values: None,
-            name: &object.name,
-        })
+        let bits = match (object.data, object.data.bytes()) {
+            (ManufacturerType::Bool, _) => 1,
+            (_, Some(bytes)) => u16::from(bytes) * 8,
+            (_, None) => object.shown(|value| u16::try_from(value.len() * 8).unwrap_or(u16::MAX)),
+        };
+        let mut access = access_of(object.access);
+        for (direction, right) in
+            [(PdoDirection::Rx, ObjectAccess::RX_MAPPABLE), (PdoDirection::Tx, ObjectAccess::TX_MAPPABLE)]
+        {
+            if object.mappable.has(direction) && object.data.bytes().is_some() {
+                access = access | right;
+            }
+        }
+        Some(EntryDescription { at, data_type: object.data.code(), bits, access, values: None, name: &object.name })
     }
 
     fn find(&self, at: ObjectAddress) -> Result<usize, usize> {
@@ -270,11 +295,8 @@ impl ManufacturerObjects {
         self.one_entry(at, scope)?;
         match self.find(at) {
             Ok(place) if self.objects[place].access == Access::WriteOnly => Err(AbortCode::WRITE_ONLY),
-            Ok(place) => {
-                let ManufacturerObject { data, bits, .. } = self.objects[place];
-                Ok(put_first(&bits.to_le_bytes()[..data.shown_bytes().into()], value))
-            }
-            Err(_) if self.is_any(at) => Ok(put_first(&[0; 4], value)),
+            Ok(place) => Ok(self.objects[place].shown(|bytes| put_first(bytes, value))),
+            Err(_) if self.is_any(at) => Ok(put_first(&[0; ANY_BYTES_MIN], value)),
             Err(_) => Err(self.absent_code(at, otherwise)),
         }
     }
@@ -296,28 +318,64 @@ impl ManufacturerObjects {
         let place = match self.find(at) {
             Ok(place) => place,
             Err(place) if self.is_any(at) => {
-                if value.len() > size_of::<u64>() {
+                if value.len() > MANUFACTURER_VALUE_BYTES_MAX {
                     return Err(AbortCode::TOO_LONG);
                 }
                 if self.objects.len() >= MADE_MAX {
                     return Err(AbortCode::OUT_OF_MEMORY);
                 }
-                let (data, access, bits) = (ManufacturerType::Any, Access::ReadWrite, number_of(value));
-                self.objects.insert(place, ManufacturerObject { address: at, data, access, bits, name: String::new() });
+                let object = ManufacturerObject {
+                    address: at,
+                    data: ManufacturerType::Any,
+                    access: Access::ReadWrite,
+                    mappable: Mappable::default(),
+                    value: ManufacturerValue::of_bytes(value),
+                    name: String::new(),
+                };
+                self.objects.insert(place, object);
                 return Ok(());
             }
             Err(_) => return Err(self.absent_code(at, otherwise)),
         };
         let object = &mut self.objects[place];
-        let most = usize::from(object.data.bytes().unwrap_or(8));
+        let most = object.data.bytes().map_or(MANUFACTURER_VALUE_BYTES_MAX, usize::from);
         match object.data.bytes() {
             _ if object.access == Access::ReadOnly => Err(AbortCode::READ_ONLY),
             _ if value.len() > most => Err(AbortCode::TOO_LONG),
             Some(_) if value.len() < most => Err(AbortCode::TOO_SHORT),
             _ => {
-                object.bits = number_of(value);
+                object.value.put(value);
                 Ok(())
             }
+        }
+    }
+
+    /// The place of an object that a PDO of that direction may have an entry of that many bits for.
+    ///
+    /// # Errors
+    /// [`AbortCode::NOT_MAPPABLE`], or `otherwise` if it is not among these.
+    pub(super) fn mapped(
+        &self,
+        at: ObjectAddress,
+        direction: PdoDirection,
+        bits: u8,
+        otherwise: AbortCode,
+    ) -> Result<usize, AbortCode> {
+        let place = self.find(at).map_err(|_| self.absent_code(at, otherwise))?;
+        let object = &self.objects[place];
+        let fits = object.mappable.has(direction) && object.data.can_be_mapped_with(bits);
+        if fits { Ok(place) } else { Err(AbortCode::NOT_MAPPABLE) }
+    }
+
+    /// The low bits of the value at a place.
+    pub(super) fn bits(&self, place: usize) -> u64 {
+        self.objects.get(place).map_or(0, |object| object.value.bits())
+    }
+
+    /// Process data bring the value of a place.
+    pub(super) fn take_bits(&mut self, place: usize, bits: u64) {
+        if let Some(ManufacturerObject { data, value, .. }) = self.objects.get_mut(place) {
+            *value = ManufacturerValue::of_bits(bits, data.bytes().unwrap_or(0).into());
         }
     }
 
@@ -331,5 +389,17 @@ impl ManufacturerObjects {
     fn absent_code(&self, at: ObjectAddress, otherwise: AbortCode) -> AbortCode {
         let has_index = self.objects.iter().any(|object| object.address.index == at.index);
         if has_index { AbortCode::NO_SUB_INDEX } else { otherwise }
+    }
+}
+
+impl ManufacturerObject {
+    /// Hands over the bytes that an upload gives.
+    fn shown<T>(&self, show: impl FnOnce(&[u8]) -> T) -> T {
+        match self.value.bytes() {
+            short if self.data == ManufacturerType::Any && short.len() < ANY_BYTES_MIN => {
+                show(&self.value.bits().to_le_bytes()[..ANY_BYTES_MIN])
+            }
+            whole => show(whole),
+        }
     }
 }

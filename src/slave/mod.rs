@@ -60,7 +60,8 @@ pub use hsp::{Channels, Hsp, HspConfig};
 pub use io::{Io, IoConfig};
 pub use lines::InputPattern;
 pub use manufacturer::{
-    FormatError, MANUFACTURER_FILE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType,
+    FormatError, MANUFACTURER_FILE_BYTES_MAX, MANUFACTURER_VALUE_BYTES_MAX, ManufacturerObject, ManufacturerObjects,
+    ManufacturerType, ManufacturerValue, Mappable,
 };
 pub use state_machine::DeviceFault;
 pub use switches::{HomeSwitch, Input, Travel};
@@ -294,8 +295,8 @@ pub trait Slave: Send {
         false
     }
 
-    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, without any
-    /// effect.
+    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, and mapped as process
+    /// data, without any effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         let _ = objects;
     }
@@ -317,6 +318,12 @@ pub trait Slave: Send {
 
     /// Whether the slave has distributed clocks.
     fn has_dc(&self) -> bool {
+        true
+    }
+
+    /// Whether the slave goes to OP only once outputs have come. Terminals with outputs alone do not wait: theirs are off until
+    /// then.
+    fn waits_for_outputs(&self) -> bool {
         true
     }
 

@@ -110,6 +110,14 @@ impl Plant {
         either!(self, it => it.velocity())
     }
 
+    /// The velocity of the position that was followed last, counts/s. Pulses follow it without an error.
+    pub const fn demanded_velocity(&self) -> f64 {
+        match self {
+            Self::Servo(servo) => servo.demanded_velocity(),
+            Self::Pulses(pulses) => pulses.velocity(),
+        }
+    }
+
     /// Torque, as a part of the rated one; positive in the direction of counting up.
     pub const fn torque(&self) -> f64 {
         match self {

@@ -137,7 +137,7 @@ fn configure_names_the_slave_that_refuses() {
     let mut bench = Bench::in_state(3, PreOp);
     assert_eq!(bench.done(configure(Role::Io)), JobDone::Configure(refused(1, 0x001D)));
     let Job::Configure(mut config) = configure(Role::Drive(Mode::Csv)) else { unreachable!() };
-    config.slaves[2].role = Role::Hsp(Mode::Csp);
+    config.slaves[2].role = Role::Io;
     assert_eq!(bench.done(Job::Configure(config)), JobDone::Configure(refused(3, 0x001D)));
     config.slaves[2].role = Role::Unused;
     assert_eq!(bench.run(Job::Configure(config)), (JobDone::Configure(Ok(Configured::default())), 30 * MS));

@@ -71,8 +71,10 @@ fn roles() {
     }
     let mut drive = drive_in(PreOp, CSP);
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
-    for role in [Role::Io, Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
-        assert_eq!(configure(&mut drive, &config(role)), refused(0x001D, None), "{role:?}");
+    assert_eq!(configure(&mut drive, &config(Role::Io)), refused(0x001D, None));
+    // It has digital inputs and outputs as a pulse module does, and its modes.
+    for role in [Role::Hsp(Mode::Csp), Role::Hsp(Mode::Csv)] {
+        assert_eq!(configure(&mut drive, &config(role)), Ok(()), "{role:?}");
     }
     let no_homing = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
     assert_eq!(configure(&mut drive, &config(Role::Drive(Mode::Homing))), refused(0, no_homing));

@@ -80,7 +80,7 @@ fn objects() {
 fn descriptions_of_objects() {
     use ObjectCode::{Array, Record, Variable};
     for slave in kinds() {
-        let (max_entries, name) = if is_dp3cl(&*slave) { (24, "VH3C") } else { (12, "") };
+        let (max_entries, max_pdos, name) = if is_dp3cl(&*slave) { (24, 4, "VH3C") } else { (16, 8, "") };
         for (index, code, data_type, max_sub, name) in [
             (0x1000, Variable, 0x07, 0, "Device type"),
             (0x1008, Variable, 0x09, 0, "Device name"),
@@ -88,8 +88,8 @@ fn descriptions_of_objects() {
             (0x1600, Record, 0x21, max_entries, "RxPDO mapping"),
             (0x1A00, Record, 0x21, max_entries, "TxPDO mapping"),
             (0x1C00, Array, 0x05, 4, "Sync manager types"),
-            (0x1C12, Array, 0x06, 4, "RxPDO assignment"),
-            (0x1C13, Array, 0x06, 4, "TxPDO assignment"),
+            (0x1C12, Array, 0x06, max_pdos, "RxPDO assignment"),
+            (0x1C13, Array, 0x06, max_pdos, "TxPDO assignment"),
             (0x1C32, Record, 0x29, 32, "SM output parameter"),
             (0x1C33, Record, 0x29, 32, "SM input parameter"),
         ] {
@@ -200,7 +200,7 @@ fn entries_can_be_read() {
         }
         assert_eq!(slave.describe_object(0x7ABC).map_err(|code| code.0), Err(0x0602_0000));
         assert_eq!(slave.describe_entry(ObjectAddress::new(0x7ABC, 0)).map_err(|code| code.0), Err(0x0602_0000));
-        assert_eq!(slave.describe_entry(ObjectAddress::new(0x1C12, 5)).map_err(|code| code.0), Err(0x0609_0011));
+        assert_eq!(slave.describe_entry(ObjectAddress::new(0x1C12, 9)).map_err(|code| code.0), Err(0x0609_0011));
         assert!(slave.describe_entry(ObjectAddress::new(SCRATCH, 1)).is_err());
     }
 }

@@ -85,7 +85,7 @@ fn lists_are_written_in_the_usual_order() {
         let refused = drive.download(ObjectAddress::new(at.0, at.1), size, 0).map_err(|code| code.0);
         assert_eq!(refused, Err(code), "{at:04X?}");
     }
-    assert_eq!(write(&mut drive, 0x1603, 0, 0).map_err(|code| code.0), Err(0x0602_0000), "it has no such PDO");
+    assert_eq!(write(&mut drive, 0x1608, 0, 0).map_err(|code| code.0), Err(0x0602_0000), "it has no such PDO");
     map(&mut drive, &[0x6040_0010], &[0x6041_0010]);
     drive.enter(SafeOp).unwrap();
     for (index, sub) in [(0x1600, 0), (0x1A00, 0), (RX, 0), (TX, 0)] {
@@ -115,7 +115,7 @@ fn only_what_may_be_mapped_is() {
         (0x1600, 0x6040_0110, 0x0609_0011, "no sub-index"),
         (RX, 0x1A00, 0x0604_0041, "a TxPDO among the RxPDOs"),
         (TX, 0x1600, 0x0604_0041, "an RxPDO among the TxPDOs"),
-        (RX, 0x1605, 0x0604_0041, "no PDO of this drive"),
+        (RX, 0x1608, 0x0604_0041, "no PDO of this drive"),
         (RX, 0x1C12, 0x0604_0041, "no PDO at all"),
     ] {
         assert_eq!(write(&mut drive, pdo, 1, entry).map_err(|code| code.0), Err(code), "{why}: {entry:08X}");

@@ -34,7 +34,7 @@ pub fn plot(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Res
 /// # Errors
 /// The file has no objects.
 pub fn objects(text: &str, device: Option<&str>) -> Result<String, String> {
-    objects::converted(text, Path::new("any"), device).map_err(|error| error.to_string())
+    objects::converted(text.as_bytes(), Path::new("any"), device).map_err(|error| error.to_string())
 }
 
 /// What `ecmsk doctor FOLDER` prints, and what it prints with `--json`.

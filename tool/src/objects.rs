@@ -1,6 +1,8 @@
 //! `ecmsk objects`: makes files of manufacturer-specific objects for simulated drives, `slaves=drive:objects@FILE`.
 
+mod attributes;
 mod drive;
+mod encoding;
 mod esi;
 
 use std::fmt::Write as _;
@@ -21,7 +23,8 @@ use super::board::Reporter;
 /// Make a file of the objects of a drive's maker, for simulated drives: slaves=drive:objects@FILE
 ///
 /// Programs write 0x2000, 0x2101 and others of their drives before they go on. A simulated drive does not have them; with
-/// such a file it has them, and stores what is written. A line of it is INDEX:SUB TYPE ACCESS VALUE NAME.
+/// such a file it has them, and stores what is written. A line of it is INDEX:SUB TYPE ACCESS VALUE NAME, with rx, tx or rxtx before the value of an object
+/// that may be mapped as process data.
 #[derive(clap::Args)]
 #[command(
     disable_help_subcommand = true,
@@ -112,19 +115,19 @@ pub fn run(args: &Args) -> Result<(), CliError> {
 }
 
 fn from_esi(file: &Path, device: Option<&str>) -> Result<(), ObjectsError> {
-    let text = manufacturer_objects::read_text(file, ESI_BYTES_MAX)?;
+    let bytes = manufacturer_objects::read_bytes(file, ESI_BYTES_MAX)?;
     let mut out = io::stdout().lock();
-    out.write_all(converted(&text, file, device)?.as_bytes())?;
+    out.write_all(converted(&bytes, file, device)?.as_bytes())?;
     Ok(out.flush()?)
 }
 
-/// Converts the text of an ESI file to the text of a file of objects. `file` is its name in messages.
+/// Converts the bytes of an ESI file to the text of a file of objects. `file` is its name in messages.
 ///
 /// # Errors
 /// [`ObjectsError::Esi`]
-pub fn converted(text: &str, file: &Path, device: Option<&str>) -> Result<String, ObjectsError> {
+pub fn converted(bytes: &[u8], file: &Path, device: Option<&str>) -> Result<String, ObjectsError> {
     let wrong = |error| ObjectsError::Esi { file: file.to_path_buf(), error };
-    let esi = esi::read(text, device).map_err(wrong)?;
+    let esi = esi::read(bytes, device).map_err(wrong)?;
     let mut lines = head(&format!("{} of {}", esi.device, file.display()));
     for object in ManufacturerObjects::of(esi.objects).objects() {
         // Writing to a String does not fail.
@@ -159,5 +162,7 @@ fn from_drive(link: &LinkUri, slave: u8, range: &[RangeInclusive<u16>]) -> Resul
 
 fn head(what: &str) -> String {
     let what = what.replace(|c: char| c.is_control(), " ");
-    format!("# objects of {what}; for slaves=drive:objects@THIS_FILE; a line is INDEX:SUB TYPE ACCESS VALUE NAME\n")
+    format!(
+        "# objects of {what}; for slaves=drive:objects@THIS_FILE; a line is INDEX:SUB TYPE ACCESS [rx|tx|rxtx] VALUE NAME\n"
+    )
 }

@@ -186,7 +186,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let mut survey = Survey::default();
     let device = recording::board(&args.file, args.device)?;
     let mut recording = Frames::open(&args.file, args.slot_size, device)?;
-    let Walked { frames, damage, jumps } = walk(&mut recording, |framed| survey.frame(framed))?;
+    let Walked { frames, damage, jumps } = walk(&mut recording, i64::MAX, |framed| survey.frame(framed))?;
     recording.note_missing();
     if let Some(jumps) = jumps {
         say("note", &format_args!("{}: {jumps}", args.file.display()));
@@ -222,15 +222,19 @@ struct Walked {
     jumps: Option<Jumps>,
 }
 
-/// Calls `show` with every frame of the recording in the order of time.
-fn walk<R: Read>(recording: &mut Frames<R>, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
+/// Calls `show` with every frame of the recording in the order of time, up to that time.
+fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = InTime::default();
     let mut walked = Walked { frames: 0, damage: None, jumps: None };
     for framed in recording {
         match framed {
             Ok(framed) => {
                 walked.frames += 1;
-                order.push(framed).iter().for_each(&mut show);
+                let Some(framed) = order.push(framed) else { continue };
+                if framed.time_ns > until_ns {
+                    return Ok(walked);
+                }
+                show(&framed);
             }
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => walked.damage = Some(error),
             Err(error) => return Err(error.into()),
@@ -277,7 +281,8 @@ impl Args {
             commands: self.commands.iter().map(|command| command.code()).collect(),
         });
         let device = recording::board(&self.file, self.device)?;
-        walk(&mut Frames::open(&self.file, self.slot_size, device)?.quiet(), |framed| series.frame(framed))?;
+        let mut recording = Frames::open(&self.file, self.slot_size, device)?.quiet();
+        walk(&mut recording, window.read_until_ns(), |framed| series.frame(framed))?;
         let lines = series.finish();
         if !self.commands.is_empty() && lines.is_empty() {
             let names = self.commands.iter().map(|command| CommandId::from_code(command.code()).to_string());
@@ -318,6 +323,12 @@ impl Window {
     /// A range of commands by their numbers, which take the place of seconds.
     pub const fn of_commands(count: u64) -> Self {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
+    }
+
+    /// Up to when a recording is read for it: what comes a while behind it is not seen in it. \[OURS] In a second a slave that is there
+    /// has moved on if it moves.
+    const fn read_until_ns(self) -> i64 {
+        self.to_ns.saturating_add(1_000_000_000)
     }
 
     /// From left to right; a single moment gets some room around.

@@ -17,6 +17,8 @@ pub struct Network {
     told: Told,
     /// What has happened that nobody has taken yet.
     lines: Vec<String>,
+    /// When the newest frame came, or time passed last.
+    now: Ns,
 }
 
 impl Network {
@@ -29,7 +31,7 @@ impl Network {
         let slaves = CabledChain::with_drift(devices, Cable::default(), u32::from(drift_ppm) * 1000)?;
         let told = Told::new(slaves.chain().len());
         let script = script.map(|script| simulated_slaves::start(script, slaves.cable().clone(), 0));
-        Ok(Self { slaves, script, told, lines: Vec::new() })
+        Ok(Self { slaves, script, told, lines: Vec::new(), now: 0 })
     }
 
     /// The cable, for faults.
@@ -62,6 +64,7 @@ impl Network {
         if let Some(script) = &mut self.script {
             script.begin(ScriptOrigin::Frame, now);
         }
+        self.now = now;
         self.run_script(now);
         let (fate, end) = self.slaves.process_from(end, &mut frame[..len], now);
         let padded = len.max(FRAME_LEN_MIN);
@@ -71,20 +74,26 @@ impl Network {
 
     /// Looks for errors that the newest frame has caused: a master may acknowledge one before time passes again.
     pub fn look(&mut self) {
-        self.told.look_at_states(self.slaves.chain(), |(_, code)| code != AlStatus::NONE, &mut self.lines);
+        self.told.look_at_states(self.slaves.chain(), self.now, |(_, code)| code != AlStatus::NONE, &mut self.lines);
     }
 
     /// Time passes up to `now`.
     pub fn advance(&mut self, now: Ns) {
+        self.now = now;
         self.run_script(now);
         self.slaves.advance(now);
-        self.told.look_at_states(self.slaves.chain(), |_| true, &mut self.lines);
-        self.told.look_at_faults(self.slaves.chain(), &mut self.lines);
+        self.told.look_at_states(self.slaves.chain(), now, |_| true, &mut self.lines);
+        self.told.look_at_faults(self.slaves.chain(), now, &mut self.lines);
         if let Some(script) = &mut self.script
             && self.told.has_op()
         {
             script.begin(ScriptOrigin::Op, now);
         }
+    }
+
+    /// The slaves are served no more: what was kept back is told.
+    pub fn finish(&mut self) {
+        self.told.tell_rest(self.slaves.chain(), self.now, &mut self.lines);
     }
 
     /// The lines on what has happened since the last call.
@@ -323,6 +332,68 @@ mod tests {
         assert_eq!(states(&wire), [(preop, AlStatus::NONE); 2]);
         wire.wait(30);
         assert_eq!(states(&wire), [(init, AlStatus::NONE), (preop, AlStatus::NONE)]);
+    }
+
+    /// ECAT-15.26 A slave whose state changes too often is told less often, with the number of changes that were left out, and never
+    /// in place of another one: where it ends is told.
+    #[test]
+    fn no_state_is_swallowed() {
+        let mut wire = Wire::new("io*2", "");
+        for n in [0_u32, 0xFFFF] {
+            assert_eq!(wire.send(Command::Apwr, n | 0x0800 << 16, &MAILBOXES).map(|(_, counter)| counter), Some(1));
+        }
+        let request = |wire: &mut Wire, n: u32, state: u8| {
+            wire.send(Command::Apwr, n | u32::from(AL_CONTROL) << 16, &[state, 0]);
+            wire.wait(5);
+        };
+        // One slave goes up and down for two seconds.
+        for _ in 0..200 {
+            request(&mut wire, 0, 2);
+            request(&mut wire, 0, 1);
+        }
+        request(&mut wire, 0xFFFF, 2);
+        request(&mut wire, 0, 2);
+        let of = |wire: &Wire, who: &str| {
+            wire.lines.iter().filter(|line| line.starts_with(who)).cloned().collect::<Vec<_>>()
+        };
+        assert_eq!(of(&wire, "slave 2"), ["slave 2 is in PreOP"], "the other one is told at once");
+        assert_eq!(of(&wire, "slave 1").len(), 20);
+        wire.wait(10_000);
+        let told = of(&wire, "slave 1");
+        assert_eq!(told.len(), 21, "{told:?}");
+        assert_eq!(told[20], "slave 1 is in PreOP (380 changes before were not told)", "401 in all");
+        request(&mut wire, 0, 1);
+        assert_eq!(of(&wire, "slave 1").last().map(String::as_str), Some("slave 1 is in Init"), "told anew");
+        // Another storm, in which the server ends.
+        for _ in 0..30 {
+            request(&mut wire, 0, 2);
+            request(&mut wire, 0, 1);
+        }
+        wire.network.finish();
+        wire.lines.extend(wire.network.take_lines());
+        let last = wire.lines.last().expect("a line");
+        assert!(last.starts_with("slave 1 is in Init (") && last.ends_with("changes before were not told)"), "{last}");
+    }
+
+    /// ECAT-15.27 A network has more slaves than a board: 254, each of which scripts reach.
+    #[test]
+    fn a_network_has_more_slaves_than_a_board() {
+        let script =
+            "at 10ms lose 150 for 10ms\nat 30ms cut 201 for 10ms\nat 50ms mute 254 for 10ms\nat 70ms lose 1 for 5ms\n";
+        let specs = slaves::parse_for_network("io*254").expect("a list");
+        assert!(slaves::parse_for_network("io*255").is_err() && slaves::parse_for_network("io*250,drive*5").is_err());
+        assert!(slaves::parse("io*41").is_err(), "a board has 40");
+        let devices = simulated_slaves::build(&specs).expect("slaves");
+        let script = Script::parse("the test", script, &specs).expect("a script");
+        let network = Network::new(devices, Some(script), 0).expect("a network");
+        let mut wire = Wire { network, now: 0, lines: Vec::new() };
+        let mut counted = Vec::new();
+        for _ in 0..9 {
+            counted.push(wire.count());
+            wire.wait(10);
+        }
+        let all = Some(254);
+        assert_eq!(counted, [all, Some(253), all, Some(200), all, Some(253), all, Some(253), all]);
     }
 
     /// DP3CL-8.5 A script that forces a terminal of a DP3CL makes edges at the latch inputs of its controller.

@@ -79,6 +79,8 @@ impl Service {
                 break;
             }
         }
+        self.network.finish();
+        self.network.take_lines().for_each(|line| self.notes.tell(line));
         let Self { answered, lost, .. } = self;
         self.notes.tell(format!("{answered} frames were answered, {lost} were lost"));
     }
@@ -174,9 +176,8 @@ impl Service {
     fn tick(&mut self, now: Instant) {
         self.next_tick = self.next_tick.max(now) + TICK;
         self.network.advance(self.now());
-        let lines: Vec<String> = self.network.take_lines().collect();
-        for line in lines {
-            self.tell_limited("lines on states", &line, now);
+        for line in self.network.take_lines() {
+            self.notes.tell(line);
         }
         self.masters.pass(now).into_iter().for_each(|line| self.notes.tell(line));
         self.log_limit.due(now).into_iter().for_each(|line| self.notes.tell(line));

@@ -1,61 +1,112 @@
 //! What is told of the slaves: their states, and the faults of their axes. It is told when it was looked at, so that what has come
 //! and gone between two looks is not told.
+//!
+//! A master can change states as often as it likes. A slave that changes too often is told less often, by the state in which it is
+//! then and the number of changes that were left out: where it ends is always told.
 
 use crate::ethercat::registers::{AL_STATUS_CODE, RequestedState};
-use crate::ethercat::{AlState, AlStatus};
+use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::esc::{Chain, EscSlave};
 use crate::slave::{AXES_MAX, AxisFault};
 
+/// How many lines of one slave are told in a [`PERIOD_NS`], of states and of faults each. \[OURS]
+const LINES_MAX: u32 = 20;
+/// How long after the first of them, ns. \[OURS]
+const PERIOD_NS: Ns = 10_000_000_000;
+
+type State = (RequestedState, AlStatus);
+type Faults = [Option<AxisFault>; AXES_MAX];
+
+/// How much of one slave was told lately.
+#[derive(Clone, Copy, Default)]
+struct Budget {
+    since: Ns,
+    lines: u32,
+}
+
+impl Budget {
+    /// Whether another line may be told.
+    const fn has_room(&mut self, now: Ns) -> bool {
+        if now.saturating_sub(self.since) >= PERIOD_NS {
+            *self = Self { since: now, lines: 0 };
+        }
+        self.lines < LINES_MAX
+    }
+}
+
+/// What is known of the state of one slave.
+#[derive(Clone, Copy)]
+struct Known {
+    told: State,
+    /// The one that was seen last.
+    seen: State,
+    /// How many changes were seen since a state was told.
+    changes: u32,
+    budget: Budget,
+}
+
 /// What was told last.
 pub(super) struct Told {
-    /// The state of each slave.
-    states: Vec<(RequestedState, AlStatus)>,
-    /// The faults of the axes of each slave.
-    faults: Vec<[Option<AxisFault>; AXES_MAX]>,
+    states: Vec<Known>,
+    faults: Vec<(Faults, Budget)>,
 }
 
 impl Told {
     /// Nothing was told of so many slaves: they are in Init and have no fault.
     pub(super) fn new(slaves: usize) -> Self {
         let init = (RequestedState::State(AlState::Init), AlStatus::NONE);
-        Self { states: vec![init; slaves], faults: vec![[None; AXES_MAX]; slaves] }
+        let known = Known { told: init, seen: init, changes: 0, budget: Budget::default() };
+        Self { states: vec![known; slaves], faults: vec![([None; AXES_MAX], Budget::default()); slaves] }
     }
 
-    /// Whether a slave is in OP.
+    /// Whether a slave was in OP when it was looked at last.
     pub(super) fn has_op(&self) -> bool {
-        self.states.iter().any(|(state, _)| *state == RequestedState::State(AlState::Op))
+        self.states.iter().any(|known| known.seen.0 == RequestedState::State(AlState::Op))
     }
 
     /// Makes lines of the states of `which` that have changed, one for neighbours that have changed alike.
     pub(super) fn look_at_states(
         &mut self,
         chain: &Chain,
-        which: impl Fn((RequestedState, AlStatus)) -> bool,
+        now: Ns,
+        which: impl Fn(State) -> bool,
         lines: &mut Vec<String>,
     ) {
-        let mut n = 0;
-        while n < self.states.len() {
-            let state = state_of(chain.slave(n));
-            let is_alike = |n: &usize| which(state) && self.states[*n] != state && state_of(chain.slave(*n)) == state;
-            let end = (n..self.states.len()).find(|n| !is_alike(n)).unwrap_or(self.states.len());
-            if end > n {
-                lines.push(line_of(n, end, state));
-                self.states[n..end].fill(state);
+        let mut begin: Option<(usize, State, u32)> = None;
+        for n in 0..=self.states.len() {
+            let line = self.states.get_mut(n).and_then(|known| {
+                let state = state_of(chain.slave(n));
+                which(state).then(|| look_at(known, state, now)).flatten()
+            });
+            let goes_on = begin.is_some_and(|(_, state, left_out)| line == Some((state, left_out)));
+            if let Some((first, state, left_out)) = begin.take_if(|_| !goes_on) {
+                lines.push(line_of(first, n, state, left_out));
             }
-            n = end.max(n + 1);
+            if begin.is_none() {
+                begin = line.map(|(state, left_out)| (n, state, left_out));
+            }
         }
     }
 
+    /// Makes lines of what was kept back.
+    pub(super) fn tell_rest(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
+        self.states.iter_mut().for_each(|known| known.budget = Budget { since: now, lines: 0 });
+        self.faults.iter_mut().for_each(|(_, budget)| *budget = Budget { since: now, lines: 0 });
+        self.look_at_states(chain, now, |_| true, lines);
+        self.look_at_faults(chain, now, lines);
+    }
+
     /// Makes lines of the faults of axes that have come or gone.
-    pub(super) fn look_at_faults(&mut self, chain: &Chain, lines: &mut Vec<String>) {
-        for (n, told) in self.faults.iter_mut().enumerate() {
+    pub(super) fn look_at_faults(&mut self, chain: &Chain, now: Ns, lines: &mut Vec<String>) {
+        for (n, (told, budget)) in self.faults.iter_mut().enumerate() {
             let device = chain.slave(n).device();
             for (axis, told) in told.iter_mut().enumerate() {
                 let fault = device.fault(axis);
-                let before = std::mem::replace(told, fault);
-                if fault == before {
+                if fault == *told || !budget.has_room(now) {
                     continue;
                 }
+                let before = std::mem::replace(told, fault);
+                budget.lines += 1;
                 let who = match device.shaft(1) {
                     None => format!("slave {}", n + 1),
                     Some(_) => format!("slave {}.{}", n + 1, axis + 1),
@@ -70,15 +121,33 @@ impl Told {
     }
 }
 
+/// A slave is in that state: the state to tell, and how many changes before it are left out.
+fn look_at(known: &mut Known, state: State, now: Ns) -> Option<(State, u32)> {
+    if state != known.seen {
+        known.seen = state;
+        known.changes = known.changes.saturating_add(1);
+    }
+    if known.changes == 0 || !known.budget.has_room(now) {
+        return None;
+    }
+    let left_out = std::mem::take(&mut known.changes) - 1;
+    if left_out == 0 && known.told == state {
+        return None;
+    }
+    known.told = state;
+    known.budget.lines += 1;
+    Some((state, left_out))
+}
+
 /// The AL state of a slave and why it is there; 0: as the master wanted.
-pub(super) fn state_of(slave: &EscSlave) -> (RequestedState, AlStatus) {
+pub(super) fn state_of(slave: &EscSlave) -> State {
     let code = slave.controller().peek(AL_STATUS_CODE, 2);
     let code = code.try_into().map_or(0, u16::from_le_bytes);
     (slave.shown_state(), AlStatus(code))
 }
 
 /// The line on the slaves from the place `first` to the one before `end`.
-fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) -> String {
+fn line_of(first: usize, end: usize, (state, code): State, left_out: u32) -> String {
     let who = match end - first {
         1 => format!("slave {} is", first + 1),
         _ => format!("slaves {} to {end} are", first + 1),
@@ -90,8 +159,13 @@ fn line_of(first: usize, end: usize, (state, code): (RequestedState, AlStatus)) 
         RequestedState::State(AlState::Op) => "OP",
         _ => "Init",
     };
+    let left_out = match left_out {
+        0 => String::new(),
+        1 => " (1 change before was not told)".to_owned(),
+        n => format!(" ({n} changes before were not told)"),
+    };
     match code {
-        AlStatus::NONE => format!("{who} in {state}"),
-        code => format!("{who} in {state} with AL status {code}"),
+        AlStatus::NONE => format!("{who} in {state}{left_out}"),
+        code => format!("{who} in {state} with AL status {code}{left_out}"),
     }
 }

@@ -22,7 +22,8 @@ impl Axis {
     /// follow for it.
     pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Setpoint {
         let demand = self.demand();
-        let way = self.targets.position.wrapping_sub(demand as i32);
+        let offset = if self.targets.has_offsets { self.offsets.position } else { 0 };
+        let way = self.targets.position.wrapping_add(offset).wrapping_sub(demand as i32);
         let wanted = demand.wrapping_add(way.into());
         let allowed = self.limits.map_or(wanted, |(low, high)| wanted.clamp(low, high));
         self.position_limited = allowed != wanted;
@@ -88,7 +89,7 @@ impl Axis {
 
     /// CSV: `ns` pass out of the `left` in which the target velocity is reached.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
-        let target = f64::from(self.targets.velocity);
+        let target = f64::from(self.targets.velocity) + f64::from(self.offsets.velocity);
         if self.limits_stop_motion && self.is_at_switch(target) {
             return self.stop_at_switch(ns);
         }
@@ -100,7 +101,7 @@ impl Axis {
 
     /// CST: `ns` pass.
     pub(super) fn follow_torque(&mut self, ns: Ns) {
-        let target = f64::from(self.targets.torque) / 1000.0;
+        let target = (f64::from(self.targets.torque) + f64::from(self.offsets.torque)) / 1000.0;
         if self.limits_stop_motion && self.is_at_switch(target) {
             return self.stop_at_switch(ns);
         }

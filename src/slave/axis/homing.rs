@@ -110,7 +110,7 @@ impl Axis {
     /// time has passed.
     pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
         if self.is_standing_still() {
-            self.targets.position = self.position() as i32;
+            self.hold_target();
             self.skip_next_target = true;
             return false;
         }

@@ -101,7 +101,11 @@ impl<M: Model> Slave for M {
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus> {
         let was = self.base().al_state();
         let ready = if target != was && target == was.above() {
-            let mapped = if target == AlState::SafeOp { compile(self) } else { Ok(()) };
+            let mapped = match target {
+                AlState::SafeOp => compile(self),
+                AlState::Op => self.base().sync_types.check(),
+                _ => Ok(()),
+            };
             self.check_change(target, mapped)
         } else {
             Ok(())
@@ -205,7 +209,9 @@ impl<M: Model> Slave for M {
 
     fn set_communication(&mut self, communication: &Communication) {
         let [_, _, outputs, inputs] = communication.sync_managers.map(|sm| if sm.enabled { sm.length } else { 0 });
-        self.base_mut().sync_managers = (outputs, inputs);
+        let base = self.base_mut();
+        base.sync_managers = (outputs, inputs);
+        base.sync_types.note_activation(communication.dc_activation);
         Model::set_communication(self, communication);
     }
 
@@ -238,6 +244,7 @@ impl<M: Model> Slave for M {
     }
 
     fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
+        self.base_mut().sync_types.note_sync0(cycle_ns.is_some());
         Model::set_sync_cycle(self, cycle_ns);
     }
 
@@ -291,6 +298,10 @@ impl<M: Model> Slave for M {
         Model::has_dc(self)
     }
 
+    fn waits_for_outputs(&self) -> bool {
+        Model::waits_for_outputs(self)
+    }
+
     fn shaft(&self, axis: usize) -> Option<i64> {
         Model::shaft(self, axis)
     }
@@ -322,6 +333,14 @@ impl<M: Model> dictionary::Device for M {
 impl<M: Model> process_data::Planned for M {
     fn plan(&self) -> &Plan<M> {
         &self.base().plan
+    }
+
+    fn manufacturer(&self) -> Option<&ManufacturerObjects> {
+        self.base().manufacturer.as_deref()
+    }
+
+    fn manufacturer_mut(&mut self) -> Option<&mut ManufacturerObjects> {
+        self.base_mut().manufacturer.as_deref_mut()
     }
 
     fn pdos() -> &'static [Pdo<M>] {

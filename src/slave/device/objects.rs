@@ -9,7 +9,7 @@ use crate::slave::dictionary::Object;
 pub const fn description<M: Model>() -> [Object<M>; 3] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
-        Object::u8(0x1001, 0, "Error register").live(error_register),
+        Object::u8(0x1001, 0, "Error register").tx().live(error_register),
         Object::text(0x1008, 0, "Device name", |device: &M| device.base().identity.name),
     ]
 }
@@ -30,21 +30,21 @@ pub const fn identity<M: Model>() -> [Object<M>; 10] {
     ]
 }
 
-/// The value of 0x1C32:1 and 0x1C33:1 of a device that runs by SYNC0.
-const DC_SYNC0: i64 = 2;
 /// 0x1C32:4 and 0x1C33:4: free run, event of a sync manager, and in a device with distributed clocks SYNC0; the cycle may
 /// change (bit 14).
 const WITHOUT_DC: i64 = 0x4003;
 const WITH_DC: i64 = 0x4007;
 
-/// Objects 0x1C32 and 0x1C33 of a device with distributed clocks. \[OURS] It runs by SYNC0 until a master writes another type.
-/// The type makes no difference, since the simulated network has one clock.
+/// Objects 0x1C32 and 0x1C33 of a device with distributed clocks, see [`SyncTypes`](super::SyncTypes).
 pub const fn synchronization<M: Model>() -> [Object<M>; 24] {
-    both(sync_type(0x1C32), sync_type(0x1C33), WITH_DC)
+    both(sync_type::<M, 0>(), sync_type::<M, 1>(), WITH_DC)
 }
 
-const fn sync_type<M: Model>(index: u16) -> Object<M> {
-    Object::u16(index, 1, "Synchronization type").rw_up_to(AlState::PreOp).range(0, DC_SYNC0).default(DC_SYNC0)
+const fn sync_type<M: Model, const N: usize>() -> Object<M> {
+    Object::u16([0x1C32, 0x1C33][N], 1, "Synchronization type")
+        .rw_up_to(AlState::PreOp)
+        .live(|device: &M| device.base().sync_types.shown(N).into())
+        .setter(|device: &mut M, code| device.base_mut().sync_types.write(N, code as u16))
 }
 
 /// The same of a device without distributed clocks, which runs free \[OURS].

@@ -31,8 +31,13 @@ pub(super) const IDENTITY: Identity = Identity {
 /// in the change to SafeOP.
 const PROCESS_DATA_BYTES_MAX: usize = 24;
 /// \[OURS] Sub-indices 1 to 24 of a table as in the manual; padding is refused.
-pub(super) const LIMITS: MappingLimits =
-    MappingLimits { entries: 24, image_bytes: PROCESS_DATA_BYTES_MAX, padding: false, long_pdos_refused: false };
+pub(super) const LIMITS: MappingLimits = MappingLimits {
+    entries: 24,
+    pdos: 4,
+    image_bytes: PROCESS_DATA_BYTES_MAX,
+    padding: false,
+    long_pdos_refused: false,
+};
 /// The same with 10 entries, as the maker's slave description has them.
 pub(super) const TEN_ENTRIES: MappingLimits = MappingLimits { entries: 10, ..LIMITS };
 const _: () = assert!(PROCESS_DATA_BYTES_MAX <= IMAGE_BYTES_MAX, "the image has room");

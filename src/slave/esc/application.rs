@@ -343,7 +343,7 @@ impl Application {
     /// On the way to OP: goes there once outputs and SYNC0 have come.
     fn try_op(&mut self, until: Ns, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         let has_outputs = active_len(&controller.managers.registers(self.managers.outputs)) > 0;
-        let lacks_outputs = has_outputs && !self.outputs_came;
+        let lacks_outputs = has_outputs && !self.outputs_came && device.waits_for_outputs();
         let lacks_sync = self.is_synchronized && !self.sync_came;
         if lacks_outputs || lacks_sync {
             if now >= until {
@@ -360,6 +360,8 @@ impl Application {
             return;
         }
         self.waiting = None;
+        // SYNC0 may have been switched on since the request.
+        device.set_communication(&controller.communication());
         match device.enter(AlState::Op) {
             Ok(()) => self.succeed(AlState::Op, controller),
             Err(code) => self.fail(device.state(), code, controller),

@@ -2,9 +2,9 @@
 
 use super::scripted::Scripted;
 use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate, Predecessor};
-use crate::ethercat::{CableEnd, Ns, SlaveSet};
+use crate::ethercat::{CableEnd, Ns};
 use crate::slave::Slave;
-use crate::slave::cable::{Cable, Noise};
+use crate::slave::cable::{self, Cable, Noise};
 
 /// A slave in a line cannot be put on a network: its EEPROM cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -31,8 +31,8 @@ pub struct CabledChain {
     cable: Cable,
     /// How many slaves the cable reaches.
     reach: u8,
-    /// The slaves that answer.
-    answering: SlaveSet,
+    /// The slaves that do not answer.
+    silent: [u64; 4],
     /// The cable from the card to the first slave is whole, as far as the card knows.
     has_first: bool,
     /// The cable from the last slave to a second card is whole.
@@ -67,7 +67,7 @@ impl CabledChain {
         };
         let slaves = devices.into_iter().enumerate().map(on_cable).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
-            answering: SlaveSet::first(slaves.len() as u8),
+            silent: [0; 4],
             chain: Chain::line(slaves),
             reach: cable.reach(),
             has_first: true,
@@ -138,7 +138,7 @@ impl CabledChain {
         if is_back {
             self.chain.process(frame, now);
         } else {
-            let answers = |n: &usize| self.answering.contains(*n as u8 + 1);
+            let answers = |n: &usize| !cable::has(&self.silent, *n as u8 + 1);
             let behind: Vec<usize> = (before..reached).filter(answers).collect();
             behind.iter().for_each(|n| self.chain.silence(*n, true));
             self.chain.process(frame, now);
@@ -203,14 +203,16 @@ impl CabledChain {
             let is_whole = |place: usize| place != usize::from(reach) && (place > 0 || has_first);
             (1..=last).for_each(|slave| chain.connect(place(slave), is_whole(place(slave))));
         }
-        for slave in self.cable.take_powered_off().iter().filter(|slave| *slave <= last) {
-            chain.power(place(slave), false, now);
-            chain.power(place(slave), true, now);
+        let powered_off = self.cable.take_all_powered_off();
+        if powered_off != [0; 4] {
+            for slave in (1..=last).filter(|slave| cable::has(&powered_off, *slave)) {
+                chain.power(place(slave), false, now);
+                chain.power(place(slave), true, now);
+            }
         }
-        let answering =
-            self.cable.answering().union(SlaveSet::first(last).difference(SlaveSet::first(reach.min(last))));
-        if answering != std::mem::replace(&mut self.answering, answering) {
-            (1..=last).for_each(|slave| chain.silence(place(slave), !answering.contains(slave)));
+        let silent = self.cable.silent();
+        if silent != std::mem::replace(&mut self.silent, silent) {
+            (1..=last).for_each(|slave| chain.silence(place(slave), cable::has(&silent, slave)));
         }
         self.cable.take_faults(|slave, fault| {
             if (1..=last).contains(&slave) {

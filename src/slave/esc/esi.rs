@@ -12,8 +12,8 @@ use crate::ethercat::sii::{
 use crate::ethercat::{AlState, WireError};
 use crate::slave::Slave;
 
-/// \[OURS] The group of all devices.
-const GROUP: &str = "Simulated slaves";
+/// \[OURS] Who has made all devices.
+const VENDOR: &str = "ecmsk";
 
 /// The ESI file of a device, which has to be in Init, and is there again afterwards. It is made of the device's EEPROM, and the
 /// names of its objects.
@@ -42,14 +42,14 @@ fn write(device: &dyn Slave, settings: &EscSettings, eeprom: &[u8]) -> Result<St
     let (vendor, product, revision) = (info.identity.vendor, info.identity.product, info.identity.revision);
     let ports: String =
         settings.ports.iter().filter_map(|port| [None, None, Some('K'), Some('Y')][usize::from(port & 3)]).collect();
-    let name = text(general.order);
+    let (order, name, group) = (text(general.order), text(general.name), text(general.group));
     let mut lines = |line: String| esi.push_str(&(line + "\n"));
-    lines(format!(" <Vendor><Id>#x{vendor:08X}</Id><Name>{}</Name></Vendor>", text(general.group)));
+    lines(format!(" <Vendor><Id>#x{vendor:08X}</Id><Name>{VENDOR}</Name></Vendor>"));
     lines(" <Descriptions>".into());
-    lines(format!("  <Groups><Group><Type>{GROUP}</Type><Name>{GROUP}</Name></Group></Groups>"));
+    lines(format!("  <Groups><Group><Type>{group}</Type><Name>{group}</Name></Group></Groups>"));
     lines(format!("  <Devices>\n   <Device Physics=\"{ports}\">"));
-    lines(format!("    <Type ProductCode=\"#x{product:08X}\" RevisionNo=\"#x{revision:08X}\">{name}</Type>"));
-    lines(format!("    <Name>{name}</Name>\n    <GroupType>{GROUP}</GroupType>"));
+    lines(format!("    <Type ProductCode=\"#x{product:08X}\" RevisionNo=\"#x{revision:08X}\">{order}</Type>"));
+    lines(format!("    <Name>{name}</Name>\n    <GroupType>{group}</GroupType>"));
     for usage in sii.category(CategoryKind::Fmmus).iter().flat_map(|category| category.fmmus()) {
         let usage = match usage {
             FmmuUsage::Outputs => "Outputs",

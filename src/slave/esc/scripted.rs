@@ -172,6 +172,10 @@ impl Slave for Scripted {
         self.device.has_dc()
     }
 
+    fn waits_for_outputs(&self) -> bool {
+        self.device.waits_for_outputs()
+    }
+
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.device.shaft(axis)
     }

@@ -3,7 +3,7 @@
 use super::{Channels, Hsp};
 use crate::slave::AXES_MAX;
 use crate::slave::axis::Settings;
-use crate::slave::axis_objects::{AxisSlots, axis_objects, index, target_velocity};
+use crate::slave::axis_objects::{AxisSlots, axis_objects, index, target_velocity, velocity_offset};
 use crate::slave::device::{Identity, VENDOR_ID, description, identity, synchronization};
 use crate::slave::dictionary::{Object, Values, check, join, only_if, rows};
 use crate::slave::plant::PulseTrain;
@@ -73,20 +73,30 @@ const PARTS: [&[Row]; 7] = [
     &channel::<1>(),
 ];
 
-/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned. Of
-/// the digital inputs and outputs the low 16 bits are used.
+/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned; some have no
+/// entries, for masters that fill others than the first ones. Of the digital inputs and outputs the low 16 bits are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),
     tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x60FD_0020]),
+    Pdo::empty(0x1602),
+    Pdo::empty(0x1603),
+    Pdo::empty(0x1A01),
+    Pdo::empty(0x1A02),
+    Pdo::empty(0x1A03),
     rx_pdo!(OBJECTS, 0x1610, true, [0x6840_0010, 0x687A_0020, 0x68FE_0120]),
     rx_pdo!(OBJECTS, 0x1611, false, [0x6840_0010, 0x68FF_0020, 0x68FE_0120]),
     tx_pdo!(OBJECTS, 0x1A10, true, [0x6841_0010, 0x6864_0020, 0x68FD_0020]),
+    Pdo::empty(0x1612),
+    Pdo::empty(0x1613),
+    Pdo::empty(0x1A11),
+    Pdo::empty(0x1A12),
+    Pdo::empty(0x1A13),
 ];
 
 pub(super) const fn pdos_of(channels: Channels) -> &'static [Pdo<Hsp>] {
     match channels {
-        Channels::One => PDOS.split_at(3).0,
+        Channels::One => PDOS.split_at(8).0,
         Channels::Two => PDOS,
     }
 }
@@ -97,7 +107,7 @@ fn has<const N: usize>(hsp: &Hsp) -> bool {
 }
 
 /// The objects of channel `N` (from 0) that other CiA 402 axes do not have, or have otherwise.
-const fn channel<const N: usize>() -> [Row; 5] {
+const fn channel<const N: usize>() -> [Row; 6] {
     only_if(
         has::<N>,
         [
@@ -112,6 +122,7 @@ const fn channel<const N: usize>() -> [Row; 5] {
                     hsp.lines[N].set_outputs(bits as u16);
                     Ok(())
                 }),
+            velocity_offset::<_, N>(),
             target_velocity::<_, N>(),
             Row::u32(index::<N>(0x6502), 0, "Supported drive modes").default(SUPPORTED_MODES),
         ],

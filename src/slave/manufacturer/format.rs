@@ -1,6 +1,11 @@
-//! The text format of manufacturer-specific objects: one object a line, `INDEX:SUB TYPE ACCESS VALUE NAME`.
+//! The text format of manufacturer-specific objects: one object a line, `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
 
-use super::{ManufacturerObject, ManufacturerObjects, ManufacturerType};
+use std::fmt::{self, Write as _};
+
+use super::{
+    MANUFACTURER_VALUE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType, ManufacturerValue,
+    Mappable,
+};
 use crate::coe::ObjectAddress;
 use crate::slave::dictionary::Access;
 
@@ -9,6 +14,9 @@ pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// What a line looks like, for errors.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
+
+/// The longest text that is written as a number, bytes.
+const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 
 /// Why a text is no list of objects.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -21,13 +29,17 @@ pub struct FormatError {
 }
 
 impl ManufacturerObjects {
-    /// Reads a text of objects, one a line: `INDEX:SUB TYPE ACCESS VALUE NAME`.
+    /// Reads a text of objects, one a line: `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
     ///
     /// - `INDEX:SUB`: hexadecimal with 0x, or decimal: `0x2101:1`.
     /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` for a value
     ///   of unknown size.
     /// - `ACCESS`: `ro`, `rw` or `wo`.
-    /// - `VALUE`: a number; with 0x the bytes as they stand in an SDO. `-`: 0.
+    /// - `MAPPING`: `rx`, `tx` or `rxtx` for an object that may be mapped into RxPDOs (outputs), TxPDOs (inputs) or both; left out
+    ///   for one that cannot be mapped.
+    /// - `VALUE`: a number; with 0x the bytes as they stand in an SDO. `-`: 0. Of `text` and `any` also the bytes in double
+    ///   quotes, in which `\` stands before a `"` or another `\`, and `\xE9` is the byte 0xE9. Other characters than those of
+    ///   ASCII are bytes of ISO-8859-1, or of UTF-8 if it does not have them.
     /// - `NAME`: the rest of the line, for people; may be left out.
     ///
     /// `#` at the beginning of a line begins a remark. A line may stand for an address once.
@@ -73,12 +85,122 @@ fn object(text: &str) -> Result<ManufacturerObject, String> {
         "wo" => Access::WriteOnly,
         other => return Err(format!("`{other}` is no ACCESS; allowed: ro, rw, wo")),
     };
-    let (value, name) = word(rest);
+    let (mapping, behind) = word(rest);
+    let mappable = [(true, false), (false, true), (true, true)].map(|(rx, tx)| Mappable { rx, tx });
+    let (mappable, rest) = match mappable.into_iter().find(|mappable| mappable.word() == Some(mapping)) {
+        Some(mappable) => (mappable, behind),
+        None => (Mappable::default(), rest),
+    };
+    let (value, name) = match rest.strip_prefix('"') {
+        Some(quoted) if data.bytes().is_none() => {
+            let (bytes, name) = quoted_bytes(quoted)?;
+            (ManufacturerValue::of_bytes(&bytes), name)
+        }
+        _ => {
+            let (value, name) = word(rest);
+            (number(data, value)?, name)
+        }
+    };
+    let address = ObjectAddress::new(index, sub);
+    Ok(ManufacturerObject { address, data, access, mappable, value, name: name.to_owned() })
+}
+
+fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, String> {
     let bits = bits(data, value).ok_or_else(|| {
-        let bytes = data.bytes().map_or("8 bytes at most".to_owned(), |bytes| format!("{bytes} bytes"));
-        format!("`{value}` is no VALUE of type {}; allowed: a number of {bytes}, with 0x its bytes, or -", data.word())
+        let (bytes, quotes) = match data.bytes() {
+            Some(bytes) => (format!("{bytes} bytes"), ""),
+            None => (format!("{NUMBER_BYTES_MAX} bytes at most"), ", in double quotes more of them"),
+        };
+        format!(
+            "`{value}` is no VALUE of type {}; allowed: a number of {bytes}, with 0x its bytes{quotes}, or -",
+            data.word()
+        )
     })?;
-    Ok(ManufacturerObject { address: ObjectAddress::new(index, sub), data, access, bits, name: name.to_owned() })
+    // A number has no zeros in front: how many bytes a text has is seen from its last one.
+    let significant = NUMBER_BYTES_MAX - bits.leading_zeros() as usize / 8;
+    let bytes = match (data, data.bytes()) {
+        (_, Some(bytes)) => bytes.into(),
+        (ManufacturerType::Any, None) => significant.max(super::ANY_BYTES_MIN),
+        (_, None) => significant,
+    };
+    Ok(ManufacturerValue::of_bits(bits, bytes))
+}
+
+/// The bytes of a value in quotes, of which the first was taken off, and the rest of the line.
+fn quoted_bytes(text: &str) -> Result<(Vec<u8>, &str), String> {
+    let mut bytes = Vec::new();
+    let mut letters = text.char_indices();
+    while let Some((at, letter)) = letters.next() {
+        match letter {
+            '"' => {
+                if bytes.len() > MANUFACTURER_VALUE_BYTES_MAX {
+                    return Err(format!(
+                        "the VALUE has {} bytes; allowed: {MANUFACTURER_VALUE_BYTES_MAX}",
+                        bytes.len()
+                    ));
+                }
+                return Ok((bytes, text[at + 1..].trim_start()));
+            }
+            '\\' => match letters.next() {
+                Some((_, letter @ ('"' | '\\'))) => bytes.push(letter as u8),
+                Some((at, 'x')) => {
+                    let digits =
+                        text.get(at + 1..at + 3).filter(|digits| digits.bytes().all(|c| c.is_ascii_hexdigit()));
+                    let byte = digits.and_then(|digits| u8::from_str_radix(digits, 16).ok());
+                    bytes.push(byte.ok_or("behind \\x stand two hexadecimal digits, e.g. \\xE9")?);
+                    letters.nth(1);
+                }
+                _ => return Err("behind \\ stands \", \\ or x with two digits, e.g. \\xE9".to_owned()),
+            },
+            letter => match u8::try_from(letter) {
+                Ok(byte) => bytes.push(byte),
+                Err(_) => bytes.extend_from_slice(letter.encode_utf8(&mut [0; 4]).as_bytes()),
+            },
+        }
+    }
+    Err("the VALUE has no second double quote".to_owned())
+}
+
+/// As a line of a file, see [`ManufacturerObjects::parse`].
+impl fmt::Display for ManufacturerObject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let access = match self.access {
+            Access::ReadOnly => "ro",
+            Access::WriteOnly => "wo",
+            Access::ReadWrite | Access::ReadWriteUpTo(_) => "rw",
+        };
+        let ObjectAddress { index, sub } = self.address;
+        write!(f, "0x{index:04X}:{sub} {} {access} ", self.data.word())?;
+        if let Some(mapping) = self.mappable.word() {
+            write!(f, "{mapping} ")?;
+        }
+        let bytes = self.value.bytes();
+        // As a number a text loses zeros at its end.
+        let is_number =
+            bytes.len() <= NUMBER_BYTES_MAX && (self.data != ManufacturerType::Text || bytes.last() != Some(&0));
+        if is_number {
+            write!(f, "0x{:X}", self.value.bits())?;
+        } else {
+            write_quoted(f, bytes)?;
+        }
+        let name = self.name.replace(|c: char| c.is_control(), " ");
+        match name.trim() {
+            "" => Ok(()),
+            name => write!(f, " {name}"),
+        }
+    }
+}
+
+fn write_quoted(f: &mut fmt::Formatter<'_>, bytes: &[u8]) -> fmt::Result {
+    f.write_char('"')?;
+    for byte in bytes {
+        match byte {
+            b'"' | b'\\' => write!(f, "\\{}", char::from(*byte))?,
+            b' '..=b'~' => f.write_char((*byte).into())?,
+            byte => write!(f, "\\x{byte:02X}")?,
+        }
+    }
+    f.write_char('"')
 }
 
 /// The first word of a line, and the rest of the line.
@@ -134,10 +256,40 @@ mod tests {
             ("0x2101:5 text ro 0x454D4341 Maker", 0x454D_4341, "0x2101:5 text ro 0x454D4341 Maker"),
             ("0x2101:6 any rw - x", 0, "0x2101:6 any rw 0x0 x"),
             ("0x2101:7 bool rw 1", 1, "0x2101:7 bool rw 0x1"),
+            ("0x2101:8 u32 rw rx 1 Out", 1, "0x2101:8 u32 rw rx 0x1 Out"),
+            ("0x2101:9 u8 ro tx - tx", 0, "0x2101:9 u8 ro tx 0x0 tx"),
+            ("0x2101:10 i16 rw rxtx -1", 0xFFFF, "0x2101:10 i16 rw rxtx 0xFFFF"),
         ] {
             let read = object(line.trim()).unwrap_or_else(|why| panic!("{line}: {why}"));
-            assert_eq!((read.bits, read.to_string().as_str()), (bits, written), "{line}");
+            assert_eq!((read.value.bits(), read.to_string().as_str()), (bits, written), "{line}");
             assert_eq!(object(written).as_ref(), Ok(&read), "{line}");
+        }
+    }
+
+    /// SK-7.46 A text of any length stands in quotes, with the bytes that it has.
+    #[test]
+    fn texts() {
+        let long = "x".repeat(1000);
+        for (value, bytes, written) in [
+            (r#""twenty-four letters long""#, &b"twenty-four letters long"[..], r#""twenty-four letters long""#),
+            (r#""a \"b\" \\ c d""#, br#"a "b" \ c d"#, r#""a \"b\" \\ c d""#),
+            (r#""Pr\xFCfwerk 1""#, b"Pr\xFCfwerk 1", r#""Pr\xFCfwerk 1""#),
+            ("\"Prüfwerk 1\"", b"Pr\xFCfwerk 1", r#""Pr\xFCfwerk 1""#),
+            (r#""ACME""#, b"ACME", "0x454D4341"),
+            (r#""AC\x00""#, b"AC\0", r#""AC\x00""#),
+            (r#""""#, b"", "0x0"),
+            (&format!("\"{long}\""), long.as_bytes(), &format!("\"{long}\"")),
+        ] {
+            for kind in ["text", "any"] {
+                let read = object(&format!("0x2010:0 {kind} rw {value} A  name"))
+                    .unwrap_or_else(|why| panic!("{value}: {why}"));
+                assert_eq!((read.value.bytes(), read.name.as_str()), (bytes, "A  name"), "{value}");
+                if kind == "text" {
+                    assert_eq!(read.to_string(), format!("0x2010:0 text rw {written} A  name"));
+                }
+                let again = object(&read.to_string()).unwrap_or_else(|why| panic!("{read}: {why}"));
+                assert_eq!(again.to_string(), read.to_string());
+            }
         }
     }
 
@@ -158,6 +310,11 @@ mod tests {
             ("0x2000:0 u16 rw -1", "no VALUE"),
             ("0x2000:0 bool rw 2", "no VALUE"),
             ("0x2000:0 f32 rw inf", "no VALUE"),
+            ("0x2000:0 text rw \"open", "no second double quote"),
+            ("0x2000:0 text rw \"\\q\"", "two digits"),
+            ("0x2000:0 text rw \"\\xG1\"", "two hexadecimal digits"),
+            ("0x2000:0 u16 rw \"ab\"", "no VALUE"),
+            ("0x2000:0 u16 rw xr 1", "no VALUE"),
         ] {
             let error = ManufacturerObjects::parse(&format!("# remark\n\n{line}\n")).unwrap_err();
             assert!(error.line == 3 && error.message.contains(words), "{line}: {error}");

@@ -211,6 +211,11 @@ impl Servo {
         self.velocity
     }
 
+    /// The velocity of the position that was followed last, counts/s.
+    pub const fn demanded_velocity(&self) -> f64 {
+        self.way.by * self.span.rate
+    }
+
     /// Torque, as a part of the rated one; positive in the direction of counting up.
     pub const fn torque(&self) -> f64 {
         self.torque
@@ -254,7 +259,8 @@ impl Servo {
         match setpoint {
             Setpoint::Coast => self.coast(&span),
             Setpoint::Position { from, fraction, by } => {
-                self.follow_position(&span, self.way_of(from, fraction, by));
+                self.aim_at(from, fraction, by);
+                self.follow_position(&span, self.way);
             }
             Setpoint::Velocity { from, to } => self.follow_velocity(&span, from, to),
             Setpoint::Torque(torque) => self.follow_torque(&span, torque),

@@ -15,11 +15,11 @@ use crate::slave::dictionary::{
 };
 
 /// The most entries of a PDO \[OURS].
-pub const ENTRIES_MAX: usize = 12;
+pub const ENTRIES_MAX: usize = 16;
 /// Room for the entries of a PDO of any kind of device.
 const ITEMS_ROOM: usize = 24;
 /// The most PDOs of one direction that may be assigned \[OURS].
-pub const PDOS_MAX: usize = 4;
+pub const PDOS_MAX: usize = 8;
 /// The most bytes of process data of one direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
 
@@ -28,6 +28,8 @@ pub const IMAGE_BYTES_MAX: usize = 64;
 pub struct MappingLimits {
     /// The most entries of a PDO, at most 24.
     pub entries: usize,
+    /// The most PDOs of one direction that may be assigned, at most 24.
+    pub pdos: usize,
     /// The most bytes of process data of one direction, at most [`IMAGE_BYTES_MAX`].
     pub image_bytes: usize,
     /// Entries without an object, padding, are allowed.
@@ -39,8 +41,13 @@ pub struct MappingLimits {
 
 impl MappingLimits {
     /// The limits of a kind of device that has none of its own.
-    pub const USUAL: Self =
-        Self { entries: ENTRIES_MAX, image_bytes: IMAGE_BYTES_MAX, padding: true, long_pdos_refused: true };
+    pub const USUAL: Self = Self {
+        entries: ENTRIES_MAX,
+        pdos: PDOS_MAX,
+        image_bytes: IMAGE_BYTES_MAX,
+        padding: true,
+        long_pdos_refused: true,
+    };
 }
 
 const RX_ASSIGNMENT: u16 = 0x1C12;
@@ -56,6 +63,17 @@ pub struct Pdo<D> {
     pub assigned: bool,
     /// Copies the PDO as long as it has these entries.
     pub mover: Mover<D>,
+}
+
+impl<D> Pdo<D> {
+    /// A PDO without entries, which is not assigned.
+    pub const fn empty(index: u16) -> Self {
+        let mover = match direction_of(index) {
+            PdoDirection::Rx => Mover::Outputs(|_, _| ()),
+            PdoDirection::Tx => Mover::Inputs(|_, _| ()),
+        };
+        Self { index, entries: &[], assigned: false, mover }
+    }
 }
 
 /// Copies a whole PDO between the device and the beginning of an image.
@@ -144,7 +162,7 @@ impl Mapping {
         let assignment = |index| {
             let assigned =
                 pdos.iter().filter(move |pdo| pdo.assigned && direction_of(pdo.index) == direction_of(index));
-            MappingList::new(index, PDOS_MAX, assigned.map(|pdo| pdo.index.into()))
+            MappingList::new(index, limits.pdos, assigned.map(|pdo| pdo.index.into()))
         };
         let lists = pdos.iter().map(|pdo| MappingList::new(pdo.index, limits.entries, pdo.entries.iter().copied()));
         Self { lists: lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect(), limits }

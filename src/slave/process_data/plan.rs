@@ -9,6 +9,7 @@ use super::mapping::{Mapping, Mover, Pdo};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
+use crate::slave::manufacturer::ManufacturerObjects;
 
 /// The most objects that may be mapped in one direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
@@ -28,6 +29,8 @@ pub(in crate::slave) struct EntryCopy {
 /// One step of a plan.
 enum Step<D> {
     Object(EntryCopy),
+    /// A manufacturer-specific object, whose place stands in row and cell.
+    Manufacturer(EntryCopy),
     /// A PDO with entries of power-on, or others that masters often map, which begins at that byte.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
@@ -88,6 +91,8 @@ impl<D> Default for Plan<D> {
 enum Entry {
     Padding,
     Object(Place),
+    /// The place of a manufacturer-specific object.
+    Manufacturer(usize),
 }
 
 /// The meaning of a mapping entry in a PDO of that direction.
@@ -95,7 +100,7 @@ enum Entry {
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry with another
 /// length than the object has (CiA 301 7.4.9.4).
-fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
+fn entry<D: Planned>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
         return Err(AbortCode::NOT_MAPPABLE);
@@ -103,7 +108,11 @@ fn entry<D: Device>(device: &D, direction: PdoDirection, entry: u32) -> Result<E
     if at.index == 0 && at.sub == 0 {
         return Ok(Entry::Padding);
     }
-    let place = find(device, at)?;
+    let place = match (find(device, at), device.manufacturer()) {
+        (Ok(place), _) => place,
+        (Err(code), Some(objects)) => return objects.mapped(at, direction, bits, code).map(Entry::Manufacturer),
+        (Err(code), None) => return Err(code),
+    };
     let object = &D::objects()[place.row];
     let fits = object.pdo() == Some(direction) && object.data_type().bits() == bits;
     if fits { Ok(Entry::Object(place)) } else { Err(AbortCode::NOT_MAPPABLE) }
@@ -119,7 +128,7 @@ const fn parts(entry: u32) -> (ObjectAddress, u8) {
 ///
 /// # Errors
 /// As [`entry`].
-pub(in crate::slave) fn may_map<D: Device>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
+pub(in crate::slave) fn may_map<D: Planned>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
     entry(device, direction, wanted).map(|_| ())
 }
 
@@ -182,6 +191,11 @@ impl<D: Planned> Plan<D> {
                         let (row, cell, bit) = (row as u16, cell as u16, image.bits as u16);
                         self.steps.push(Step::Object(EntryCopy { row, cell, bit, bits }));
                     }
+                    Entry::Manufacturer(place) => {
+                        image.objects += 1;
+                        let (row, cell, bit) = ((place >> 16) as u16, place as u16, image.bits as u16);
+                        self.steps.push(Step::Manufacturer(EntryCopy { row, cell, bit, bits }));
+                    }
                 }
                 image.bits += usize::from(bits);
                 if image.objects > MAPPED_MAX || image.bits > mapping.limits().image_bytes * 8 {
@@ -222,6 +236,12 @@ pub(in crate::slave) trait Planned: Device {
     /// The plan in force.
     fn plan(&self) -> &Plan<Self>;
 
+    /// The manufacturer-specific objects.
+    fn manufacturer(&self) -> Option<&ManufacturerObjects>;
+
+    /// The manufacturer-specific objects, to be written by process data.
+    fn manufacturer_mut(&mut self) -> Option<&mut ManufacturerObjects>;
+
     /// The PDOs at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 
@@ -252,6 +272,10 @@ fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
         match *step {
             Step::Inputs(at, put) => put(device, &mut image[at..]),
             Step::Object(step) => put_object(device, step, image),
+            Step::Manufacturer(step) => {
+                let bits = device.manufacturer().map_or(0, |objects| objects.bits(place_of_manufacturer(step)));
+                put(image, step, bits);
+            }
             Step::Outputs(..) => {}
         }
     }
@@ -277,6 +301,12 @@ fn take_each_output<D: Planned>(device: &mut D, image: &[u8]) {
         match device.plan().steps[n] {
             Step::Outputs(at, take) => take(device, &image[at..]),
             Step::Object(step) => take_object(device, step, image),
+            Step::Manufacturer(step) => {
+                let bits = take(image, step);
+                if let Some(objects) = device.manufacturer_mut() {
+                    objects.take_bits(place_of_manufacturer(step), bits);
+                }
+            }
             Step::Inputs(..) => {}
         }
     }
@@ -354,6 +384,11 @@ pub(in crate::slave) fn take_object<D: Device>(device: &mut D, step: EntryCopy, 
     let object = &D::objects()[usize::from(step.row)];
     let number = object.data_type().decode(take(image, step));
     take_output(device, object, step.cell.into(), number);
+}
+
+/// The place of the manufacturer-specific object that a step copies.
+fn place_of_manufacturer(EntryCopy { row, cell, .. }: EntryCopy) -> usize {
+    usize::from(row) << 16 | usize::from(cell)
 }
 
 /// Puts the low bits of a number into an image.

@@ -1,10 +1,11 @@
 //! The EEPROM through the registers of a slave.
 
+use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::registers::{self, DlStatus, SiiControl};
 use ecmsk::ethercat::sii::{CategoryKind, Sii, SiiIdentity, checksum};
-use ecmsk::ethercat::{AlStatus, Command};
+use ecmsk::ethercat::{AlState, AlStatus, Command};
 use ecmsk::slave::device::VENDOR_ID;
-use ecmsk::slave::esc::{EscSettings, EscSlave, eeprom_of};
+use ecmsk::slave::esc::{EscSettings, EscSlave, eeprom_of, esi_of};
 use ecmsk::slave::{Dp3cl, Dp3clConfig, Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 
 use super::rig::{FIRST, MS, Rig, drive, slave};
@@ -162,6 +163,22 @@ fn devices_describe_themselves() {
                 .sum();
             assert_eq!(bits.div_ceil(8), usize::from(manager.len), "{name}");
         }
+        // ECAT-15.15 The ESI file carries the names of the EEPROM.
+        let general = sii.category(CategoryKind::General).expect("one").general().expect("whole");
+        let strings = sii.category(CategoryKind::Strings).expect("some").strings();
+        let text = |number| String::from_utf8_lossy(strings.get(number).expect("a text")).into_owned();
+        let [group, order, shown] = [general.group, general.order, general.name].map(text);
+        let esi = esi_of(&mut *kind(), &EscSettings::default()).expect("it can be described");
+        for element in [
+            format!("\">{order}</Type>\n    <Name>{shown}</Name>\n    <GroupType>{group}</GroupType>"),
+            format!("<Group><Type>{group}</Type>"),
+        ] {
+            assert!(esi.contains(&element), "{element}: {esi}");
+        }
+        device.enter(AlState::PreOp).expect("open");
+        let mut named = [0; 64];
+        let len = device.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut named).expect("it has a name");
+        assert_eq!((order.as_bytes(), shown.as_bytes()), (&named[..len], name.as_bytes()), "{name}");
         // With what the EEPROM says the slave goes to OP.
         let mut rig = Rig::new([slave(kind(), EscSettings::default())]);
         rig.give_stations();

@@ -326,7 +326,7 @@ fn s35_objects_are_described() {
     for (index, sub, bits, data_type, access, name) in [
         (0x6040u16, 0, 16, 0x06, rw | ObjectAccess::RX_MAPPABLE, "Controlword"),
         (0x6041, 0, 16, 0x06, ObjectAccess::READ | ObjectAccess::TX_MAPPABLE, "Statusword"),
-        (0x607D, 1, 32, 0x04, rw, "Min position limit"),
+        (0x607D, 1, 32, 0x04, rw | ObjectAccess::RX_MAPPABLE, "Min position limit"),
         (0x1018, 1, 32, 0x07, ObjectAccess::READ, "Vendor ID"),
         (0x60C2, 1, 8, 0x05, ObjectAccess::READ | ObjectAccess::WRITE_PREOP, "Period"),
         (0x1C12, 1, 16, 0x06, ObjectAccess::READ | ObjectAccess::WRITE_PREOP, "PDO"),

@@ -1,5 +1,6 @@
 //! The AL state machine: what it checks and which codes it answers; the watchdog.
 
+use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope, SdoValuePart};
 use ecmsk::ethercat::registers::{self, SmControl, SyncManager};
 use ecmsk::ethercat::{AlState, AlStatus, Command};
 use ecmsk::slave::esc::{EscSettings, OP_WAIT_NS};
@@ -272,4 +273,77 @@ fn a_device_has_its_own_reasons() {
     rig.set_manager(FIRST, 1, SyncManager::enabled(0x1080, 100, SmControl::MAILBOX_IN));
     let (status, code) = rig.request(FIRST, 0x02);
     assert_eq!((status, code), (0x11, rig.chain.slave(0).device().al_status()));
+}
+
+/// ECAT-11.14 A drive that a master has told to run by SYNC0 (0x1C32:1 or 0x1C33:1 = 2) refuses OP without SYNC0, with 0x30; with
+/// SYNC0, with another type, or without a word it goes.
+#[test]
+fn a_drive_told_to_run_by_sync0_needs_it() {
+    for (object, code, has_sync0, expected) in [
+        (Some(0x1C32), 2, false, (0x14, AlStatus::INVALID_DC_SYNC)),
+        (Some(0x1C33), 2, false, (0x14, AlStatus::INVALID_DC_SYNC)),
+        (Some(0x1C32), 2, true, (0x08, AlStatus::NONE)),
+        (Some(0x1C32), 1, false, (0x08, AlStatus::NONE)),
+        (Some(0x1C33), 0x22, false, (0x08, AlStatus::NONE)),
+        (Some(0x1C32), 0, false, (0x08, AlStatus::NONE)),
+        (None, 0, false, (0x08, AlStatus::NONE)),
+        (None, 0, true, (0x08, AlStatus::NONE)),
+    ] {
+        let mut rig = Rig::drives(1);
+        rig.bring_to_preop(FIRST);
+        if let Some(index) = object {
+            let (object, value) = (ObjectAddress::new(index, 1), SdoValuePart::Expedited(&[code, 0]));
+            let answer = rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value });
+            assert_eq!(answer[2], 0x60, "0x{index:04X}:1 = {code}");
+        }
+        let len = rig.set_process_data(FIRST, 0);
+        if has_sync0 {
+            let start = rig.read_u64(FIRST, registers::SYSTEM_TIME) + 5 * MS;
+            rig.write(FIRST, registers::SYNC0_CYCLE, &1_000_000_u32.to_le_bytes());
+            rig.write(FIRST, registers::SYNC0_START, &start.to_le_bytes());
+            rig.write(FIRST, registers::SYNC_ACTIVATION, &[3]);
+        }
+        rig.reach(FIRST, AlState::SafeOp);
+        rig.logical(Command::Lrw, 0, &vec![0; len]);
+        rig.request(FIRST, 0x08);
+        for _ in 0..20 {
+            rig.now += MS;
+            rig.logical(Command::Lrw, 0, &vec![0; len]);
+        }
+        assert_eq!(rig.al_status(FIRST), expected, "{object:04X?} = {code}, SYNC0: {has_sync0}");
+        if expected.0 == 0x14 {
+            // The mistake is mended: the drive goes.
+            rig.request(FIRST, 0x12);
+            let (object, value) = (ObjectAddress::new(object.unwrap_or_default(), 1), SdoValuePart::Expedited(&[1, 0]));
+            rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value });
+            rig.reach(FIRST, AlState::SafeOp);
+            rig.logical(Command::Lrw, 0, &vec![0; len]);
+            rig.reach(FIRST, AlState::Op);
+        }
+    }
+}
+
+/// ECAT-11.13 A terminal of inputs and outputs goes to OP without outputs, as those of makers do, and stays there; from the first
+/// outputs on its watchdog runs.
+#[test]
+fn a_terminal_reaches_op_without_outputs() {
+    let mut rig = Rig::new([slave(Box::new(Io::default()), EscSettings::default())]);
+    rig.give_stations();
+    rig.bring_to_preop(FIRST);
+    let len = rig.set_process_data(FIRST, 0);
+    rig.reach(FIRST, AlState::SafeOp);
+    rig.reach(FIRST, AlState::Op);
+    for _ in 0..500 {
+        rig.now += MS;
+        assert_eq!(rig.al_status(FIRST), (0x08, AlStatus::NONE));
+    }
+    let mut outputs = vec![0; len];
+    outputs[0] = 0xA5;
+    for _ in 0..3 {
+        rig.logical(Command::Lrw, 0, &outputs);
+        rig.now += 2 * MS;
+    }
+    assert_eq!(rig.logical(Command::Lrw, 0, &outputs).data[2], 0xA5, "what is wired to its inputs");
+    rig.now += 200 * MS;
+    assert_eq!(rig.al_status(FIRST), (0x14, AlStatus::WATCHDOG));
 }

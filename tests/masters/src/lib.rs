@@ -103,7 +103,7 @@ impl Rig {
         std::fs::create_dir_all(recording.parent().expect("a folder")).expect("the target folder");
         // Otherwise it would be kept as another file.
         let _ = std::fs::remove_file(&recording);
-        let slaves = slaves::parse(list).expect("a list of slaves");
+        let slaves = slaves::parse_for_network(list).expect("a list of slaves");
         let said = Arc::new(Mutex::new(Vec::new()));
         let options = Options {
             interface: SLAVES.to_owned(),

@@ -3,7 +3,7 @@
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Close, Ecm, EcmError};
 use ecmsk::slave::dictionary::Access;
-use ecmsk::slave::{ManufacturerObject, ManufacturerType};
+use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 
 /// Reads all readable objects with these indexes; nothing is written to the drive. `found` gets each object, `at` the
 /// index that is being read.
@@ -24,7 +24,7 @@ pub fn read<E: From<EcmError>>(
     for index in indexes.iter().cloned().flatten() {
         at(index);
         let Some(first) = upload(&ecm, slave, index, 0)? else { continue };
-        let count = first.bits;
+        let count = first.value.bits();
         let is_readable = first.access != Access::WriteOnly;
         found(first)?;
         if !is_readable {
@@ -46,10 +46,16 @@ pub fn read<E: From<EcmError>>(
 /// Reads one sub-index; `None` if it does not exist.
 fn upload(ecm: &Ecm, slave: u8, index: u16, sub: u8) -> Result<Option<ManufacturerObject>, EcmError> {
     let address = ObjectAddress::new(index, sub);
-    let object =
-        |access, bits| ManufacturerObject { address, data: ManufacturerType::Any, access, bits, name: String::new() };
+    let object = |access, bits: u32| ManufacturerObject {
+        address,
+        data: ManufacturerType::Any,
+        access,
+        mappable: Mappable::default(),
+        value: ManufacturerValue::of_bits(bits.into(), size_of::<u32>()),
+        name: String::new(),
+    };
     match ecm.sdo_read::<u32>(slave, address) {
-        Ok(bits) => Ok(Some(object(Access::ReadWrite, bits.into()))),
+        Ok(bits) => Ok(Some(object(Access::ReadWrite, bits))),
         Err(EcmError::SdoAborted { code: AbortCode::WRITE_ONLY, .. }) => Ok(Some(object(Access::WriteOnly, 0))),
         // The slave does not exist or does not answer any more.
         Err(error @ EcmError::SdoAborted { code: AbortCode::TIMEOUT, .. }) => Err(error),

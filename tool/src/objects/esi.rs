@@ -5,17 +5,26 @@ use std::collections::HashMap;
 
 use ecmsk::coe::ObjectAddress;
 use ecmsk::slave::dictionary::Access;
-use ecmsk::slave::{ManufacturerObject, ManufacturerType};
+use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mappable};
 use roxmltree::{Document, Node};
+
+use super::attributes::{Twice, without_unread};
+use super::encoding::{EncodingError, decoded};
 
 /// How many data types that refer to others are followed \[OURS].
 const DEPTH_MAX: usize = 8;
 /// The first index of an object; those below are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
+/// The attributes that are read here.
+const ATTRIBUTES: [&str; 1] = ["ProductCode"];
+
 /// Why no objects can be read from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum EsiError {
+    /// The file is no text.
+    #[error(transparent)]
+    Encoding(#[from] EncodingError),
     /// The file is not XML.
     #[error("it is no XML: {0}; name the ESI file (.xml) of the drive's maker")]
     Xml(#[from] roxmltree::Error),
@@ -53,12 +62,17 @@ pub struct Esi {
     pub objects: Vec<ManufacturerObject>,
 }
 
-/// Reads the objects of a device; `wanted` is its type, its name or its product code.
+/// Reads the objects of a device from the bytes of a file, in the encoding that it declares; `wanted` is its type, its name or its
+/// product code.
 ///
 /// # Errors
 /// [`EsiError`]
-pub fn read(text: &str, wanted: Option<&str>) -> Result<Esi, EsiError> {
-    let document = Document::parse(text)?;
+pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
+    let text = decoded(bytes)?;
+    let twice =
+        |Twice { name, line }| EsiError::Content { line, message: format!("the attribute {name} stands twice") };
+    let shorter = without_unread(&text, &ATTRIBUTES).map_err(twice)?;
+    let document = Document::parse(shorter.as_deref().unwrap_or(&text))?;
     let devices: Vec<Node<'_, '_>> = document.descendants().filter(|node| node.has_tag_name("Device")).collect();
     let with_objects: Vec<_> = devices.into_iter().filter(|device| dictionary(*device).is_some()).collect();
     let chosen: Vec<_> = match wanted {
@@ -80,7 +94,28 @@ pub fn read(text: &str, wanted: Option<&str>) -> Result<Esi, EsiError> {
     for node in children(child(dictionary, "Objects"), "Object") {
         put_object(node, &types, &mut objects)?;
     }
+    let mapped = mapped(device);
+    for object in &mut objects {
+        let of_pdos = mapped.get(&object.address).copied().unwrap_or_default();
+        object.mappable = Mappable { rx: object.mappable.rx || of_pdos.rx, tx: object.mappable.tx || of_pdos.tx };
+    }
     Ok(Esi { device: name_of(device), objects })
+}
+
+/// The objects that stand in PDOs of the device: they can be mapped, whatever the dictionary says of them.
+fn mapped(device: Node<'_, '_>) -> HashMap<ObjectAddress, Mappable> {
+    let mut mapped = HashMap::<_, Mappable>::new();
+    let number = |entry, name| text(entry, name).and_then(whole);
+    for (name, is_rx) in [("RxPdo", true), ("TxPdo", false)] {
+        for entry in children(Some(device), name).flat_map(|pdo| children(Some(pdo), "Entry")) {
+            let index = number(entry, "Index").and_then(|index| u16::try_from(index).ok());
+            let sub = number(entry, "SubIndex").map_or(Some(0), |sub| u8::try_from(sub).ok());
+            let Some((index, sub)) = index.zip(sub) else { continue };
+            let mappable = mapped.entry(ObjectAddress::new(index, sub)).or_default();
+            (mappable.rx, mappable.tx) = (mappable.rx || is_rx, mappable.tx || !is_rx);
+        }
+    }
+    mapped
 }
 
 fn dictionary<'a, 'i>(device: Node<'a, 'i>) -> Option<Node<'a, 'i>> {
@@ -121,6 +156,7 @@ struct Part {
     name: String,
     kind: String,
     access: Option<Access>,
+    mappable: Option<Mappable>,
 }
 
 fn put_object(
@@ -136,11 +172,19 @@ fn put_object(
     let kind = text(node, "Type").unwrap_or_default();
     let name = text(node, "Name").unwrap_or_default();
     let access = access_of(node).unwrap_or(Access::ReadOnly);
+    let mappable = mappable_of(node).unwrap_or_default();
     let info = child(node, "Info");
     let parts = parts_of(kind, types);
     if parts.is_empty() {
-        let (data, bits) = (manufacturer_type(kind, types, 0), info.map_or(0, value_of));
-        objects.push(object(ObjectAddress::new(index, 0), data, access, bits, name.trim().to_owned()));
+        let data = manufacturer_type(kind, types, 0);
+        objects.push(ManufacturerObject {
+            address: ObjectAddress::new(index, 0),
+            data,
+            access,
+            mappable,
+            value: value_of(info, data),
+            name: name.trim().to_owned(),
+        });
         return Ok(());
     }
     let items: Vec<_> = children(info, "SubItem").collect();
@@ -148,23 +192,16 @@ fn put_object(
         let named = items.iter().find(|item| text(**item, "Name").map(str::trim) == Some(part.name.as_str()));
         let info = named.or(items.get(place)).and_then(|item| child(*item, "Info"));
         let data = manufacturer_type(&part.kind, types, 0);
-        let name = format!("{}: {}", name.trim(), part.name);
-        let bits = info.map_or(0, value_of);
-        objects.push(object(ObjectAddress::new(index, part.sub), data, part.access.unwrap_or(access), bits, name));
+        objects.push(ManufacturerObject {
+            address: ObjectAddress::new(index, part.sub),
+            data,
+            access: part.access.unwrap_or(access),
+            mappable: part.mappable.unwrap_or(mappable),
+            value: value_of(info, data),
+            name: format!("{}: {}", name.trim(), part.name),
+        });
     }
     Ok(())
-}
-
-/// An object; a value that does not fit its type is truncated to it.
-fn object(
-    address: ObjectAddress,
-    data: ManufacturerType,
-    access: Access,
-    bits: u64,
-    name: String,
-) -> ManufacturerObject {
-    let width = u32::from(data.bytes().unwrap_or(8)) * 8;
-    ManufacturerObject { address, data, access, bits: bits & (u64::MAX >> (64 - width)), name }
 }
 
 /// The sub-indexes of a record or an array, each once; none for a plain type.
@@ -174,10 +211,10 @@ fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
     for item in children(types.get(kind.trim()).copied(), "SubItem") {
         let kind = text(item, "Type").unwrap_or_default().trim();
         let name = text(item, "Name").unwrap_or_default().trim();
-        let access = access_of(item);
+        let (access, mappable) = (access_of(item), mappable_of(item));
         let mut put = |sub: u8, name: String, kind: &str| {
             if !std::mem::replace(&mut is_there[usize::from(sub)], true) {
-                parts.push(Part { sub, name, kind: kind.to_owned(), access });
+                parts.push(Part { sub, name, kind: kind.to_owned(), access, mappable });
             }
         };
         match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
@@ -214,7 +251,9 @@ fn manufacturer_type(kind: &str, types: &Types<'_, '_>, depth: usize) -> Manufac
         "LINT" | "INTEGER64" => ManufacturerType::I64,
         "ULINT" | "LWORD" | "UNSIGNED64" => ManufacturerType::U64,
         "LREAL" => ManufacturerType::F64,
-        text if text.starts_with("STRING") || text.contains("OF BYTE") => ManufacturerType::Text,
+        text if text.contains("STRING") || text.contains("OF BYTE") => ManufacturerType::Text,
+        "BITARR16" => ManufacturerType::U16,
+        "BITARR32" => ManufacturerType::U32,
         bits if bits.starts_with("BIT") => ManufacturerType::U8,
         other => {
             let definition = types.get(other).copied();
@@ -240,19 +279,53 @@ fn access_of(node: Node<'_, '_>) -> Option<Access> {
     }
 }
 
-/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first, or `DefaultValue`, a
-/// number.
-fn value_of(info: Node<'_, '_>) -> u64 {
-    if let Some(data) = text(info, "DefaultData") {
-        let digits: Vec<u64> = data.chars().filter_map(|digit| digit.to_digit(16)).map(u64::from).collect();
-        let bytes = digits.chunks_exact(2).take(8).map(|pair| pair[0] << 4 | pair[1]);
-        return bytes.enumerate().fold(0, |bits, (place, byte)| bits | byte << (8 * place));
+/// Into which PDOs an object may be mapped: `T`, `R`, or both letters.
+fn mappable_of(node: Node<'_, '_>) -> Option<Mappable> {
+    let letters = text(child(node, "Flags")?, "PdoMapping")?;
+    let has = |letter: [char; 2]| letters.contains(letter);
+    Some(Mappable { rx: has(['R', 'r']), tx: has(['T', 't']) })
+}
+
+/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first; `DefaultString`; or `DefaultValue`, a
+/// number. What does not fit a type of a fixed size is truncated to it, and a text is whole.
+fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerValue {
+    let (bytes, bits) = default_of(info, data);
+    match data.bytes() {
+        Some(width) => {
+            let bits = if bytes.is_empty() { bits } else { ManufacturerValue::of_bytes(&bytes).bits() };
+            ManufacturerValue::of_bits(bits, width.into())
+        }
+        None if bytes.is_empty() && bits != 0 => ManufacturerValue::of_bits(bits, size_of::<u64>()),
+        None => ManufacturerValue::of_bytes(&bytes),
     }
-    if let Some(data) = text(info, "DefaultString") {
-        return data.bytes().take(8).enumerate().fold(0, |bits, (place, byte)| bits | u64::from(byte) << (8 * place));
+}
+
+/// The default value as bytes, or as a number.
+fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
+    // A remark may stand within a text.
+    let default = |name| {
+        let node = info.and_then(|info| child(info, name))?;
+        Some(node.children().filter(Node::is_text).filter_map(|part| part.text()).collect::<String>())
+    };
+    if let Some(data) = default("DefaultData") {
+        let digits: Vec<u8> = data.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as u8).collect();
+        return (digits.chunks_exact(2).map(|pair| pair[0] << 4 | pair[1]).collect(), 0);
     }
-    let value = text(info, "DefaultValue").unwrap_or_default().trim();
-    whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64))
+    if let Some(text) = default("DefaultString") {
+        return (octets(&text), 0);
+    }
+    let value = default("DefaultValue").unwrap_or_default();
+    if data == ManufacturerType::Text {
+        return (octets(&value), 0);
+    }
+    let value = value.trim();
+    (Vec::new(), whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64)))
+}
+
+/// The bytes of a text: of ISO-8859-1 as VISIBLE_STRING has them, or of UTF-8 if it has other letters \[OURS].
+fn octets(text: &str) -> Vec<u8> {
+    let latin: Option<Vec<u8>> = text.chars().map(|letter| u8::try_from(letter).ok()).collect();
+    latin.unwrap_or_else(|| text.as_bytes().to_vec())
 }
 
 /// Parses a number of an ESI file: decimal, or hexadecimal after `#x` or 0x.

@@ -1,7 +1,8 @@
 //! Collects the lines of one axis.
 
+use ecmsk::cia402::Statusword;
 use ecmsk::ecm::Scale;
-use ecmsk::sk::{DriveResponse, SlaveCommand};
+use ecmsk::sk::{CommandId, DriveResponse, RawSlot, SlaveCommand};
 use ecmsk::summary::GapFinder;
 
 use super::decimate::Line;
@@ -32,8 +33,10 @@ pub struct AxisLines {
     pub target_torque: Pieces,
     /// The torque in percent of the rated torque.
     pub torque: Pieces,
-    /// The times in which the drive was not enabled, homing or had a fault, and gaps.
+    /// The times in which the drive was not enabled, homing, lost or had a fault, and gaps.
     pub states: Vec<Span>,
+    /// When homing gave the position another zero last, in seconds.
+    pub zeroed: Option<f64>,
 }
 
 impl AxisLines {
@@ -66,7 +69,39 @@ pub struct Axis {
     in_force: Option<i32>,
     /// The last reported position, and whether the drive follows a target, if they are shown.
     stands: Option<(i32, bool)>,
+    /// The slot as it has been since the first report in state 0x18.
+    frozen: Option<Frozen>,
+    /// The last slot, and when it was another one.
+    before: Option<(RawSlot, i64)>,
+    /// The last report was in state 0x18.
+    failed_before: bool,
+    ignores: Option<Ignores>,
+    zeroed_ns: Option<i64>,
 }
+
+/// A slot that does not change in state 0x18.
+#[derive(Debug)]
+struct Frozen {
+    slot: RawSlot,
+    /// It would change if the slave were there: the axis moved before, or has targets elsewhere.
+    is_lost: bool,
+}
+
+/// \[OURS] An axis whose slot has changed that shortly before moves.
+const MOVED_NS: i64 = 20_000_000;
+
+/// The board ignores the targets of an axis from GO_HOME on until homing has ended and the mode is restored (SK-7.26, SK-7.37):
+/// then its slot answers a motion command again.
+#[derive(Clone, Copy, Debug, Default)]
+struct Ignores {
+    /// A report has answered GO_HOME.
+    answered: bool,
+    /// How many reports have answered a motion command without that.
+    reports: u8,
+}
+
+/// \[OURS] After so many answers to motion commands a GO_HOME that was never answered was not executed.
+const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
     /// The axis of that slave, with no lines yet.
@@ -90,6 +125,11 @@ impl Axis {
             speeds: Default::default(),
             in_force: None,
             stands: None,
+            frozen: None,
+            before: None,
+            failed_before: false,
+            ignores: None,
+            zeroed_ns: None,
         }
     }
 
@@ -108,8 +148,25 @@ impl Axis {
     /// Adds a command for the axis that the board executes. Returns the beginning of the gap that ends with it, if
     /// there is one.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
-        let shown = self.shows(order.id().code());
+        let shown = self.shows(order.id().code()) && self.frozen.is_none();
+        let is_motion = matches!(order, SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_));
+        if let Some(Frozen { slot, is_lost }) = self.frozen.as_mut().filter(|_| is_motion) {
+            *is_lost |= match order {
+                SlaveCommand::Csp(motion) => motion.first.target != slot.data1.cast_signed(),
+                SlaveCommand::Csv(motion) => motion.first.target != 0,
+                _ => false,
+            };
+            return None;
+        }
+        if is_motion && self.ignores.is_some() {
+            return None;
+        }
         match order {
+            SlaveCommand::GoHome => {
+                self.ignores = Some(Ignores::default());
+                self.forget_target(at_ns);
+                None
+            }
             SlaveCommand::Csp(motion) => {
                 let target = motion.first.target;
                 self.in_force = Some(target);
@@ -134,10 +191,69 @@ impl Axis {
         }
     }
 
+    /// Looks at the axis' slot of a report in OP before what was executed is drawn. `failed`: the state of the board is 0x18.
+    pub fn look(&mut self, at_ns: i64, slot: &RawSlot, failed: bool) {
+        let changed_ns = match self.before {
+            Some((before, changed_ns)) if before == *slot => changed_ns,
+            _ => at_ns,
+        };
+        self.before = Some((*slot, changed_ns));
+        match (failed, &self.frozen) {
+            (false, None) => {}
+            (false, Some(_)) => self.is_there(at_ns, true),
+            (true, Some(frozen)) if frozen.slot != *slot => self.is_there(at_ns, false),
+            (true, Some(_)) => return,
+            (true, None) if self.failed_before => {}
+            (true, None) => {
+                self.forget_target(at_ns);
+                self.frozen = Some(Frozen { slot: *slot, is_lost: at_ns.saturating_sub(changed_ns) < MOVED_NS });
+                self.states.may_be_lost(at_ns);
+            }
+        }
+        self.failed_before = failed;
+        let id = CommandId::from_code(slot.id);
+        if let Some(ignores) = &mut self.ignores {
+            let is_motion = matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst);
+            ignores.answered |= id == CommandId::GoHome;
+            ignores.reports += u8::from(is_motion && !ignores.answered);
+            let goes_on = is_motion && !self.states.is_homing();
+            if goes_on && (ignores.answered || ignores.reports > UNANSWERED_MAX) {
+                self.ignores = None;
+            }
+        }
+    }
+
+    /// The slave is there, or it is not asked any more whether it is.
+    fn is_there(&mut self, at_ns: i64, was_lost: bool) {
+        if was_lost {
+            return self.interrupt(at_ns);
+        }
+        self.states.is_there(at_ns, None);
+        self.frozen = None;
+    }
+
     /// Adds the axis' slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and
     /// an error code. `certain`: it is known which target is in force.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
+        if self.frozen.is_some() {
+            // Nothing is drawn of what only seems to go on.
+            let lines = [&mut self.position, &mut self.torque, &mut self.difference];
+            let more = [&mut self.velocity, &mut self.commanded_velocity];
+            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
+            self.speeds.iter_mut().for_each(Speed::reset);
+            self.stands = None;
+            return;
+        }
+        let was_homing = self.states.is_homing();
         let change = self.states.report(at_ns, drive, aborted, is_drive);
+        if was_homing && !self.states.is_homing() {
+            // If home is attained, this position counts from another zero than the one before.
+            self.position.break_off(at_ns);
+            let word = drive.statusword.0;
+            if word & Statusword::BIT13 == 0 && word & Statusword::TARGET_REACHED != 0 {
+                self.zeroed_ns = Some(at_ns);
+            }
+        }
         if change == Change::FollowsNot {
             self.forget_target(at_ns);
         }
@@ -197,6 +313,9 @@ impl Axis {
         self.forget_target(at_ns);
         self.speeds[0].reset();
         self.stands = None;
+        let is_lost = self.frozen.as_ref().map(|frozen| frozen.is_lost);
+        self.states.is_there(at_ns, is_lost);
+        (self.frozen, self.failed_before, self.ignores) = (None, false, None);
         let lines = [&mut self.position, &mut self.difference, &mut self.torque];
         let more = [&mut self.velocity, &mut self.commanded_velocity];
         lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
@@ -214,7 +333,10 @@ impl Axis {
     }
 
     /// The lines.
-    pub fn finish(self) -> AxisLines {
+    pub fn finish(mut self) -> AxisLines {
+        if let Some(Frozen { is_lost, .. }) = self.frozen {
+            self.states.is_there(i64::MAX, Some(is_lost));
+        }
         AxisLines {
             axis: self.number,
             scale: self.scale,
@@ -227,6 +349,7 @@ impl Axis {
             target_torque: self.target_torque.finish(),
             torque: self.torque.finish(),
             states: self.states.finish(),
+            zeroed: self.zeroed_ns.map(super::seconds),
         }
     }
 

@@ -26,6 +26,8 @@ pub struct Beside {
     pub positions: Vec<(u8, Pieces)>,
     /// When axes had a fault.
     pub faults: Vec<(u8, Vec<Span>)>,
+    /// When homing gave the positions of axes another zero last.
+    pub zeroed: Vec<(u8, f64)>,
 }
 
 /// Another recording, which was read once.
@@ -46,7 +48,7 @@ impl Other {
         let mut survey = Survey::default();
         let device = recording::board(file, None)?;
         let Walked { frames, damage, .. } =
-            walk(&mut Frames::open(file, size, device)?.quiet(), |framed| survey.frame(framed))?;
+            walk(&mut Frames::open(file, size, device)?.quiet(), i64::MAX, |framed| survey.frame(framed))?;
         let Some(op) = survey.op() else {
             let no_op = PlotError::NoOp { file: file.to_owned(), frames };
             return Err(damage.map_or(no_op.into(), CliError::from));
@@ -70,8 +72,9 @@ impl Other {
     /// The positions and faults of these axes, for which it is read a second time.
     pub fn lines(&self, axes: &[(u8, Scale)]) -> Result<Beside, CliError> {
         let Self { file, size, device, survey, later_ns, window } = self;
+        let own = Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns);
         let mut series = Series::new(&Subject {
-            window: Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns),
+            window: own,
             axes,
             ios: &[],
             plane: None,
@@ -79,7 +82,8 @@ impl Other {
             cycle_ns: survey.cycle_ns(),
             commands: Vec::new(),
         });
-        walk(&mut Frames::open(file, *size, *device)?.quiet(), |framed| series.frame(framed))?;
+        let mut recording = Frames::open(file, *size, *device)?.quiet();
+        walk(&mut recording, own.read_until_ns(), |framed| series.frame(framed))?;
         let link = survey.link().and_then(|link| link.split('?').next().map(str::to_owned));
         let name = link.unwrap_or_else(|| file.display().to_string());
         let mut beside = Beside { name: style::fitting(&name, style::TEXT, NAME_WIDTH), ..Beside::default() };
@@ -88,6 +92,7 @@ impl Other {
             let moved =
                 |piece: Vec<(f64, f64)>| piece.into_iter().map(|(at, position)| (at + later, position)).collect();
             beside.positions.push((axis.axis, axis.position.into_iter().map(moved).collect()));
+            beside.zeroed.extend(axis.zeroed.map(|at| (axis.axis, at + later)));
             let faults = axis.states.into_iter().filter(|span| span.state == State::Fault);
             let named = |Span { state, from, to, note }: Span| Span {
                 state,

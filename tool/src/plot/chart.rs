@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::ops::Range;
 
 use plotters::coord::Shift;
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -97,6 +98,10 @@ fn draw_head<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
                 let sample = vec![(at(x), at(middle)), (at(x + SAMPLE), at(middle))];
                 area.draw(&PathElement::new(sample, stroke(*look))).map_err(failed)?;
             }
+            Look::Dashed(_) => {
+                let sample = vec![(at(x), at(middle)), (at(x + SAMPLE), at(middle))];
+                area.draw(&DashedPathElement::new(sample, at(DASH), at(DASH), stroke(*look))).map_err(failed)?;
+            }
         }
         write(area, text, (x + SAMPLE + GAP, middle), style::TEXT, style::SOFT_INK, HPos::Left)?;
         x += item(text);
@@ -156,7 +161,14 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
     for line in &panel.strokes {
         let (alone, pieces): (Vec<_>, Vec<_>) = line.pieces.iter().partition(|piece| piece.len() == 1);
         let style = stroke(line.look);
-        chart.draw_series(pieces.into_iter().map(|piece| PathElement::new(piece.clone(), style))).map_err(failed)?;
+        if matches!(line.look, Look::Dashed(_)) {
+            let dashed = |piece: &Vec<(f64, f64)>| DashedPathElement::new(piece.clone(), at(DASH), at(DASH), style);
+            chart.draw_series(pieces.into_iter().map(dashed)).map_err(failed)?;
+        } else {
+            chart
+                .draw_series(pieces.into_iter().map(|piece| PathElement::new(piece.clone(), style)))
+                .map_err(failed)?;
+        }
         // A piece of a line with a single point is drawn as a dot.
         let dots = alone.into_iter().flatten().map(|sample| Circle::new(*sample, px(2), style.filled()));
         chart.draw_series(dots).map_err(failed)?;
@@ -165,8 +177,28 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
         let y = i * style::LANE + style::LANE / 2;
         write(area, lane, (style::LEFT - 8, y), style::SMALL, style::SOFT_INK, HPos::Right)?;
     }
+    draw_ends(area, panel)?;
     draw_notes(area, &panel.spans, NOTES, &times)?;
     draw_notes(area, &panel.other_spans, OTHER_NOTES, &times)
+}
+
+/// The length of a dash, and of the gap behind it.
+const DASH: u32 = 5;
+
+/// Draws the texts at the ends of lines from top to bottom; one that would overlap the one before stands below it.
+fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), PlotError> {
+    let mut ends: Vec<_> = panel.ends.iter().collect();
+    ends.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let span = panel.range.end - panel.range.start;
+    let mut free_from = style::SMALL / 2;
+    for (left, (value, text, colour)) in (0..ends.len() as u32).rev().zip(ends) {
+        let wanted = (f64::from(panel.height) * (panel.range.end - value) / span) as u32;
+        let last = panel.height.saturating_sub(style::SMALL / 2 + left * style::SMALL);
+        let y = wanted.max(free_from).min(last.max(free_from));
+        write(area, text, (style::WIDTH - style::RIGHT + 4, y), style::SMALL, *colour, HPos::Left)?;
+        free_from = y + style::SMALL;
+    }
+    Ok(())
 }
 
 /// How far below the top of a panel the notes on its states stand, and those on states of another recording.
@@ -207,7 +239,9 @@ fn write<B: DrawingBackend>(
 
 fn stroke(look: Look) -> ShapeStyle {
     match look {
-        Look::Solid(colour) => ShapeStyle { color: colour.to_rgba(), filled: false, stroke_width: px(3) / 2 },
+        Look::Solid(colour) | Look::Dashed(colour) => {
+            ShapeStyle { color: colour.to_rgba(), filled: false, stroke_width: px(3) / 2 }
+        }
         Look::Pale(colour) => colour.mix(0.35).stroke_width(px(5)),
         Look::Area(colour) => colour.filled(),
     }

@@ -73,6 +73,12 @@ impl Line {
         self.broken = true;
     }
 
+    /// Interrupts the line so that it is seen within a column of pixels, too: the next value has nothing to do with the one before.
+    pub fn break_off(&mut self, at_ns: i64) {
+        self.interrupt(at_ns);
+        self.close_column();
+    }
+
     /// The pieces of the line, seconds and values.
     pub fn finish(mut self) -> Vec<Vec<(f64, f64)>> {
         self.hold_until(self.window.to_ns);

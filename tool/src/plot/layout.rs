@@ -1,6 +1,7 @@
 //! The panels of a plot, from top to bottom, with their legends.
 
 use ecmsk::sk::FIFO_ENTRIES;
+use plotters::style::RGBColor;
 
 use super::beside::Beside;
 use super::chosen::{Asked, Diagram};
@@ -10,6 +11,8 @@ use super::series::{Lines, Pieces};
 use super::states::{Span, State};
 use super::style;
 
+/// So many axes are told apart by colours alone. \[OURS]
+const CROWD: usize = 4;
 /// The height of a diagram of all axes together.
 const SHARED: u32 = 130;
 
@@ -25,10 +28,17 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
     };
     let by_velocity = axes.iter().any(|axis| !axis.target_velocity.is_empty() || !axis.target_torque.is_empty());
     let colours = style::colours(axes.iter().map(|axis| axis.axis));
+    let is_crowded = axes.len() > CROWD;
+    let failed: Vec<f64> = gaps.iter().filter(|span| span.state == State::Failed).map(|span| span.from).collect();
     let mut all = Vec::new();
     let mut shared = Shared { least: f64::MAX, ..Shared::default() };
-    for (axis, colour) in axes.into_iter().zip(colours) {
-        let (pale, solid) = (Look::Pale(colour), Look::Solid(colour));
+    for (place, (axis, colour)) in axes.into_iter().zip(colours).enumerate() {
+        // Of many axes every second line is dashed, so that no two colours have to be told apart by their shade alone.
+        let solid = if is_crowded && place % 2 == 1 { Look::Dashed(colour) } else { Look::Solid(colour) };
+        let pale = Look::Pale(colour);
+        if is_crowded {
+            shared.ends.push((axis.axis.to_string(), colour));
+        }
         let least = axis.scale.to_units(1).abs();
         shared.least = shared.least.min(least);
         shared.legend.push((solid, format!("axis {}", axis.axis)));
@@ -47,7 +57,7 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
         }
         let faults = beside.faults.extract_if(.., |(slave, _)| *slave == axis.axis).next();
         let other_spans = faults.map(|(_, spans)| spans).unwrap_or_default();
-        for state in [State::NotEnabled, State::Homing, State::Fault, State::Gap] {
+        for state in [State::NotEnabled, State::Homing, State::Fault, State::Gap, State::Lost] {
             if axis.states.iter().chain(&other_spans).any(|span| span.state == state) {
                 legend.push((state.look(), state.name().to_owned()));
             }
@@ -59,9 +69,17 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
             legend.push((look, format!("actual, {}", beside.name)));
             strokes.push(Stroke { pieces, look });
         }
+        if !failed.is_empty() {
+            legend.push((Look::Solid(style::ALARM), State::Failed.name().to_owned()));
+        }
         let name = format!("Axis {}: position ({unit})", axis.axis);
         let panel = Panel::of(name, height, least, strokes, legend);
-        all.extend(panel.map(|panel| Panel { spans: axis.states, other_spans, ..panel }));
+        let other_zero = beside.zeroed.iter().filter(|(slave, _)| *slave == axis.axis).map(|(_, at)| *at);
+        let panel = panel.map(|panel| match other_zero.chain(axis.zeroed).reduce(f64::max) {
+            Some(since) => panel.scaled_since(since, least),
+            None => panel,
+        });
+        all.extend(panel.map(|panel| Panel { spans: axis.states, other_spans, marks: failed.clone(), ..panel }));
     }
     let least = shared.least;
     all.extend(shared.panels(asked, unit, by_velocity));
@@ -81,6 +99,8 @@ struct Shared {
     /// The smallest step of a position, in its unit.
     least: f64,
     legend: Vec<(Look, String)>,
+    /// What stands at the end of the line of each axis, with its colour; none of few axes.
+    ends: Vec<(String, RGBColor)>,
     commanded: Vec<Stroke>,
     velocity: Vec<Stroke>,
     target_velocity: Vec<Stroke>,
@@ -92,8 +112,13 @@ struct Shared {
 impl Shared {
     fn panels(self, asked: &Asked, unit: &str, by_velocity: bool) -> impl Iterator<Item = Panel> {
         let panel = |name: &str, least: f64, behind: Vec<Stroke>, before: Vec<Stroke>| {
+            let of_axes = if before.is_empty() { &behind } else { &before };
+            let value = |stroke: &Stroke| stroke.pieces.last()?.last().map(|(_, value)| *value);
+            let ends = of_axes.iter().map(value).zip(&self.ends);
+            let ends = ends.filter_map(|(value, (text, colour))| Some((value?, text.clone(), *colour))).collect();
             let strokes = behind.into_iter().chain(before).collect();
-            Panel::of(name.to_owned(), SHARED, least, strokes, self.legend.clone())
+            let panel = Panel::of(name.to_owned(), SHARED, least, strokes, self.legend.clone());
+            panel.map(|panel| Panel { ends, ..panel })
         };
         let commanded = |strokes: &[Stroke]| strokes.iter().any(|stroke| !stroke.pieces.is_empty());
         let velocity = format!("Velocity ({unit}/s; pale: of the targets)");
@@ -154,8 +179,10 @@ fn io(slave: u8, lanes: Vec<Lane>) -> Option<Panel> {
 
 fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Panel {
     let mut legend = vec![(Look::Solid(style::FIFO), "free entries".to_owned())];
-    if !gaps.is_empty() {
-        legend.push((State::Gap.look(), State::Gap.name().to_owned()));
+    for state in [State::Gap, State::Failed] {
+        if gaps.iter().any(|span| span.state == state) {
+            legend.push((state.look(), state.name().to_owned()));
+        }
     }
     if full_reports > 0 {
         let plural = if full_reports == 1 { "" } else { "s" };
@@ -166,7 +193,11 @@ fn fifo(free: Pieces, full: Vec<f64>, full_reports: u64, gaps: Vec<Span>) -> Pan
     let range = -4.0..f64::from(FIFO_ENTRIES) + 8.0;
     let name = format!("FIFO: free entries of {FIFO_ENTRIES}");
     // The lengths of the gaps are shown in the panels of the axes.
-    let spans = gaps.into_iter().map(|span| Span { note: None, ..span }).collect();
+    let spans = gaps.into_iter().map(|span| match span.state {
+        State::Gap => Span { note: None, ..span },
+        _ => span,
+    });
+    let spans = spans.collect();
     Panel { name, height: 110, range, strokes, spans, marks: full, legend, ..Panel::default() }
 }
 

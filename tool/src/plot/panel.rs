@@ -31,6 +31,8 @@ pub struct Panel {
     pub lanes: Vec<String>,
     /// The horizontal axis, if it differs from that of the other panels.
     pub across: Option<Across>,
+    /// What stands at the ends of lines, at the right: the value at the end, the text, its colour.
+    pub ends: Vec<(f64, String, RGBColor)>,
 }
 
 /// A horizontal axis of a panel's own.
@@ -56,6 +58,8 @@ pub struct Stroke {
 pub enum Look {
     /// A line.
     Solid(RGBColor),
+    /// A line of dashes.
+    Dashed(RGBColor),
     /// A pale and broad line for commanded values, behind the actual ones.
     Pale(RGBColor),
     /// An area.
@@ -70,6 +74,8 @@ impl State {
             Self::Homing => style::HOMING,
             Self::Fault => style::FAULT,
             Self::Gap => style::GAP,
+            Self::Lost => style::LOST,
+            Self::Failed => style::FAILED,
         })
     }
 
@@ -80,6 +86,8 @@ impl State {
             Self::Homing => "homing",
             Self::Fault => "fault",
             Self::Gap => "gap: FIFO empty on the way",
+            Self::Lost => "lost: slot without news in state 0x18",
+            Self::Failed => "state 0x18",
         }
     }
 }
@@ -97,6 +105,52 @@ impl Panel {
         let range = range(&strokes, |point| point.1, least)?;
         Some(Self { name, height, range, strokes, legend, ..Self::default() })
     }
+
+    /// The same panel with its vertical axis for the values from `since` on, in seconds. What is beyond it before is left out.
+    #[must_use]
+    pub fn scaled_since(mut self, since: f64, least: f64) -> Self {
+        let later = |piece: &Vec<(f64, f64)>| piece.iter().copied().filter(|(at, _)| *at >= since).collect();
+        let later = |stroke: &Stroke| Stroke { pieces: stroke.pieces.iter().map(later).collect(), look: stroke.look };
+        let later: Vec<Stroke> = self.strokes.iter().map(later).collect();
+        if let Some(range) = range(&later, |point| point.1, least) {
+            for stroke in &mut self.strokes {
+                stroke.pieces = stroke.pieces.iter().flat_map(|piece| within(piece, &range)).collect();
+            }
+            self.range = range;
+        }
+        self
+    }
+}
+
+/// The parts of a line whose values are in the range.
+fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
+    let mut parts = Pieces::new();
+    let mut goes_on = false;
+    let is_in = |value: f64| range.start <= value && value <= range.end;
+    if let [(_, value)] = piece {
+        return if is_in(*value) { vec![piece.to_vec()] } else { parts };
+    }
+    for pair in piece.windows(2) {
+        let [(from, a), (to, b)] = [pair[0], pair[1]];
+        // The part of the way from a to b, of 1, that is in the range.
+        let at = |value: f64| if a == b { 0.0 } else { (value - a) / (b - a) };
+        let (enters, leaves) = match (a == b, is_in(a)) {
+            (true, true) => (0.0, 1.0),
+            (true, false) => (1.0, 0.0),
+            (false, _) => (at(range.start).min(at(range.end)).max(0.0), at(range.start).max(at(range.end)).min(1.0)),
+        };
+        if enters > leaves {
+            goes_on = false;
+            continue;
+        }
+        let point = |part: f64| (from + (to - from) * part, (a + (b - a) * part).clamp(range.start, range.end));
+        match parts.last_mut().filter(|_| goes_on && enters == 0.0) {
+            Some(part) => part.push(point(leaves)),
+            None => parts.push(vec![point(enters), point(leaves)]),
+        }
+        goes_on = leaves == 1.0;
+    }
+    parts
 }
 
 /// The range of the values with some margin; `None` if there are no lines. `least` is the smallest step of a value.
@@ -123,6 +177,17 @@ const VALUE_MAX: f64 = 1e307;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A line is cut where it leaves the range, and goes on where it comes back.
+    #[test]
+    fn a_line_is_cut_at_the_range() {
+        let line = [(0.0, 5.0), (1.0, 5.0), (2.0, 15.0), (3.0, 15.0), (4.0, -5.0), (5.0, 5.0)];
+        let parts = within(&line, &(0.0..10.0));
+        let (from, to) = (vec![(0.0, 5.0), (1.0, 5.0), (1.5, 10.0)], vec![(3.25, 10.0), (3.75, 0.0)]);
+        assert_eq!(parts, [from, to, vec![(4.5, 0.0), (5.0, 5.0)]]);
+        assert!(within(&[(0.0, 11.0)], &(0.0..10.0)).is_empty());
+        assert_eq!(within(&[(0.0, 1.0)], &(0.0..10.0)), [vec![(0.0, 1.0)]]);
+    }
 
     /// TOOL-145 A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
     #[test]

@@ -54,7 +54,7 @@ pub struct Lines {
     pub full: Vec<f64>,
     /// Reports with a higher full count than the one before.
     pub full_reports: u64,
-    /// The times in which the FIFO was empty while an axis was moving.
+    /// The times in which the FIFO was empty while an axis was moving, and those in state 0x18.
     pub gaps: Vec<Span>,
 }
 
@@ -71,6 +71,8 @@ pub struct Series {
     full_count: Option<u16>,
     gaps: States,
     in_op: bool,
+    /// Since when the state is 0x18, and the last report with it.
+    failed_ns: Option<(i64, i64)>,
     kinds: Kinds,
     execution: Execution,
 }
@@ -101,6 +103,7 @@ impl Series {
             full_count: None,
             gaps: States::new(window, COLUMNS),
             in_op: false,
+            failed_ns: None,
             kinds: Kinds::new(None),
             execution: Execution::new(subject.cycle_ns),
         }
@@ -119,7 +122,8 @@ impl Series {
     }
 
     /// The lines.
-    pub fn finish(self) -> Lines {
+    pub fn finish(mut self) -> Lines {
+        self.note_failed(self.failed_ns.map_or(0, |(_, last_ns)| last_ns), false);
         Lines {
             axes: self.axes.into_iter().map(Axis::finish).collect(),
             ios: self.ios.into_iter().map(|(number, lanes)| (number, lanes.finish())).collect(),
@@ -159,6 +163,11 @@ impl Series {
             self.full_reports += u64::from(self.window.contains(at_ns));
             self.full.push(at_ns, 0.0);
         }
+        let failed = master.state.is_failed();
+        self.note_failed(at_ns, failed);
+        for axis in &mut self.axes {
+            axis.look(at_ns, &frame.slot(size, axis.number.into()), failed);
+        }
         let certain = self.execute(at_ns, &master);
         let aborted = answers_abort_home(frame, size);
         for axis in &mut self.axes {
@@ -179,6 +188,18 @@ impl Series {
                     None => path.interrupt(),
                 }
             }
+        }
+    }
+
+    /// A report in OP says whether the state is 0x18.
+    fn note_failed(&mut self, at_ns: i64, failed: bool) {
+        match (failed, self.failed_ns) {
+            (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),
+            (false, Some((since_ns, _))) => {
+                self.gaps.failed(since_ns, at_ns);
+                self.failed_ns = None;
+            }
+            (false, None) => {}
         }
     }
 
@@ -218,6 +239,7 @@ impl Series {
             return;
         }
         let at_ns = framed.time_ns;
+        self.note_failed(at_ns, false);
         self.fifo_free.interrupt(at_ns);
         self.execution.reset();
         self.axes.iter_mut().for_each(|axis| axis.interrupt(at_ns));

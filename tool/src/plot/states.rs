@@ -1,4 +1,9 @@
-//! Determines the states of a drive from its reports: not enabled, homing, or with a fault; and gaps in its motion.
+//! Determines the states of a drive from its reports: not enabled, homing, or with a fault; gaps in its motion; and whether it is
+//! lost.
+//!
+//! No report says which slave is lost: the state of the board is 0x18 then, and the slot of the slave keeps its last values
+//! (SK-4.61). So a slave is lost from the first report with 0x18 on whose slot does not change as long as the state is that. One
+//! that stands still and is there looks the same until it moves.
 //!
 //! No field of a report tells that a drive is homing. It is homing from the report that answers GO_HOME until bits 10
 //! and 12 of the statusword report that home is attained, bit 13 that it is not, the drive leaves Operation enabled,
@@ -24,6 +29,10 @@ pub enum State {
     Fault,
     /// The FIFO was empty during motion.
     Gap,
+    /// The board is in state 0x18, and the slot of the slave does not change.
+    Lost,
+    /// The board is in state 0x18.
+    Failed,
 }
 
 /// A state with its beginning and end in seconds.
@@ -60,6 +69,8 @@ pub struct States {
     done: Vec<Piece>,
     now: Option<Piece>,
     homing: Homing,
+    /// Since when the slave may be lost.
+    lost_since_ns: Option<i64>,
 }
 
 #[derive(Clone, Debug)]
@@ -74,7 +85,7 @@ impl States {
     /// The states in the range `window`, drawn `columns` pixels wide.
     pub fn new(window: Window, columns: u32) -> Self {
         let apart_ns = (window.to_ns.saturating_sub(window.from_ns)) / i64::from(columns.max(1));
-        Self { window, apart_ns, done: Vec::new(), now: None, homing: Homing::default() }
+        Self { window, apart_ns, done: Vec::new(), now: None, homing: Homing::default(), lost_since_ns: None }
     }
 
     /// Notes that the host has sent GO_HOME.
@@ -113,6 +124,26 @@ impl States {
             (true, None) => Change::Follows,
             (true, Some(_)) => Change::FollowsNot,
         }
+    }
+
+    /// The slave may be lost from here on: what it reports is not to be believed.
+    pub fn may_be_lost(&mut self, at_ns: i64) {
+        self.close(at_ns);
+        self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
+        self.lost_since_ns = Some(at_ns);
+    }
+
+    /// The slave is there. `was_lost`: it was not until now, for certain or as it seems.
+    pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
+        if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
+            let note = if is_certain { "lost" } else { "lost?" };
+            self.put(Piece { state: State::Lost, from_ns, to_ns: at_ns, note: Some(note.to_owned()) });
+        }
+    }
+
+    /// Adds a time in which the board was in state 0x18.
+    pub fn failed(&mut self, from_ns: i64, to_ns: i64) {
+        self.put(Piece { state: State::Failed, from_ns, to_ns, note: Some("0x18".to_owned()) });
     }
 
     /// Whether the drive is homing.

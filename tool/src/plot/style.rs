@@ -73,6 +73,10 @@ pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
 pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
 /// Behind the lines of a drive that is not enabled.
 pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
+/// Behind the lines of a drive that is lost.
+pub const LOST: RGBColor = RGBColor(0xB4, 0xBA, 0xC6);
+/// Behind the lines of the FIFO in state 0x18.
+pub const FAILED: RGBColor = RGBColor(0xFB, 0xC9, 0x8E);
 /// Behind the lines where the FIFO was empty during motion.
 pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
 /// Inputs of the machine.

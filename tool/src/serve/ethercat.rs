@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "INTERFACE")]
     second: Option<String>,
 
-    /// The slaves in the order of the cable, as in a sim: link, see `ecmsk link help`
+    /// The slaves in the order of the cable, as in a sim: link, see `ecmsk link help`; at most 254
     #[arg(long, value_name = "LIST", value_parser = slave_list)]
     slaves: SlaveList,
 
@@ -71,7 +71,7 @@ fn slave_list(text: &str) -> Result<SlaveList, String> {
     if text.is_empty() {
         return Err("no slave is to be served; name some, e.g. 'drive*2,io'".to_owned());
     }
-    Ok(SlaveList { words: text.to_owned(), slaves: slaves::parse(text)? })
+    Ok(SlaveList { words: text.to_owned(), slaves: slaves::parse_for_network(text)? })
 }
 
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {

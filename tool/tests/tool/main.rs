@@ -54,6 +54,7 @@ mod plot;
 mod plot_beside;
 mod plot_difference;
 mod plot_gaps;
+mod plot_lost;
 mod plot_panels;
 mod plot_png;
 mod plot_states;

@@ -262,3 +262,83 @@ fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     let ran = run(["objects", "from-esi", "no/such.xml"]);
     assert!(ran.code == Some(1) && ran.err.contains("no/such.xml"), "{}", ran.err);
 }
+
+/// A device with a text of 24 letters, an output and an input.
+fn encoded(encoding: &str) -> String {
+    format!(
+        r##"<?xml version="1.0" encoding="{encoding}"?>
+<EtherCATInfo><Vendor><Id>#x1234</Id><Name>Pr\u{{FC}}fwerk</Name></Vendor><Descriptions><Devices>
+<Device><Type ProductCode="#x5678">PW-1</Type><Name>Servo 1\u{{B5}}s</Name><Profile><Dictionary>
+<DataTypes><DataType><Name>STRING(24)</Name><BitSize>192</BitSize></DataType>
+<DataType><Name>BITARR16</Name><BitSize>16</BitSize></DataType></DataTypes>
+<Objects>
+<Object><Index>#x2010</Index><Name>Nickname</Name><Type>STRING(24)</Type><BitSize>192</BitSize><Info><DefaultString>twenty-four<!-- a remark --> letters long</DefaultString></Info><Flags><Access>rw</Access></Flags></Object>
+<Object><Index>#x2011</Index><Name>Pr\u{{FC}}fer</Name><Type>STRING(24)</Type><BitSize>192</BitSize><Info><DefaultString>Pr\u{{FC}}fwerk in Gr\u{{FC}}nwald</DefaultString></Info></Object>
+<Object><Index>#x2012</Index><Name>Bytes</Name><Type>ARRAY [0..9] OF BYTE</Type><BitSize>80</BitSize><Info><DefaultData>00010203040506070809</DefaultData></Info></Object>
+<Object><Index>#x2020</Index><Name>Out</Name><Type>UINT</Type><BitSize>16</BitSize><Flags><Access>rw</Access><PdoMapping>R</PdoMapping></Flags></Object>
+<Object><Index>#x2021</Index><Name>Both</Name><Type>UINT</Type><BitSize>16</BitSize><Flags><Access>rw</Access><PdoMapping>TR</PdoMapping></Flags></Object>
+<Object><Index>#x2022</Index><Name>In</Name><Type>BITARR16</Type><BitSize>16</BitSize><Flags><Access>ro</Access></Flags></Object>
+</Objects></Dictionary></Profile>
+<TxPdo><Index>#x1A00</Index><Entry><Index>#x2022</Index><SubIndex>0</SubIndex><BitLen>16</BitLen></Entry><Entry><Index>0</Index><BitLen>8</BitLen></Entry></TxPdo>
+</Device></Devices></Descriptions></EtherCATInfo>
+"##
+    )
+    .replace("\\u{FC}", "\u{FC}")
+    .replace("\\u{B5}", "\u{B5}")
+}
+
+/// TOOL-162 ESI files are read in the encoding that they have or declare; texts are whole; what the dictionary or the PDOs of the
+/// device say can be mapped is marked.
+#[test]
+fn esi_files_in_other_encodings_with_long_texts() {
+    let latin = |text: String| text.chars().map(|letter| u8::try_from(letter).expect("latin")).collect::<Vec<u8>>();
+    let wide = |text: String, bytes: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+    let files: [(&str, Vec<u8>); 6] = [
+        ("utf8.xml", encoded("UTF-8").into_bytes()),
+        ("marked.xml", [b"\xEF\xBB\xBF", encoded("UTF-8").as_bytes()].concat()),
+        ("latin1.xml", latin(encoded("ISO-8859-1"))),
+        ("cp1252.xml", latin(encoded("windows-1252"))),
+        ("utf16le.xml", [b"\xFF\xFE".to_vec(), wide(encoded("UTF-16"), u16::to_le_bytes)].concat()),
+        ("utf16be.xml", [b"\xFE\xFF".to_vec(), wide(encoded("UTF-16"), u16::to_be_bytes)].concat()),
+    ];
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, bytes) in files {
+        let file = folder.path().join(name);
+        std::fs::write(&file, bytes).expect("a file");
+        let ran = run(["objects", "from-esi", file.to_str().expect("UTF-8")]);
+        assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""), "{name}");
+        let lines: Vec<&str> = ran.out.lines().skip(1).collect();
+        let expected = [
+            "0x2010:0 text rw \"twenty-four letters long\" Nickname",
+            "0x2011:0 text ro \"Pr\\xFCfwerk in Gr\\xFCnwald\" Pr\u{FC}fer",
+            "0x2012:0 text ro \"\\x00\\x01\\x02\\x03\\x04\\x05\\x06\\x07\\x08\\x09\" Bytes",
+            "0x2020:0 u16 rw rx 0x0 Out",
+            "0x2021:0 u16 rw rxtx 0x0 Both",
+            "0x2022:0 u16 ro tx 0x0 In",
+        ];
+        assert_eq!(lines, expected, "{name}");
+        ManufacturerObjects::parse(&ran.out).expect("what it prints is what a link takes");
+    }
+    let wrong = folder.path().join("wrong.xml");
+    std::fs::write(&wrong, latin(encoded("UTF-8"))).expect("a file");
+    let ran = run(["objects", "from-esi", wrong.to_str().expect("UTF-8")]);
+    assert!(
+        ran.code == Some(1) && ran.err.contains("no text in UTF-8") && ran.err.contains("encoding="),
+        "{}",
+        ran.err
+    );
+}
+
+/// TOOL-162 An element with very many attributes is read as any other; one that stands twice among them is refused with its line.
+#[test]
+fn very_many_attributes_are_read() {
+    let many: String = (0..80_000).map(|n| format!(" a{n}=\"{n}\"")).collect();
+    let esi = ESI.replace("<Type ProductCode=\"#x00001234\"", &format!("<Type{many} ProductCode=\"#x00001234\""));
+    let file = text("many.xml", &esi);
+    let ran = run(["objects", "from-esi", &file, "--device", "0x1234"]);
+    assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
+    assert!(ran.out.contains("0x2000:0 u16 rw 0x12 Motor code"), "{}", ran.out);
+    let twice = text("twice.xml", &esi.replace(" a79999=", " a7="));
+    let ran = run(["objects", "from-esi", &twice]);
+    assert!(ran.code == Some(1) && ran.err.contains("line 4: the attribute a7 stands twice"), "{}", ran.err);
+}

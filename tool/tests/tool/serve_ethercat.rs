@@ -16,7 +16,7 @@ fn what_serve_ethercat_refuses() {
     assert!(wrong.err.contains("kind `lathe` is unknown") && wrong.err.contains("dp3cl"), "{wrong:?}");
     for (list, says) in [
         ("", "no slave is to be served; name some"),
-        ("drive*40,io", "at most 40 slaves"),
+        ("drive*254,io", "at most 254 slaves"),
         ("dp3cl*2:limits@-1..1", "dp3cl:limits@-1..1*2"),
     ] {
         let wrong = run(&["--on", "lo", "--slaves", list]);

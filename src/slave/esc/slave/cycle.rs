@@ -38,7 +38,8 @@ impl EscSlave {
             self.pass_latch_changes();
         }
         if state >= AlState::SafeOp {
-            let has_outputs = state == AlState::Op && (self.application.outputs_came || self.outputs.is_empty());
+            let misses_outputs = !self.application.outputs_came && !self.outputs.is_empty();
+            let has_outputs = state == AlState::Op && !(misses_outputs && self.device.waits_for_outputs());
             self.device.exchange(has_outputs.then_some(&*self.outputs), &mut self.inputs);
             if !self.waits_for_lock() {
                 let Controller { managers, memory, .. } = &mut self.controller;

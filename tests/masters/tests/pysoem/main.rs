@@ -28,6 +28,16 @@ fn aborts() -> String {
     format!("drive:objects@{},dp3cl", objects.display())
 }
 
+/// The slave of `texts.py`: a drive with a long text, an output and an input of its maker.
+fn texts() -> String {
+    let objects = support::target_dir().join("masters/texts.objects");
+    std::fs::create_dir_all(objects.parent().expect("a folder")).expect("the target folder");
+    let file =
+        "0x2010:0 text rw \"twenty-four letters long\" Nickname\n0x2020:0 u16 rw rx 0 Out\n0x2021:0 i32 ro tx -7 In\n";
+    std::fs::write(&objects, file).expect("a file");
+    format!("drive:objects@{}", objects.display())
+}
+
 mod needs_tshark {
     use super::{aborts, run_as};
 
@@ -58,7 +68,7 @@ mod needs_tshark {
 mod needs_pysoem {
     use masters::Rig;
 
-    use super::{aborts, run_as, run_on};
+    use super::{aborts, run_as, run_on, texts};
 
     fn run(list: &str, program: &str) -> Vec<String> {
         run_as(program, list, program).0
@@ -158,6 +168,36 @@ mod needs_pysoem {
         let others: Vec<&String> = others.collect();
         assert!(others.len() == 1 && others[0].contains("10:20:30:40:50:60"), "{said:?}");
         assert!(said.last().is_some_and(|line| line.ends_with("were answered, 0 were lost")), "{said:?}");
+    }
+
+    /// ECAT-11.14 A drive that was told to run by SYNC0 refuses OP without it.
+    #[test]
+    fn sync0_that_was_told_is_needed() {
+        let said = run("drive", "sync0");
+        assert!(said.iter().any(|line| line.starts_with("slave 1 is in SafeOP with AL status 0x0030")), "{said:?}");
+    }
+
+    /// SK-7.47 Texts of any length in segments, and objects of a file as process data.
+    #[test]
+    fn texts_are_whole_and_objects_of_a_file_mapped() {
+        run(&texts(), "texts");
+    }
+
+    /// ECAT-15.27 A hundred slaves. ECAT-11.13 They reach OP without outputs. ECAT-15.26 Each of their states is told.
+    #[test]
+    fn a_hundred_terminals() {
+        let said = run("io*100", "crowd");
+        // Neighbours share a line if they were seen together.
+        let told = |state: &str| -> usize {
+            let of = |line: &String| {
+                let (who, rest) = line.strip_prefix("slave")?.split_once(" in ")?;
+                let numbers: Vec<usize> = who.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+                (rest == state).then(|| numbers[numbers.len() - 1] - numbers[0] + 1)
+            };
+            said.iter().filter_map(of).sum()
+        };
+        // SafeOP may be over before it is looked at.
+        assert_eq!(["PreOP", "OP"].map(told), [100; 2], "{said:?}");
     }
 
     /// ECAT-15.11 40 drives with process data in several frames.

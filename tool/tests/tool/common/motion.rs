@@ -33,6 +33,10 @@ pub struct FakeBoard {
     pub drives: Vec<DriveSlot>,
     /// The slots of slaves that are not drives, by their numbers.
     pub slots: BTreeMap<usize, RawSlot>,
+    /// The slots of drives in the last report.
+    last: BTreeMap<usize, RawSlot>,
+    /// The drives that are lost: the state is 0x18, and their slots keep their values.
+    pub lost: Vec<usize>,
 }
 
 /// The values in a drive's slot besides position and torque.
@@ -87,6 +91,8 @@ impl FakeBoard {
             positions: zeros,
             drives: vec![DriveSlot { id: 0x15, statusword: ENABLED, error_code: 0 }; axes],
             slots: BTreeMap::new(),
+            last: BTreeMap::new(),
+            lost: Vec::new(),
         };
         for group in 0..axes.div_ceil(8) {
             let kind = |k| kinds.get(group * 8 + k).copied().unwrap_or(SlaveKind::None);
@@ -172,8 +178,10 @@ impl FakeBoard {
         if let Some(next) = self.waiting.pop_front() {
             self.targets = next;
         }
-        for (position, target) in self.positions.iter_mut().zip(&self.targets) {
-            *position += (*target - *position) / 10;
+        for (n, (position, target)) in (1..).zip(self.positions.iter_mut().zip(&self.targets)) {
+            if !self.lost.contains(&n) {
+                *position += (*target - *position) / 10;
+            }
         }
         self.free = 160 - self.waiting.len() as u16;
         self.report(MasterState::Op);
@@ -186,7 +194,11 @@ impl FakeBoard {
         let op = state == MasterState::Op;
         let id = if op { MASTER_CYCLIC } else { 0 };
         let (fifo_free, full_count) = if op { (self.free, self.full) } else { (0, 0) };
-        let head = MasterResponse { id, state: StateByte::reached(state), fifo_free, full_count, ..Default::default() };
+        let state_byte = match self.lost.is_empty() {
+            true => StateByte::reached(state),
+            false => StateByte::failed(Some(state)),
+        };
+        let head = MasterResponse { id, state: state_byte, fifo_free, full_count, ..Default::default() };
         frame.put(self.size, 0, &head.encode());
         if op {
             for (i, (position, target)) in self.positions.iter().zip(&self.targets).enumerate() {
@@ -194,7 +206,10 @@ impl FakeBoard {
                 let DriveSlot { id, statusword, error_code } = self.drives[i];
                 let (head, statusword) = (SlaveResponse { id, index: 0 }, Statusword(statusword));
                 let drive = DriveResponse { head, statusword, position: *position, torque, error_code };
-                frame.put(self.size, i + 1, &drive.encode());
+                if !self.lost.contains(&(i + 1)) {
+                    self.last.insert(i + 1, drive.encode());
+                }
+                frame.put(self.size, i + 1, &self.last[&(i + 1)]);
             }
             for (slave, slot) in &self.slots {
                 frame.put(self.size, *slave, slot);

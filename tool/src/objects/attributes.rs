@@ -1,0 +1,120 @@
+//! Takes attributes that nobody reads out of an XML text, where an element has very many of them: the parser compares each with
+//! all before it.
+
+use std::collections::HashSet;
+
+/// How many attributes of an element are left as they are. \[OURS] Elements of an ESI have ten at most.
+const ATTRIBUTES_MAX: usize = 64;
+
+/// An attribute that stands twice in an element.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Twice {
+    /// Its name.
+    pub name: String,
+    /// The line of its second place, from 1.
+    pub line: u32,
+}
+
+/// The same text, with blanks in the place of attributes that are not in `read`, where an element has more than
+/// [`ATTRIBUTES_MAX`]. `None`: no element has. What is no XML stays as it is.
+///
+/// # Errors
+/// [`Twice`], in an element with so many.
+pub fn without_unread(text: &str, read: &[&str]) -> Result<Option<String>, Twice> {
+    let mut blanks: Vec<(usize, usize)> = Vec::new();
+    let mut at = 0;
+    while let Some(begin) = find(text, at, "<") {
+        let rest = &text[begin..];
+        let skipped = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">")];
+        at = match skipped.iter().find(|(head, _)| rest.starts_with(head)) {
+            Some((head, end)) => find(text, begin + head.len(), end).map_or(text.len(), |at| at + end.len()),
+            None => {
+                let (attributes, end) = attributes(text, begin + 1);
+                if attributes.len() > ATTRIBUTES_MAX {
+                    let mut names = HashSet::new();
+                    for (name, span) in attributes {
+                        if !names.insert(name) {
+                            let line = text[..span.0].matches('\n').count() as u32 + 1;
+                            return Err(Twice { name: name.to_owned(), line });
+                        }
+                        if !read.contains(&name) {
+                            blanks.push(span);
+                        }
+                    }
+                }
+                end
+            }
+        };
+    }
+    if blanks.is_empty() {
+        return Ok(None);
+    }
+    let mut left = String::with_capacity(text.len());
+    let mut from = 0;
+    for (begin, end) in blanks {
+        left.push_str(&text[from..begin]);
+        left.extend(text[begin..end].bytes().map(|byte| if byte == b'\n' { '\n' } else { ' ' }));
+        from = end;
+    }
+    left.push_str(&text[from..]);
+    Ok(Some(left))
+}
+
+fn find(text: &str, from: usize, what: &str) -> Option<usize> {
+    text.get(from..)?.find(what).map(|at| from + at)
+}
+
+/// A name and the span from its first byte to the one behind the value.
+type Attribute<'a> = (&'a str, (usize, usize));
+
+/// The attributes of a start tag, whose name begins at `at`, and where they end.
+fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
+    let bytes = text.as_bytes();
+    let skip = |mut at: usize, goes_on: fn(u8) -> bool| {
+        while bytes.get(at).is_some_and(|byte| goes_on(*byte)) {
+            at += 1;
+        }
+        at
+    };
+    let is_space = |byte: u8| byte.is_ascii_whitespace();
+    let is_name = |byte: u8| !byte.is_ascii_whitespace() && !matches!(byte, b'=' | b'>' | b'/' | b'<' | b'"' | b'\'');
+    let mut found = Vec::new();
+    let mut at = skip(at, is_name);
+    loop {
+        let begin = skip(at, is_space);
+        let end = skip(begin, is_name);
+        let equals = skip(end, is_space);
+        let value = skip(equals + 1, is_space);
+        let (Some(b'='), Some(quote @ (b'"' | b'\''))) = (bytes.get(equals), bytes.get(value)) else {
+            return (found, begin);
+        };
+        let Some(close) = bytes[value + 1..].iter().position(|byte| byte == quote) else { return (found, text.len()) };
+        at = value + 1 + close + 1;
+        found.push((&text[begin..end], (begin, at)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TOOL-162 Of an element with very many attributes those are left that are read, in their lines; other elements, comments and
+    /// texts stay as they are.
+    #[test]
+    fn attributes_that_nobody_reads_are_taken_out() {
+        let many: String = (0..100).map(|n| format!(" a{n}='>'\n")).collect();
+        let text =
+            format!("<?xml x?><!-- <b{many}> --><a{many} Code = \"1\"/><b c='1'>{many}<![CDATA[<a{many}>]]></b>");
+        let left = without_unread(&text, &["Code"]).expect("no name twice").expect("there are many");
+        assert_eq!((left.len(), left.matches('\n').count()), (text.len(), text.matches('\n').count()));
+        let element = &left[left.find("<a").unwrap()..left.find("/><b").unwrap()];
+        assert_eq!(element.split_whitespace().collect::<Vec<_>>(), ["<a", "Code", "=", "\"1\""]);
+        assert_eq!(left[left.find("<b c").unwrap()..], text[text.find("<b c").unwrap()..]);
+        assert_eq!(without_unread("<a b='1' c='2'><d/></a", &[]), Ok(None));
+        let twice = format!("<a>\n<b{many} a7='1'/></a>");
+        assert_eq!(without_unread(&twice, &[]), Err(Twice { name: "a7".into(), line: 102 }));
+        for broken in ["<", "<a", "<a b", "<a b=", "<a b='", "<!--", "<a b='1' =", "<?", "<é ü='1'"] {
+            assert_eq!(without_unread(broken, &[]), Ok(None), "{broken}");
+        }
+    }
+}

@@ -1,5 +1,7 @@
 //! The files of the hand-over, and the tests.
 
+// What the runner alone calls is not called here.
+#[allow(dead_code)]
 #[path = "../../../../src/engine/handover.rs"]
 mod handover;
 #[path = "../../../../src/engine/reports.rs"]

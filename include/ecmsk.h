@@ -62,7 +62,7 @@
 #define ECMSK_ERROR_UNSUPPORTED -9
 
 /**
- * A call of the operating system has failed.
+ * A call of the operating system has failed, or it has no memory left.
  */
 #define ECMSK_ERROR_IO -10
 

@@ -19,6 +19,9 @@ pub(crate) struct SmallFile {
     pub(crate) metadata: Metadata,
 }
 
+/// Room behind the length of a file, so that its end is found without a longer buffer.
+const READ_MIN: usize = 64;
+
 /// Why a small file was not read. The texts do not name the path, which the caller adds.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FileError {
@@ -54,7 +57,8 @@ pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileEr
     if metadata.len() > size_max {
         return Err(FileError::Size { size_max });
     }
-    let mut bytes = Vec::new();
+    // With room for all of it: what is read may be a secret, of which a longer buffer would leave a copy behind.
+    let mut bytes = Vec::with_capacity(usize::try_from(metadata.len()).unwrap_or(0) + READ_MIN);
     // The file may grow meanwhile, and files in /proc have a length of 0.
     (&file).take(size_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > size_max {

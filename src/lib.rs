@@ -216,7 +216,8 @@ mod span;
 #[cfg(feature = "std")]
 pub mod summary;
 #[cfg(feature = "std")]
-mod threads;
+#[doc(hidden)]
+pub mod threads;
 #[cfg(feature = "std")]
 pub mod xf_api;
 

@@ -1,8 +1,15 @@
-//! Starts and ends the threads of this crate, which run in programs that others have written.
+//! Starts and ends the threads of this crate, which run in programs that others have written; and waits of the threads of those
+//! programs, which may be ended by force in them: `signal.rs`, `caller.rs`.
+
+mod caller;
+mod signal;
 
 use std::io;
 use std::thread::{self, Builder, JoinHandle};
 use std::time::{Duration, Instant};
+
+pub use caller::Caller;
+pub use signal::{Signal, Ticket};
 
 /// How often [`end_within`] checks whether a thread has ended.
 const CHECK_INTERVAL: Duration = Duration::from_millis(1);

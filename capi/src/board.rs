@@ -3,9 +3,12 @@
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
 
 use ecmsk::link::{Link, Wait};
 use ecmsk::sk::{Frame, SlotSize};
+use ecmsk::threads::Caller;
 
 use crate::error::{CallError, lock};
 use crate::module::ModuleReference;
@@ -96,14 +99,32 @@ impl OpenBoard {
 /// A call uses its own reference to the board and holds no lock while it waits, so that any number of threads may read, write
 /// and close. Closing ends their waits. A thread keeps its reference from call to call, which makes calls cheap; the
 /// reference to a board that was closed is dropped with the thread's next call, or with the thread.
+///
+/// Programs end threads by force in the middle of a call. So nobody waits for a lock that a thread holds for longer than it takes
+/// to look at these fields, and what such a thread was at does not count any more once it is gone.
 pub struct VendorBoard {
-    /// Held by a thread that opens or closes, so that two threads do not open the board twice and a link that is just being
-    /// closed does not count as in use.
-    changing: Mutex<()>,
-    current: Mutex<Option<Arc<OpenBoard>>>,
-    /// The number of the board in `current`, which is never used again in this process; 0 if there is none.
+    state: Mutex<VendorState>,
+    /// The number of the board that is open, which is never used again in this process; 0 if there is none.
     number: AtomicU64,
 }
+
+struct VendorState {
+    current: Option<Arc<OpenBoard>>,
+    /// The thread that is opening the board: two threads do not open it twice.
+    opening: Option<Caller>,
+    /// The thread that is closing it: a link that is just being closed does not count as in use.
+    closing: Option<Caller>,
+}
+
+impl VendorState {
+    /// Whether an Open of `caller` has to wait for another thread.
+    fn is_changing(&self, caller: Caller) -> bool {
+        [self.opening, self.closing].into_iter().flatten().any(|other| other != caller && !other.is_gone())
+    }
+}
+
+/// How often an Open looks whether another thread has opened or closed the board. \[OURS]
+const CHECK_INTERVAL: Duration = Duration::from_millis(1);
 
 /// The last number that was given to a board.
 static NUMBERS: AtomicU64 = AtomicU64::new(0);
@@ -116,7 +137,8 @@ thread_local! {
 impl VendorBoard {
     /// A board that is not open.
     pub const fn new() -> Self {
-        Self { changing: Mutex::new(()), current: Mutex::new(None), number: AtomicU64::new(0) }
+        let state = VendorState { current: None, opening: None, closing: None };
+        Self { state: Mutex::new(state), number: AtomicU64::new(0) }
     }
 
     /// Opens the board with `connect`. Does nothing if it is open already; a board that was lost is closed and opened again.
@@ -125,46 +147,62 @@ impl VendorBoard {
     /// Those of `connect`.
     pub fn open(&self, connect: impl FnOnce() -> Result<Arc<dyn Link>, Box<CallError>>) -> Result<(), Box<CallError>> {
         let _may_hold_lock = MayHoldLock::begin();
-        let _changing = lock(&self.changing);
+        let _turn = self.turn_to_open();
         if let Ok(board) = self.get() {
             match board.link.check() {
                 Ok(()) => return Ok(()),
                 Err(lost) => log::info!("opening again: {lost}"),
             }
-            self.close_current();
+            if let Some(board) = self.take(&mut lock(&self.state)) {
+                board.close();
+            }
         }
         let board = OpenBoard::new(connect()?);
-        let mut current = lock(&self.current);
-        *current = Some(board);
+        let mut state = lock(&self.state);
+        state.current = Some(board);
         self.number.store(NUMBERS.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Release);
         Ok(())
     }
 
-    /// Closes the board; reads and writes under way end with an error.
+    /// Waits until no other thread opens or closes the board; then it is this thread that opens it, until the value is dropped.
+    fn turn_to_open(&self) -> Turn<'_> {
+        let caller = Caller::current();
+        loop {
+            {
+                let mut state = lock(&self.state);
+                if !state.is_changing(caller) {
+                    (state.opening, state.closing) = (Some(caller), None);
+                    return Turn { state: &self.state, of: |state| &mut state.opening };
+                }
+            }
+            thread::sleep(CHECK_INTERVAL);
+        }
+    }
+
+    /// Closes the board; reads and writes under way end with an error. It does not wait for a thread that is just opening the
+    /// board, which is open afterwards.
     pub fn close(&self) {
         let _may_hold_lock = MayHoldLock::begin();
-        let _changing = lock(&self.changing);
-        self.close_current();
+        let mut state = lock(&self.state);
+        let Some(board) = self.take(&mut state) else { return };
+        state.closing = Some(Caller::current());
+        drop(state);
+        let _turn = Turn { state: &self.state, of: |state| &mut state.closing };
+        board.close();
     }
 
     /// Releases the board at the end of a process. Does not wait for a thread that is just opening it.
     #[cfg(unix)]
     pub fn vanish(&self) {
-        if let Some(board) = self.take() {
+        let board = self.take(&mut lock(&self.state));
+        if let Some(board) = board {
             board.vanish();
         }
     }
 
-    fn close_current(&self) {
-        if let Some(board) = self.take() {
-            board.close();
-        }
-    }
-
-    fn take(&self) -> Option<Arc<OpenBoard>> {
-        let mut current = lock(&self.current);
+    fn take(&self, state: &mut VendorState) -> Option<Arc<OpenBoard>> {
         self.number.store(0, Ordering::Release);
-        current.take()
+        state.current.take()
     }
 
     /// The open board.
@@ -173,7 +211,7 @@ impl VendorBoard {
     /// [`CallError::NotOpen`].
     pub fn get(&self) -> Result<Arc<OpenBoard>, Box<CallError>> {
         let _may_hold_lock = MayHoldLock::begin();
-        lock(&self.current).clone().ok_or_else(|| CallError::NotOpen.into())
+        lock(&self.state).current.clone().ok_or_else(|| CallError::NotOpen.into())
     }
 
     /// Runs `work` on the open board, using the reference that this thread keeps.
@@ -186,8 +224,8 @@ impl VendorBoard {
             let number = self.number.load(Ordering::Acquire);
             if used.as_ref().is_none_or(|(kept, _)| *kept != number) {
                 let _may_hold_lock = MayHoldLock::begin();
-                let current = lock(&self.current);
-                *used = current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
+                let state = lock(&self.state);
+                *used = state.current.clone().map(|board| (self.number.load(Ordering::Acquire), board));
             }
             Some(match &*used {
                 Some((_, board)) => work(board),
@@ -218,6 +256,22 @@ impl VendorBoard {
     /// [`CallError::NotOpen`], [`CallError::Link`]; `report` is unchanged then.
     pub fn read(&self, report: &mut Frame) -> Result<(), Box<CallError>> {
         self.with_board(|board| Ok(board.link.read(report, board.read_wait).map(|_| ())?))
+    }
+}
+
+/// What this thread is at, as long as this lives: in the field that `of` gives.
+struct Turn<'a> {
+    state: &'a Mutex<VendorState>,
+    of: fn(&mut VendorState) -> &mut Option<Caller>,
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        let mut state = lock(self.state);
+        let mine = (self.of)(&mut state);
+        if *mine == Some(Caller::current()) {
+            *mine = None;
+        }
     }
 }
 

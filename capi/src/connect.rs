@@ -19,7 +19,10 @@ use crate::module;
 /// [`CallError::Link`], [`CallError::Configured`].
 pub fn configured() -> Result<Arc<dyn Link>, Box<CallError>> {
     report_opened();
-    let configured = config::find(&Environment::from_process(module::folder())).map_err(LinkError::from)?;
+    // Without it the folder would be looked for in vain, at each open.
+    let is_given = config::variable(config::LINK_VARIABLE).is_some_and(|link| !link.is_empty());
+    let folder = if is_given { None } else { module::folder() };
+    let configured = config::find(&Environment::from_process(folder)).map_err(LinkError::from)?;
     log::info!("link {}: {}", configured.source, configured.link);
     // For `ecmsk exec` all lost reports have to be counted.
     let open = if writer::of_process().is_some() { link::open } else { link::open_uncounted };

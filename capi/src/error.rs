@@ -75,6 +75,9 @@ pub enum CallError {
     /// A call of the link failed.
     #[error(transparent)]
     Link(LinkError),
+    /// The system has no memory for the call.
+    #[error("there is no memory for this call; end other programs, or raise the limit of this one (ulimit -v)")]
+    Memory,
     /// A defect of this library.
     #[error("internal error: {0}; please report it with the output of ECMSK_LOG=trace")]
     Panic(String),

@@ -6,7 +6,7 @@ use ecmsk::link::LinkError;
 use crate::error::CallError;
 use crate::module::set_last_error;
 
-/// `ERROR_SUCCESS`, after OpenECMUSB has succeeded.
+/// `ERROR_SUCCESS`, after OpenECMUSB.
 const NO_ERROR: u32 = 0;
 /// `ERROR_ACCESS_DENIED`: the device was unplugged, or the board was closed during the call.
 const ACCESS_DENIED: u32 = 5;
@@ -17,12 +17,9 @@ const GEN_FAILURE: u32 = 31;
 /// `ERROR_INVALID_PARAMETER`
 const INVALID_PARAMETER: u32 = 87;
 
-/// Sets the code after OpenECMUSB.
-pub fn after_open(result: &Result<(), Box<CallError>>) {
-    if result.is_ok() {
-        set_last_error(NO_ERROR);
-    }
-    // \[OURS] A failure leaves the last error unchanged, since it is not known what the vendor's library leaves there.
+/// Sets the code after OpenECMUSB, whatever it returns.
+pub fn after_open() {
+    set_last_error(NO_ERROR);
 }
 
 /// Sets the code after ECMUSBWrite and ECMUSBRead. Success leaves the last error unchanged.

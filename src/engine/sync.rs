@@ -1,18 +1,70 @@
-//! The locks of the hand-over: std's, with a poisoned lock taken as it is (every state in them is valid between two
-//! statements).
+//! The locks of the hand-over, whose waits are known to the system alone: a thread of the program may be ended by force in one.
 
-use std::sync::PoisonError;
-pub(super) use std::sync::{Condvar, Mutex, MutexGuard};
-use std::time::Duration;
+pub(super) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// std's, with a poisoned lock taken as it is (every state in them is valid between two statements).
+#[cfg(not(windows))]
+mod imp {
+    use std::sync::PoisonError;
+    pub use std::sync::{Condvar, Mutex, MutexGuard};
+    use std::time::Duration;
+
+    pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+        mutex.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn wait<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>) -> MutexGuard<'a, T> {
+        condvar.wait(guard).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn wait_for<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>, limit: Duration) -> MutexGuard<'a, T> {
+        condvar.wait_timeout(guard, limit).unwrap_or_else(PoisonError::into_inner).0
+    }
 }
 
-pub(super) fn wait<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>) -> MutexGuard<'a, T> {
-    condvar.wait(guard).unwrap_or_else(PoisonError::into_inner)
-}
+/// std's condition variable is Windows' own, which keeps a list of the threads that wait in their stacks.
+#[cfg(windows)]
+mod imp {
+    pub use parking_lot::{Mutex, MutexGuard};
+    use std::time::Duration;
 
-pub(super) fn wait_for<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>, limit: Duration) -> MutexGuard<'a, T> {
-    condvar.wait_timeout(guard, limit).unwrap_or_else(PoisonError::into_inner).0
+    use crate::threads::Signal;
+
+    pub struct Condvar(Signal);
+
+    impl Condvar {
+        pub const fn new() -> Self {
+            Self(Signal::new())
+        }
+
+        pub fn notify_one(&self) {
+            self.0.notify_all();
+        }
+
+        pub fn notify_all(&self) {
+            self.0.notify_all();
+        }
+    }
+
+    pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+        mutex.lock()
+    }
+
+    pub fn wait<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>) -> MutexGuard<'a, T> {
+        wait_at_most(condvar, guard, None)
+    }
+
+    pub fn wait_for<'a, T>(condvar: &Condvar, guard: MutexGuard<'a, T>, limit: Duration) -> MutexGuard<'a, T> {
+        wait_at_most(condvar, guard, Some(limit))
+    }
+
+    fn wait_at_most<'a, T>(
+        Condvar(signal): &Condvar,
+        mut guard: MutexGuard<'a, T>,
+        limit: Option<Duration>,
+    ) -> MutexGuard<'a, T> {
+        let ticket = signal.ticket();
+        MutexGuard::unlocked(&mut guard, || signal.wait(ticket, limit));
+        guard
+    }
 }

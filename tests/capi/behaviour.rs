@@ -30,12 +30,21 @@ mod needs_cxx {
     use super::{CLOCKS, c_program, passes};
     use support::{self, out_dir};
 
-    /// LIB-41 Read and write before Open and after Close give false at once and do not crash; LIB-54 they leave the buffer
-    /// alone; LIB-47 Close twice is harmless; LIB-20 a read right after Open works.
+    /// LIB-41 Read and write before Open and after Close give false at once and do not crash; LIB-47 Close twice is harmless;
+    /// LIB-20 a read right after Open works.
     #[test]
     fn calls_while_nothing_is_open_are_false() {
         for link in CLOCKS {
             passes("not_open", link, &[]);
+        }
+    }
+
+    /// LIB-54 A read that fails leaves the frame that was moved last, as many bytes as there is room for: before any frame,
+    /// after Close, while nothing is open, and when the board is gone.
+    #[test]
+    fn a_read_that_fails_leaves_the_last_frame() {
+        for link in CLOCKS {
+            passes("last_frame", link, &[]);
         }
     }
 
@@ -92,7 +101,7 @@ mod needs_cxx {
         }
     }
 
-    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the buffer is left alone.
+    /// LIB-36 With `read_timeout_ms` in the link a read gives false after that time; LIB-54 the last frame is in the buffer.
     #[test]
     fn a_read_with_a_limit_ends() {
         for link in CLOCKS {
@@ -168,6 +177,49 @@ mod needs_cxx {
             passes("cancelled", link, &[]);
             let file = out_dir().join("cancelled.pcapng");
             passes("cancelled", &format!("{link}&record={}", file.display()), &[]);
+        }
+    }
+
+    /// LIB-70 A thread that is ended by force while it waits in a read, and one that is cancelled there: read, write, Close and
+    /// the next Open go on, with a recording, too, and on a board that another process serves.
+    #[test]
+    fn a_thread_that_is_gone_hinders_nobody() {
+        let file = out_dir().join("gone.pcapng");
+        let server = support::tcp::serve("sim:?slaves=drive*2&clock=real").0;
+        let links = [
+            CLOCKS[1].to_owned(),
+            format!("{}&record={}", CLOCKS[1], file.display()),
+            format!("{}&fault.delay.read=1&fault.delay_ms=50", CLOCKS[1]),
+            support::tcp::uri(&server, ""),
+            support::tcp::uri(&server, &format!("record={}", file.display())),
+        ];
+        for link in &links {
+            passes("gone", link, &[]);
+            passes("gone", link, &["cancel"]);
+        }
+        let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+        assert!(!frames.expect("whole").is_empty());
+    }
+
+    /// LIB-24, LIB-55 SDO requests of a program that is starved, so that most reports are dropped: each is answered.
+    #[test]
+    fn a_starved_program_gets_its_answers() {
+        passes("starved_sdo", CLOCKS[0], &[]);
+    }
+
+    /// LIB-73 A thread with 16 kB of stack writes and reads.
+    #[test]
+    fn a_thread_with_little_stack_writes_and_reads() {
+        for link in CLOCKS {
+            passes("small_stack", link, &[]);
+        }
+    }
+
+    /// LIB-72 Whatever memory the system leaves to a program, it is told so by its calls and does not end.
+    #[test]
+    fn a_program_without_memory_is_told() {
+        for link in CLOCKS {
+            passes("no_memory", link, &[]);
         }
     }
 

@@ -126,7 +126,7 @@ fn a_host_that_stops_reading_finds_the_newest_reports() {
     }
 }
 
-/// LIB-36 A read with a limit ends after that time of the board; LIB-54 and leaves the buffer alone.
+/// LIB-36 A read with a limit ends after that time of the board, and leaves the buffer alone.
 /// SK-9.10 Time passes while one waits, and by looking too.
 #[test]
 fn a_read_with_a_limit_ends_after_that_board_time() {
@@ -198,7 +198,7 @@ fn a_reset_board_is_lost() {
         assert!(matches!(write, LinkError::Lost { .. }), "{write:?}");
         assert!(matches!(client.link.check(), Err(LinkError::Lost { .. })));
     }
-    assert_eq!(client.report, before, "LIB-54 a failing read leaves the buffer alone");
+    assert_eq!(client.report, before, "a failing read of the native API leaves the buffer alone");
     client.link.close();
     assert_eq!(client.try_read(Wait::Forever), Err(LinkError::Closed));
     assert_eq!(client.link.check(), Err(LinkError::Closed));

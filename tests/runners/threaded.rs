@@ -186,7 +186,7 @@ fn cancel_ends_a_blocked_read() {
 }
 
 /// LIB-36 On a silent bus a read ends after its limit, and reports come again when the cable is whole.
-/// LIB-54 It leaves the buffer alone.
+/// It leaves the buffer alone.
 #[test]
 fn a_read_ends_after_its_limit() {
     let (mut client, network) = open(1, options());

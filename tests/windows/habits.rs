@@ -25,10 +25,28 @@ fn passes(width: Width, name: &str, links: &[&str]) {
 }
 
 crate::for_each_width! {
-    /// LIB-41, LIB-54, LIB-47, LIB-20 Calls before Open and after Close are false and harm nothing.
+    /// LIB-41, LIB-47, LIB-20 Calls before Open and after Close are false and harm nothing.
     #[test]
     fn calls_while_nothing_is_open(width: Width) {
         passes(width, "not_open", &CLOCKS);
+    }
+
+    /// LIB-54 A read that fails leaves the frame that was moved last.
+    #[test]
+    fn a_read_that_fails(width: Width) {
+        passes(width, "last_frame", &CLOCKS);
+    }
+
+    /// LIB-70 A thread that is ended by TerminateThread in a read: all goes on, in a board that makes reports and in one that
+    /// makes none.
+    #[test]
+    fn a_thread_that_is_terminated(width: Width) {
+        let folder = Folder::with_dll(width, "habit-terminated");
+        folder.build(Toolchain::MinGw, &source("terminated.c"), "terminated.exe");
+        for link in ["sim:?slaves=io&clock=real", "sim:?slaves=io&clock=real&fault.drop.read=1"] {
+            let silent = if link.contains("drop") { "silent" } else { "reports" };
+            folder.passes("terminated.exe", link, &[silent]);
+        }
     }
 
     /// LIB-27, LIB-28, LIB-51, LIB-52, LIB-53 Lengths and addresses; not a byte beyond is touched.
@@ -58,6 +76,7 @@ crate::for_each_width! {
             folder.passes("last_error.exe", link, &["reset"]);
         }
         folder.passes("last_error.exe", "sim:?slaves=io&fault.drop.read=1", &["closed"]);
+        folder.passes("last_error.exe", "sim:?slaves=none&clock=virtual", &["fails"]);
     }
 
     /// LIB-36, LIB-54 A read with a limit ends.

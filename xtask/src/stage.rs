@@ -49,7 +49,22 @@ pub fn build_into(project: &Project, prefix: &Path, profile: &str) -> Result<(),
     for package in PACKAGES {
         command::run(project.cargo().args(["build", "--profile", profile, "--package", package]))?;
     }
-    install_into(project, &project.target.join(profile_folder(profile)), prefix)
+    install_into(project, &project.target.join(profile_folder(profile)), prefix)?;
+    split_debug(&prefix.join("lib").join(SONAME))
+}
+
+/// Moves what a debugger wants of a library into a file of its own, a tenth of the size being left: `.debug/NAME.debug` beside
+/// it, where debuggers look for it. That file has the paths of the build, the library those of sources in messages alone.
+fn split_debug(library: &Path) -> Result<(), Error> {
+    let name = library.file_name().unwrap_or_default().to_string_lossy();
+    let folder = library.with_file_name(".debug");
+    fs::create_dir_all(&folder).map_err(Error::file("make", &folder))?;
+    let debug = folder.join(format!("{name}.debug"));
+    command::run(Command::new("objcopy").args(["--only-keep-debug", "--"]).args([library, &debug]))?;
+    command::run(Command::new("strip").args(["--strip-unneeded", "--"]).arg(library))?;
+    let mut link = std::ffi::OsString::from("--add-gnu-debuglink=");
+    link.push(&debug);
+    command::run(Command::new("objcopy").arg(link).arg("--").arg(library))
 }
 
 /// Builds the tool as the tests use it; returns its path.
@@ -161,6 +176,28 @@ mod tests {
         assert!(file.starts_with("prefix=${pcfiledir}/../..\n"), "{file}");
         assert!(file.contains("\nLibs: -L${libdir} -lNEXTWUSBLib\n"), "{file}");
         assert!(!file.contains('@') && !file.contains(env!("CARGO_MANIFEST_DIR")), "{file}");
+    }
+
+    /// DIST-9 The library has nothing for a debugger and is small; its debug file has it, and belongs to it.
+    #[test]
+    fn what_a_debugger_wants_is_a_file_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let [source, library] = ["x.c", "libx.so.0"].map(|name| folder.path().join(name));
+        fs::write(&source, "int of_the_library(int x) { return x + 1; }\n").unwrap();
+        command::run(Command::new("gcc").args(["-g", "-shared", "-fPIC", "-o"]).args([&library, &source])).unwrap();
+        split_debug(&library).unwrap();
+        let sections = |file: &Path| {
+            let said = command::output(Command::new("objdump").arg("-h").arg(file)).unwrap();
+            String::from_utf8_lossy(&said).into_owned()
+        };
+        let kept = sections(&library);
+        assert!(!kept.contains(".debug_info") && kept.contains(".gnu_debuglink") && kept.contains(".dynsym"), "{kept}");
+        assert!(sections(&folder.path().join(".debug/libx.so.0.debug")).contains(".debug_info"));
+        let path = folder.path().to_string_lossy().into_owned().into_bytes();
+        assert!(
+            !fs::read(&library).unwrap().windows(path.len()).any(|at| at == path),
+            "it names the folder of its build"
+        );
     }
 
     #[test]

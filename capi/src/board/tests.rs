@@ -17,6 +17,10 @@ struct State {
     readers: u32,
     lost: bool,
     closed: bool,
+    /// Close does not return while this is set.
+    stays_in_close: bool,
+    /// The thread that closes is gone then.
+    ends_closer: bool,
     read_waits: [Option<Wait>; 2],
     write_waits: [Option<Wait>; 2],
 }
@@ -100,6 +104,12 @@ impl Link for FakeLink {
 
     fn close(&self) {
         self.change(|state| state.closed = true);
+        #[cfg(target_os = "linux")]
+        if self.state().ends_closer {
+            // SAFETY: the call ends this thread and nothing else.
+            unsafe { libc::syscall(libc::SYS_exit, 0) };
+        }
+        self.wait_until(|state| !state.stays_in_close);
     }
 
     fn check(&self) -> Result<(), LinkError> {
@@ -185,6 +195,20 @@ fn waits_are_those_of_the_link() {
         assert_eq!(link.state().read_waits[0], Some(read_wait));
         assert_eq!(link.state().write_waits[0], Some(write_wait));
     }
+}
+
+/// LIB-44 Open while a read waits is true, and the read goes on and ends true.
+#[test]
+fn a_read_goes_on_while_the_board_is_opened_again() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    thread::scope(|scope| {
+        let reader = scope.spawn(|| read(&board));
+        link.wait_until(|state| state.readers == 1);
+        board.open(no_second).expect("is open");
+        link.change(|state| state.reports = 1);
+        assert!(reader.join().expect("no panic").is_ok());
+    });
 }
 
 /// LIB-48 Close ends a read that is blocked; LIB-26 a write passes by it.
@@ -276,4 +300,91 @@ fn calls_do_not_wait_for_an_open_under_way() {
         opener.join().expect("no panic").expect("opens");
     });
     assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
+}
+
+/// LIB-71 Close beside an Open that is under way does not wait for it, however often; the board is open then. LIB-47
+#[test]
+fn close_does_not_wait_for_an_open_under_way() {
+    let (board, link) = (VendorBoard::new(), FakeLink::new());
+    let (started, wait_started) = mpsc::channel();
+    let (go_on, wait_go_on) = mpsc::channel::<()>();
+    thread::scope(|scope| {
+        let (board, link) = (&board, &link);
+        let opener = scope.spawn(move || {
+            board.open(|| {
+                started.send(()).expect("the test waits for it");
+                wait_go_on.recv().expect("the test sends it");
+                Ok(link.clone())
+            })
+        });
+        wait_started.recv().expect("the opener sends it");
+        (0..100).for_each(|_| board.close());
+        go_on.send(()).expect("the opener waits for it");
+        opener.join().expect("no panic").expect("opens");
+    });
+    assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
+}
+
+/// LIB-71 An Open beside a Close that is under way waits for it: the link that is just being closed is not in use any more.
+#[test]
+fn open_waits_for_a_close_under_way() {
+    let link = FakeLink::new();
+    let board = opened(&link);
+    link.change(|state| state.stays_in_close = true);
+    thread::scope(|scope| {
+        let (board, link) = (&board, &link);
+        let closer = scope.spawn(|| board.close());
+        link.wait_until(|state| state.closed);
+        let opener = scope.spawn(move || {
+            board.open(|| {
+                assert!(!link.state().stays_in_close, "the one before is still being closed");
+                Ok(FakeLink::new())
+            })
+        });
+        // It is in Open by then, or comes later.
+        thread::sleep(Duration::from_millis(20));
+        assert!(!opener.is_finished());
+        link.change(|state| state.stays_in_close = false);
+        closer.join().expect("no panic");
+        opener.join().expect("no panic").expect("opens");
+    });
+}
+
+/// A thread that is gone in a call.
+#[cfg(target_os = "linux")]
+mod gone {
+    use super::*;
+
+    /// Ends the calling thread, which frees nothing of it.
+    fn end_this_thread() -> ! {
+        // SAFETY: the call ends this thread and nothing else.
+        unsafe { libc::syscall(libc::SYS_exit, 0) };
+        unreachable!("the thread has ended");
+    }
+
+    /// LIB-70 A thread that is ended while it opens or closes the board: the next one opens it.
+    #[test]
+    fn in_open_and_in_close() {
+        let board: &'static VendorBoard = Box::leak(Box::new(VendorBoard::new()));
+        for _ in 0..3 {
+            let (started, wait_started) = mpsc::channel::<()>();
+            thread::spawn(move || {
+                board.open(move || {
+                    std::mem::forget(started);
+                    end_this_thread();
+                })
+            });
+            assert!(wait_started.recv_timeout(Duration::from_millis(20)).is_err());
+            let link = FakeLink::new();
+            board.open(|| Ok(link.clone())).expect("opens");
+            assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
+            link.change(|state| state.ends_closer = true);
+            thread::spawn(move || board.close());
+            link.wait_until(|state| state.closed);
+            let next = FakeLink::new();
+            board.open(|| Ok(next.clone())).expect("opens");
+            assert_eq!(board.write(&Frame::new(), FRAME_LEN), Ok(()));
+            board.close();
+        }
+    }
 }

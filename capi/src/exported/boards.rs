@@ -14,7 +14,7 @@ use crate::exported::entry::{entry, guard};
 use crate::exported::vendor;
 use crate::handles::Handles;
 use crate::module::{self, CloseResult, close_and_unload};
-use crate::{connect, shutdown};
+use crate::{connect, memory, shutdown};
 
 /// The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
 pub type EcmskResult = i32;
@@ -39,7 +39,7 @@ pub const ECMSK_ERROR_NO_BOARD: i32 = -7;
 pub const ECMSK_ERROR_IN_USE: i32 = -8;
 /// This build of the library, or this link, does not support the call.
 pub const ECMSK_ERROR_UNSUPPORTED: i32 = -9;
-/// A call of the operating system has failed.
+/// A call of the operating system has failed, or it has no memory left.
 pub const ECMSK_ERROR_IO: i32 = -10;
 /// A defect of this library.
 pub const ECMSK_ERROR_INTERNAL: i32 = -11;
@@ -76,6 +76,7 @@ pub unsafe extern "C" fn ecmsk_open(uri: *const c_char, board: *mut *mut EcmskBo
         unsafe { board.write(std::ptr::null_mut()) };
         // SAFETY: the caller's promise for `uri`; the text is not kept.
         let uri = unsafe { text_from(uri, "uri") }?;
+        memory::check(memory::OPEN_BYTES)?;
         shutdown::end_at_exit();
         let handle = HANDLES.insert(OpenBoard::new(connect::named(uri)?));
         // SAFETY: as above.
@@ -211,6 +212,7 @@ pub fn code<T>(result: Result<T, Box<CallError>>) -> EcmskResult {
             CallError::Handle { .. } => ECMSK_ERROR_HANDLE,
             CallError::NotOpen | CallError::Forked => ECMSK_ERROR_CLOSED,
             CallError::NoCounters { .. } => ECMSK_ERROR_UNSUPPORTED,
+            CallError::Memory => ECMSK_ERROR_IO,
             CallError::Panic(_) => ECMSK_ERROR_INTERNAL,
             CallError::Configured { error, .. } => link_code(&error),
             CallError::Link(error) => link_code(&error),

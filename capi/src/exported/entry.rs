@@ -12,6 +12,7 @@ use crate::cancellation::CancellationDeferred;
 use crate::error::{self, CallError};
 use crate::floating_point::FloatingPoint;
 use crate::logger;
+use crate::memory;
 use crate::module::{Call, LastError};
 use crate::shutdown::{self, MayHoldLock};
 
@@ -55,9 +56,10 @@ pub fn guard<T: Debug>(
     let _cancellation = CancellationDeferred::begin();
     let _last_error = LastError::keep();
     let _floating_point = FloatingPoint::begin();
-    set_up();
-    let result = catch_unwind(AssertUnwindSafe(body))
-        .unwrap_or_else(|payload| Err(CallError::Panic(panic_message(&*payload)).into()));
+    let result = set_up().and_then(|()| {
+        catch_unwind(AssertUnwindSafe(body))
+            .unwrap_or_else(|payload| Err(CallError::Panic(panic_message(&*payload)).into()))
+    });
     match &result {
         Ok(value) => log::trace!("{call} -> {value:?}"),
         Err(error) => {
@@ -79,14 +81,19 @@ pub fn guard<T: Debug>(
 }
 
 /// Sets up the log once per process, and has panics logged instead of printed: here they are errors of calls.
-fn set_up() {
+fn set_up() -> Result<(), Box<CallError>> {
     static ONCE: Once = Once::new();
+    if ONCE.is_completed() {
+        return Ok(());
+    }
+    memory::check(memory::FIRST_CALL_BYTES)?;
     ONCE.call_once(|| {
         logger::set_up();
         // The tests of this crate print theirs.
         #[cfg(not(test))]
         std::panic::set_hook(Box::new(|panic| log::error!("{panic}")));
     });
+    Ok(())
 }
 
 fn panic_message(payload: &(dyn Any + Send)) -> String {

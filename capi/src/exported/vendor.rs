@@ -13,20 +13,22 @@ use crate::buffer::{ReportBuffer, fill_frame};
 use crate::error::{CallError, remember_open};
 use crate::exported::boards::ECMSK_OK;
 use crate::exported::entry::{entry, guard};
+use crate::last_frame::LAST_FRAME;
 use crate::module::{self, CloseResult, close_and_unload};
-use crate::{connect, last_error, shutdown};
+use crate::{connect, last_error, memory, shutdown};
 
 /// The board that these four functions use.
 pub static BOARD: VendorBoard = VendorBoard::new();
 
 /// Opens the board that `ECMSK_LINK` or an `ecmsk.toml` names, or else `usb:`. Returns 1 if it is open, also if it was open
 /// before, and 0 if not (`ecmsk_last_error` says why). A board that was lost is opened again without CloseECMUSB. On Windows
-/// GetLastError returns 0 after success.
+/// GetLastError returns 0 then, after success and after failure.
 ///
 /// Source: UG17 4.2.1.
 #[unsafe(no_mangle)]
 pub extern "system" fn OpenECMUSB() -> u32 {
     let result = entry!(OpenECMUSB(), {
+        memory::check(memory::OPEN_BYTES)?;
         shutdown::end_at_exit();
         BOARD.open(connect::configured)
     });
@@ -35,11 +37,12 @@ pub extern "system" fn OpenECMUSB() -> u32 {
     {
         remember_open(error);
     }
-    last_error::after_open(&result);
+    last_error::after_open();
     as_bool(&result)
 }
 
-/// Closes the board. Reads and writes under way in other threads return 0 at once. Does nothing if no board is open.
+/// Closes the board. Reads and writes under way in other threads return 0 at once. Does nothing if no board is open; a board
+/// that another thread is just opening is open afterwards.
 ///
 /// Source: UG17 4.2.2.
 #[unsafe(no_mangle)]
@@ -74,6 +77,8 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
         with_frame(|frame| {
             // SAFETY: the caller's promise for `data`.
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
+            // \[OURS] Whatever becomes of it: once the board is gone a program that writes and reads is to find its own command.
+            LAST_FRAME.keep(frame);
             BOARD.write(frame, length(dwlength))
         })
     });
@@ -81,11 +86,12 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
     as_bool(&result)
 }
 
-/// Waits for a report and copies its first `dwlength` bytes, at most 512, to `data`. Returns 1 if there was one, and 0 with
-/// `data` unchanged if `data` is NULL, `dwlength` is 0, no board is open, the board is lost or closed meanwhile, or the
-/// link's `read_timeout_ms` has passed (by default there is no limit). On Windows GetLastError then returns 6 if no board is
-/// open, 5 if the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and `dwlength`; success does not
-/// change it.
+/// Waits for a report and copies its first `dwlength` bytes, at most 512, to `data`. Returns 1 if there was one, and 0 if
+/// `data` is NULL, `dwlength` is 0, no board is open, the board is lost or closed meanwhile, or the link's `read_timeout_ms`
+/// has passed (by default there is no limit). After 0, `data` has as many bytes of the frame that was moved last, by
+/// ECMUSBWrite or by ECMUSBRead, as it has with the vendor's library; all 0 before the first frame. On Windows GetLastError
+/// then returns 6 if no board is open, 5 if the board is lost or closed meanwhile, 31 after the limit, 87 for `data` and
+/// `dwlength`; success does not change it.
 ///
 /// Source: UG17 4.2.4.
 ///
@@ -98,21 +104,34 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
         with_frame(|report| {
             BOARD.read(report)?;
+            LAST_FRAME.keep(report);
             buffer.fill(report);
             Ok(())
         })
     });
+    if result.is_err()
+        // SAFETY: as above.
+        && let Ok(buffer) = unsafe { ReportBuffer::new(data, length(dwlength)) }
+    {
+        buffer.fill(&LAST_FRAME.get());
+    }
     last_error::after_transfer(&result);
     as_bool(&result)
 }
 
 /// Runs `work` with a frame that this thread keeps, whose content is undefined. A new frame would have to be cleared at each
 /// call.
-fn with_frame<T>(work: impl FnOnce(&mut Frame) -> T) -> T {
+fn with_frame<T>(work: impl FnOnce(&mut Frame) -> Result<T, Box<CallError>>) -> Result<T, Box<CallError>> {
     thread_local! {
         static FRAME: Cell<Option<Box<Frame>>> = const { Cell::new(None) };
     }
-    let mut frame = FRAME.try_with(Cell::take).ok().flatten().unwrap_or_default();
+    let mut frame = match FRAME.try_with(Cell::take).ok().flatten() {
+        Some(frame) => frame,
+        None => {
+            memory::check(memory::FIRST_CALL_BYTES)?;
+            Box::default()
+        }
+    };
     let result = work(&mut frame);
     // This fails in a thread that is ending, which needs the frame no more.
     let _ = FRAME.try_with(|kept| kept.set(Some(frame)));

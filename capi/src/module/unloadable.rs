@@ -23,6 +23,8 @@ use windows_sys::Win32::System::Threading::{CreateThread, Sleep};
 const RETURN_MS: u32 = 500;
 /// How often a waiting thread checks whether all calls have returned.
 const CHECK_INTERVAL_MS: u32 = 1;
+/// How often it does so. A call whose thread was ended by force never returns, and then the module stays loaded. \[OURS]
+const CHECKS_MAX: u32 = 10_000;
 
 /// How many calls are under way in this module.
 static CALLS: AtomicUsize = AtomicUsize::new(0);
@@ -160,7 +162,13 @@ fn release_references_by_threads() {
 }
 
 unsafe extern "system" fn release_when_calls_ended(_: *mut c_void) -> u32 {
-    while CALLS.load(Ordering::SeqCst) > 0 {
+    for checks in 0.. {
+        if CALLS.load(Ordering::SeqCst) == 0 {
+            break;
+        }
+        if checks == CHECKS_MAX {
+            return 0;
+        }
         // SAFETY: the function has no conditions.
         unsafe { Sleep(CHECK_INTERVAL_MS) };
     }

@@ -43,10 +43,21 @@ pub(super) trait Backend: Send + Sync {
     /// Submits transfer `number` to the host.
     fn submit_input(&self, number: usize) -> Result<(), UsbError>;
 
+    /// Whether a call that waits may be in [`Self::handle_events`] itself, which saves a change of threads. Where programs end
+    /// threads by force, as on Windows, the pipe's thread alone handles events: a thread that ends there takes a transfer with it.
+    fn lets_calls_handle_events(&self) -> bool {
+        true
+    }
+
     /// Sets how many reports, the newest ones, the system queues while no transfer to the host is submitted; `None` for as
     /// many as it can. Returns `false` if the system queues none, or not as many. The caller sees to it that the system's
     /// queue is empty during the call.
     fn set_system_queue(&self, reports: Option<usize>) -> bool;
+
+    /// Whether the device is still there, for a caller that has no transfer to the host submitted. Does not wait for the device.
+    fn is_there(&self) -> bool {
+        true
+    }
 
     /// Submits the transfer of a report to the device.
     ///

@@ -24,3 +24,37 @@ pub fn in_time<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> 
     thread::spawn(move || done.send(work()));
     ended.recv_timeout(PATIENCE).expect("it does not end")
 }
+
+/// Runs `work` in a thread, and ends that thread by force, which frees nothing of it, once it has been in `work` for a while:
+/// it waits by then, or `works_until` does not hold yet.
+#[cfg(target_os = "linux")]
+pub fn end_thread_in(work: impl FnOnce() + Send + 'static, mut works_until: impl FnMut() -> bool) {
+    use std::os::unix::thread::JoinHandleExt as _;
+
+    use crate::threads::Caller;
+
+    extern "C" fn end_this_thread(_signal: libc::c_int) {
+        // SAFETY: the call ends this thread and nothing else.
+        unsafe { libc::syscall(libc::SYS_exit, 0) };
+    }
+
+    let (told, caller) = mpsc::channel();
+    // SAFETY: the handler makes a call of the system alone, and no other test uses this signal.
+    unsafe { libc::signal(libc::SIGUSR2, end_this_thread as extern "C" fn(libc::c_int) as libc::sighandler_t) };
+    let thread = thread::spawn(move || {
+        told.send(Caller::current()).expect("the test waits for it");
+        work();
+    });
+    let caller = caller.recv().expect("it tells");
+    while !works_until() {
+        thread::sleep(Duration::from_millis(1));
+    }
+    thread::sleep(Duration::from_millis(30));
+    // SAFETY: the thread is not joined, so its handle is valid; it waits in `work`.
+    unsafe { libc::pthread_kill(thread.as_pthread_t(), libc::SIGUSR2) };
+    while !caller.is_gone() {
+        thread::sleep(Duration::from_millis(1));
+    }
+    // Joining it would wait for a result.
+    std::mem::forget(thread);
+}

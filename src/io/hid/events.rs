@@ -1,21 +1,21 @@
-//! Which thread handles the backend's events. A call that waits for one does it itself, which saves a change of threads for
-//! each report. While no call waits the pipe's own thread does it, so that reports are received whatever the program does.
+//! Which thread handles the backend's events. A call that waits for one does it itself, where the backend lets it, which saves a
+//! change of threads for each report. While no call waits the pipe's own thread does it, so that reports are received whatever the program does.
 //! Only one thread handles events at a time.
 //!
 //! A call that returns does not wake the pipe's thread, since that would cost a change of threads again; the pipe's thread
 //! checks at an interval whether calls still come. While a single call waits for long the pipe's thread sleeps, and that
-//! call wakes it.
+//! call wakes it; if that call's thread is gone, which programs end by force, the pipe's thread goes on in its place.
 
 use std::mem;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, MutexGuard};
+use parking_lot::MutexGuard;
 
 use super::backend::Backend;
 use super::error::UsbError;
-use super::input_pause::PAUSE_ENDS_AFTER_UNWRITTEN;
-use super::reports::{EVENTS_FAILED, Shared, State};
+use super::reports::{ABANDONED, EVENTS_FAILED, Shared, State};
+use crate::threads::{Caller, Signal};
 
 /// The longest time that a thread waits for events before it checks the pipe's state. \[OURS]
 const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
@@ -24,6 +24,10 @@ const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
 /// The longest of these intervals, however many transfers there are. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
+/// How often it is checked that a thread is still there which others wait for. \[OURS]
+pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);
+/// For how long the end of a transfer is awaited whose thread is gone. \[OURS]
+const ABANDONED_LIMIT: Duration = Duration::from_secs(1);
 /// After an error of the backend's event handling it is tried again after this time .. \[OURS]
 const RETRY_AFTER: Duration = Duration::from_millis(10);
 /// .. and after this many errors in a row, a second in all, the device counts as lost. \[OURS]
@@ -43,22 +47,31 @@ impl Shared {
         let check_interval = check_interval(backend.inputs());
         let mut state = self.state.lock();
         let mut seen = state.call_count;
+        let mut cancelled = false;
         while !state.events_failed && (!state.closing || state.submitted > 0) {
+            if state.closing && !mem::replace(&mut cancelled, true) {
+                // `closing` is set, so no transfer is resubmitted.
+                MutexGuard::unlocked(&mut state, || backend.cancel_inputs());
+                continue;
+            }
+            if state.closing && state.is_write_abandoned() {
+                self.end_abandoned_write(&mut state, backend);
+                continue;
+            }
             let calls_come = state.call_count != seen;
             seen = state.call_count;
-            self.begin_or_end_pause(&mut state, backend);
-            if state.handling_events {
+            self.begin_pause(&mut state, backend);
+            if state.event_handler.is_some() {
                 if calls_come || state.closing {
                     self.thread_wakeup.wait_for(&mut state, check_interval);
                 } else {
-                    state.thread_asleep = true;
-                    self.thread_wakeup.wait(&mut state);
-                    state.thread_asleep = false;
+                    self.sleep(&mut state);
                 }
-            } else if !state.closing && state.input_pause.is_complete(backend.inputs()) {
-                // No event can come but the end of a write, for which the thread that writes waits itself.
-                self.thread_wakeup.wait_for(&mut state, PAUSE_ENDS_AFTER_UNWRITTEN);
-            } else if calls_come && !state.closing {
+            } else if !state.closing && (state.submitted == 0 || state.input_pause.is_complete(backend.inputs())) {
+                // The device is lost, or its reports are left to the system: no event can come but the end of a write, for which
+                // the thread that writes waits itself.
+                self.thread_wakeup.wait(&mut state);
+            } else if calls_come && !state.closing && backend.lets_calls_handle_events() {
                 self.handle(&mut state, backend, Duration::ZERO);
                 self.thread_wakeup.wait_for(&mut state, check_interval);
             } else {
@@ -67,27 +80,39 @@ impl Shared {
         }
     }
 
+    /// The pipe's thread waits until the call that handles events leaves, or its thread is gone.
+    fn sleep(&self, state: &mut MutexGuard<'_, State>) {
+        state.thread_asleep = true;
+        loop {
+            let woken = !self.thread_wakeup.wait_for(state, CALLER_CHECK_INTERVAL).timed_out();
+            if state.event_handler.is_some_and(|caller| caller.is_gone()) {
+                log::debug!("a thread of the program is gone that was waiting for the board");
+                state.event_handler = None;
+                self.readable.notify_all();
+                self.writable.notify_all();
+                break;
+            }
+            if woken {
+                break;
+            }
+        }
+        state.thread_asleep = false;
+    }
+
     /// Called by a read or write: waits for a change of the state. It may return early, and up to a millisecond late, because
     /// systems count in milliseconds.
     pub fn wait(
         &self,
-        changed: &Condvar,
+        changed: &Signal,
         state: &mut MutexGuard<'_, State>,
         backend: &dyn Backend,
         limit: Option<Duration>,
     ) {
         state.call_count += 1;
-        if !state.handling_events {
+        if state.event_handler.is_none() && backend.lets_calls_handle_events() {
             return self.handle_for_a_call(state, backend, limit.unwrap_or(EVENT_WAIT_MAX).min(EVENT_WAIT_MAX));
         }
-        state.calls_waiting += 1;
-        match limit {
-            Some(limit) => {
-                changed.wait_for(state, limit);
-            }
-            None => changed.wait(state),
-        }
-        state.calls_waiting -= 1;
+        Self::wait_at(changed, state, limit);
     }
 
     /// Called by a write: waits like [`Shared::wait`], for the end of its transfer.
@@ -103,9 +128,27 @@ impl Shared {
         }
     }
 
+    /// Ends the transfer to the device of a thread that is gone.
+    pub fn end_abandoned_write(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
+        let began = Instant::now();
+        backend.cancel_output();
+        while state.output_submitted && !state.events_failed {
+            if began.elapsed() > ABANDONED_LIMIT {
+                state.events_failed = true;
+                return self.lose(state, ABANDONED);
+            }
+            self.wait_written(state, backend, Some(CHECK_INTERVAL_MAX));
+        }
+    }
+
     /// Handles events that are pending, without waiting.
     pub fn poll_events(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend) {
-        if !state.handling_events && !state.events_failed {
+        if !backend.lets_calls_handle_events() {
+            if state.reports.is_empty() {
+                // The pipe's thread may be about to.
+                Self::wait_at(&self.readable, state, Some(CHECK_INTERVAL_MAX));
+            }
+        } else if state.event_handler.is_none() && !state.events_failed {
             self.handle_for_a_call(state, backend, Duration::ZERO);
         }
     }
@@ -116,7 +159,7 @@ impl Shared {
         self.writable.notify_all();
         self.thread_wakeup.notify_all();
         backend.interrupt_output();
-        if state.handling_events {
+        if state.event_handler.is_some() {
             backend.interrupt();
         }
     }
@@ -130,14 +173,12 @@ impl Shared {
     }
 
     fn handle(&self, state: &mut MutexGuard<'_, State>, backend: &dyn Backend, limit: Duration) {
-        state.handling_events = true;
+        state.event_handler = Some(Caller::current());
         self.call_unlocked(state, || backend.handle_events(limit));
-        state.handling_events = false;
+        state.event_handler = None;
         // One of the waiting calls goes on handling events.
-        if state.calls_waiting > 0 {
-            self.readable.notify_all();
-            self.writable.notify_all();
-        }
+        self.readable.notify_all();
+        self.writable.notify_all();
     }
 
     /// Calls the backend without holding the lock. If it fails [`EVENT_ERRORS_MAX`] times in a row the device is lost.

@@ -1,9 +1,9 @@
-//! While a program writes and reads nothing, its reports may stay in the system's queue, which keeps the newest of them as the
-//! pipe's queue does. Receiving each report costs time that the writes lack, since Windows has to be asked for every single
-//! one.
+//! While a program reads nothing, its reports may stay in the system's queue, which keeps the newest of them as the pipe's
+//! queue does. Receiving each report costs processor time that nobody has a use for, and that the writes of a program lack,
+//! since Windows has to be asked for every single one.
 //!
 //! Reports that the system drops meanwhile are not counted, so a pipe pauses its input only if its owner allows it
-//! ([`PipeOptions::may_pause_input`]).
+//! ([`PipeOptions::may_pause_input`]). A loss of the device during a pause is noticed by the next call.
 
 use std::time::{Duration, Instant};
 
@@ -12,13 +12,10 @@ use parking_lot::MutexGuard;
 use super::backend::Backend;
 use super::pipe::PipeOptions;
 use super::reports::{GONE, Shared, State};
+use crate::threads::Caller;
 
-/// A pause begins when no call has read for this long .. \[OURS]
+/// A pause begins when no call has read for this long. \[OURS]
 const PAUSE_AFTER_UNREAD: Duration = Duration::from_millis(250);
-/// .. and this many have written since: without writes the loss of the board would not be noticed. \[OURS]
-const PAUSE_AFTER_WRITES: u32 = 64;
-/// A pause ends when no call has written for this long. \[OURS]
-pub(super) const PAUSE_ENDS_AFTER_UNWRITTEN: Duration = Duration::from_secs(1);
 /// How long the first read after a pause waits at most until the reports of the system's queue are received. \[OURS]
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(50);
 
@@ -27,12 +24,8 @@ pub(super) struct InputPause {
     allowed: bool,
     /// When the last read ended.
     read_at: Instant,
-    /// When the last write began.
-    wrote_at: Instant,
-    /// How many reads are under way.
-    reads: usize,
-    /// How many writes began since the last read.
-    writes: u32,
+    /// The threads whose reads are under way.
+    readers: Vec<Caller>,
     phase: Phase,
     /// Transfers to the host that are not submitted because of the pause.
     held_back: Vec<usize>,
@@ -56,16 +49,8 @@ enum Phase {
 /// A pipe that may not pause its input.
 impl Default for InputPause {
     fn default() -> Self {
-        let now = Instant::now();
-        Self {
-            allowed: false,
-            read_at: now,
-            wrote_at: now,
-            reads: 0,
-            writes: 0,
-            phase: Phase::Receiving,
-            held_back: Vec::new(),
-        }
+        let held_back = Vec::new();
+        Self { allowed: false, read_at: Instant::now(), readers: Vec::new(), phase: Phase::Receiving, held_back }
     }
 }
 
@@ -83,27 +68,29 @@ impl InputPause {
         paused
     }
 
+    /// Whether the loss of the device is not noticed unless a call asks for it.
+    pub fn is_paused(&self) -> bool {
+        self.phase == Phase::Paused
+    }
+
     /// Whether the input is paused and all `inputs` transfers to the host have ended.
     pub fn is_complete(&self, inputs: usize) -> bool {
         self.phase == Phase::Paused && self.held_back.len() == inputs
     }
 
-    pub fn note_write(&mut self) {
-        self.writes = self.writes.saturating_add(1);
+    pub fn begin_read(&mut self) {
         if self.allowed {
-            self.wrote_at = Instant::now();
+            self.readers.push(Caller::current());
         }
     }
 
-    pub const fn begin_read(&mut self) {
-        self.reads += 1;
-    }
-
     pub fn end_read(&mut self) {
-        self.reads -= 1;
-        self.writes = 0;
         if self.allowed {
             self.read_at = Instant::now();
+            let own = Caller::current();
+            if let Some(own) = self.readers.iter().position(|reader| *reader == own) {
+                self.readers.swap_remove(own);
+            }
         }
     }
 
@@ -127,33 +114,28 @@ impl InputPause {
         None
     }
 
-    fn is_due(&self) -> bool {
-        self.allowed
-            && self.phase == Phase::Receiving
-            && self.reads == 0
-            && self.writes >= PAUSE_AFTER_WRITES
-            && self.read_at.elapsed() >= PAUSE_AFTER_UNREAD
+    fn is_due(&mut self) -> bool {
+        if !self.allowed || self.phase != Phase::Receiving || self.read_at.elapsed() < PAUSE_AFTER_UNREAD {
+            return false;
+        }
+        // Those of threads that were ended by force never end.
+        self.readers.retain(|reader| !reader.is_gone());
+        self.readers.is_empty()
     }
 }
 
 impl Shared {
-    /// Called by the pipe's thread: begins a pause when it is due, and ends one when no call writes any more.
-    pub fn begin_or_end_pause(&self, state: &mut State, backend: &dyn Backend) {
+    /// Called by the pipe's thread: begins a pause when it is due.
+    pub fn begin_pause(&self, state: &mut State, backend: &dyn Backend) {
         if state.closing || state.lost.is_some() {
             return;
         }
-        if state.input_pause.is_due() {
-            if backend.set_system_queue(Some(self.queue)) {
-                state.input_pause.phase = Phase::Paused;
-            } else {
-                state.input_pause.allowed = false;
-            }
-        } else if state.input_pause.phase == Phase::Paused
-            && state.input_pause.wrote_at.elapsed() >= PAUSE_ENDS_AFTER_UNWRITTEN
-        {
-            self.end_pause(state, backend);
-        } else {
+        if !state.input_pause.is_due() {
             state.input_pause.catch_up_time_left(backend);
+        } else if backend.set_system_queue(Some(self.queue)) {
+            state.input_pause.phase = Phase::Paused;
+        } else {
+            state.input_pause.allowed = false;
         }
     }
 
@@ -163,7 +145,6 @@ impl Shared {
             return;
         }
         state.input_pause.phase = Phase::CatchingUp { missing: self.queue, until: Instant::now() + CATCH_UP_WITHIN };
-        state.input_pause.writes = 0;
         while let Some(number) = state.input_pause.held_back.pop() {
             if backend.submit_input(number).is_err() {
                 return self.lose(state, GONE);

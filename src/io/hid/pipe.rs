@@ -9,9 +9,10 @@ use parking_lot::{Mutex, MutexGuard};
 
 use super::backend::{Backend, Outcome};
 use super::error::UsbError;
+use super::events::CALLER_CHECK_INTERVAL;
 use super::reports::{GONE, Shared, State};
 use super::{FoundDevice, REPORT_LEN, ReportInterface};
-use crate::threads;
+use crate::threads::{self, Caller};
 
 /// How a pipe is opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub struct PipeOptions {
     pub transfers: usize,
     /// How many reports are kept while nobody reads, 1 or more; the newest ones are kept.
     pub queue: usize,
-    /// While a program only writes, reports may stay in the queue of a system that keeps the newest itself. Those that the
+    /// While a program reads nothing, reports may stay in the queue of a system that keeps the newest itself. Those that the
     /// system drops are not counted.
     pub may_pause_input: bool,
 }
@@ -70,8 +71,6 @@ pub struct PipeStats {
 /// An open device. Different threads may read, write and close it at the same time.
 pub struct Pipe {
     shared: Arc<Shared>,
-    /// Held by the thread that writes.
-    write_lock: Mutex<()>,
     /// The pipe's own thread; `None` once the pipe is closed.
     event_thread: Mutex<Option<JoinHandle<()>>>,
     backend: Arc<dyn Backend>,
@@ -93,16 +92,21 @@ impl Pipe {
     /// Opens a pipe over a backend whose listener is `shared`.
     pub(super) fn with_backend(backend: Arc<dyn Backend>, shared: Arc<Shared>) -> Result<Self, PipeError> {
         let (thread_shared, thread_backend) = (shared.clone(), backend.clone());
-        let events = threads::spawn("usb-events", move || thread_shared.handle_events(&*thread_backend))
-            .map_err(|_| UsbError::NoMemory)?;
+        let events = threads::spawn("usb-events", move || {
+            thread_shared.handle_events(&*thread_backend);
+            end_of_transfers(&thread_shared, &thread_backend);
+        });
+        let events = events.map_err(|_| UsbError::NoMemory)?;
         // From here on dropping the pipe ends the thread and the transfers.
-        let pipe = Self { shared, write_lock: Mutex::new(()), event_thread: Mutex::new(Some(events)), backend };
+        let pipe = Self { shared, event_thread: Mutex::new(Some(events)), backend };
         for number in 0..pipe.backend.inputs() {
             let mut state = pipe.shared.state.lock();
             state.check()?;
             pipe.backend.submit_input(number).map_err(submit_error)?;
             state.submitted += 1;
         }
+        // Its thread has had nothing to do before.
+        pipe.shared.thread_wakeup.notify_all();
         Ok(pipe)
     }
 
@@ -164,23 +168,65 @@ impl Pipe {
     /// [`PipeError`]. No byte was transferred, except with [`PipeError::Torn`].
     pub fn write(&self, report: &[u8; REPORT_LEN], limit: Option<Duration>) -> Result<(), PipeError> {
         let began = Instant::now();
-        let cancelled = self.shared.state.lock().cancelled_writes;
-        let _writing = match limit {
-            None => self.write_lock.lock(),
-            Some(limit) => self.write_lock.try_lock_for(limit).ok_or(PipeError::Timeout(limit))?,
-        };
+        let turn = self.turn_to_write(began, limit)?;
+        let written = self.write_in_turn(report, began, limit);
+        drop(turn);
+        written
+    }
+
+    /// Waits until no other thread writes; then it is this thread that does.
+    fn turn_to_write(&self, began: Instant, limit: Option<Duration>) -> Result<WriterTurn<'_>, PipeError> {
+        let caller = Caller::current();
         let mut state = self.shared.state.lock();
+        let cancelled = state.cancelled_writes;
+        state.writers.push_back(caller);
+        let turn = WriterTurn { shared: &self.shared, caller };
+        loop {
+            let waits = match state.writers.front() {
+                Some(first) if *first == caller => return Ok(turn),
+                Some(first) if first.is_gone() => {
+                    state.writers.pop_front();
+                    continue;
+                }
+                _ if state.cancelled_writes != cancelled => Err(PipeError::Cancelled),
+                _ => state.check().and_then(|()| time_left(began, limit)),
+            };
+            match waits {
+                Ok(left) => {
+                    let left = left.map_or(CALLER_CHECK_INTERVAL, |left| left.min(CALLER_CHECK_INTERVAL));
+                    Shared::wait_at(&self.shared.writable, &mut state, Some(left));
+                }
+                Err(error) => {
+                    drop(state);
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    fn write_in_turn(
+        &self,
+        report: &[u8; REPORT_LEN],
+        began: Instant,
+        limit: Option<Duration>,
+    ) -> Result<(), PipeError> {
+        let mut state = self.shared.state.lock();
+        let cancelled = state.cancelled_writes;
+        if state.output_submitted {
+            self.shared.end_abandoned_write(&mut state, &*self.backend);
+        }
         state.check()?;
-        state.input_pause.note_write();
         state.output_result = None;
         state.submitted += 1;
+        state.output_submitted = true;
         drop(state);
         // Without the lock, because on some systems the call returns only when the device has the report.
-        // SAFETY: this thread holds `write_lock`, and each write waits for the end of its transfer.
+        // SAFETY: it is this thread's turn to write, and the transfer of the write before has ended.
         let submitted = unsafe { self.backend.submit_output(report) };
         let mut state = self.shared.state.lock();
         if let Err(error) = submitted {
             state.submitted -= 1;
+            state.output_submitted = false;
             let error = submit_error(error);
             if let PipeError::Lost(why) = error {
                 self.shared.lose(&mut state, why);
@@ -250,7 +296,11 @@ impl Pipe {
     /// # Errors
     /// [`PipeError::Closed`], [`PipeError::Lost`].
     pub fn check(&self) -> Result<(), PipeError> {
-        self.shared.state.lock().check()
+        let mut state = self.shared.state.lock();
+        if state.input_pause.is_paused() && state.check().is_ok() && !self.backend.is_there() {
+            self.shared.lose(&mut state, GONE);
+        }
+        state.check()
     }
 
     /// The counters since the pipe was opened.
@@ -265,24 +315,41 @@ impl Pipe {
             state.closing = true;
             self.shared.wake_all(&state, &*self.backend);
         }
-        // `closing` is set, so no transfer is resubmitted.
+        // The pipe's thread ends the transfers and releases the device, so that it is done even if this thread ends here.
         let Some(events) = self.event_thread.lock().take() else { return };
-        self.backend.cancel_inputs();
-        self.backend.interrupt();
-        // The thread ends when all transfers have ended. A panic in it cannot be reported from here.
+        // A panic in it cannot be reported from here.
         let _ = events.join();
-        let state = self.shared.state.lock();
-        let (stalled, leaked) = (state.stalled, state.events_failed && state.submitted > 0);
-        drop(state);
-        if leaked {
-            // The system may still write into transfers whose end it does not report, so their memory is never freed.
-            mem::forget(self.backend.clone());
-        }
-        if stalled {
-            // The next program that opens the device is to find a working endpoint.
-            self.backend.clear_input_halt();
-        }
-        self.backend.release();
+    }
+}
+
+/// What the pipe's thread does last: no transfer is submitted any more, or their end is not reported.
+fn end_of_transfers(shared: &Shared, backend: &Arc<dyn Backend>) {
+    let (stalled, leaked) = {
+        let state = shared.state.lock();
+        (state.stalled, state.events_failed && state.submitted > 0)
+    };
+    if leaked {
+        // The system may still write into transfers whose end it does not report, so their memory is never freed.
+        mem::forget(backend.clone());
+    }
+    if stalled {
+        // The next program that opens the device is to find a working endpoint.
+        backend.clear_input_halt();
+    }
+    backend.release();
+}
+
+/// This thread writes, or waits for its turn to, until this is dropped.
+struct WriterTurn<'a> {
+    shared: &'a Shared,
+    caller: Caller,
+}
+
+impl Drop for WriterTurn<'_> {
+    fn drop(&mut self) {
+        let caller = self.caller;
+        self.shared.state.lock().writers.retain(|other| *other != caller);
+        self.shared.writable.notify_all();
     }
 }
 

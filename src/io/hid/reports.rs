@@ -2,15 +2,16 @@
 //! lost.
 
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex};
+use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use super::REPORT_LEN;
 use super::backend::{Outcome, TransferListener};
 use super::error::UsbError;
 use super::input_pause::InputPause;
 use super::pipe::{PipeError, PipeOptions, PipeStats};
+use crate::threads::{Caller, Signal};
 
 /// How many transfers in a row may fail on the wire before the device counts as lost. \[OURS]
 const FAILURES_MAX: u32 = 8;
@@ -18,12 +19,17 @@ const FAILURES_MAX: u32 = 8;
 /// For how many reports memory is allocated when the pipe is opened; a longer queue grows as it fills. \[OURS]
 const QUEUE_CAPACITY_INITIAL: usize = 1024;
 
+/// For how many threads that write at once memory is allocated when the pipe is opened. \[OURS]
+const WRITERS_CAPACITY: usize = 8;
+
 // Why a device is lost, for the user.
 pub(super) const GONE: &str = "it was pulled or has reset itself (SW_RESET)";
 const STALLED: &str = "it refuses to send (its endpoint stalls); if it does so again, switch it off and on";
 const FAILING: &str = "its transfers fail: it was pulled, or the cable or the hub is bad";
 const DEFECT: &str = "a defect of this library has ended its transfers; open it again, and please report it with the \
                       output of ECMSK_LOG=trace";
+/// With [`State::events_failed`], too: the transfer of a thread that was ended by force has no end.
+pub(super) const ABANDONED: &str = "a thread of the program was ended in a write to it; open it again";
 /// With [`State::events_failed`].
 pub(super) const EVENTS_FAILED: &str = "this system does not say any more what becomes of its transfers; pull it and plug it in \
                                again, and look at the system's log";
@@ -42,6 +48,10 @@ pub(super) struct State {
     pub reports: VecDeque<Report>,
     /// How many transfers are submitted and have not ended.
     pub submitted: usize,
+    /// The thread that writes, and behind it those that wait to.
+    pub writers: VecDeque<Caller>,
+    /// The transfer to the device is submitted.
+    pub output_submitted: bool,
     /// How the transfer to the device ended, and after how many bytes; `None` until it has.
     pub output_result: Option<(Outcome, usize)>,
     /// Why the device is lost, for the user; `None` while it is there.
@@ -53,12 +63,10 @@ pub(super) struct State {
     pub cancelled_reads: u64,
     /// How often writes were cancelled. A write that sees it change ends.
     pub cancelled_writes: u64,
-    /// A thread is in [`Backend::handle_events`](super::backend::Backend::handle_events).
-    pub handling_events: bool,
+    /// The thread that is in [`Backend::handle_events`](super::backend::Backend::handle_events).
+    pub event_handler: Option<Caller>,
     /// How often a call has begun to wait or has stopped handling events. The pipe's thread sees by it whether calls come.
     pub call_count: u64,
-    /// How many calls wait while another thread handles events.
-    pub calls_waiting: usize,
     /// The pipe's thread sleeps until the call that handles events returns.
     pub thread_asleep: bool,
     /// How often in a row the backend's event handling has failed.
@@ -74,7 +82,13 @@ pub(super) struct State {
 impl State {
     fn new(options: PipeOptions) -> Self {
         let reports = VecDeque::with_capacity(options.queue.min(QUEUE_CAPACITY_INITIAL));
-        Self { reports, input_pause: InputPause::new(options), ..Self::default() }
+        let writers = VecDeque::with_capacity(WRITERS_CAPACITY);
+        Self { reports, writers, input_pause: InputPause::new(options), ..Self::default() }
+    }
+
+    /// Whether the thread is gone that has submitted the transfer to the device.
+    pub fn is_write_abandoned(&self) -> bool {
+        self.output_submitted && self.writers.front().is_none_or(Caller::is_gone)
     }
 
     /// An error if the pipe is closed or the device is lost.
@@ -90,8 +104,8 @@ impl State {
 pub(super) struct Shared {
     pub queue: usize,
     pub state: Mutex<State>,
-    pub readable: Condvar,
-    pub writable: Condvar,
+    pub readable: Signal,
+    pub writable: Signal,
     /// Wakes the pipe's own thread.
     pub thread_wakeup: Condvar,
 }
@@ -99,8 +113,19 @@ pub(super) struct Shared {
 impl Shared {
     /// The queue keeps the newest [`PipeOptions::queue`] reports.
     pub fn new(options: PipeOptions) -> Self {
-        let [readable, writable, thread_wakeup] = [const { Condvar::new() }; 3];
-        Self { queue: options.queue, state: Mutex::new(State::new(options)), readable, writable, thread_wakeup }
+        Self {
+            queue: options.queue,
+            state: Mutex::new(State::new(options)),
+            readable: Signal::new(),
+            writable: Signal::new(),
+            thread_wakeup: Condvar::new(),
+        }
+    }
+
+    /// Waits at `signal` without holding the lock.
+    pub fn wait_at(signal: &Signal, state: &mut MutexGuard<'_, State>, limit: Option<Duration>) {
+        let ticket = signal.ticket();
+        MutexGuard::unlocked(state, || signal.wait(ticket, limit));
     }
 
     /// Marks the device as lost and ends every wait. Reports that were not read yet are dropped and counted, because a
@@ -132,7 +157,7 @@ impl Shared {
             state.stats.dropped += 1;
         }
         state.reports.push_back(Report { bytes, at: Instant::now(), number });
-        self.readable.notify_one();
+        self.readable.notify_all();
     }
 }
 
@@ -173,6 +198,7 @@ impl TransferListener for Shared {
     fn output_ended(&self, outcome: Outcome, moved: usize) {
         let mut state = self.state.lock();
         state.submitted -= 1;
+        state.output_submitted = false;
         state.output_result = Some((outcome, moved));
         if outcome == Outcome::Gone {
             self.lose(&mut state, GONE);

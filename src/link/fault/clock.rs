@@ -3,9 +3,10 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex};
+use parking_lot::{Mutex, MutexGuard};
 
 use crate::link::{Dir, Link, LinkError, LinkInfo, Stamp, Wait};
+use crate::threads::Signal;
 
 /// How far a call that does not wait advances a virtual clock, so that a program that polls makes progress \[OURS]: one
 /// USB microframe, as for a write to a simulated board.
@@ -27,7 +28,7 @@ pub(super) struct Clock {
     opened_at: Stamp,
     opened: Instant,
     cancellation: Mutex<Cancellation>,
-    changed: Condvar,
+    changed: Signal,
 }
 
 /// A call to the link that may wait.
@@ -50,7 +51,7 @@ impl Clock {
             opened_at: info.opened_at,
             opened: Instant::now(),
             cancellation: Mutex::default(),
-            changed: Condvar::new(),
+            changed: Signal::new(),
         }
     }
 
@@ -112,7 +113,8 @@ impl Clock {
                 && cancellation.cancels[call.dir as usize] == call.cancels
             {
                 let left = to.saturating_sub(self.opened.elapsed());
-                self.changed.wait_for(&mut cancellation, left);
+                let ticket = self.changed.ticket();
+                MutexGuard::unlocked(&mut cancellation, || self.changed.wait(ticket, Some(left)));
             }
             drop(cancellation);
             self.check(call)?;

@@ -27,7 +27,6 @@ pub(super) mod writer;
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::SyncSender;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 pub use file::make_room;
@@ -38,7 +37,7 @@ use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, W
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{Frame, SlotSize};
 use file::Sink;
-use queue::Recorder;
+use queue::{RecordedCall, Recorder};
 use writer::FrameEntry;
 
 /// How many frames may wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The memory is
@@ -117,9 +116,9 @@ impl RecordLink {
         Ok(Self { inner, recorder })
     }
 
-    fn record(&self, entries: Option<SyncSender<FrameEntry>>, dir: Dir, at: Stamp, frame: &Frame) {
+    fn record(&self, call: &RecordedCall<'_, FrameEntry>, dir: Dir, at: Stamp, frame: &Frame) {
         let entry = FrameEntry { at_ns: self.recorder.file_ns(at.0), dir, frame: frame.clone() };
-        self.recorder.record(entries, entry);
+        self.recorder.record(call.entries.as_ref(), entry);
     }
 }
 
@@ -148,16 +147,16 @@ impl Layer for RecordLink {
     }
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
-        let entries = self.recorder.entries();
+        let call = self.recorder.call();
         let at = self.inner.write(frame, wait)?;
-        self.record(entries, Dir::Write, at, frame);
+        self.record(&call, Dir::Write, at, frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
-        let entries = self.recorder.entries();
+        let call = self.recorder.call();
         let meta = self.inner.read(out, wait)?;
-        self.record(entries, Dir::Read, meta.at, out);
+        self.record(&call, Dir::Read, meta.at, out);
         Ok(meta)
     }
 

@@ -99,15 +99,19 @@ impl Entry for FrameEntry {
     }
 }
 
-/// Writes the frames from the queue until all senders are dropped, then writes the end of the recording.
+/// Writes the frames from the queue until all senders are dropped, or until a `None`, then writes the end of the recording.
 ///
 /// Frames that have arrived are written at once, in one write: a program may crash at any moment, and its last frames
 /// show why.
-pub(super) fn run<E: Entry>(entries: &Receiver<E>, mut capture: Capture<E>) {
-    while let Ok(entry) = entries.recv() {
+pub(super) fn run<E: Entry>(entries: &Receiver<Option<E>>, mut capture: Capture<E>) {
+    let mut goes_on = true;
+    while goes_on && let Ok(Some(entry)) = entries.recv() {
         capture.push(entry);
         while let Ok(entry) = entries.try_recv() {
-            capture.push(entry);
+            match entry {
+                Some(entry) => capture.push(entry),
+                None => goes_on = false,
+            }
         }
         capture.flush();
         capture.tell_lost();

@@ -9,6 +9,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use super::pacer::{Ns, WaitingFrames, has_motion};
 use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
+use crate::threads::Signal;
 
 /// How many frames a program may write ahead: as many as the board's FIFO has entries. \[OURS]
 const FRAMES_MAX: usize = FIFO_ENTRIES as usize;
@@ -52,9 +53,9 @@ pub(super) struct FrameQueues {
     /// Wakes the link's thread: a frame was written, or the link ends.
     work: Condvar,
     /// Wakes readers: a report came, or reading ends.
-    readable: Condvar,
+    readable: Signal,
     /// Wakes writers: there is room for a frame, or writing ends.
-    room: Condvar,
+    room: Signal,
 }
 
 impl FrameQueues {
@@ -74,7 +75,7 @@ impl FrameQueues {
             cancels: [0; 2],
             op: false,
         };
-        Self { state: Mutex::new(state), work: Condvar::new(), readable: Condvar::new(), room: Condvar::new() }
+        Self { state: Mutex::new(state), work: Condvar::new(), readable: Signal::new(), room: Signal::new() }
     }
 
     pub fn lock(&self) -> MutexGuard<'_, QueueState> {
@@ -170,7 +171,7 @@ impl FrameQueues {
         let number = state.next_report;
         state.reports.push_back((report.clone(), at, number));
         state.next_report += 1;
-        self.readable.notify_one();
+        self.readable.notify_all();
     }
 
     /// For the link's thread: an invalid answer came. Its sequence number is left out.
@@ -183,7 +184,7 @@ impl FrameQueues {
         let mut state = self.state.lock();
         let Some(frame) = state.held.pop_front() else { return false };
         out.clone_from(&frame);
-        self.room.notify_one();
+        self.room.notify_all();
         true
     }
 
@@ -251,21 +252,19 @@ fn discards_fifo(frame: &Frame, size: SlotSize) -> bool {
 
 /// Waits for a change of the state; fails with the limit if that has passed.
 fn wait(
-    condition: &Condvar,
+    signal: &Signal,
     state: &mut MutexGuard<'_, QueueState>,
     began: Instant,
     limit: Option<Duration>,
 ) -> Result<(), Duration> {
-    // A limit beyond the range of `Instant` counts as no limit.
-    match limit.and_then(|limit| Some((limit, began.checked_add(limit)?))) {
-        Some((limit, until)) if Instant::now() >= until => Err(limit),
-        Some((_, until)) => {
-            condition.wait_until(state, until);
-            Ok(())
-        }
-        None => {
-            condition.wait(state);
-            Ok(())
-        }
-    }
+    let left = match limit {
+        None => None,
+        Some(limit) => match limit.checked_sub(began.elapsed()) {
+            Some(left) if !left.is_zero() => Some(left),
+            _ => return Err(limit),
+        },
+    };
+    let ticket = signal.ticket();
+    MutexGuard::unlocked(state, || signal.wait(ticket, left));
+    Ok(())
 }

@@ -17,10 +17,13 @@ use crate::link::options::CommonOptions;
 use crate::link::uri::LinkUri;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
 use crate::sk::Frame;
-use crate::threads;
+use crate::threads::{self, Signal};
 
 /// How long closing waits for the server to confirm. \[OURS]
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
+
+/// For how many calls that wait at once memory is allocated when the link is opened. \[OURS]
+const WAITING_CAPACITY: usize = 8;
 
 /// A link to a board that another process or machine serves.
 pub struct TcpLink {
@@ -73,8 +76,13 @@ impl TcpLink {
             channel,
             out: Mutex::new(Sender { out, last: Instant::now() }),
             inbox: Mutex::new(inbox),
-            state: Mutex::new(State { exchange, receiving: false, waiting: 0, cancels: [0; 2] }),
-            changed: Condvar::new(),
+            state: Mutex::new(State {
+                exchange,
+                receiver: None,
+                waiting: Vec::with_capacity(WAITING_CAPACITY),
+                cancels: [0; 2],
+            }),
+            changed: Signal::new(),
             over: Condvar::new(),
             counts: CallCounts::default(),
         });
@@ -98,8 +106,10 @@ impl TcpLink {
         shared.over.notify_all();
         shared.changed.notify_all();
         shared.channel.wake();
-        if was_open && says_bye {
-            let mut sender = shared.out.lock();
+        if was_open
+            && says_bye
+            && let Some(mut sender) = shared.out.try_lock_for(CLOSE_LIMIT)
+        {
             let bye = Message::Bye { end: End::Closed, text: "" };
             let deadline = Instant::now() + CLOSE_LIMIT;
             let said = shared

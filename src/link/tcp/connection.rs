@@ -16,7 +16,11 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
+use crate::threads::{Caller, Signal};
 
+/// Whether a call that waits receives itself, which saves a change of threads. On Windows programs end their threads by force
+/// (`TerminateThread`), and one that ends while it receives would take bytes with it.
+const CALLS_RECEIVE: bool = cfg!(not(windows));
 /// How often the background thread receives while no call waits. \[OURS]
 const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
@@ -39,7 +43,7 @@ pub(super) struct Shared {
     pub(super) inbox: Mutex<Inbox>,
     pub(super) state: Mutex<State>,
     /// Wakes the threads that wait for what another thread receives.
-    pub(super) changed: Condvar,
+    pub(super) changed: Signal,
     /// Wakes the background thread when the exchange has ended.
     pub(super) over: Condvar,
     pub(super) counts: CallCounts,
@@ -55,10 +59,10 @@ pub(super) struct Sender {
 /// The state that the lock protects.
 pub(super) struct State {
     pub(super) exchange: Exchange,
-    /// Whether a thread is receiving.
-    pub(super) receiving: bool,
-    /// How many other threads wait for what it receives.
-    pub(super) waiting: u32,
+    /// The thread that is receiving.
+    pub(super) receiver: Option<Caller>,
+    /// The other threads that wait for what it receives.
+    pub(super) waiting: Vec<Caller>,
     /// How many cancellations there were, by direction.
     pub(super) cancels: [u64; 2],
 }
@@ -85,9 +89,13 @@ impl Shared {
         let mut stuck = StuckCall::default();
         let mut state = self.state.lock();
         while state.exchange.ended.is_none() {
-            self.over.wait_for(&mut state, look);
-            if !state.receiving {
-                state = self.receive_for_all(state, Some(Instant::now()));
+            if CALLS_RECEIVE {
+                self.over.wait_for(&mut state, look);
+            }
+            self.forget_callers_that_are_gone(&mut state);
+            if state.receiver.is_none() {
+                let until = Instant::now() + if CALLS_RECEIVE { Duration::ZERO } else { look };
+                state = self.receive_for_all(state, Some(until));
             }
             let silent = state.exchange.heard.elapsed();
             if silent > self.patience() {
@@ -97,7 +105,7 @@ impl Shared {
                 let now = Instant::now();
                 let is_in_call = is_call_in_progress(&state);
                 let idle = idle.look(self.calls(&state), is_in_call, now, in_force);
-                let takes_nothing = state.receiving && self.channel.has_unread();
+                let takes_nothing = state.receiver.is_some() && self.channel.has_unread();
                 let stuck = stuck.look(takes_nothing, state.exchange.heard, now, in_force);
                 let made = idle.map(|silent| format!("the program made no call for {}", Span(silent)));
                 made.or_else(|| {
@@ -139,9 +147,24 @@ impl Shared {
         }
     }
 
+    /// Programs end their threads by force, in the middle of calls: what such a thread was at is taken from it.
+    fn forget_callers_that_are_gone(&self, state: &mut State) {
+        if state.receiver.is_some_and(|caller| caller.is_gone()) {
+            state.receiver = None;
+            self.changed.notify_all();
+        }
+        state.waiting.retain(|caller| !caller.is_gone());
+        // Until the answer to its request has come no other one may begin.
+        if state.exchange.request.as_ref().is_some_and(|request| request.answer.is_some() && request.caller.is_gone()) {
+            state.exchange.request = None;
+            self.changed.notify_all();
+        }
+    }
+
     /// Sends a whole message.
     fn send(&self, message: &Message<'_>) -> std::io::Result<()> {
-        let mut sender = self.out.lock();
+        // A thread that was ended while the server took nothing keeps the lock for ever.
+        let mut sender = self.out.try_lock_for(self.patience()).ok_or(std::io::ErrorKind::TimedOut)?;
         let Sender { out, last } = &mut *sender;
         *last = Instant::now();
         self.channel.stage(message, out)?;
@@ -154,30 +177,32 @@ impl Shared {
         mut state: MutexGuard<'a, State>,
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
-        state.receiving = true;
+        state.receiver = Some(Caller::current());
         let came = MutexGuard::unlocked(&mut state, || self.receive(until));
-        state.receiving = false;
+        state.receiver = None;
         if let Err(error) = came {
             state.exchange.lose(format!("{error}"));
         }
-        if state.waiting > 0 {
+        if !state.waiting.is_empty() {
             self.changed.notify_all();
         }
         state
     }
 
     fn receive(&self, until: Option<Instant>) -> std::io::Result<()> {
-        let mut inbox = self.inbox.lock();
         let left = until.map(|until| until.saturating_duration_since(Instant::now()));
         let may_wait = left != Some(Duration::ZERO);
+        let receive = |inbox: &mut Inbox| self.channel.receive(inbox);
         // A call that may wait usually has to, so trying to receive before the wait would be wasted.
         let mut came = Came::Nothing;
+        let mut inbox = self.inbox.lock();
         if !may_wait || self.channel.keeps_some() {
-            came = self.channel.receive(&mut inbox)?;
+            came = receive(&mut inbox)?;
         }
         if came == Came::Nothing && may_wait {
-            self.channel.wait(false, left)?;
-            came = self.channel.receive(&mut inbox)?;
+            // A thread that waits holds nothing.
+            MutexGuard::unlocked(&mut inbox, || self.channel.wait(false, left))?;
+            came = receive(&mut inbox)?;
         }
         let mut state = self.state.lock();
         match came {
@@ -205,20 +230,22 @@ impl Shared {
                 return (state, Some(done));
             }
             let late = until.is_some_and(|until| Instant::now() >= until);
-            if late && (received || state.receiving) {
+            if late && (received || state.receiver.is_some()) {
                 return (state, None);
             }
             received = true;
-            if !state.receiving {
+            if CALLS_RECEIVE && state.receiver.is_none() {
                 state = self.receive_for_all(state, until);
                 continue;
             }
-            state.waiting += 1;
-            match until {
-                None => self.changed.wait(&mut state),
-                Some(until) => drop(self.changed.wait_until(&mut state, until)),
+            let caller = Caller::current();
+            state.waiting.push(caller);
+            let ticket = self.changed.ticket();
+            let left = until.map(|until| until.saturating_duration_since(Instant::now()));
+            MutexGuard::unlocked(&mut state, || self.changed.wait(ticket, left));
+            if let Some(own) = state.waiting.iter().position(|other| *other == caller) {
+                state.waiting.swap_remove(own);
             }
-            state.waiting -= 1;
         }
     }
 
@@ -302,7 +329,7 @@ impl Shared {
 
     fn done<'a, T>(&self, mut state: MutexGuard<'a, State>, done: T) -> (MutexGuard<'a, State>, T) {
         state.exchange.request = None;
-        if state.waiting > 0 {
+        if !state.waiting.is_empty() {
             self.changed.notify_all();
         }
         (state, done)
@@ -352,6 +379,6 @@ impl Shared {
 }
 
 /// Whether another thread is in a call.
-const fn is_call_in_progress(state: &State) -> bool {
-    state.receiving || state.waiting > 0 || state.exchange.request.is_some()
+fn is_call_in_progress(state: &State) -> bool {
+    state.receiver.is_some() || !state.waiting.is_empty() || state.exchange.request.is_some()
 }

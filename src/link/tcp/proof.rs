@@ -5,8 +5,8 @@
 //! sessions have different keying material, so the proof of one end is not valid for the other.
 
 use std::collections::HashSet;
-use std::fmt;
 use std::path::{Path, PathBuf};
+use std::{fmt, mem};
 
 use ring::hmac;
 
@@ -51,8 +51,9 @@ impl Secret {
     /// others, or if the secret is too short, too long or easy to guess.
     pub fn load(path: &Path) -> Result<Self, LinkError> {
         let failed = |message: String| LinkError::Io { what: format!("read the secret {}", path.display()), message };
-        let file = files::read_small(path, SECRET_BYTES_MAX as u64)
+        let mut file = files::read_small(path, SECRET_BYTES_MAX as u64)
             .map_err(|error| failed(format!("{error}; {HOW_TO_MAKE_ONE}")))?;
+        let text = Wiped(mem::take(&mut file.bytes));
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt as _;
@@ -63,7 +64,7 @@ impl Secret {
                 return Err(failed(format!("others may read it (mode {mode:o}); chmod 600 {}", path.display())));
             }
         }
-        Self::new(&file.bytes).map_err(failed)
+        Self::new(&text.0).map_err(failed)
     }
 
     /// The secret in the file `path`, or else in the variable [`SECRET`]; `None` if neither is given.
@@ -76,7 +77,8 @@ impl Secret {
         }
         let Some(text) = config::variable(SECRET).filter(|text| !text.is_empty()) else { return Ok(None) };
         let failed = |message| LinkError::Io { what: format!("use the secret of {SECRET}"), message };
-        Self::new(text.as_encoded_bytes()).map(Some).map_err(failed)
+        let text = Wiped(text.into_encoded_bytes());
+        Self::new(&text.0).map(Some).map_err(failed)
     }
 
     fn new(text: &[u8]) -> Result<Self, String> {
@@ -104,6 +106,18 @@ impl Secret {
     /// wrong.
     pub(crate) fn is_proof(&self, side: Side, material: &Material, proof: &[u8; PROOF_LEN]) -> bool {
         hmac::verify(&self.0, &signed_bytes(side, material), proof).is_ok()
+    }
+}
+
+/// The text of a secret, which is overwritten when this is dropped: it is not to be in a dump of the process's memory. What is left
+/// is the key that was made of it, from which the text cannot be had back; and, if the text came from there, the variable.
+struct Wiped(Vec<u8>);
+
+impl Drop for Wiped {
+    fn drop(&mut self) {
+        self.0.fill(0);
+        // So that the compiler does not leave out what nobody reads.
+        std::hint::black_box(self.0.as_ptr());
     }
 }
 
@@ -195,5 +209,54 @@ mod tests {
                 "{error}"
             );
         }
+    }
+
+    /// TCP-30 What the text of a secret was is in no place of the process's memory afterwards, and so in none of its dumps.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn no_text_of_a_secret_stays_in_memory() {
+        use std::fs;
+        use std::io::{Read as _, Seek as _, SeekFrom};
+        use std::os::unix::fs::PermissionsExt as _;
+
+        const LEN: usize = 48;
+        let salt = std::process::id() as usize;
+        // The test has the text itself in pieces of a byte.
+        let letter = |i: usize| b"abcdefghijklmnopqrstuvwxyz0123456789"[(i * i * 7 + i * 13 + salt) % 36];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("secret");
+        let mut text = Wiped((0..LEN).map(letter).collect());
+        fs::write(&path, &text.0).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
+        let places = |text: Option<&Wiped>| {
+            let mut memory = fs::File::open("/proc/self/mem").unwrap();
+            let mut found = 0;
+            for line in fs::read_to_string("/proc/self/maps").unwrap().lines().filter(|line| line.contains(" rw")) {
+                let (from, rest) = line.split_once('-').unwrap();
+                let [from, to] = [from, rest.split_once(' ').unwrap().0].map(|at| u64::from_str_radix(at, 16).unwrap());
+                let mut bytes = Wiped(vec![0; (to - from) as usize]);
+                if memory.seek(SeekFrom::Start(from)).is_ok() && memory.read_exact(&mut bytes.0).is_ok() {
+                    let is_it = |at: &[u8]| at.len() >= LEN / 2 && (0..LEN / 2).all(|i| at[i] == letter(i));
+                    let mut rest = &bytes.0[..];
+                    // SAFETY: `rest` has as many bytes.
+                    while let Some(at) = unsafe {
+                        let first = libc::memchr(rest.as_ptr().cast(), letter(0).into(), rest.len());
+                        (!first.is_null()).then(|| first.cast::<u8>().offset_from_unsigned(rest.as_ptr()))
+                    } {
+                        found += usize::from(is_it(&rest[at..]));
+                        rest = &rest[at + 1..];
+                    }
+                }
+            }
+            let _ = text;
+            found
+        };
+        assert!(places(Some(&text)) > 0, "it would be seen");
+        text.0.fill(0);
+        drop(text);
+        let secret = Secret::load(&path).unwrap();
+        assert_eq!(places(None), 0);
+        secret.prove(Side::Client, &[1; 32]);
+        assert_eq!(places(None), 0);
     }
 }

@@ -11,7 +11,7 @@ crate::for_each_width! {
         let served = plugged(BOARD);
         let name = format!("windows_usb_{}", width.name());
         let figures = Program::start(width, "usb", "usb:", &[&name]).all();
-        assert_eq!(figures.len(), 3, "{figures:?}");
+        assert_eq!(figures.len(), 4, "{figures:?}");
         // The name of the test stands at the begin of the line.
         println!("\n{}", figures.join("\n"));
         unplug(served);

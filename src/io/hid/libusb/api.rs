@@ -3,7 +3,7 @@
 //!
 //! Names and layouts: `libusb.h` of libusb 1.0.
 
-use std::ffi::{c_int, c_uchar, c_uint, c_void};
+use std::ffi::{c_int, c_short, c_uchar, c_uint, c_void};
 use std::marker::{PhantomData, PhantomPinned};
 use std::sync::OnceLock;
 
@@ -125,6 +125,13 @@ pub(super) struct RawTransfer {
     pub packets: c_int,
 }
 
+/// `struct libusb_pollfd`
+#[repr(C)]
+pub(super) struct PollDescriptor {
+    pub descriptor: c_int,
+    pub events: c_short,
+}
+
 /// `LIBUSB_TRANSFER_TYPE_BULK`
 pub(super) const BULK: u8 = 2;
 /// `LIBUSB_TRANSFER_TYPE_INTERRUPT`
@@ -211,6 +218,8 @@ functions! {
     cancel = libusb_cancel_transfer(*mut RawTransfer) -> c_int;
     handle_events = libusb_handle_events_timeout_completed(*mut RawContext, *mut libc::timeval, *mut c_int) -> c_int;
     interrupt = libusb_interrupt_event_handler(*mut RawContext);
+    descriptors = libusb_get_pollfds(*mut RawContext) -> *const *const PollDescriptor;
+    free_descriptors = libusb_free_pollfds(*const *const PollDescriptor);
     bulk_transfer = libusb_bulk_transfer(*mut RawHandle, c_uchar, *mut c_uchar, c_int, *mut c_int, c_uint) -> c_int;
     interrupt_transfer = libusb_interrupt_transfer(*mut RawHandle, c_uchar, *mut c_uchar, c_int, *mut c_int, c_uint) -> c_int;
 }

@@ -69,7 +69,7 @@ impl Backend for LibusbBackend {
     }
 
     fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
-        self.handle.bus().handle_events(limit)
+        self.handle.handle_events(limit)
     }
 
     fn interrupt(&self) {

@@ -1,6 +1,7 @@
 //! libusb's objects as Rust types with their lifetimes: the context, a device, an open handle.
 
 use std::ffi::c_int;
+use std::io;
 use std::ptr::{self, NonNull};
 use std::slice;
 use std::sync::Arc;
@@ -79,8 +80,8 @@ impl Bus {
         self.api
     }
 
-    /// Waits for events for at most `limit` and handles them, which calls the transfers' callbacks.
-    pub(super) fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
+    /// Waits for events in libusb for at most `limit` and handles them.
+    fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
         let mut limit = libc::timeval {
             tv_sec: limit.as_secs() as libc::time_t,
             tv_usec: limit.subsec_micros() as libc::suseconds_t,
@@ -179,7 +180,8 @@ impl Device {
         let mut raw = ptr::null_mut();
         // SAFETY: the device is valid until `drop`; `raw` receives the handle.
         UsbError::check(unsafe { (self.bus.api.open)(self.raw.as_ptr(), &raw mut raw) })?;
-        Ok(Handle { bus: self.bus.clone(), raw: NonNull::new(raw).ok_or(UsbError::NoMemory)? })
+        let raw = NonNull::new(raw).ok_or(UsbError::NoMemory)?;
+        Ok(Handle { bus: self.bus.clone(), raw, events: Descriptors::of(&self.bus) })
     }
 }
 
@@ -194,6 +196,60 @@ impl Drop for Device {
 pub(super) struct Handle {
     bus: Arc<Bus>,
     raw: NonNull<RawHandle>,
+    events: Descriptors,
+}
+
+/// The descriptors at which libusb's events are waited for; none where libusb does not tell them.
+///
+/// A thread that waits in libusb holds its locks, and programs end their threads by force in their waits. So a thread waits at
+/// the descriptors, and is in libusb only while it handles what has come.
+struct Descriptors {
+    all: [libc::pollfd; Self::MAX],
+    count: usize,
+}
+
+impl Descriptors {
+    /// libusb has one for itself, one for its timer and one for each open device. \[OURS]
+    const MAX: usize = 8;
+
+    fn of(bus: &Bus) -> Self {
+        let mut found = Self { all: [libc::pollfd { fd: -1, events: 0, revents: 0 }; Self::MAX], count: 0 };
+        // SAFETY: the context is valid; the list ends with a null pointer and is freed below.
+        unsafe {
+            let list = (bus.api.descriptors)(bus.raw.as_ptr());
+            if list.is_null() {
+                return found;
+            }
+            let mut next = list;
+            while let Some(one) = (*next).as_ref() {
+                if let Some(place) = found.all.get_mut(found.count) {
+                    (place.fd, place.events) = (one.descriptor, one.events);
+                }
+                found.count += 1;
+                next = next.add(1);
+            }
+            (bus.api.free_descriptors)(list);
+        }
+        if found.count > Self::MAX {
+            found.count = 0;
+        }
+        found
+    }
+
+    /// Waits for an event for at most `limit`; whether there may be one.
+    fn wait(&self, limit: Duration) -> Result<bool, UsbError> {
+        let mut all = self.all;
+        let limit_ms = c_int::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(c_int::MAX);
+        // SAFETY: `all` has at least `count` entries.
+        let ready = unsafe { libc::poll(all.as_mut_ptr(), self.count as libc::nfds_t, limit_ms) };
+        match ready {
+            0 => Ok(false),
+            1.. => Ok(true),
+            // A signal of the program ends the wait.
+            _ if io::Error::last_os_error().kind() == io::ErrorKind::Interrupted => Ok(false),
+            _ => Err(UsbError::Io),
+        }
+    }
 }
 
 // SAFETY: libusb's handles may be used by any threads at once.
@@ -208,6 +264,14 @@ impl Handle {
 
     pub const fn raw(&self) -> *mut RawHandle {
         self.raw.as_ptr()
+    }
+
+    /// Waits for events for at most `limit` and handles them, which calls the transfers' callbacks.
+    pub fn handle_events(&self, limit: Duration) -> Result<(), UsbError> {
+        if limit.is_zero() || self.events.count == 0 {
+            return self.bus.handle_events(limit);
+        }
+        if self.events.wait(limit)? { self.bus.handle_events(Duration::ZERO) } else { Ok(()) }
     }
 
     /// From now on claiming an interface detaches the kernel's driver from it, and releasing it attaches the driver again.

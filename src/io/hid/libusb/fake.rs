@@ -6,6 +6,8 @@ mod functions;
 use std::cell::Cell;
 use std::collections::VecDeque;
 use std::ffi::c_int;
+use std::io::{Read as _, Write as _};
+use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -58,6 +60,9 @@ struct Inside {
     event_errors: u32,
     /// How many waits for events there were.
     event_waits: u64,
+    /// What is readable while there is an event, and its other end; `None`: events are waited for in libusb.
+    bell: Option<(UnixStream, UnixStream)>,
+    rung: bool,
     gone: bool,
     /// How many calls there were.
     calls: usize,
@@ -105,6 +110,8 @@ impl FakeUsb {
                 signals: 0,
                 event_errors: 0,
                 event_waits: 0,
+                bell: None,
+                rung: false,
                 calls: 0,
                 pulled_at: usize::MAX,
                 answers: Vec::new(),
@@ -116,6 +123,13 @@ impl FakeUsb {
             }),
             changed: Condvar::new(),
         }))
+    }
+
+    /// The same with a descriptor at which events are waited for, as the real one has.
+    pub fn with_descriptor() -> &'static Self {
+        let world = Self::new();
+        world.inside.lock().bell = Some(UnixStream::pair().expect("two sockets"));
+        world
     }
 
     /// The bus as the code under test sees it.
@@ -132,7 +146,10 @@ impl FakeUsb {
     }
 
     fn with<T>(&self, work: impl FnOnce(&mut Inside) -> T) -> T {
-        let done = work(&mut self.inside.lock());
+        let mut inside = self.inside.lock();
+        let done = work(&mut inside);
+        inside.ring();
+        drop(inside);
         self.changed.notify_all();
         done
     }
@@ -234,6 +251,7 @@ impl FakeUsb {
         inside.calls += 1;
         if inside.calls == inside.pulled_at {
             inside.pull();
+            inside.ring();
             self.changed.notify_all();
         }
         if let Some((_, code)) = inside.answers.iter().find(|(other, _)| *other == name) {
@@ -248,6 +266,18 @@ impl FakeUsb {
 }
 
 impl Inside {
+    /// Makes the descriptor readable while there is an event, and not readable while there is none.
+    fn ring(&mut self) {
+        let Some((mut read, mut write)) = self.bell.as_ref().map(|(read, write)| (read, write)) else { return };
+        let wanted = !self.endings.is_empty() || self.interrupted || self.event_errors > 0 || self.signals > 0;
+        match (self.rung, wanted) {
+            (false, true) => write.write_all(&[0]).expect("there is room"),
+            (true, false) => read.read_exact(&mut [0]).expect("it is there"),
+            _ => {}
+        }
+        self.rung = wanted;
+    }
+
     fn pull(&mut self) {
         self.gone = true;
         for transfer in std::mem::take(&mut self.pending) {

@@ -450,3 +450,102 @@ fn a_device_without_descriptors_is_no_board() {
     world.answer("init", -99);
     assert!(matches!(world.bus(), Err(UsbError::Other(-99))));
 }
+
+/// A thread of the program that is ended by force.
+#[cfg(target_os = "linux")]
+mod ended_by_force {
+    use super::super::super::calls::end_thread_in;
+    use super::*;
+
+    /// What a program does then: reads and writes in other threads, Close, and the next Open.
+    fn goes_on(world: &'static FakeUsb, pipe: Arc<Pipe>) {
+        world.set_takes(Takes::All);
+        world.send(status::COMPLETED, &[5; 512]);
+        let reads = pipe.clone();
+        assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(5));
+        let writes = pipe.clone();
+        assert_eq!(in_time(move || writes.write(&[9; REPORT_LEN], None)), Ok(()));
+        // More than there are transfers: somebody submits them anew.
+        (0..10).for_each(|fill| world.send(status::COMPLETED, &[fill; 512]));
+        world.until_pending(LIMITS.transfers);
+        in_time(move || pipe.close());
+        let [_, _, _, claims, _] = world.leaked();
+        assert_eq!(claims, 0, "others may have the board");
+    }
+
+    /// LIB-70 A thread that is ended while it waits in a read, the only one, and the one of two that handles libusb's events.
+    #[test]
+    fn in_a_read() {
+        for others in [0, 1] {
+            let world = FakeUsb::with_descriptor();
+            let pipe = Arc::new(open(world));
+            let reads = pipe.clone();
+            let handles = pipe.clone();
+            end_thread_in(
+                move || _ = read(&reads, None),
+                move || {
+                    // Whoever handles events is interrupted, until it is the reader that does.
+                    handles.cancel_writes();
+                    thread::sleep(Duration::from_millis(5));
+                    handles.shared.state.lock().thread_asleep
+                },
+            );
+            let waiting: Vec<_> = (0..others)
+                .map(|_| {
+                    let reads = pipe.clone();
+                    thread::spawn(move || read(&reads, None))
+                })
+                .collect();
+            (0..others).for_each(|_| world.send(status::COMPLETED, &[3; 512]));
+            for reader in waiting {
+                assert!(in_time(move || reader.join().expect("no panic")).is_ok());
+            }
+            goes_on(world, pipe);
+        }
+    }
+
+    /// LIB-70 A thread that is ended in a write that the board does not take: the next write takes it back. If there is none,
+    /// Close does.
+    #[test]
+    fn in_a_write() {
+        for closes in [false, true] {
+            let world = FakeUsb::with_descriptor();
+            let pipe = Arc::new(open(world));
+            world.set_takes(Takes::None { moved: 0 });
+            let writes = pipe.clone();
+            end_thread_in(
+                move || _ = writes.write(&[1; REPORT_LEN], None),
+                || {
+                    world.until_pending(LIMITS.transfers + 1);
+                    true
+                },
+            );
+            if closes {
+                in_time(move || pipe.close());
+                assert_eq!(world.leaked()[3], 0, "others may have the board");
+            } else {
+                goes_on(world, pipe);
+                assert_eq!(world.taken(), [[9; REPORT_LEN]], "what was not taken is not sent later");
+            }
+        }
+    }
+
+    /// LIB-70 A thread that is ended while it waits for another one's write to end: those behind it have their turn.
+    #[test]
+    fn before_its_turn_to_write() {
+        let world = FakeUsb::with_descriptor();
+        let pipe = Arc::new(open(world));
+        world.set_takes(Takes::None { moved: 0 });
+        let (first, second) = (pipe.clone(), pipe.clone());
+        let writer = thread::spawn(move || first.write(&[1; REPORT_LEN], None));
+        world.until_pending(LIMITS.transfers + 1);
+        end_thread_in(move || _ = second.write(&[2; REPORT_LEN], None), {
+            let pipe = pipe.clone();
+            move || pipe.shared.state.lock().writers.len() == 2
+        });
+        world.set_takes(Takes::All);
+        pipe.cancel_writes();
+        assert_eq!(in_time(move || writer.join().expect("no panic")), Err(PipeError::Cancelled));
+        goes_on(world, pipe);
+    }
+}

@@ -179,12 +179,28 @@ impl Backend for OverlappedBackend {
         self.read(self.inputs.get(number).ok_or(UsbError::Invalid)?)
     }
 
+    fn lets_calls_handle_events(&self) -> bool {
+        false
+    }
+
     fn set_system_queue(&self, reports: Option<usize>) -> bool {
         let reports = reports.unwrap_or(DRIVER_QUEUE_MAX);
         let set = self.handle.bus().api().set_input_buffers;
         // SAFETY: the handle is open until `drop`.
         (DRIVER_QUEUE_MIN..=DRIVER_QUEUE_MAX).contains(&reports)
             && unsafe { set(self.handle.raw(), reports as u32) } != 0
+    }
+
+    fn is_there(&self) -> bool {
+        let (api, mut preparsed) = (self.handle.bus().api(), ptr::null_mut());
+        // SAFETY: the handle is open until `drop`; what it gives is freed once.
+        unsafe {
+            let there = (api.preparsed)(self.handle.raw(), &raw mut preparsed) != 0;
+            if there {
+                (api.free_preparsed)(preparsed);
+            }
+            there
+        }
     }
 
     unsafe fn submit_output(&self, report: &[u8; REPORT_LEN]) -> Result<(), UsbError> {

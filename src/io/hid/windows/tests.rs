@@ -271,14 +271,14 @@ fn while_a_program_only_writes_its_reports_rest() {
 #[test]
 fn a_silent_board_ends_a_rest() {
     let (_, pipe) = with_paused_input();
-    assert_eq!(read(&pipe, Some(Duration::ZERO)).map(|(fill, _)| fill), Ok(99));
+    assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, _)| fill), Ok(99));
     let pipe = Arc::new(pipe);
     let reads = pipe.clone();
     assert_eq!(in_time(move || read(&reads, None)).map(|(fill, _)| fill), Ok(99));
 }
 
-/// WIN-67 A board that is closed or unplugged while its input is paused: closing ends everything; a loss is reported by the
-/// next write or the next read, or noticed after a second if there is none.
+/// WIN-67 A board that is closed or unplugged while its input is paused: closing ends everything; a loss is told by the next
+/// write, the next read and the next look.
 #[test]
 fn a_board_that_goes_while_its_reports_rest() {
     let (world, pipe) = with_paused_input();
@@ -298,36 +298,48 @@ fn a_board_that_goes_while_its_reports_rest() {
     assert!(matches!(read(&pipe, None), Err(PipeError::Lost(_))), "no kept report is given as true");
 
     let (world, pipe) = with_paused_input();
-    world.until_pending(TRANSFERS);
+    assert_eq!(pipe.check(), Ok(()));
     world.pull(1167);
-    in_time(move || {
-        while pipe.check().is_ok() {
-            thread::sleep(Duration::from_millis(1));
-        }
-    });
+    assert!(matches!(pipe.check(), Err(PipeError::Lost(_))), "nothing is under way that would tell");
 }
 
-/// WIN-67 A program that writes now and then, one that reads now and then and one that may not leave its reports unread:
-/// reads are under way at all times.
+/// WIN-67 A program that does nothing with its board is given no work by it: its reports are left to the driver, and the
+/// newest are read when it goes on.
+#[test]
+fn reports_rest_while_a_program_does_nothing() {
+    let world = FakeWindows::new(vec![BOARD]);
+    let pipe = open_with(world, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
+    let pipe = in_time(move || {
+        while world.keeps() != Some(QUEUE as u32) || world.reads() > 0 {
+            world.send(0, &[99; REPORT_LEN]);
+            thread::sleep(Duration::from_millis(1));
+        }
+        pipe
+    });
+    let before = pipe.stats().reports;
+    (0..10).for_each(|fill| world.send(0, &[fill; REPORT_LEN]));
+    assert_eq!((world.reads(), pipe.stats().reports), (0, before), "nobody asks for them");
+    for fill in 6..10 {
+        assert_eq!(read(&pipe, Some(PATIENCE)).map(|(fill, _)| fill), Ok(fill));
+    }
+}
+
+/// WIN-67 A program that reads now and then, and one that may not leave its reports unread: reads are under way at all times.
 #[test]
 fn others_never_rest() {
     let world = FakeWindows::new(vec![BOARD]);
     let counts = open_with(world, LIMITS).expect("it opens");
     let reader = FakeWindows::new(vec![BOARD]);
     let reads = open_with(reader, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
-    let seldom = FakeWindows::new(vec![BOARD]);
-    let writes_seldom = open_with(seldom, PipeOptions { may_pause_input: true, ..LIMITS }).expect("it opens");
     for round in 0..500 {
         for pipe in [&counts, &reads] {
             pipe.write(&[1; REPORT_LEN], None).expect("it takes it");
         }
-        if round % 10 == 0 {
-            assert_eq!(writes_seldom.write(&[1; REPORT_LEN], None), Ok(()));
-            let _ = read(&reads, Some(Duration::ZERO));
-        }
-        [world, reader, seldom].iter().for_each(|world| world.send(0, &[round as u8; REPORT_LEN]));
+        let _ = read(&reads, Some(Duration::ZERO));
+        [world, reader].iter().for_each(|world| world.send(0, &[round as u8; REPORT_LEN]));
         thread::sleep(Duration::from_millis(1));
     }
-    in_time(move || [world, reader, seldom].iter().for_each(|world| world.until_pending(TRANSFERS)));
+    let _ = read(&reads, Some(Duration::ZERO));
+    in_time(move || [world, reader].iter().for_each(|world| world.until_pending(TRANSFERS)));
     assert_eq!(counts.stats().dropped, 500 - QUEUE as u64);
 }

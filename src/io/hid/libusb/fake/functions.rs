@@ -1,13 +1,15 @@
 //! The functions of the simulated libusb.
 
 use std::ffi::{c_int, c_uchar, c_uint, c_void};
+use std::os::fd::AsRawFd as _;
 use std::ptr;
 use std::time::Duration;
 
 use super::super::REPORT_LEN;
 use super::super::api::{
     Api, ConfigurationDescriptor, DeviceDescriptor, EndpointDescriptor, HIGH_SPEED, INTERRUPT, INTERRUPTED,
-    InterfaceDescriptor, InterfaceSettings, RawContext, RawDevice, RawHandle, RawTransfer, TIMEOUT, status,
+    InterfaceDescriptor, InterfaceSettings, PollDescriptor, RawContext, RawDevice, RawHandle, RawTransfer, TIMEOUT,
+    status,
 };
 use super::{Ending, FakeUsb, NEXT, NO_DEVICE, PRODUCT, Takes, VENDOR, report_of, to_host};
 
@@ -51,6 +53,8 @@ pub(super) const FAKE: Api = Api {
     cancel,
     handle_events,
     interrupt,
+    descriptors,
+    free_descriptors,
     bulk_transfer: packet,
     interrupt_transfer: packet,
 };
@@ -252,6 +256,7 @@ unsafe extern "C" fn submit(transfer: *mut RawTransfer) -> c_int {
         } else {
             inside.output(transfer);
         }
+        inside.ring();
     });
     world.changed.notify_all();
     code(done)
@@ -284,6 +289,7 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
     inside.event_waits += 1;
     if inside.signals > 0 {
         inside.signals -= 1;
+        inside.ring();
         return INTERRUPTED;
     }
     // A wait that is not interrupted never ends, so that a test notices it.
@@ -296,10 +302,12 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
     }
     if inside.event_errors > 0 {
         inside.event_errors -= 1;
+        inside.ring();
         return IO;
     }
     inside.interrupted = false;
     let endings = std::mem::take(&mut inside.endings);
+    inside.ring();
     drop(inside);
     for Ending { transfer, status, moved, bytes } in endings {
         // SAFETY: libusb has the transfer and its buffer, and gives both back by this call.
@@ -316,6 +324,18 @@ unsafe extern "C" fn handle_events(context: *mut RawContext, limit: *mut libc::t
 unsafe extern "C" fn interrupt(context: *mut RawContext) {
     world(context).with(|inside| inside.interrupted = true);
 }
+
+unsafe extern "C" fn descriptors(context: *mut RawContext) -> *const *const PollDescriptor {
+    let inside = world(context).inside.lock();
+    let Some((read, _)) = &inside.bell else { return ptr::null() };
+    let one = PollDescriptor { descriptor: read.as_raw_fd(), events: libc::POLLIN };
+    // Small, and freed with the test program.
+    let list: &[*const PollDescriptor; 2] =
+        Box::leak(Box::new([Box::into_raw(Box::new(one)).cast_const(), ptr::null()]));
+    list.as_ptr()
+}
+
+unsafe extern "C" fn free_descriptors(_list: *const *const PollDescriptor) {}
 
 unsafe extern "C" fn packet(
     handle: *mut RawHandle,

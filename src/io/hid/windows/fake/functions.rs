@@ -279,7 +279,12 @@ unsafe extern "system" fn hid_class(class: *mut Guid) {
 }
 
 unsafe extern "system" fn preparsed(handle: Handle, preparsed: *mut Preparsed) -> u8 {
-    world(handle).with(|inside| inside.leaked += 1);
+    if !world(handle).with(|inside| {
+        inside.leaked += isize::from(inside.gone.is_none());
+        inside.gone.is_none()
+    }) {
+        return 0;
+    }
     // SAFETY: the caller's place for it.
     unsafe { *preparsed = handle };
     1

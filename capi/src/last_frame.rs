@@ -1,0 +1,159 @@
+//! The frame that was moved last, in either direction.
+//!
+//! The vendor's library has one static buffer for both directions, and a read copies it to the caller whatever has become of
+//! the read. So a program that looks at the state byte or at the CRC, and not at the result, sees its own last command once
+//! its board is gone, and not for ever the last state of a machine that is not there any more.
+//!
+//! A thread may be ended by force while it copies. It holds nothing then that another thread waits for: the place that it was
+//! writing to is not used any more, and there are others.
+
+use std::sync::atomic::{AtomicU64, Ordering, fence};
+
+use ecmsk::sk::{FRAME_LEN, Frame};
+
+/// More places than threads that move frames at the same moment. \[OURS]
+const PLACES: usize = 8;
+/// How often a frame is copied anew that was replaced meanwhile. \[OURS]
+const TRIES: usize = 100;
+/// In [`Place::number`]: a thread writes there, or was ended while it did.
+const WRITING: u64 = u64::MAX;
+const WORD: usize = size_of::<u64>();
+const WORDS: usize = FRAME_LEN / WORD;
+
+/// The last frames with their numbers, of which the greatest is the last one's.
+pub struct LastFrame {
+    places: [Place; PLACES],
+    numbers: AtomicU64,
+}
+
+struct Place {
+    /// The frame's number from 1; 0 for none.
+    number: AtomicU64,
+    words: [AtomicU64; WORDS],
+}
+
+impl Place {
+    const fn new() -> Self {
+        Self { number: AtomicU64::new(0), words: [const { AtomicU64::new(0) }; WORDS] }
+    }
+}
+
+/// The frame that [`ECMUSBWrite`](crate::exported::vendor::ECMUSBWrite) or [`ECMUSBRead`](crate::exported::vendor::ECMUSBRead)
+/// has moved last. It is the process's, as the vendor's is, and stays when the board is closed.
+pub static LAST_FRAME: LastFrame = LastFrame::new();
+
+impl LastFrame {
+    /// As the vendor's buffer begins, all 0. \[OURS]
+    pub const fn new() -> Self {
+        Self { places: [const { Place::new() }; PLACES], numbers: AtomicU64::new(0) }
+    }
+
+    /// Keeps the frame as the last one.
+    pub fn keep(&self, frame: &Frame) {
+        let number = self.numbers.fetch_add(1, Ordering::Relaxed) + 1;
+        // The place of the frame before stays as it is, for who reads it meanwhile.
+        let from = (number % PLACES as u64) as usize;
+        for place in self.places[from..].iter().chain(&self.places[..from]) {
+            if place.number.swap(WRITING, Ordering::Acquire) == WRITING {
+                continue;
+            }
+            fence(Ordering::Release);
+            for (word, bytes) in place.words.iter().zip(frame.bytes().as_chunks::<WORD>().0) {
+                word.store(u64::from_ne_bytes(*bytes), Ordering::Relaxed);
+            }
+            place.number.store(number, Ordering::Release);
+            return;
+        }
+        // All places are of other threads that move a frame at this moment; one of those frames is the last one.
+    }
+
+    /// The frame that was kept last.
+    pub fn get(&self) -> Frame {
+        let mut frame = Frame::new();
+        for _ in 0..TRIES {
+            let numbered = |place: &Place| {
+                let number = place.number.load(Ordering::Acquire);
+                if number == WRITING { 0 } else { number }
+            };
+            let Some((place, number)) = self.places.iter().map(|place| (place, numbered(place))).max_by_key(|of| of.1)
+            else {
+                break;
+            };
+            for (word, bytes) in place.words.iter().zip(frame.bytes_mut().as_chunks_mut::<WORD>().0) {
+                *bytes = word.load(Ordering::Relaxed).to_ne_bytes();
+            }
+            fence(Ordering::Acquire);
+            if place.number.load(Ordering::Relaxed) == number {
+                return frame;
+            }
+        }
+        // Other threads move frames faster than this one copies: rather none than parts of two.
+        Frame::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::thread;
+
+    use super::*;
+
+    fn filled(with: u8) -> Frame {
+        Frame::from_bytes([with; FRAME_LEN])
+    }
+
+    /// LIB-54 Before any frame it is all 0; then it is the last one.
+    #[test]
+    fn the_last_frame_is_kept() {
+        let last = LastFrame::new();
+        assert_eq!(last.get(), Frame::new());
+        for with in 1..=100 {
+            last.keep(&filled(with));
+            assert_eq!(last.get(), filled(with));
+        }
+    }
+
+    /// LIB-54 However many threads keep frames, one gets a whole one.
+    #[test]
+    fn no_frame_is_of_two() {
+        let (last, ended) = (LastFrame::new(), AtomicBool::new(false));
+        thread::scope(|scope| {
+            for with in 1..=3_u8 {
+                let (last, ended) = (&last, &ended);
+                scope.spawn(move || {
+                    for n in (0..60).cycle() {
+                        last.keep(&filled(with + 4 * n));
+                        if ended.load(Ordering::Relaxed) {
+                            break;
+                        }
+                    }
+                });
+            }
+            for _ in 0..20_000 {
+                let frame = last.get();
+                assert!(frame.bytes().iter().all(|byte| *byte == frame.bytes()[0]), "{:?}", frame.bytes());
+            }
+            ended.store(true, Ordering::Relaxed);
+        });
+    }
+
+    /// LIB-70 A thread that was ended while it kept a frame takes nothing with it but that frame.
+    #[test]
+    fn a_thread_that_was_ended_holds_nothing() {
+        let last = LastFrame::new();
+        for with in 1..=PLACES as u8 {
+            last.keep(&filled(with));
+            // As it stands when the thread is ended between two words.
+            let newest = last.places.iter().max_by_key(|place| place.number.load(Ordering::Relaxed)).unwrap();
+            if with < PLACES as u8 {
+                let other = last
+                    .places
+                    .iter()
+                    .find(|place| !std::ptr::eq(*place, newest) && place.number.load(Ordering::Relaxed) != WRITING);
+                other.unwrap().number.store(WRITING, Ordering::Relaxed);
+            }
+            assert_eq!(last.get(), filled(with));
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A system that has no memory left. Rust ends a process that asks for memory in vain, and a program that moves axes must not end
+//! because of that. So a call that needs much of it, Open and the first write and the first read of a thread, looks first
+//! whether there is enough, and fails if not. The calls after these need none.
+
+use std::alloc::{Layout, alloc, dealloc};
+use std::hint::black_box;
+use std::ptr::null_mut;
+use std::sync::atomic::{AtomicPtr, Ordering};
+
+use crate::error::CallError;
+
+/// What opening a board takes at most: its queues, its slaves, the connection to a server, and the stacks of its threads. \[OURS]
+pub(crate) const OPEN_BYTES: usize = 16 * 1024 * 1024;
+/// What the first call of a thread takes at most. \[OURS]
+pub(crate) const FIRST_CALL_BYTES: usize = 256 * 1024;
+
+/// Memory that is there for a call that fails for want of it: for its error and for the text of that. \[OURS]
+const KEPT: Layout = Layout::new::<[u8; 64 * 1024]>();
+static KEPT_AT: AtomicPtr<u8> = AtomicPtr::new(null_mut());
+
+/// Checks that so much memory can be had.
+///
+/// # Errors
+/// [`CallError::Memory`].
+pub fn check(bytes: usize) -> Result<(), Box<CallError>> {
+    let kept = keep();
+    let mut wanted = Vec::<u8>::new();
+    let there = kept && wanted.try_reserve_exact(bytes).is_ok();
+    // So that the compiler does not leave it out.
+    black_box(wanted.as_ptr());
+    drop(wanted);
+    if there {
+        return Ok(());
+    }
+    let kept = KEPT_AT.swap(null_mut(), Ordering::AcqRel);
+    if !kept.is_null() {
+        // SAFETY: it came from `keep` with this layout, and nobody else has it now.
+        unsafe { dealloc(kept, KEPT) };
+    }
+    Err(CallError::Memory.into())
+}
+
+/// Keeps the memory for errors; whether it is there.
+fn keep() -> bool {
+    if !KEPT_AT.load(Ordering::Acquire).is_null() {
+        return true;
+    }
+    // SAFETY: the layout has a size.
+    let new = unsafe { alloc(KEPT) };
+    if new.is_null() {
+        return false;
+    }
+    if KEPT_AT.compare_exchange(null_mut(), new, Ordering::AcqRel, Ordering::Acquire).is_err() {
+        // Another thread was faster.
+        // SAFETY: it was made above and nobody else has it.
+        unsafe { dealloc(new, KEPT) };
+    }
+    true
+}
+
+/// Functions in this section run when the library is loaded, while there is memory.
+#[cfg(target_os = "linux")]
+#[used]
+#[unsafe(link_section = ".init_array")]
+static AT_START: extern "C" fn() = at_start;
+
+#[cfg(target_os = "linux")]
+extern "C" fn at_start() {
+    keep();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// LIB-72 More than there can be is not there, and the next call looks anew.
+    #[test]
+    fn what_is_not_there_is_an_error() {
+        for _ in 0..3 {
+            assert_eq!(check(usize::MAX / 4), Err(CallError::Memory.into()));
+            assert_eq!(check(FIRST_CALL_BYTES), Ok(()));
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Which thread does something that other threads wait for. Programs end their threads as they like: a watchdog ends one that
+//! waits in a read (`TerminateThread`), and a handler of a signal may end the thread that it has interrupted. What such a
+//! thread has begun in this crate another one takes over.
+
+/// A thread that is in a call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Caller(imp::Thread);
+
+impl Caller {
+    /// The thread that calls this.
+    pub fn current() -> Self {
+        Self(imp::Thread::current())
+    }
+
+    /// Whether the thread does not exist any more.
+    pub fn is_gone(&self) -> bool {
+        self.0.is_gone()
+    }
+}
+
+#[cfg(target_os = "linux")]
+mod imp {
+    use rustix::io::Errno;
+    use rustix::thread::Pid;
+
+    /// A thread by its number. Linux gives a number away again only after all others.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Thread(Pid);
+
+    impl Thread {
+        // It asks the system each time: what a thread keeps of its number is its parent's in a child of fork.
+        pub fn current() -> Self {
+            Self(rustix::thread::gettid())
+        }
+
+        pub fn is_gone(self) -> bool {
+            let process = rustix::process::getpid().as_raw_nonzero().get();
+            // SAFETY: signal 0 is sent to nobody; the call only looks whether the thread is there.
+            let found = unsafe { libc::syscall(libc::SYS_tgkill, process, self.0.as_raw_nonzero().get(), 0) };
+            found != 0 && std::io::Error::last_os_error().raw_os_error() == Some(Errno::SRCH.raw_os_error())
+        }
+    }
+}
+
+#[cfg(windows)]
+mod imp {
+    use std::cell::Cell;
+    use std::ffi::c_void;
+    use std::ptr;
+
+    type Handle = *mut c_void;
+
+    /// `SYNCHRONIZE | THREAD_QUERY_LIMITED_INFORMATION`
+    const ACCESS: u32 = 0x0010_0800;
+
+    /// A thread by its number, which Windows soon gives to another one, and by when it was made.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Thread {
+        number: u32,
+        made: u64,
+    }
+
+    impl Thread {
+        pub fn current() -> Self {
+            thread_local! {
+                static OWN: Cell<Option<Thread>> = const { Cell::new(None) };
+            }
+            OWN.get().unwrap_or_else(|| {
+                // SAFETY: the functions have no conditions; the handle stands for the calling thread and need not be closed.
+                let own = unsafe { Self { number: GetCurrentThreadId(), made: made(GetCurrentThread()) } };
+                OWN.set(Some(own));
+                own
+            })
+        }
+
+        pub fn is_gone(self) -> bool {
+            // SAFETY: the functions have no conditions; the handle is closed once.
+            unsafe {
+                let handle = OpenThread(ACCESS, 0, self.number);
+                if handle.is_null() {
+                    return true;
+                }
+                // A thread that has ended is signalled, which is 0.
+                let gone = WaitForSingleObject(handle, 0) == 0 || made(handle) != self.made;
+                CloseHandle(handle);
+                gone
+            }
+        }
+    }
+
+    /// When a thread was made.
+    ///
+    /// # Safety
+    /// `thread` is the handle of a thread.
+    unsafe fn made(thread: Handle) -> u64 {
+        let mut times = [0_u64; 4];
+        let [made, ended, kernel, user] = &mut times;
+        // SAFETY: each place has room for one FILETIME of 8 bytes.
+        unsafe {
+            GetThreadTimes(
+                thread,
+                ptr::from_mut(made),
+                ptr::from_mut(ended),
+                ptr::from_mut(kernel),
+                ptr::from_mut(user),
+            )
+        };
+        times[0]
+    }
+
+    #[link(name = "kernel32")]
+    unsafe extern "system" {
+        fn GetCurrentThreadId() -> u32;
+        fn GetCurrentThread() -> Handle;
+        fn OpenThread(access: u32, inherit: i32, number: u32) -> Handle;
+        fn WaitForSingleObject(handle: Handle, limit_ms: u32) -> u32;
+        fn GetThreadTimes(thread: Handle, made: *mut u64, ended: *mut u64, kernel: *mut u64, user: *mut u64) -> i32;
+        fn CloseHandle(handle: Handle) -> i32;
+    }
+}
+
+/// Other systems do not tell.
+#[cfg(not(any(target_os = "linux", windows)))]
+mod imp {
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Thread;
+
+    impl Thread {
+        pub const fn current() -> Self {
+            Self
+        }
+
+        pub const fn is_gone(self) -> bool {
+            false
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+    use std::thread;
+
+    use super::*;
+
+    /// LIB-70 A thread is there until it has ended.
+    #[test]
+    fn a_thread_that_has_ended_is_gone() {
+        let (caller, told) = mpsc::channel();
+        let (ends, wait) = mpsc::channel::<()>();
+        let other = thread::spawn(move || {
+            caller.send(Caller::current()).expect("the test waits for it");
+            let _ = wait.recv();
+        });
+        let other_caller = told.recv().expect("it tells");
+        assert!(!other_caller.is_gone() && !Caller::current().is_gone());
+        assert_ne!(other_caller, Caller::current());
+        drop(ends);
+        other.join().expect("no panic");
+        #[cfg(any(target_os = "linux", windows))]
+        while !other_caller.is_gone() {
+            thread::yield_now();
+        }
+        assert!(!Caller::current().is_gone());
+    }
+}

@@ -1,0 +1,110 @@
+/* Threads that are ended by force while they wait in the library, which frees nothing of them: every other thread reads and
+ * writes, closes and opens, as if they had never been there. With the argument `cancel` threads are cancelled, which stay in
+ * their calls until those end. */
+#define _GNU_SOURCE
+#include "check.h"
+
+#include <pthread.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+enum { ROUNDS = 6, CYCLE_US = 100000 };
+
+static volatile int reads;
+static volatile pid_t number;
+
+/* Ends the thread that it has interrupted, and nothing else. */
+static void end_thread(int signal)
+{
+    (void)signal;
+    syscall(SYS_exit, 0);
+}
+
+static void *reader(void *buffer)
+{
+    number = (pid_t)syscall(SYS_gettid);
+    while (ECMUSBRead((unsigned char *)buffer, 512)) {
+        reads++;
+        pthread_testcancel();
+    }
+    return NULL;
+}
+
+static void pause_ms(unsigned ms) { usleep(ms * 1000); }
+
+static bool is_gone(void) { return syscall(SYS_tgkill, getpid(), number, 0) != 0; }
+
+static pthread_t start(unsigned char *buffer)
+{
+    pthread_t thread;
+    reads = 0;
+    CHECK(pthread_create(&thread, NULL, reader, buffer) == 0);
+    while (reads == 0) {
+        pause_ms(1);
+    }
+    /* The next report is far: it waits in the call by then. */
+    pause_ms(20);
+    return thread;
+}
+
+/* What a program does next. */
+static void goes_on(void)
+{
+    CHECK(write_command());
+    CHECK(read_response());
+    CHECK(write_command());
+    CHECK(read_response());
+}
+
+int main(int count, char **arguments)
+{
+    static unsigned char buffers[2][512];
+    int round;
+    bool by_cancel = count > 1 && strcmp(arguments[1], "cancel") == 0;
+
+    signal(SIGUSR2, end_thread);
+    CHECK(OpenECMUSB());
+    CHECK(master(SET_DC, 0, CYCLE_US, 0xFFFF));
+    declare_drives();
+    go_to(STATE_OPERATIONAL);
+    for (round = 0; round < ROUNDS; round++) {
+        /* One that waits, and in every second round another one behind it. */
+        pthread_t first = start(buffers[0]);
+        pid_t first_number = number;
+        if (by_cancel) {
+            /* It stays in its call, which harms nobody, and ends with it. */
+            CHECK(pthread_cancel(first) == 0);
+        } else {
+            CHECK(pthread_kill(first, SIGUSR2) == 0);
+            while (!is_gone()) {
+                pause_ms(1);
+            }
+            if (round % 2 == 1) {
+                pthread_t second = start(buffers[1]);
+                CHECK(number != first_number);
+                CHECK(pthread_kill(second, SIGUSR2) == 0);
+                while (!is_gone()) {
+                    pause_ms(1);
+                }
+            }
+        }
+        if (round % 3 != 2) {
+            goes_on();
+        }
+        if (round % 3 != 1) {
+            /* Close, and the next Open. */
+            CloseECMUSB();
+            if (by_cancel) {
+                CHECK(pthread_join(first, NULL) == 0);
+            }
+            CHECK(!read_response());
+            CHECK(OpenECMUSB());
+            goes_on();
+        }
+    }
+    CloseECMUSB();
+    CHECK(!write_command());
+    puts("ok");
+    return 0;
+}

@@ -1,0 +1,90 @@
+/* Watchdogs of old programs end a thread by TerminateThread that waits in ECMUSBRead. Everything goes on: reads and writes of
+ * other threads, Close, and the next Open. The argument says whether the board sends `reports` or is `silent`. */
+#include "../../c/check.h"
+
+#include <windows.h>
+
+enum { ROUNDS = 12 };
+
+static volatile LONG waiting;
+static bool silent;
+
+static DWORD WINAPI reader(LPVOID buffer)
+{
+    InterlockedIncrement(&waiting);
+    while (ECMUSBRead((unsigned char *)buffer, 512)) {
+    }
+    return 0;
+}
+
+static HANDLE start(unsigned char *buffer)
+{
+    HANDLE thread;
+    waiting = 0;
+    thread = CreateThread(NULL, 0, reader, buffer, 0, NULL);
+    CHECK(thread != NULL);
+    while (!waiting) {
+        Sleep(1);
+    }
+    /* It waits in the call by then. */
+    Sleep(50);
+    return thread;
+}
+
+static void terminate(HANDLE thread)
+{
+    CHECK(TerminateThread(thread, 1));
+    CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+    CloseHandle(thread);
+}
+
+static void open_board(void)
+{
+    while (!OpenECMUSB()) {
+        Sleep(100);
+    }
+}
+
+/* What a program does next. On a silent board a read ends by Close alone. */
+static void goes_on(void)
+{
+    CHECK(write_command());
+    if (silent) {
+        static unsigned char buffer[512];
+        HANDLE thread = start(buffer);
+        CloseECMUSB();
+        CHECK(WaitForSingleObject(thread, INFINITE) == WAIT_OBJECT_0);
+        CloseHandle(thread);
+        open_board();
+    } else {
+        CHECK(read_response());
+    }
+    CHECK(write_command());
+}
+
+int main(int count, char **arguments)
+{
+    static unsigned char buffers[2][512];
+    int round;
+    silent = count > 1 && strcmp(arguments[1], "silent") == 0;
+    open_board();
+    for (round = 0; round < ROUNDS; round++) {
+        HANDLE first = start(buffers[0]), second = round % 2 ? start(buffers[1]) : NULL;
+        terminate(first);
+        if (second != NULL) {
+            terminate(second);
+        }
+        if (round % 3 != 2) {
+            goes_on();
+        }
+        if (round % 3 != 1) {
+            CloseECMUSB();
+            CHECK(!write_command());
+            open_board();
+            goes_on();
+        }
+    }
+    CloseECMUSB();
+    puts("ok");
+    return 0;
+}

@@ -181,17 +181,14 @@ mod needs_cxx {
     }
 
     /// LIB-70 A thread that is ended by force while it waits in a read, and one that is cancelled there: read, write, Close and
-    /// the next Open go on, with a recording, too, and on a board that another process serves.
+    /// the next Open go on, with a recording, too.
     #[test]
     fn a_thread_that_is_gone_hinders_nobody() {
         let file = out_dir().join("gone.pcapng");
-        let server = support::tcp::serve("sim:?slaves=drive*2&clock=real").0;
         let links = [
             CLOCKS[1].to_owned(),
             format!("{}&record={}", CLOCKS[1], file.display()),
             format!("{}&fault.delay.read=1&fault.delay_ms=50", CLOCKS[1]),
-            support::tcp::uri(&server, ""),
-            support::tcp::uri(&server, &format!("record={}", file.display())),
         ];
         for link in &links {
             passes("gone", link, &[]);

@@ -142,7 +142,7 @@ fn operator_panel() {
 /// The programs of the folder that are none on this API: `tests/spi/example.rs` and `tests/xf_api/example.rs` run them.
 const ELSEWHERE: [&str; 2] = ["spi_board", "xf_two_axes"];
 /// The lines of a program; one for a chip has to say more.
-const LINES: [(&str, usize); 2] = [("xf_", 120), ("", 70)];
+const LINES: [(&str, usize); 3] = [("xf_", 120), ("spi_board", 120), ("", 70)];
 
 /// API-32 Every program of the folder is one of these, and is short.
 #[test]

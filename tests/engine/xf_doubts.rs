@@ -84,7 +84,7 @@ fn bus(
     let (clock, during) = (line.clock.clone(), Arc::<Mutex<Range<Ns>>>::default());
     let wires = Silent { line, during: during.clone(), silence };
     let config = HostConfig { size: Some(Profile::NEW.size), ..HostConfig::DEFAULT };
-    (XfBus::new(wires, config, XfBusOptions::DEFAULT), clock, during)
+    (XfBus::new(wires, config, XfBusOptions { size_is_fixed: true, ..XfBusOptions::DEFAULT }), clock, during)
 }
 
 /// So much later nothing comes back any more.

@@ -37,7 +37,7 @@ enum Otherwise {
 }
 
 /// Programs of which `compare` says that they are not the same, what it finds first, and the row.
-const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 15] = [
+const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 16] = [
     ("cpp", "alarm_recovery", Otherwise::Alarm, Row::Start),
     ("cpp", "habit_reader_writer_threads", Otherwise::Position, Row::Latency),
     ("cpp", "habit_tight_writer", Otherwise::Lost, Row::Latency),
@@ -53,6 +53,7 @@ const SEEN_OTHERWISE: [(&str, &str, Otherwise, Row); 15] = [
     ("rust", "csv_cst", Otherwise::Position, Row::Latency),
     ("rust", "hsp", Otherwise::Command, Row::Latency),
     ("rust", "operator_panel", Otherwise::State, Row::Latency),
+    ("rust", "two_axes", Otherwise::Position, Row::Latency),
 ];
 
 /// Programs with threads of their own: virtual time passes as these are scheduled, so that they may be the same, too.

@@ -22,7 +22,8 @@ fn frames(program: &Program) -> Frames {
 /// The program on a board.
 static BOARD: LazyLock<Frames> = LazyLock::new(|| frames(&Program::default()));
 /// The same with the slaves behind a chip.
-static CHIP: LazyLock<Frames> = LazyLock::new(|| frames(&Program { scheme: "xf-sim", ..Program::default() }));
+static CHIP: LazyLock<Frames> =
+    LazyLock::new(|| frames(&Program { scheme: "xf-sim", keys: "&use_n=1024".into(), ..Program::default() }));
 
 fn with(options: &Options, a: &Frames, b: &Frames) -> Comparison {
     compare(a.clone(), b.clone(), SIZE, options)

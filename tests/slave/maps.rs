@@ -284,24 +284,24 @@ fn maps_of_other_masters_are_taken() {
         drive.enter(SafeOp).unwrap_or_else(|status| panic!("{}: {status}", wanted.name));
         drive.enter(Op).unwrap_or_else(|status| panic!("{}: {status}", wanted.name));
         let (mut outputs, mut inputs) = (vec![0; out], vec![0; back]);
-        put(&mut outputs, wanted.rx, 0x6072_00, 3000);
-        put(&mut outputs, wanted.rx, 0x607D_01, u64::from(i32::MIN as u32));
-        put(&mut outputs, wanted.rx, 0x607D_02, u64::from(i32::MAX as u32));
-        for (object, value) in [(0x6081_00, 1), (0x6083_00, 1), (0x6084_00, 1), (0x6085_00, 1)] {
+        put(&mut outputs, wanted.rx, 0x0060_7200, 3000);
+        put(&mut outputs, wanted.rx, 0x0060_7D01, u64::from(i32::MIN as u32));
+        put(&mut outputs, wanted.rx, 0x0060_7D02, u64::from(i32::MAX as u32));
+        for (object, value) in [(0x0060_8100, 1), (0x0060_8300, 1), (0x0060_8400, 1), (0x0060_8500, 1)] {
             put(&mut outputs, wanted.rx, object, value);
         }
         for word in [Controlword::SHUTDOWN, Controlword::SWITCH_ON, Controlword::ENABLE_OPERATION] {
-            put(&mut outputs, wanted.rx, 0x6040_00, word.0.into());
+            put(&mut outputs, wanted.rx, 0x0060_4000, word.0.into());
             for _ in 0..300 {
                 drive.exchange(Some(&outputs), &mut inputs);
                 drive.step(1_000_000);
             }
         }
-        let word = Statusword(get(&inputs, wanted.tx, 0x6041_00).expect("a statusword") as u16);
+        let word = Statusword(get(&inputs, wanted.tx, 0x0060_4100).expect("a statusword") as u16);
         assert_eq!(word.state(), Some(DriveState::OperationEnabled), "{}", wanted.name);
-        let position = get(&inputs, wanted.tx, 0x6064_00).expect("a position") as u32;
+        let position = get(&inputs, wanted.tx, 0x0060_6400).expect("a position") as u32;
         assert_eq!(position, read(&mut drive, 0x6064, 0).unwrap(), "{}", wanted.name);
-        for (object, value) in [(0x2401_00, 11), (0x2404_00, 14), (0x2702_00, 15), (0x2100_00, 1)] {
+        for (object, value) in [(0x0024_0100, 11), (0x0024_0400, 14), (0x0027_0200, 15), (0x0021_0000, 1)] {
             if let Some(found) = get(&inputs, wanted.tx, object) {
                 assert_eq!(found, value, "{}: an object of the maker", wanted.name);
             }
@@ -432,7 +432,7 @@ fn objects_of_the_profile() {
         let len = drive.read(ObjectAddress::new(index, sub), SdoScope::Entry, &mut [0; 64]);
         let is_text = matches!(index, 0x1008..=0x100A);
         assert!(len.is_ok_and(|len| len == usize::from(bytes) || is_text && len >= 3), "0x{index:04X}:{sub}: {len:?}");
-        let entry = u32::from(index) << 16 | u32::from(sub) << 8 | u32::from(bytes) * 8;
+        let entry = u32::from(index) << 16 | u32::from(sub) << 8 | (u32::from(bytes) * 8);
         for (pdo, letter) in [(0x1600, 'r'), (0x1A00, 't')] {
             write(&mut drive, pdo, 0, &[0]).expect("PreOP");
             let taken = write(&mut drive, pdo, 1, &entry.to_le_bytes()).is_ok();

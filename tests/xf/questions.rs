@@ -94,7 +94,9 @@ fn every_decision_has_its_question() {
     for place in &of_bus {
         let (file, name) = place.split_once(": ").expect("a file and a name");
         let source = fs::read_to_string(root().join("src").join(file)).expect("its source");
-        let (above, _) = source.split_once(&format!("fn {name}(")).unwrap_or_else(|| panic!("nothing is {place}"));
+        let begins = [format!("fn {name}("), format!("const {name}:")];
+        let (above, _) =
+            begins.iter().find_map(|begin| source.split_once(begin)).unwrap_or_else(|| panic!("nothing is {place}"));
         let (above, _) = above.rsplit_once('\n').expect("lines before it");
         let comment: Vec<&str> = above.lines().rev().take_while(|line| line.trim().starts_with("///")).collect();
         assert!(comment.iter().any(|line| line.contains("[OURS]")), "{place} is no decision");

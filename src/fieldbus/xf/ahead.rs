@@ -34,7 +34,7 @@ impl<W: Wires> XfBus<W> {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
     }
 
-    /// Begins, or goes on, if nobody asks anything of the bus.
+    /// Begins, or goes on, if nobody asks anything of the bus. \[OURS] RECONFIG_OP may come long before SafeOP, and SDOs after it.
     pub(super) fn go_ahead(&mut self, now: Ns) {
         let Some(config) = self.ahead.declared else { return };
         if self.sdo.is_some() {

@@ -153,7 +153,8 @@ fn eeproms_that_are_not_read() {
     let mut pair = in_state(EtherCatState::Init);
     let read = pair.read(&eeprom(0, 0xFFFE, EepromOperation::Read), &EepromGet, |answer| answer.data.to_vec());
     assert_eq!(read, Ok(vec![0xFF; 4]));
-    fails(&mut pair, &eeprom(0, 0xFFFE, EepromOperation::Write(1)));
+    // One that acknowledges nothing may be busy for 100 ms.
+    fails(&mut pair, &EepromRequest { timeout_us: 300_000, ..eeprom(0, 0xFFFE, EepromOperation::Write(1)) });
     assert_eq!(pair.get(&EepromGet, |answer| (answer.error, answer.data.len())), (3, 0));
     pair.is_refused(&eeprom(3, 0, EepromOperation::Read));
     fails(&mut pair, &EepromRequest { timeout_us: 0, ..eeprom(0, 0, EepromOperation::Read) });

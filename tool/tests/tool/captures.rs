@@ -125,7 +125,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     let json = tool("replay", &capture.file, &[&model[..], &["--json"]].concat());
     let found: serde_json::Value = serde_json::from_str(&json.out).expect("an object");
     let waited = found["waited_ns"].as_i64().expect("a number");
-    assert!((200_000_000..900_000_000).contains(&waited), "{found}");
+    assert!((100_000_000..900_000_000).contains(&waited), "{found}");
     let ran = tool("replay", &capture.file, &[&model[..], &["--pace", "times"]].concat());
     assert_eq!((ran.code, ran.err.as_str()), (Some(1), ""));
     assert!(ran.out.contains("state OP in A, PreOP in B"), "{}", ran.out);

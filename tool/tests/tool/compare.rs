@@ -116,6 +116,9 @@ fn the_latency_of_a_chip_is_told() {
     assert!(cycles("commands") >= 4 && latency["stretches"][0]["from_command"] == 4, "{found}");
     assert_eq!((&found["equal"], &found["b"]["gaps"]["count"]), (&true.into(), &0.into()));
     assert!(found["shifted_answers"].as_u64().is_some_and(|count| count > 0), "{found}");
+    // With long packets each answer is as late as all others.
+    let b = Program { scheme: "xf-sim", keys: "&use_n=1024".into(), ..Program::default() }.record();
+    let usual = compare(&a, &b, &["--json"]).json()["latency"]["usual_cycles"].as_i64().expect("a number");
     let late = compare(&a, &b, &["--latency", &(usual - 1).to_string(), "--json"]);
     assert_eq!(late.code, Some(1), "{}", late.out);
     assert_eq!(late.json()["first"]["what"][0]["of"], "late", "{}", late.out);

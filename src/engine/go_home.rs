@@ -78,7 +78,7 @@ impl Engine {
         Ok(())
     }
 
-    /// All slots of a frame are executed: its GO_HOMEs start together. SK-7 \[OURS]: an ABORT_HOME in the same frame keeps them
+    /// All slots of a frame are executed: each GO_HOME of it starts now, together with the others. SK-7 \[OURS]: an ABORT_HOME in the same frame keeps them
     /// from starting, whichever slot holds it.
     #[inline]
     pub(super) fn start_homing(&mut self) {

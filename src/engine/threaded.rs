@@ -196,7 +196,7 @@ impl Threaded {
         self.shared.handover.receive(out, limit.and_then(end_after))
     }
 
-    /// The same; each [`LOOK_INTERVAL`] that it waits calls `meanwhile`, without a lock.
+    /// The same; each 20 ms that it waits calls `meanwhile`, without a lock.
     ///
     /// # Errors
     /// [`Stop`].

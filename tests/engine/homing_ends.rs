@@ -130,7 +130,7 @@ fn an_abort_right_after_go_home() {
     }
 }
 
-/// SK-7.56 ABORT_HOME in any slot of a frame, the first or the last, keeps all GO_HOMEs of that frame from starting, and ends what
+/// SK-7.56 ABORT_HOME in any slot of a frame, the first or the last, keeps each GO_HOME of that frame from starting, and ends what
 /// was homing. Those are answered and counted, and the drives stay in mode 6: the next GO_HOME is one like any other.
 #[test]
 fn an_abort_in_the_frame_of_go_home() {

@@ -35,7 +35,7 @@ pub const fn identity<M: Model>() -> [Object<M>; 10] {
 const WITHOUT_DC: i64 = 0x4003;
 const WITH_DC: i64 = 0x4007;
 
-/// Objects 0x1C32 and 0x1C33 of a device with distributed clocks, see [`SyncTypes`](super::SyncTypes).
+/// Objects 0x1C32 and 0x1C33 of a device with distributed clocks, see `sync_types.rs`.
 pub const fn synchronization<M: Model>() -> [Object<M>; 24] {
     both(sync_type::<M, 0>(), sync_type::<M, 1>(), WITH_DC)
 }

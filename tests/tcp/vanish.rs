@@ -307,8 +307,7 @@ fn a_server_that_is_stopped() {
     .unwrap();
     let Wired { link, .. } = prepared(&server, &told);
     drive(link.as_ref(), 200);
-    let board = link::open(&uri, Share::ByName).unwrap();
-    let began = board.pass(Duration::ZERO).unwrap().unwrap();
+    let began = link.read(&mut Frame::new(), Wait::For(LIMIT)).unwrap().at;
     server.stop();
     told.wait("stand still");
     let lost = link.write(&Frame::new(), Wait::Forever).unwrap_err();

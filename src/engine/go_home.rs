@@ -55,8 +55,8 @@ impl Engine {
         ignored
     }
 
-    /// GO_HOME, which starts with the other slots of its frame, for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module of two channels with 12-byte slots only
-    /// axis 1 may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
+    /// GO_HOME, which starts with the other slots of its frame, for those axes of a slave whose 0x6060 / 0x6860 is 6. Of a module
+    /// of two channels with 12-byte slots only axis 1 may start, as every command there moves axis 1 alone (SK-3 \[OURS]).
     ///
     /// SK-7 \[OURS]: for a drive that SV_ON has not brought to Operation enabled the command is rejected and not kept, so
     /// that a later SV_ON does not start homing. If one of several axes is not enabled, none starts.
@@ -78,8 +78,8 @@ impl Engine {
         Ok(())
     }
 
-    /// All slots of a frame are executed: each GO_HOME of it starts now, together with the others. SK-7 \[OURS]: an ABORT_HOME in the same frame keeps them
-    /// from starting, whichever slot holds it.
+    /// All slots of a frame are executed: each GO_HOME of it starts now, together with the others. SK-7 \[OURS]: an ABORT_HOME in
+    /// the same frame keeps them from starting, whichever slot holds it.
     #[inline]
     pub(super) fn start_homing(&mut self) {
         let slaves = std::mem::take(&mut self.go_homes);

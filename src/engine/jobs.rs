@@ -85,13 +85,13 @@ impl Engine {
         }
         self.start_host_sdo(now, bus);
         self.start_restore_if_free(now, bus);
+        self.tell_declarations(now, bus);
     }
 
     fn start_restore_if_free(&mut self, now: Ns, bus: &mut dyn Fieldbus) {
         if self.job.is_none() && self.sdo_owner.is_none() {
             self.start_restore(now, bus);
         }
-        self.tell_declarations(now, bus);
     }
 
     /// Something was declared: the bus is told when nothing else follows.

@@ -119,9 +119,7 @@ impl SdoSlot {
     /// The transfer under way has ended: puts its answer into the slot. Which transfer it was.
     pub(super) fn finish(&mut self, result: Result<u32, AbortCode>) -> Option<SdoTransfer> {
         let transfer = self.running.take()?;
-        if self.waiting.is_none() {
-            self.waiting = self.held.take();
-        }
+        self.waiting = self.held.take();
         let (id, slave, object) = (transfer.id(), transfer.slave, transfer.object);
         self.answer = match result {
             // The answer to a download repeats all bytes of Data2 as they were sent, since programs compare them (LIB,

@@ -237,12 +237,7 @@ impl Axis {
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         if self.frozen.is_some() {
             // Nothing is drawn of what only seems to go on.
-            let lines = [&mut self.position, &mut self.torque, &mut self.difference];
-            let more = [&mut self.velocity, &mut self.commanded_velocity];
-            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
-            self.speeds.iter_mut().for_each(Speed::reset);
-            self.stands = None;
-            return;
+            return self.break_lines(at_ns);
         }
         let was_homing = self.states.is_homing();
         let change = self.states.report(at_ns, drive, aborted, is_drive);
@@ -263,12 +258,7 @@ impl Axis {
         }
         if !self.shows(drive.head.id) {
             // The line has a gap here.
-            let lines = [&mut self.position, &mut self.torque, &mut self.difference];
-            let more = [&mut self.velocity, &mut self.commanded_velocity];
-            lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
-            self.speeds.iter_mut().for_each(Speed::reset);
-            self.stands = None;
-            return;
+            return self.break_lines(at_ns);
         }
         let follows = drive.statusword.is_enabled();
         self.stands = Some((drive.position, follows));
@@ -316,10 +306,21 @@ impl Axis {
         let is_lost = self.frozen.as_ref().map(|frozen| frozen.is_lost);
         self.states.is_there(at_ns, is_lost);
         (self.frozen, self.failed_before, self.ignores) = (None, false, None);
+        self.interrupt_lines(at_ns);
+        self.states.interrupt(at_ns);
+    }
+
+    /// Every line has a gap here, and begins anew behind it.
+    fn break_lines(&mut self, at_ns: i64) {
+        self.interrupt_lines(at_ns);
+        self.speeds.iter_mut().for_each(Speed::reset);
+        self.stands = None;
+    }
+
+    fn interrupt_lines(&mut self, at_ns: i64) {
         let lines = [&mut self.position, &mut self.difference, &mut self.torque];
         let more = [&mut self.velocity, &mut self.commanded_velocity];
         lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
-        self.states.interrupt(at_ns);
     }
 
     /// The target in force, in units, while the drive follows it.

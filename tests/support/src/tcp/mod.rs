@@ -29,26 +29,24 @@ impl Told {
 
     /// Waits for a line with that in it.
     pub fn wait(&self, part: &str) -> String {
-        let began = Instant::now();
-        loop {
-            let lines = self.lines();
-            if let Some(line) = lines.iter().find(|line| line.contains(part)) {
-                return line.clone();
-            }
-            assert!(began.elapsed() < LIMIT, "no line with `{part}`: {lines:?}");
-            std::thread::sleep(Duration::from_millis(2));
-        }
+        let what = || format!("line with `{part}`: {:?}", self.lines());
+        until_told(what, || self.lines().into_iter().find(|line| line.contains(part)))
     }
 }
 
 /// Waits until `look` has something.
-pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+pub fn until<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
+    until_told(|| what.to_owned(), look)
+}
+
+/// The same; what it waits for is asked for when it does not come.
+fn until_told<T>(what: impl Fn() -> String, mut look: impl FnMut() -> Option<T>) -> T {
     let began = Instant::now();
     loop {
         if let Some(done) = look() {
             return done;
         }
-        assert!(began.elapsed() < LIMIT, "no {what}");
+        assert!(began.elapsed() < LIMIT, "no {}", what());
         std::thread::sleep(Duration::from_millis(2));
     }
 }

@@ -31,13 +31,18 @@ fn inputs_of(slave: usize) -> u32 {
     ((slave - 1) * (OUTPUTS + INPUTS) + OUTPUTS) as u32
 }
 
-/// A board in OP with these slaves as drives in CSP, at the end of a wire that lies.
-fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
+/// A board with these slaves at the end of a wire that lies.
+fn board(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
     let (network, lies) = (SimHandle::default(), Lies::default());
-    let count = slaves.len();
     let wires = ChainWires::new(slaves, network.clone()).expect("they have an EEPROM");
     let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
-    let mut host = Host::new(EngineConfig::default(), bus);
+    (Host::new(EngineConfig::default(), bus), lies, network)
+}
+
+/// A board in OP with these slaves as drives in CSP, at the end of a wire that lies.
+fn in_op(slaves: Vec<Box<dyn Slave>>) -> (Host, Lies, SimHandle) {
+    let count = slaves.len();
+    let (mut host, lies, network) = board(slaves);
     host.op(count);
     (host, lies, network)
 }
@@ -54,10 +59,7 @@ fn mute(lies: &Lies, slave: usize, slaves: u16) {
 
 /// Three drives in CSV at that speed, in counts/s.
 fn three_in_csv(velocity: i32) -> (Host, Lies, SimHandle) {
-    let (network, lies) = (SimHandle::default(), Lies::default());
-    let wires = ChainWires::new(drives(3), network.clone()).expect("they have an EEPROM");
-    let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
-    let mut host = Host::new(EngineConfig::default(), bus);
+    let (mut host, lies, network) = board(drives(3));
     host.declare_drives(3);
     for slave in 1..=3 {
         host.build(|frame, size| {
@@ -176,10 +178,7 @@ fn a_counter_that_is_too_low_for_no_reason_stops_all() {
 #[test]
 fn inputs_are_stale_after_ten_cycles_and_20_ms() {
     for (cycle_us, cycles) in [(250, 80), (500, 40), (2000, 10), (4000, 10)] {
-        let (network, lies) = (SimHandle::default(), Lies::default());
-        let wires = ChainWires::new(drives(3), network).expect("they have an EEPROM");
-        let bus = NicBus::new(LyingWires::new(wires, lies.clone()), Settings::default());
-        let mut host = Host::new(EngineConfig::default(), bus);
+        let (mut host, lies, _) = board(drives(3));
         let cycle = CycleTime::from_us(cycle_us).expect("one of the board's");
         host.declare_drives(3).master(MasterCommand::SetDc { cycle, shift: DcShift::Auto });
         host.go(MasterState::Op).drained().cycles(30);

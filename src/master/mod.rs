@@ -266,7 +266,15 @@ impl Master {
     /// Sends the frames of a cycle, and one frame beside them. The cycle before has ended then, with those of its frames that have
     /// come back.
     pub fn cycle(&mut self, now: Ns, wire: &mut (impl Wire + ?Sized)) {
-        self.receive(now, wire);
+        // Without a frame on the way what may have come is no answer, and is taken before the next one: each look at a card is a call
+        // of the system.
+        let is_awaited = self.bus.with(|shared| {
+            shared.now = shared.now.max(now);
+            shared.exchange.is_flying()
+        });
+        if is_awaited {
+            self.receive(now, wire);
+        }
         let Self { bus, process, .. } = self;
         bus.with(|shared| {
             shared.last_cycle = Some(shared.now);

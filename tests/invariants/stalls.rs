@@ -32,7 +32,7 @@ use bus::{Net, Told, net};
 use link::Stalling;
 
 /// Schedules of the test; `cargo xtask soak` asks for more.
-const SCHEDULES: u64 = 150;
+const SCHEDULES: u64 = 80;
 const SIZE: SlotSize = SlotSize::Bytes12;
 const MS: Duration = Duration::from_millis(1);
 /// Noise and friction may move a shaft that stands by so much, counts.

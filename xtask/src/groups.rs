@@ -20,11 +20,9 @@ const OTHERS: &[&str] =
 /// themselves, one test at a time. What they assert holds on a machine that is late, too.
 const REAL_CLOCK: &[&str] = &[
     "bus_on_card",
-    "ethercrab",
     "failing_calls",
     "failing_calls_on_card",
     "nic",
-    "pysoem",
     "ring",
     "runners",
     "spi",
@@ -33,6 +31,9 @@ const REAL_CLOCK: &[&str] = &[
     "usbip",
     "xf_port",
 ];
+
+/// Those of them that need a master of others, which is fetched and built first: `--all` alone runs them.
+const OTHER_MASTERS: &[&str] = &["ethercrab", "pysoem"];
 
 /// The group of which a part is on the machine's clock, and the parts of the names of its tests there.
 const TOOL: &str = "tool";
@@ -47,6 +48,8 @@ const QUICK_ON_REAL_CLOCK: &str = "runners";
 const LONG: &[&str] = &[
     "all_that_a_program_sees_is_the_same",
     "needs_tshark::",
+    "needs_valgrind::",
+    "programs_in_cpp_overcome_alarms_on_a_network_card",
     "programs_in_csharp_run_on_a_network_card",
     "python_programs_run_on_a_network_card",
     "rust_programs_run_on_a_network_card",
@@ -69,12 +72,19 @@ pub fn quick(site: &Site) -> Result<(), Error> {
 
 /// The groups that [`quick`] leaves out.
 pub fn not_quick() -> impl Iterator<Item = &'static str> {
-    OTHERS.iter().chain(REAL_CLOCK).chain([&TOOL]).copied().filter(|group| *group != QUICK_ON_REAL_CLOCK)
+    OTHERS
+        .iter()
+        .chain(REAL_CLOCK)
+        .chain(OTHER_MASTERS)
+        .chain([&TOOL])
+        .copied()
+        .filter(|group| *group != QUICK_ON_REAL_CLOCK)
 }
 
 /// The groups on the machine's clock.
 pub fn real_clock(site: &Site) -> Result<(), Error> {
-    run(site, &[REAL_CLOCK], &[], &["--test-threads=1"])?;
+    let others = if site.all { OTHER_MASTERS } else { &[] };
+    run(site, &[REAL_CLOCK, others], &[], &["--test-threads=1"])?;
     run(site, &[&[TOOL]], &[], &[&["--test-threads=1"], TOOL_ON_REAL_CLOCK].concat())
 }
 
@@ -182,7 +192,7 @@ mod tests {
     #[test]
     fn each_group_stands_in_one_list() {
         let mut there: Vec<String> = groups().into_iter().map(|(name, _)| name).collect();
-        let lists = [QUICK, OTHERS, REAL_CLOCK, &[TOOL], &ELSEWHERE];
+        let lists = [QUICK, OTHERS, REAL_CLOCK, OTHER_MASTERS, &[TOOL], &ELSEWHERE];
         let mut listed: Vec<&str> = lists.iter().copied().flatten().copied().collect();
         there.sort();
         listed.sort();
@@ -195,7 +205,7 @@ mod tests {
     fn what_looks_at_the_clock_runs_alone() {
         let mut found = Vec::new();
         for (name, path) in groups() {
-            if REAL_CLOCK.contains(&&*name) || ELSEWHERE.contains(&&*name) {
+            if [REAL_CLOCK, OTHER_MASTERS, &ELSEWHERE].iter().any(|groups| groups.contains(&&*name)) {
                 continue;
             }
             for source in sources(&path) {

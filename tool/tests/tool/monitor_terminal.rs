@@ -100,7 +100,7 @@ impl Terminal {
     /// Waits until the screen is so.
     #[track_caller]
     fn until(&self, what: &str, so: impl Fn(&vt100::Screen) -> bool) {
-        for _ in 0..2000 {
+        for _ in 0..12_000 {
             if so(self.screen.lock().expect("no panic").screen()) {
                 return;
             }
@@ -178,7 +178,7 @@ fn signals_end_the_monitor_and_restore_the_terminal() {
 /// The exit code of a process that has to end by itself; one that does not is ended, and that is a failure.
 #[track_caller]
 fn ends(tool: &mut Child) -> Option<i32> {
-    for _ in 0..2000 {
+    for _ in 0..12_000 {
         if let Some(status) = tool.try_wait().expect("it is ours") {
             return status.code();
         }

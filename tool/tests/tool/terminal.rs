@@ -107,7 +107,7 @@ impl Terminal {
         self.hung_up.store(true, Ordering::Relaxed);
         self.reader.join().expect("no panic");
         drop(self.keys);
-        for _ in 0..2000 {
+        for _ in 0..12_000 {
             if let Some(status) = self.child.try_wait().expect("it is ours") {
                 return status.code();
             }

@@ -99,6 +99,7 @@ mod needs_network_namespace {
     /// NIC-1.8 A card hears no frames of other cards while it is opened, however many come there.
     #[test]
     fn a_card_is_opened_deaf() {
+        const OPENED: usize = 400;
         let _rig = Rig::ring("io", "nic_deaf");
         let there = check(SECOND_MASTER, DefaultRoute::Allowed).expect("the second card");
         let elsewhere = Socket::open(&check(SECOND_SLAVES, DefaultRoute::Allowed).expect("its other end"), ETHERTYPE);
@@ -117,12 +118,12 @@ mod needs_network_namespace {
             });
             let mut buffer = [0; 1514];
             let mut heard = 0;
-            for _ in 0..3000 {
+            for _ in 0..OPENED {
                 let socket = Socket::open(&here, ETHERTYPE).expect("root");
                 heard += usize::from(socket.take(&mut buffer).expect("it is there").is_some());
             }
             over.store(true, Ordering::Relaxed);
-            assert_eq!(heard, 0, "of 3000 that were opened");
+            assert_eq!(heard, 0, "of {OPENED} that were opened");
         });
         assert!(listens.take(&mut [0; 1514]).expect("it is there").is_some(), "frames have come by the second card");
     }

@@ -5,11 +5,12 @@
 #include "check.h"
 
 #include <pthread.h>
+#include <sched.h>
 #include <signal.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
-enum { ROUNDS = 6, CYCLE_US = 100000 };
+enum { ROUNDS = 6, CYCLE_US = 32000 };
 
 static volatile int reads;
 static volatile pid_t number;
@@ -56,18 +57,24 @@ static bool sleeps(void)
 static pthread_t start(unsigned char *buffer)
 {
     pthread_t thread;
-    int before;
     reads = 0;
     CHECK(pthread_create(&thread, NULL, reader, buffer) == 0);
     while (reads == 0) {
         pause_ms(1);
     }
-    /* The next report is far. On a machine that stands still meanwhile it may be here all the same. */
-    do {
-        before = reads;
-        pause_ms(20);
-    } while (reads != before || !sleeps());
+    /* It has just got a report, the next one is far, and it waits for it: on a machine that stood still meanwhile, too. */
+    while (!sleeps()) {
+        sched_yield();
+    }
     return thread;
+}
+
+static void open_board(void)
+{
+    CHECK(OpenECMUSB());
+    CHECK(master(SET_DC, 0, CYCLE_US, 0xFFFF));
+    declare_drives();
+    go_to(STATE_OPERATIONAL);
 }
 
 /* What a program does next. */
@@ -86,10 +93,7 @@ int main(int count, char **arguments)
     bool by_cancel = count > 1 && strcmp(arguments[1], "cancel") == 0;
 
     signal(SIGUSR2, end_thread);
-    CHECK(OpenECMUSB());
-    CHECK(master(SET_DC, 0, CYCLE_US, 0xFFFF));
-    declare_drives();
-    go_to(STATE_OPERATIONAL);
+    open_board();
     for (round = 0; round < ROUNDS; round++) {
         /* One that waits, and in every second round another one behind it. */
         pthread_t first = start(buffers[0]);
@@ -121,7 +125,7 @@ int main(int count, char **arguments)
                 CHECK(pthread_join(first, NULL) == 0);
             }
             CHECK(!read_response());
-            CHECK(OpenECMUSB());
+            open_board();
             goes_on();
         }
     }

@@ -151,6 +151,7 @@
 //! | `tcp` | yes | the link `tcp:` to a board that another program serves |
 //! | `usb` | | the links `usb:` and `xf-usb:`. They need libusb on Linux, which is loaded when the link is opened; on Windows `usb:` needs nothing, and there is no `xf-usb:` |
 //! | `spi` | | the links `spi:` and `xf-spi:`, over spidev and GPIO lines (Linux) |
+//! | `nic` | | the link `nic:`: the slaves of a board at a network card of this machine, as an EtherCAT master; it needs raw frames (root or CAP_NET_RAW) (Linux) |
 //! | `serve` | | `port`: serving a board |
 //!
 //! The command-line tool `ecmsk` is a package of its own, and so is the drop-in `NEXTWUSBLib` for programs in C, C++ and .NET.

@@ -29,10 +29,8 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
         Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
         Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),
         #[allow(unreachable_patterns, reason = "a build may have every link")]
-        scheme => Err(crate::link::LinkError::Unsupported {
-            scheme: scheme.to_string(),
-            hint: format!("build it with `cargo build --release --features {}`", scheme.feature()),
+        scheme => {
+            Err(crate::link::LinkError::Unsupported { scheme: scheme.to_string(), hint: scheme.instead() }.into())
         }
-        .into()),
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::config::ConfigError;
-use crate::cia402::{Mode, Statusword};
+use crate::cia402::{ErrorCode, Mode, Statusword};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
 use crate::sk::{MasterState, StateByte};
@@ -144,7 +144,7 @@ pub enum EcmError {
     )]
     TooDeep { found: u16, max: u16, cycle: Duration },
     /// The drive has an alarm.
-    #[error("slave {slave} has alarm 0x{code:04X}; remove the cause (drive's manual), then clear_alarm and servo_on")]
+    #[error("slave {slave} has alarm {}; remove the cause (drive's manual), then clear_alarm and servo_on", ErrorCode(*.code))]
     Alarm {
         slave: u8,
         /// The error code (0x603F); 0 for an HSP, which shows none.

@@ -1,7 +1,10 @@
 //! An error type for `main`.
 
+use std::error::Error;
+use std::fmt;
+
 /// Any error, for `main` to return: `Result<(), Failure>` ends a program with exit code 1 and the words of the error. Returned
-/// itself, the error would be shown in its debug format.
+/// itself, the error would be shown in its debug format. A text is one, too: `Err("the door is open")?`.
 ///
 /// ```
 /// use ecmsk::ecm::{Ecm, Failure};
@@ -10,21 +13,48 @@
 ///     Ecm::open("sim:?slaves=none&clock=virtual").map(|_| ())?;
 ///     Ok(())
 /// }
-/// let said = format!("{:?}", program().unwrap_err());
+/// let said = program().unwrap_err().to_string();
 /// assert!(said.ends_with("it finds no slave; give it some with `slaves=`"), "{said}");
 /// ```
 pub struct Failure(String);
 
 // It is no std::error::Error itself: there would be two implementations of From<Failure>.
-impl<E: std::error::Error> From<E> for Failure {
+impl<E: Into<Box<dyn Error + Send + Sync>>> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self(error.to_string())
+        Self(error.into().to_string())
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
     }
 }
 
 /// `main` shows its error in this format.
-impl std::fmt::Debug for Failure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
+impl fmt::Debug for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// API-51 Errors and texts become one by `?`, and it shows their words alone in both formats.
+    #[test]
+    fn errors_and_texts_become_failures() {
+        let number = |text: &str| -> Result<u8, Failure> { Ok(text.parse()?) };
+        let even = |text: &str| match number(text)? {
+            odd if odd % 2 == 1 => Err(format!("{odd} is odd"))?,
+            0 => Err("nothing")?,
+            even => Ok::<u8, Failure>(even),
+        };
+        let said = |text| even(text).map_err(|failure| format!("{failure} {failure:?}"));
+        assert_eq!(said("4"), Ok(4));
+        assert_eq!(said("3"), Err("3 is odd 3 is odd".into()));
+        assert_eq!(said("0"), Err("nothing nothing".into()));
+        assert_eq!(said("x"), Err("invalid digit found in string invalid digit found in string".into()));
     }
 }

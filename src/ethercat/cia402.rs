@@ -64,6 +64,18 @@ pub const fn error_name(code: u16) -> &'static str {
     }
 }
 
+/// An error code (object 0x603F) with its meaning, such as `0x8611: following error`; 0, which a drive in Fault should not show, is
+/// `0x0000: it shows no error code`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ErrorCode(pub u16);
+
+impl fmt::Display for ErrorCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let meaning = if self.0 == 0 { "it shows no error code" } else { error_name(self.0) };
+        write!(f, "0x{:04X}: {meaning}", self.0)
+    }
+}
+
 /// State of a CiA 402 drive, decoded from its statusword.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DriveState {

@@ -70,16 +70,43 @@ impl Scheme {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: it needs [its feature](Self::feature), what is on SPI or a network card exists
-    /// on Linux only, and an ECM-XFU on USB not on Windows.
+    /// Whether this build can open such a link: it needs [its feature](Self::feature), and [a system](Self::is_of_this_system) that has
+    /// such links.
     pub const fn in_build(self) -> bool {
-        match self {
+        let has_feature = match self {
             Self::Sim | Self::XfSim => cfg!(feature = "sim"),
-            Self::Tcp => cfg!(all(feature = "tcp", any(unix, windows))),
-            Self::Usb => cfg!(all(feature = "usb", any(unix, windows))),
-            Self::XfUsb => cfg!(all(feature = "usb", unix)),
-            Self::Spi | Self::XfSpi => cfg!(all(feature = "spi", target_os = "linux")),
-            Self::Nic => cfg!(all(feature = "nic", target_os = "linux")),
+            Self::Tcp => cfg!(feature = "tcp"),
+            Self::Usb | Self::XfUsb => cfg!(feature = "usb"),
+            Self::Spi | Self::XfSpi => cfg!(feature = "spi"),
+            Self::Nic => cfg!(feature = "nic"),
+        };
+        has_feature && self.is_of_this_system()
+    }
+
+    /// Whether this system has such links: what is on SPI or a network card exists on Linux only, and an ECM-XFU on USB not on
+    /// Windows.
+    pub const fn is_of_this_system(self) -> bool {
+        match self {
+            Self::Sim | Self::XfSim => true,
+            Self::Tcp | Self::Usb => cfg!(any(unix, windows)),
+            Self::XfUsb => cfg!(unix),
+            Self::Spi | Self::XfSpi | Self::Nic => cfg!(target_os = "linux"),
+        }
+    }
+
+    /// What to do where this build cannot open such a link.
+    pub fn instead(self) -> String {
+        let feature = self.feature();
+        match self {
+            _ if self.is_of_this_system() => {
+                format!("it needs the feature `{feature}`: build with `cargo build --release --features {feature}`")
+            }
+            Self::XfSpi | Self::XfUsb => {
+                "this system has no such links: run the program on a machine with Linux that the chip is wired to".to_owned()
+            }
+            _ => "this system has no such links: serve the board by `ecmsk serve tcp` on a machine with Linux that it is wired to, and \
+                  name it here by tcp://HOST:PORT"
+                .to_owned(),
         }
     }
 
@@ -325,7 +352,11 @@ pub fn help() -> String {
     );
     for scheme in Scheme::ALL {
         let form = format!("{scheme}:{}", scheme.path().unwrap_or_default());
-        let later = if scheme.in_build() { "" } else { " (not in this build)" };
+        let later = match scheme.in_build() {
+            true => String::new(),
+            false if scheme.is_of_this_system() => format!(" (not in this build: feature {})", scheme.feature()),
+            false => " (not in this build: this system has none)".to_owned(),
+        };
         // Writing to a String does not fail.
         let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
     }

@@ -361,19 +361,7 @@ fn connect(
         keys::Scheme::XfSpi | keys::Scheme::XfUsb => Ok(Arc::new(chip::board::open(uri)?)),
         #[cfg(all(feature = "nic", target_os = "linux"))]
         keys::Scheme::Nic => Ok(Arc::new(nic::open(uri, options)?)),
-        #[cfg(not(target_os = "linux"))]
-        keys::Scheme::Spi => Err(LinkError::Unsupported {
-            scheme: keys::Scheme::Spi.name().into(),
-            hint: "it is a link of Linux: serve the board by `ecmsk serve tcp` on the machine it is wired to, and name it \
-                   here by tcp://HOST:PORT"
-                .into(),
-        }),
         #[allow(unreachable_patterns, reason = "a build may have every link")]
-        other => Err(LinkError::Unsupported {
-            scheme: other.name().into(),
-            hint: "to run without a board use `sim:`, for example ECMSK_LINK='sim:?slaves=drive*2'; \
-                   `ecmsk link help` lists the links there are"
-                .into(),
-        }),
+        other => Err(LinkError::Unsupported { scheme: other.name().into(), hint: other.instead() }),
     }
 }

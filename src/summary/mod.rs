@@ -31,6 +31,7 @@ pub use watch::{FrameCounts, FrameEvent, FrameWatch};
 
 use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
+use crate::sk::MasterState;
 
 /// How many different texts of the log are kept. \[OURS]
 const TEXTS_MAX: usize = 200;
@@ -40,6 +41,8 @@ const REJECTED: &str = "rejected.";
 const FULL_SEEN: &str = "full_seen";
 const CRC_SEEN: &str = "crc_seen";
 const GAPS: &str = "gaps";
+const UNREACHED: [(MasterState, &str); 2] =
+    [(MasterState::SafeOp, "safeop_unreached_ms"), (MasterState::Op, "op_unreached_ms")];
 const REPORTS_LOST: &str = "reports_lost";
 const RECORD_DROPPED: &str = "record_dropped";
 
@@ -177,6 +180,15 @@ impl Summary {
                 count => lines.push(format!("{count} {what}")),
             }
         }
+        for (state, name) in UNREACHED {
+            match self.count(name) {
+                0 => {}
+                ms => lines.push(format!(
+                    "the program ended {ms} ms after it had asked for {state}, while the board was on its way there; a network may take \
+                     seconds: wait until byte 2 of slot 0 is {state}, or shows a failure"
+                )),
+            }
+        }
         let failed = self.failed.iter().map(|(failed, count)| (failed.to_string(), *count));
         let alarms = self.alarms.iter().map(|(alarm, count)| (alarm.to_string(), *count));
         let messages = self.messages.iter().filter(|(text, _)| !is_counted(text)).cloned();
@@ -196,9 +208,9 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Whether a message of the log is the sum of earlier messages, which is nothing new to a user who has seen the first of them.
+/// Whether a message of the log says what the summary says: it is the sum of earlier messages, or of the end.
 pub fn is_sum(text: &str) -> bool {
-    text.contains(" more rejected as ") || text.ends_with(" in all")
+    text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
 /// Whether a message of the log reports what a count contains as well: a rejected command, or the beginning of a loss.
@@ -210,8 +222,10 @@ fn times(count: u64) -> String {
     if count > 1 { format!(" ({count} times)") } else { String::new() }
 }
 
-fn of_frames(counts: &FrameCounts) -> [(&'static str, u64); 3] {
-    [(FULL_SEEN, counts.full), (CRC_SEEN, counts.crc), (GAPS, counts.gaps)]
+fn of_frames(counts: &FrameCounts) -> [(&'static str, u64); 5] {
+    let unreached = UNREACHED
+        .map(|(state, name)| (name, counts.unreached.filter(|(wanted, _)| *wanted == state).map_or(0, |(_, ms)| ms)));
+    [(FULL_SEEN, counts.full), (CRC_SEEN, counts.crc), (GAPS, counts.gaps), unreached[0], unreached[1]]
 }
 
 /// The counts of a link, minus those that the board had when the link was opened.

@@ -33,6 +33,9 @@ pub struct FrameCounts {
     pub crc: u64,
     /// GapFinder in a motion: the FIFO ran empty while one or more axes were moving.
     pub gaps: u64,
+    /// The state that the program has asked for last and that the board has neither reached nor failed to reach yet, if it is a higher
+    /// one than before, and how long that took by the newest report, ms (at least 1).
+    pub unreached: Option<(MasterState, u64)>,
 }
 
 /// Watches the frames of a run in the order of their times. It does not allocate.
@@ -43,6 +46,8 @@ pub struct FrameWatch {
     /// SET_AXIS has declared a slave as another kind than IO.
     declared: bool,
     state: StateByte,
+    /// When the state of [`FrameCounts::unreached`] was asked for.
+    asked_ns: i64,
     /// The full count and the CRC error count in the last report in OP.
     losses: Option<(u16, u8)>,
     /// The error code of each slave's alarm.
@@ -63,6 +68,7 @@ impl FrameWatch {
             kinds: Kinds::new(None),
             declared: false,
             state: StateByte::default(),
+            asked_ns: 0,
             losses: None,
             alarms: [None; MAX_SLAVES],
             gaps: std::array::from_fn(|_| GapFinder::default()),
@@ -88,7 +94,14 @@ impl FrameWatch {
                 Ok(MasterCommand::SetAxis { kinds, .. }) => {
                     self.declared |= kinds.iter().any(|kind| !matches!(kind, SlaveKind::Io | SlaveKind::None));
                 }
-                Ok(MasterCommand::SoftReset) => self.declared = false,
+                Ok(MasterCommand::SoftReset) => {
+                    self.declared = false;
+                    self.counts.unreached = None;
+                }
+                Ok(MasterCommand::SetState(wanted)) => {
+                    self.counts.unreached = (Some(wanted) > self.state.state()).then_some((wanted, 1));
+                    self.asked_ns = at_ns;
+                }
                 _ => {}
             }
             return;
@@ -113,6 +126,13 @@ impl FrameWatch {
         let before = std::mem::replace(&mut self.state, board.state);
         if board.state.is_failed() && before != board.state {
             on_event(FrameEvent::StateFailed(StateFailed { state: board.state.0, declared: self.declared }));
+        }
+        if let Some((wanted, ms)) = &mut self.counts.unreached {
+            if board.state.is_failed() || board.state.state() >= Some(*wanted) {
+                self.counts.unreached = None;
+            } else {
+                *ms = (at_ns.saturating_sub(self.asked_ns).max(0) as u64 / 1_000_000).max(1);
+            }
         }
         if !matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
             // There is no FIFO, and the slaves' slots hold no process data.

@@ -204,6 +204,20 @@ mod needs_cxx {
         passes("starved_sdo", CLOCKS[0], &[]);
     }
 
+    /// LIB-74 A console program of Visual Studio compiles with the headers of `share/msvc`: sleeps, clocks, keys.
+    #[test]
+    fn a_program_of_visual_studio_compiles_as_it_is() {
+        let (source, exe) = (support::root().join("tests/c/msvc_console.cpp"), out_dir().join("msvc_console"));
+        let mut compiler = support::Language::Cpp("c++11").compiler();
+        compiler.arg("-I").arg(support::root().join("share/msvc")).arg(source).arg("-o").arg(&exe);
+        support::succeed(compiler.arg("-L").arg(&support::library().dir).arg("-lNEXTWUSBLib"));
+        let keys = out_dir().join("msvc_keys");
+        fs::write(&keys, "xq\n").expect("a file");
+        let mut command = support::Program { exe }.command(CLOCKS[1]);
+        command.stdin(fs::File::open(&keys).expect("it is there"));
+        assert_eq!(support::succeed(&mut command), "state 2, Enter, slept, end\n");
+    }
+
     /// LIB-73 A thread with 16 kB of stack writes and reads.
     #[test]
     fn a_thread_with_little_stack_writes_and_reads() {

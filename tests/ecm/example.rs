@@ -107,7 +107,12 @@ fn alarm_recovery() {
     let stays = run("alarm_recovery", Some(&scripted(DRIVES, "alarm_that_stays")));
     assert_eq!(stays.status.code(), Some(1));
     assert!(stays.stdout.contains("axis 1: alarm 0x7305"), "{stays:?}");
-    assert!(stays.stderr.starts_with("Error: slave 1 has alarm 0x7305; remove the cause"), "{stays:?}");
+    assert!(
+        stays
+            .stderr
+            .starts_with("Error: slave 1 has alarm 0x7305: sensor (encoder, resolver, tacho); remove the cause"),
+        "{stays:?}"
+    );
 }
 
 /// API-32 API-30 The same lines as the program in C prints.

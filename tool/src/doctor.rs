@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use clap::ValueHint;
 use ecmsk::link::keys::Scheme;
+use ecmsk::link::uri::LinkUri;
 use ecmsk::machine::findings::{Finding, Verdict, lateness, lateness_of_own_cycles};
 use ecmsk::machine::timing::Lateness;
 use serde_json::{Map, Value, json};
@@ -43,6 +44,7 @@ use windows as system;
 Examples:
   ecmsk doctor
   ecmsk doctor --quick --json | jq -r 'select(.state == \"wrong\") | .next'
+  ecmsk doctor --link nic:eth1
   ecmsk doctor /mnt/share/press
   sudo ecmsk doctor --write-udev-rule")]
 pub struct Args {
@@ -53,6 +55,10 @@ pub struct Args {
     /// Print one JSON object for each finding, each on a line of its own
     #[arg(long)]
     json: bool,
+
+    /// Link to look at instead of the one that would be used, see `ecmsk link help`
+    #[arg(long, value_name = "URI", value_parser = LinkUri::parse, conflicts_with = "folder")]
+    link: Option<LinkUri>,
 
     #[command(flatten)]
     system: system::SystemArgs,
@@ -115,7 +121,10 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);
     }
-    let (link, wanted) = link::finding(system::root(&args.system));
+    let (link, wanted) = match &args.link {
+        Some(link) => (link::given(link), Some(link.clone())),
+        None => link::finding(system::root(&args.system)),
+    };
     let mut findings = vec![versions::finding(system::name(&args.system)), link];
     findings.extend(wanted.as_ref().and_then(link::build));
     findings.extend(system::findings(&args.system, wanted.as_ref()));

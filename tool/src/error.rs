@@ -138,16 +138,35 @@ fn failed_in_json(error: &str, code: u8) {
     super::stderr::line(&serde_json::json!({"error": error, "exit_code": code}).to_string());
 }
 
+/// What is looked for under a name that it does not have here: what was written, and what there is.
+const ELSEWHERE: &[(&str, &str)] = &[
+    ("alarm", ALARMS),
+    ("alarms", ALARMS),
+    ("jog", "`ecmsk move` moves axes; `ecmsk shell` does one move after the other on an open board"),
+    ("record", "`--record FILE`, which each verb has that talks to a board, and `record=FILE` of a link record"),
+    ("reset", ALARMS),
+    ("scan", "`ecmsk bus scan` lists the slaves of a network, `ecmsk info --scan` those of a board"),
+    (
+        "--slaves",
+        "a network says itself which slaves it has; those of a simulated one are in its link: --link 'sim:?slaves=drive*2'",
+    ),
+];
+const ALARMS: &str = "`ecmsk info` and `ecmsk monitor` show alarms, `ecmsk servo clear` resets them";
+
 /// Ends the process because of a command line that is wrong, or that asks for help or the version. A word that is no verb, where
 /// there are some, is answered with those that there are.
 pub fn wrong_command_line(mut error: clap::Error) -> ! {
     use clap::error::{ContextKind, ContextValue, ErrorKind};
 
-    if matches!(error.kind(), ErrorKind::InvalidSubcommand | ErrorKind::UnknownArgument)
-        && let Some((verbs, names)) = verbs_there(std::env::args_os().skip(1))
-    {
-        let told = format!("`{verbs}` has the verbs {names}");
-        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![told.into()]));
+    if matches!(error.kind(), ErrorKind::InvalidSubcommand | ErrorKind::UnknownArgument) {
+        let written =
+            [ContextKind::InvalidSubcommand, ContextKind::InvalidArg].into_iter().find_map(|of| error.get(of));
+        let elsewhere = ELSEWHERE.iter().find(|(word, _)| written.is_some_and(|written| written.to_string() == *word));
+        let there =
+            verbs_there(std::env::args_os().skip(1)).map(|(verbs, names)| format!("`{verbs}` has the verbs {names}"));
+        if let Some(told) = elsewhere.map(|(_, what)| (*what).to_owned()).or(there) {
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![told.into()]));
+        }
     }
     if error.use_stderr() && wants_json() {
         let text = error.render().to_string();
@@ -169,7 +188,7 @@ fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(Strin
     }
     let verbs: Vec<&str> =
         at.get_subcommands().filter(|verb| !verb.is_hide_set()).map(clap::Command::get_name).collect();
-    (name != tool.get_name() && !verbs.is_empty()).then(|| (name, verbs.join(", ")))
+    (!verbs.is_empty()).then(|| (name, verbs.join(", ")))
 }
 
 /// Prints a line on standard error: `kind: what`.

@@ -17,7 +17,6 @@ use std::process::{Command, ExitCode};
 
 use clap::ValueHint;
 use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
-use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
@@ -122,10 +121,10 @@ pub enum ExecError {
         folder: PathBuf,
     },
     /// This build cannot open the link.
-    #[error("link `{link}` is not in this build; name a {}: link, see `ecmsk link help`", in_build())]
+    #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]
     NotInBuild {
         /// The link.
-        link: String,
+        link: LinkUri,
     },
     /// See [`record_option::RecordError`].
     #[error(transparent)]
@@ -150,7 +149,7 @@ pub enum ExecError {
         /// The error of the operating system.
         source: io::Error,
         /// What to do.
-        hint: &'static str,
+        hint: String,
     },
     /// Another call of the operating system failed.
     #[error("cannot {what}: {source}; free some of the system's processes or files, then run it again")]
@@ -232,11 +231,6 @@ pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
         return Ok(ExitCode::from(recording_end::NOT_WHOLE));
     }
     Ok(child::end_as(ended))
-}
-
-fn in_build() -> String {
-    let names: Vec<_> = Scheme::ALL.into_iter().filter(|scheme| scheme.in_build()).map(Scheme::name).collect();
-    names.join(": or ")
 }
 
 fn list(folders: &[PathBuf]) -> String {

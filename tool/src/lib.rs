@@ -81,6 +81,8 @@ Exit codes:
        0 the recordings are equal, 1 they differ, 2 they could not be compared (as diff)
   replay
        0 the model answers as the board did, 1 otherwise, 2 it could not be replayed
+  summary
+       with --exit-code: 0 nothing went wrong, 1 something did, or the recording is not whole
   migrate
        0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2 it could not be said
   bus errors, bus dc

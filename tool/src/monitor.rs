@@ -33,6 +33,7 @@ use ecmsk::sk::{SlaveKind, SlotSize};
 use super::error::{CliError, say};
 use super::kinds::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
+use super::recording::Frames;
 use super::{output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};
@@ -153,6 +154,10 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
             Some(file) => replay(args, file),
             None => look(args),
         };
+    }
+    if let Some(file) = &args.recording {
+        // One that is not there is that before anything is wrong with standard output.
+        drop(Frames::open(file, args.size(), None)?);
     }
     if !io::stdout().is_terminal() {
         return Err(MonitorError::NoTerminal.into());

@@ -6,7 +6,7 @@ mod usbip;
 mod xf;
 
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use clap::{Subcommand, ValueEnum, ValueHint};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, KnownNetwork, LinkError, LinkInfo, Share, tcp::Secret};
 use ecmsk::notes::FLUSH_LIMIT;
-use ecmsk::port::tcp::{OnVanish, ServeError, ServeOptions, Server};
+use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
 use super::error::say;
@@ -57,7 +57,7 @@ struct Tcp {
     link: Option<LinkUri>,
 
     /// Where to listen; anything but this machine itself takes a secret
-    #[arg(long, value_name = "ADDR:PORT", default_value = "127.0.0.1:4711")]
+    #[arg(long, value_name = "ADDR:PORT", default_value_t = ServeOptions::default().listen, value_parser = listen_at::<DEFAULT_PORT>)]
     listen: SocketAddr,
 
     /// Serve those alone who have the secret in this file too, encrypted (TLS 1.3) [default: that of the variable
@@ -101,6 +101,16 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         Port::Usbip(args) => usbip::run(args),
         Port::Xf(args) => xf::run(args),
     }
+}
+
+/// The address of `--listen`. `PORT` is the usual one there.
+fn listen_at<const PORT: u16>(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| match text.parse::<IpAddr>() {
+        Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, PORT)),
+        Err(_) => format!(
+            "an address of this machine with a port is needed, e.g. 127.0.0.1:{PORT}, or 0.0.0.0:{PORT} for all its networks"
+        ),
+    })
 }
 
 fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {

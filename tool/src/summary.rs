@@ -24,7 +24,7 @@ Examples:
   ecmsk summary run.pcapng
   ecmsk summary --json run.pcapng | jq .alarms
 
-Exit code: 0, whatever went wrong; 1 if the recording cannot be read.")]
+Exit code: 0, whatever went wrong, unless --exit-code is given; 1 if the recording cannot be read.")]
 pub struct Args {
     /// The recording or capture; - for standard input
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
@@ -41,6 +41,10 @@ pub struct Args {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+
+    /// End with 1 if something went wrong, or the recording is not whole
+    #[arg(long)]
+    exit_code: bool,
 }
 
 /// # Errors
@@ -50,7 +54,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let device = if is_file { board(&args.file, args.device)? } else { args.device };
     let mut frames = Frames::open(&args.file, args.slot_size, device)?;
     let mut watch = None;
-    let mut summary = Summary::default();
+    let (mut summary, mut is_whole) = (Summary::default(), true);
     let mut order = InOrder::default();
     let mut take = |framed: Framed| {
         let watch = watch.get_or_insert_with(|| FrameWatch::new(framed.size));
@@ -69,13 +73,17 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
                 }
             }
             // What was read before the error is summed up.
-            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => say("note", &error),
+            Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
+                is_whole = false;
+                say("note", &error);
+            }
             Err(error) => return Err(error.into()),
         }
     }
     while let Some(framed) = order.pop() {
         take(framed);
     }
+    is_whole &= frames.lacks().is_none();
     let counts = watch.map(|watch| watch.counts()).unwrap_or_default();
     summary.set_frame_counts(&counts);
     frames.note_missing();
@@ -84,7 +92,8 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     } else {
         output::print(summary.to_string())?;
     }
-    Ok(ExitCode::SUCCESS)
+    let is_clean = summary.is_empty() && is_whole;
+    Ok(if args.exit_code && !is_clean { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// A summary as JSON.

@@ -47,6 +47,8 @@ const QUICK_ON_REAL_CLOCK: &str = "runners";
 /// moments one by one: `--all` alone runs them. These are parts of names: each has to be in no other's.
 const LONG: &[&str] = &[
     "all_that_a_program_sees_is_the_same",
+    "needs_dotnet_core::",
+    "needs_pysoem::",
     "needs_tshark::",
     "needs_valgrind::",
     "programs_in_cpp_overcome_alarms_on_a_network_card",
@@ -56,6 +58,11 @@ const LONG: &[&str] = &[
     "xf_bus::an_enabled_drive_stays_enabled",
     "xf_doubts::",
 ];
+
+/// Whether all tests in modules of that name are left to `--all`.
+pub fn is_left_to_all(module: &str) -> bool {
+    LONG.iter().any(|name| name.strip_suffix("::") == Some(module))
+}
 
 /// The units, and all groups that are not on the machine's clock.
 pub fn units_and_groups(site: &Site) -> Result<(), Error> {

@@ -151,6 +151,7 @@ const WINDOWS: [Part; 5] = [
 ];
 
 /// A module name for tests that need more than Rust, so that they can be left out by name.
+#[derive(Clone, Copy)]
 pub struct Gate {
     pub module: &'static str,
     pub needs: &'static [Need],
@@ -167,6 +168,11 @@ pub const GATES: &[Gate] = &[
     Gate { module: "needs_tshark", needs: &[PYTHON, PIP, PYSOEM, IP, NETWORK_NAMESPACE, TSHARK] },
     Gate { module: "needs_valgrind", needs: &[CXX, MAKE, PKG_CONFIG, VALGRIND] },
 ];
+
+/// The gates of the tests that are run: what is left to `--all` needs nothing before.
+fn gates(all: bool) -> Vec<Gate> {
+    GATES.iter().filter(|gate| all || !groups::is_left_to_all(gate.module)).copied().collect()
+}
 
 /// The parts without any of the tests that were asked for by name, which is an error if it is all of them.
 #[derive(Default)]
@@ -218,13 +224,13 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
         return rig::run(project, &arguments.names);
     }
     if arguments.real_clock {
-        let needed: Vec<Need> = GATES.iter().flat_map(|gate| gate.needs).copied().collect();
+        let needed: Vec<Need> = gates(false).iter().flat_map(|gate| gate.needs).copied().collect();
         let missing = needs::set_up(project, &needed);
         let site = Site::new(project, &missing, false);
         return groups::repeat_real_clock(&site, arguments.times, arguments.busy);
     }
     let beyond = if arguments.all { PARTS_OF_ALL } else { &[] };
-    let (parts, gates) = if arguments.windows { (&WINDOWS[..], &[][..]) } else { (PARTS, GATES) };
+    let (parts, gates) = if arguments.windows { (&WINDOWS[..], Vec::new()) } else { (PARTS, gates(arguments.all)) };
     let asked = |part: &'static Part| Some((part, part.asked_for(&arguments.names)?));
     let parts: Vec<(&Part, Vec<String>)> = parts.iter().chain(beyond).filter_map(asked).collect();
 
@@ -237,7 +243,7 @@ pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     // Everything is run before a change is merged, mostly in a fresh clone where an incremental build is of no use.
     let project = &Project { incremental: !arguments.all, ..project.clone() };
     let left_out = if arguments.all { &[LEFT_TO_DIST][..] } else { &[] };
-    run_parts(&Site::new(project, &missing, arguments.all), parts, gates, left_out)
+    run_parts(&Site::new(project, &missing, arguments.all), parts, &gates, left_out)
 }
 
 /// Runs the parts in order, each with its names, and lists at the end what was skipped because of missing programs, and
@@ -374,6 +380,17 @@ mod tests {
         assert!(hear(vec![]).is_ok() && hear(vec![none(), Ok(()), none()]).is_ok());
         assert!(matches!(hear(vec![none(), none()]), Err(Error::NoTest { .. })));
         assert!(matches!(hear(vec![none(), Err(Error::NoFigures), Ok(())]), Err(Error::NoFigures)));
+    }
+
+    /// What only `--all` runs is not fetched for a person who waits.
+    #[test]
+    fn what_is_left_to_all_needs_nothing_before() {
+        let modules = |all| gates(all).iter().map(|gate| gate.module).collect::<Vec<_>>();
+        assert_eq!(modules(true).len(), GATES.len());
+        assert_eq!(
+            modules(false),
+            ["needs_cxx", "needs_mono", "needs_network_namespace", "needs_python", "needs_root"]
+        );
     }
 
     #[test]

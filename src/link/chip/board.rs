@@ -121,9 +121,7 @@ pub(in crate::link) fn open(uri: &LinkUri) -> Result<EngineLink, LinkError> {
 fn refused(name: &str, error: ChipError) -> LinkError {
     match error {
         ChipError::Uri(error) => error.into(),
-        ChipError::Unsupported { scheme, hint } => {
-            LinkError::Unsupported { scheme: scheme.name().to_owned(), hint: hint.to_owned() }
-        }
+        ChipError::Unsupported { scheme, hint } => LinkError::Unsupported { scheme: scheme.name().to_owned(), hint },
         ChipError::Wires { message, .. } => LinkError::NoBoard { name: name.to_owned(), reason: message },
         other => LinkError::NoBoard { name: name.to_owned(), reason: other.to_string() },
     }

@@ -141,7 +141,7 @@ pub enum ChipError {
     Unsupported {
         scheme: Scheme,
         /// What to do instead.
-        hint: &'static str,
+        hint: String,
     },
     /// The file with a simulated slave's manufacturer-specific objects is invalid.
     #[cfg(feature = "sim")]
@@ -221,25 +221,6 @@ fn connect(uri: &LinkUri) -> Result<Box<dyn ChipLink>, ChipError> {
             Err(ChipError::NotAChip { name: uri.to_string() })
         }
         #[allow(unreachable_patterns, reason = "a build may have every link")]
-        scheme => Err(ChipError::Unsupported { scheme, hint: instead_of(scheme) }),
-    }
-}
-
-/// What to do where a link cannot be opened.
-const fn instead_of(scheme: Scheme) -> &'static str {
-    match scheme {
-        Scheme::XfSpi if !cfg!(target_os = "linux") => {
-            "it is a link of Linux: run the program on a machine with Linux that the chip is wired to"
-        }
-        Scheme::XfSpi => {
-            "build it with the feature `spi`, on Linux; to run without a chip use xf-sim:?slaves=drive*2 (feature `sim`)"
-        }
-        Scheme::XfUsb if cfg!(windows) => {
-            "Windows has no such links: run the program on a machine with Linux that the chip is plugged into"
-        }
-        Scheme::XfUsb => {
-            "build it with the feature `usb`; to run without a chip use xf-sim:?slaves=drive*2&chip_fw=xfu (feature `sim`)"
-        }
-        _ => "build it with the feature `sim`",
+        scheme => Err(ChipError::Unsupported { scheme, hint: scheme.instead() }),
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io;
 
+use ecmsk::cia402::ErrorCode;
 use ecmsk::ecm::EcmError;
 use ecmsk::engine::StateFailure;
 use ecmsk::link::LinkError;
@@ -89,7 +90,7 @@ pub enum BoardError {
         next: String,
     },
     /// An axis has an alarm.
-    #[error("axis {slave} has alarm 0x{code:04X}; remove the cause (drive's manual), then {next}")]
+    #[error("axis {slave} has alarm {}; remove the cause (drive's manual), then {next}", ErrorCode(*.code))]
     Alarm {
         /// The slave.
         slave: u8,

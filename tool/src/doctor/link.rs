@@ -11,6 +11,11 @@ use crate::link_option::environment;
 
 const CHECK: &str = "link";
 
+/// The finding about a link that the command line names.
+pub fn given(link: &LinkUri) -> Finding {
+    Finding::fine(CHECK, format!("{link}, from --link"))
+}
+
 /// The finding about the configured link, and the link if it is valid. `root` is the folder that contains `/etc`.
 pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
     let mut environment = environment();
@@ -59,18 +64,14 @@ pub fn finding(root: &Path) -> (Finding, Option<LinkUri>) {
 /// The finding about a link that this build cannot open.
 pub fn build(wanted: &LinkUri) -> Option<Finding> {
     let scheme = wanted.scheme();
-    let next = || format!("{}, or name another link with {LINK_VARIABLE} or in {FILE_NAME}", with_feature(scheme));
+    let next = || format!("{}; or name another link with {LINK_VARIABLE} or in {FILE_NAME}", scheme.instead());
     let finding = || Finding::wrong("build", format!("this build has no {scheme}: links"), next());
     (!scheme.in_build()).then(finding)
 }
 
 /// Why this build cannot open links of a scheme, and what to do.
 pub fn not_in_build(scheme: Scheme) -> String {
-    format!("this build has no {scheme}: links; {}", with_feature(scheme))
-}
-
-fn with_feature(scheme: Scheme) -> String {
-    format!("build it with `cargo build --release --features {}`", scheme.feature())
+    format!("this build has no {scheme}: links; {}", scheme.instead())
 }
 
 /// Splits the text of an error into the error and the next step, with which it ends.

@@ -26,7 +26,7 @@ pub fn for_program(
         (None, None) => return Ok(None),
     };
     if !link.scheme().in_build() {
-        return Err(ExecError::NotInBuild { link: link.to_string() });
+        return Err(ExecError::NotInBuild { link });
     }
     record.map_or(Ok(link.clone()), |file| Ok(record_option::with_record(&link, file)?)).map(Some)
 }

@@ -1,6 +1,6 @@
 //! The rows of the table: one for each slave.
 
-use ecmsk::cia402::{DriveState, Statusword};
+use ecmsk::cia402::{DriveState, Statusword, error_name};
 use ecmsk::sk::CommandId;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotLine, SlotMeaning};
 
@@ -123,7 +123,8 @@ impl Row {
             Some(DriveState::OperationEnabled) => Highlight::On,
             _ => Highlight::Plain,
         };
-        let state = state.map_or("no CiA 402 state", DriveState::name).to_owned();
+        let name = state.map_or("no CiA 402 state", DriveState::name);
+        let state = if error_code == 0 { name.to_owned() } else { format!("{name}: {}", error_name(error_code)) };
         Self { state, statusword: format!("0x{:04X}", statusword.0), highlight, ..self }
     }
 }

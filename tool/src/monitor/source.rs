@@ -57,8 +57,6 @@ impl Feed {
 
     /// Opens a recording and plays it as fast as it was recorded.
     pub fn recording(file: PathBuf, slot: Option<SlotSize>, watched: Watched) -> Result<Self, MonitorError> {
-        // An invalid file is an error before the screen is taken over.
-        drop(Frames::open(&file, slot, None)?);
         Self::start(watched, None, Arc::default(), move |watched, stop| {
             let began = Instant::now();
             let played = walk(&file, slot, |framed| {

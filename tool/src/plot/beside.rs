@@ -98,7 +98,7 @@ impl Other {
                 state,
                 from: from + later,
                 to: to + later,
-                note: note.map(|note| format!("{note}, {}", beside.name)),
+                note: note.map(|note| note.of(&beside.name)),
             };
             beside.faults.push((axis.axis, faults.map(named).collect()));
         }

@@ -205,19 +205,25 @@ fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
 const NOTES: u32 = 10;
 const OTHER_NOTES: u32 = 26;
 
-/// Draws the notes on states that far below the top of the panel, where the states begin. A note that would overlap another one
-/// is left out.
+/// Draws the notes on states that far below the top of the panel, where the states begin: in full where there is room before the
+/// next one. A note that would overlap another one is left out.
 fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);
+    let begin = |span: &Span| style::LEFT + ((span.from - times.start) * pixels) as u32 + GAP / 2;
+    let mut noted = spans.iter().filter_map(|span| Some((begin(span), span.note.as_ref()?))).peekable();
     let mut free_from = style::LEFT;
-    for span in spans {
-        let Some(note) = &span.note else { continue };
-        let width = style::text_width(note, style::TEXT) + GAP;
-        let begin = style::LEFT + ((span.from - times.start) * pixels) as u32 + GAP / 2;
-        let x = begin.min(right - width);
+    while let Some((begin, note)) = noted.next() {
+        let end = noted.peek().map_or(right, |(next, _)| *next);
+        let placed = |text: &str| {
+            let width = style::text_width(text, style::TEXT) + GAP;
+            (begin.min(right.saturating_sub(width)), width)
+        };
+        let (x, width) = placed(&note.full);
+        let is_full = x >= free_from && (x + width <= end || x < begin && end == right);
+        let (text, (x, width)) = if is_full { (&note.full, (x, width)) } else { (&note.brief, placed(&note.brief)) };
         if x >= free_from {
-            write(area, note, (x, y), style::TEXT, style::ALARM, HPos::Left)?;
+            write(area, text, (x, y), style::TEXT, style::ALARM, HPos::Left)?;
             free_from = x + width;
         }
     }

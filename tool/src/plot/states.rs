@@ -10,7 +10,7 @@
 //! or ABORT_HOME is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the
 //! board: after bits 12 and 13 were seen clear, or when they have been set for [`SETTLE_NS`].
 
-use ecmsk::cia402::{DriveState, Statusword};
+use ecmsk::cia402::{DriveState, ErrorCode, Statusword};
 use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
@@ -35,6 +35,31 @@ pub enum State {
     Failed,
 }
 
+/// A note on a state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// What has to be there.
+    pub brief: String,
+    /// The same with what it means, where there is room.
+    pub full: String,
+}
+
+impl Note {
+    fn new(text: impl Into<String>) -> Self {
+        let brief = text.into();
+        Self { full: brief.clone(), brief }
+    }
+
+    fn alarm(code: u16) -> Self {
+        Self { brief: format!("alarm 0x{code:04X}"), full: format!("alarm {}", ErrorCode(code)) }
+    }
+
+    /// The same of the recording of that name.
+    pub fn of(&self, name: &str) -> Self {
+        Self { brief: format!("{}, {name}", self.brief), full: format!("{}, {name}", self.full) }
+    }
+}
+
 /// A state with its beginning and end in seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Span {
@@ -45,7 +70,7 @@ pub struct Span {
     /// Its end.
     pub to: f64,
     /// The note on it, such as the error code.
-    pub note: Option<String>,
+    pub note: Option<Note>,
 }
 
 /// What a report changes for the targets of the drive.
@@ -78,7 +103,7 @@ struct Piece {
     state: State,
     from_ns: i64,
     to_ns: i64,
-    note: Option<String>,
+    note: Option<Note>,
 }
 
 impl States {
@@ -99,7 +124,7 @@ impl States {
         let was_homing = self.homing.since_ns.is_some();
         let failed = self.homing.report(at_ns, drive, aborted);
         if failed && let Some(now) = self.now.as_mut().filter(|_| was_homing) {
-            now.note = Some("homing error".to_owned());
+            now.note = Some(Note::new("homing error"));
         }
         let state = match drive.statusword.state() {
             Some(DriveState::Fault | DriveState::FaultReactionActive) => Some(State::Fault),
@@ -113,10 +138,10 @@ impl States {
         }
         if let Some(now) = self.now.as_mut().filter(|now| now.state == State::Fault && now.note.is_none()) {
             now.note = match drive.error_code {
-                _ if !has_code => Some("fault".to_owned()),
+                _ if !has_code => Some(Note::new("fault")),
                 // The error code may come one cycle later than the state.
                 0 => None,
-                code => Some(format!("alarm 0x{code:04X}")),
+                code => Some(Note::alarm(code)),
             };
         }
         match (begins, state) {
@@ -137,13 +162,13 @@ impl States {
     pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
         if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
             let note = if is_certain { "lost" } else { "lost?" };
-            self.put(Piece { state: State::Lost, from_ns, to_ns: at_ns, note: Some(note.to_owned()) });
+            self.put(Piece { state: State::Lost, from_ns, to_ns: at_ns, note: Some(Note::new(note)) });
         }
     }
 
     /// Adds a time in which the board was in state 0x18.
     pub fn failed(&mut self, from_ns: i64, to_ns: i64) {
-        self.put(Piece { state: State::Failed, from_ns, to_ns, note: Some("0x18".to_owned()) });
+        self.put(Piece { state: State::Failed, from_ns, to_ns, note: Some(Note::new("0x18")) });
     }
 
     /// Whether the drive is homing.
@@ -154,7 +179,8 @@ impl States {
     /// Adds a gap: the FIFO was empty during motion.
     pub fn gap(&mut self, from_ns: i64, to_ns: i64) {
         let milliseconds = (to_ns.saturating_sub(from_ns)) as f64 / 1e6;
-        let note = Some(format!("gap {} ms", style::number(milliseconds, style::digits(milliseconds).min(3))));
+        let note =
+            Some(Note::new(format!("gap {} ms", style::number(milliseconds, style::digits(milliseconds).min(3)))));
         self.put(Piece { state: State::Gap, from_ns, to_ns, note });
     }
 
@@ -191,7 +217,7 @@ impl States {
             Some(before) if piece.from_ns.saturating_sub(before.to_ns) < self.apart_ns => {
                 before.to_ns = piece.to_ns;
                 if piece.state == State::Gap {
-                    before.note = Some("gaps".to_owned());
+                    before.note = Some(Note::new("gaps"));
                 }
             }
             _ => self.done.push(piece),

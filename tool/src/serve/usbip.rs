@@ -34,7 +34,7 @@ pub struct Args {
     links: Vec<LinkUri>,
 
     /// Where to listen
-    #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)))]
+    #[arg(long, value_name = "ADDR:PORT", default_value_t = SocketAddr::from(([127, 0, 0, 1], wire::PORT)), value_parser = super::listen_at::<{ wire::PORT }>)]
     listen: SocketAddr,
 
     /// Listen where other machines reach it, too: whoever reaches it moves the axes, USB/IP knows no password and no encryption. A

@@ -12,6 +12,9 @@ use crate::board::{Board, BoardError, Needs, list, statusword_text};
 use crate::kinds;
 
 /// Show what is known of the board, the link and the network; nothing is sent
+///
+/// In PreOP, where a board is that nobody has brought up, reports say nothing of slaves: a line for each comes in SafeOP and OP. A real
+/// board that a program has brought there is shown as it is; --up brings one there.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// Ask the slaves who they are, by SDOs, from slave 1 to the first that does not answer

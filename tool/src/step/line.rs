@@ -59,6 +59,9 @@ impl Line {
     /// The words are no verb.
     pub fn help(words: &[&str]) -> Result<String, String> {
         let (mut at, rest) = command(words);
+        if words.is_empty() {
+            at = at.about("What may be written on a line").override_usage("VERB [ARGUMENTS]");
+        }
         match rest {
             [] => Ok(at.render_long_help().to_string()),
             [word, ..] => Err(format!("`{word}` is unknown; allowed: {}", Self::verbs().join(", "))),

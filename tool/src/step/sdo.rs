@@ -1,12 +1,16 @@
 //! `sdo`: reads and writes objects of slaves.
 
 use clap::Subcommand;
-use ecmsk::coe::AbortCode;
+use ecmsk::cia402::error_name;
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Ecm, EcmError};
 use serde_json::json;
 
 use super::object::{Object, Type, Value};
 use crate::board::{Board, BoardError, Needs, find_slave};
+
+/// The code of the last alarm.
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
 
 /// Read or write an object of a slave (SDO)
 #[derive(Clone, Debug, clap::Args)]
@@ -107,7 +111,13 @@ fn read(board: &Board, which: &Which) -> Result<(), BoardError> {
     json["type"] = of.name().into();
     json["value"] = value.into();
     let digits = of.bits() as usize / 4;
-    Ok(board.reporter.result(format_args!("{value} (0x{raw:0digits$X})"), &json)?)
+    let mut meaning = String::new();
+    if object.address == ERROR_CODE {
+        let name = error_name(raw as u16);
+        json["meaning"] = name.into();
+        meaning = format!(": {name}");
+    }
+    Ok(board.reporter.result(format_args!("{value} (0x{raw:0digits$X}){meaning}"), &json)?)
 }
 
 fn write(board: &Board, which: &Which, value: Value) -> Result<(), BoardError> {

@@ -154,8 +154,7 @@ fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
     for verb in ["servo on 1", "home 1", "move 1=5"] {
         let ran = script(&board, &format!("state op\nwait 100ms\n{verb}\n"));
         assert_eq!(ran.code, Some(1));
-        let error =
-            ":3: axis 1 has alarm 0x7500; remove the cause (drive's manual), then `servo clear 1` and `servo on 1`\n";
+        let error = ":3: axis 1 has alarm 0x7500: communication; remove the cause (drive's manual), then `servo clear 1` and `servo on 1`\n";
         assert!(ran.err.ends_with(error), "{}", ran.err);
     }
     let ran = script(&board, "state op\nwait 100ms\nservo clear 1\nservo on 1\nmove 1=5\n");

@@ -33,7 +33,7 @@ $2
 ";
         /// The colour of what is drawn beside.
         const BESIDE: &str = "#202020";
-        const ALARM: &str = "alarm 0x7500, nic:veth0";
+        const ALARM: &str = "alarm 0x7500: communication, nic:veth0";
         /// The picture ends before either run does, so that its scale is not that of a time which passed.
         const END: &str = "4.3s";
         /// In the units of the picture, a fourth of a pixel: how far a place is rounded away if a scale differs by some counts.

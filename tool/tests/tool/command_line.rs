@@ -49,6 +49,47 @@ fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
+/// TOOL-203 What people look for under a name that it does not have here is answered with what there is, a word that is no verb
+/// with those that there are.
+#[test]
+fn what_is_looked_for_elsewhere_is_shown() {
+    for (words, told) in [
+        (&["jog", "1"][..], "`ecmsk move` moves axes"),
+        (&["alarm"], "`ecmsk servo clear` resets them"),
+        (&["reset", "1"], "`ecmsk servo clear` resets them"),
+        (&["scan"], "`ecmsk bus scan` lists the slaves"),
+        (&["bus", "scan", "--slaves", "io"], "--link 'sim:?slaves=drive*2'"),
+        (&["frobnicate"], "`ecmsk` has the verbs exec, dump, plot, "),
+    ] {
+        run(words).expect_misuse(&[told]);
+        run([words, &["--json"]].concat()).expect_misuse(&[told]);
+    }
+    run(["dmp"]).expect_misuse(&["a similar subcommand exists: 'dump'"]);
+    let named = run(["doctor", "--link", "sim:?slaves=io", "--quick"]);
+    assert!(named.out.contains("sim:?slaves=io, from --link"), "{named:?}");
+}
+
+/// TOOL-203 A place to listen without a port is answered with one.
+#[test]
+fn a_port_that_is_missing_is_named() {
+    for (verb, port) in [("tcp", 4711), ("usbip", 3240)] {
+        let listen = |at| run(["serve", verb, "--link", "sim:?slaves=io", "--listen", at]);
+        listen("0.0.0.0").expect_misuse(&[&format!("the port is missing: write 0.0.0.0:{port}")]);
+        listen("localhost").expect_misuse(&[&format!("e.g. 127.0.0.1:{port}, or 0.0.0.0:{port}")]);
+    }
+}
+
+/// TOOL-203 A recording that is not there is told before anything is said of the terminal; help of the shell names the tool.
+#[test]
+fn a_recording_that_is_missing_is_told_first() {
+    run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");
+    let help = run_with_input(&["shell", "--link", "sim:?slaves=io&clock=virtual"], b"help\n");
+    assert!(
+        help.out.starts_with("What may be written on a line") && help.out.contains("Usage: VERB [ARGUMENTS]"),
+        "{help:?}"
+    );
+}
+
 /// A wrong command line is told with the next step, and is 2.
 #[test]
 fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {

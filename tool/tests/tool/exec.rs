@@ -12,6 +12,7 @@ use crate::common::exec::{ExecFolder, OPEN_BOARD};
 use crate::common::{Ran, with_default_signals};
 use ecmsk::link::keys::Scheme;
 use ecmsk::link::uri::LinkUri;
+use support::pe::{IL_ONLY, Pe, X64};
 
 /// The program gets the link in normal form, and nothing is said.
 #[test]
@@ -133,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     }
 }
 
-/// 127 for what is not there, 126 for what cannot be executed, each with what to do.
+/// TOOL-203 127 for what is not there, 126 for what cannot be executed, each with what to do.
 #[test]
 fn programs_that_do_not_start() {
     let place = ExecFolder::new();
@@ -149,6 +150,14 @@ fn programs_that_do_not_start() {
     run("./no-such-program").expect_failure(127, &["./no-such-program: not found"], "check the path");
     run("program").expect_failure(127, &["program: not found"], "write ./program");
     run("./program").expect_failure(126, &["./program: Permission denied"], "chmod +x");
+    place.program("main.cpp", "int main() {}\n", "644");
+    run("./main.cpp").expect_failure(126, &["it is a source: compile it, g++ ./main.cpp"], "docs/GUIDE-CPP.md");
+    place.program("read.py", "print(1)\n", "755");
+    run("./read.py").expect_failure(126, &["./read.py: Exec format error"], "-- python3 ./read.py");
+    place.program("press.exe", Pe::program(X64).bytes(), "644");
+    run("./press.exe").expect_failure(126, &["it is a program of Windows"], "docs/WINDOWS.md");
+    place.program("managed.exe", Pe::program(X64).managed(IL_ONLY).bytes(), "644");
+    run("./managed.exe").expect_failure(126, &["it is a .NET program"], "-- mono ./managed.exe (docs/DOTNET.md)");
     run("/").expect_failure(126, &["/: Permission denied"], "name the program in it");
     run("./script").expect_failure(127, &["./script: not found"], "its interpreter or dynamic linker is not");
     run("./rubbish").expect_failure(126, &["./rubbish: Exec format error"], "build it here");

@@ -208,8 +208,20 @@ mod needs_cxx {
             text.starts_with("a change of state failed, byte 2 of slot 0 is 0x12: PreOP (a slave failed); the program"),
             "{text}"
         );
+        assert_eq!(run(["summary", "--exit-code", file.to_str().expect("UTF-8")]).code, Some(1));
         let (_, file) = recorded(folder.path(), TWO, &["2", "100"]);
         assert_eq!(run(["summary", file.to_str().expect("UTF-8")]).expect_quiet(), "");
+        assert_eq!(run(["summary", "--exit-code", file.to_str().expect("UTF-8")]).expect_quiet(), "");
+        let whole = fs::read(&file).expect("it is there");
+        fs::write(&file, &whole[..whole.len() - 3]).expect("a file");
+        assert_eq!(run(["summary", "--exit-code", file.to_str().expect("UTF-8")]).code, Some(1));
+
+        // It gives up before the board is in SafeOP.
+        let (ran, file) = recorded(folder.path(), TWO, &["2", "0", "hasty"]);
+        let hasty = "the program ended 4 ms after it had asked for OP, while the board was on its way there; ";
+        has(&ran, &[&format!("summary: {hasty}")]);
+        let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();
+        assert!(text.starts_with(hasty), "{text}");
     }
 
     /// TOOL-138 A disk that is full while a program is recorded: said, and an exit code.

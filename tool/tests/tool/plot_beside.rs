@@ -50,13 +50,16 @@ fn both_runs_are_seen_to_their_ends_with_their_alarms() {
     assert_eq!(found.len(), 1, "{found:?}");
     near(found[0].0, alarm.0, 0.9);
     near(found[0].1, alarm.1, 0.9);
-    assert_eq!(panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500, xf-sim:"]);
+    assert_eq!(
+        panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(),
+        ["alarm 0x7500: communication, xf-sim:"]
+    );
     assert_eq!(plot.texts().iter().filter(|text| **text == "fault").count(), 1, "in the legend");
 
     let plot = long.plot(&["--beside", short.file.to_str().expect("UTF-8")]);
     let panel = plot.panel("Axis 1");
     near(panel.samples(BLACK, false).last().expect("the other run").0, 0.3, 0.9);
-    assert_eq!(panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500"]);
+    assert_eq!(panel.notes().iter().map(|(_, text)| *text).collect::<Vec<_>>(), ["alarm 0x7500: communication"]);
     // A range of times holds for both.
     let plot = long.plot(&["--beside", short.file.to_str().expect("UTF-8"), "--from", "0.4"]);
     assert!(plot.panel("Axis 1").samples(BLACK, false).is_empty());

@@ -223,7 +223,7 @@ fn an_alarm_during_a_move_stops_the_other_axis() {
     let board = format!("{board}&script={events}");
     let ran = run(["move", "1=100000", "2=100000", "--velocity", "50000", "--up", "--link", &board]);
     assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{ran:?}");
-    assert!(ran.err.contains("error: axis 2 has alarm 0x7500; remove the cause"), "{}", ran.err);
+    assert!(ran.err.contains("error: axis 2 has alarm 0x7500: communication; remove the cause"), "{}", ran.err);
     assert!(ran.err.contains("ecmsk servo clear 2") && ran.err.contains("note: axis 1 is at "), "{}", ran.err);
     let tape = RecordedTraffic::read(&file);
     let positions = tape.positions(1);

@@ -49,7 +49,7 @@ impl ExecFolder {
     }
 
     /// A file with these permissions.
-    pub fn program(&self, name: &str, text: &str, mode: &str) {
+    pub fn program(&self, name: &str, text: impl AsRef<[u8]>, mode: &str) {
         let source = self.path().join("source");
         fs::write(&source, text).expect("a file");
         install(&source, &self.path().join(name), mode);

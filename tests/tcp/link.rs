@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use ecmsk::ecm::{Close, Config, Ecm};
+use ecmsk::ecm::{Close, Config, Ecm, Options};
 use ecmsk::engine::Counters;
 use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
@@ -324,6 +324,25 @@ fn a_reader_connects_again() {
     going.join().unwrap();
     let writer = link::open(&format!("tcp://{address}?reconnect_ms=1"), Share::ByName).err().unwrap();
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
+}
+
+/// TCP-31 Alarms, and changes of state that failed, are in the server's log in words and with their times.
+#[test]
+fn alarms_are_in_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = folder.path().join("script");
+    std::fs::write(&script, "at 1500ms alarm 1 0x7500\n").unwrap();
+    let (server, told) = serve(&format!("sim:?slaves=drive&clock=virtual&script={}", script.display()));
+    let options = Options { close: Close::Leave, ..Options::default() };
+    let ecm = Ecm::open_with(&uri(&server, ""), options).unwrap();
+    assert!(ecm.set_state(MasterState::SafeOp).is_err(), "nothing is declared");
+    told.wait(": a change of state failed, byte 2 of slot 0 is 0x12");
+    ecm.configure(&Config::drives(1)).unwrap();
+    ecm.set_state(MasterState::Op).unwrap();
+    while !told.lines().iter().any(|line| line == "at 1.501 s: slave 1 has an alarm, 0x7500: communication") {
+        let now = ecm.next_cycle(LIMIT).unwrap().meta.at.0;
+        assert!(now < 10_000_000_000, "{:?}", told.lines());
+    }
 }
 
 /// TCP-17 A client's reads and writes allocate nothing once the link is open, in either time.

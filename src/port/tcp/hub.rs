@@ -15,6 +15,7 @@ use crate::link::tcp::{Channel, PROOF_LEN};
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;
 use crate::sk::Frame;
+use crate::summary::{FrameEvent, FrameWatch};
 
 /// A board that is connected.
 pub(super) struct Board {
@@ -24,6 +25,8 @@ pub(super) struct Board {
     known: KnownNetwork,
     /// What the frames that pass show of the network; nothing if the slot size is unknown.
     watch: Mutex<Watch>,
+    /// Finds alarms, and changes of state that failed, for the log.
+    troubles: Option<Mutex<FrameWatch>>,
     /// The time of the newest report.
     newest: AtomicU64,
     /// The sequence number of the next report.
@@ -40,6 +43,9 @@ impl Board {
         let at = self.link.write(frame, wait)?;
         if let Some(size) = self.info.slot {
             self.watch.lock().command(frame, size, at);
+        }
+        if let Some(troubles) = &self.troubles {
+            troubles.lock().command(nanoseconds(at), frame);
         }
         Ok(at)
     }
@@ -158,6 +164,7 @@ impl Hub {
             next: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
             watch: Mutex::default(),
+            troubles: info.slot.map(|size| Mutex::new(FrameWatch::new(size))),
             known,
             info,
             link,
@@ -253,8 +260,21 @@ impl Hub {
         (state.writer, state.server_reports) = (None, None);
     }
 
+    /// Logs what a report shows of trouble, with the time since the board was opened, as a recording of it has it.
+    fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
+        let Some(troubles) = &board.troubles else { return };
+        troubles.lock().report(nanoseconds(at), frame, &mut |event| {
+            let seconds = at.0.saturating_sub(board.info.opened_at.0) as f64 / 1e9;
+            self.tell(&match event {
+                FrameEvent::Alarm(alarm) => format!("at {seconds:.3} s: {alarm}"),
+                FrameEvent::StateFailed(failed) => format!("at {seconds:.3} s: {failed}"),
+            });
+        });
+    }
+
     /// Sends a report to all clients, except to a writer on virtual time, which gets it as the answer to its request.
     pub(super) fn publish(&self, board: &Board, frame: &Frame, meta: ReadMeta) {
+        self.tell_troubles(board, frame, meta.at);
         let state = self.state.lock();
         // Under the same lock as sending it, so that a new client is told the number of the first report that it gets.
         board.note_report(frame, meta);
@@ -305,6 +325,10 @@ impl Hub {
             self.changed.wait_for(&mut state, limit);
         }
     }
+}
+
+fn nanoseconds(at: Stamp) -> i64 {
+    i64::try_from(at.0).unwrap_or(i64::MAX)
 }
 
 fn is_present(state: &Result<Arc<Board>, String>, board: &Arc<Board>) -> bool {

@@ -89,7 +89,11 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
 /// The lines about the board.
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
-    let name = Line::styled(visible(&view.name), bold);
+    let mut name = visible(&view.name);
+    if ["sim:", "xf-sim:"].iter().any(|scheme| name.starts_with(scheme)) {
+        name += "   a board of this process alone; to see another program's serve it: ecmsk serve tcp";
+    }
+    let name = Line::styled(name, bold);
     let Some(board) = &view.board else {
         let trouble = view.trouble.as_deref().map_or_else(|| "no report yet".to_owned(), visible);
         return vec![name, Line::styled(trouble, Style::new().fg(Color::Red))];

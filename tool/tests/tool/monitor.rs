@@ -121,7 +121,12 @@ fn nothing_is_sent() {
         assert_eq!(last["slots"][3]["kind"], "io", "{clock}");
     }
     let text = run(["monitor", "--link", "sim:?slaves=drive*2", "--once"]).expect_quiet();
-    assert!(text.starts_with("sim:\nstate PreOP ") && text.contains("    2 drive  says nothing"), "{text}");
+    assert!(
+        text.starts_with("sim:   a board of this process alone; ")
+            && text.contains("\nstate PreOP ")
+            && text.contains("    2 drive  says nothing"),
+        "{text}"
+    );
 }
 
 /// TOOL-68 A board that falls silent is told, and one that is gone ends it.

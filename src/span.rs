@@ -30,6 +30,15 @@ impl fmt::Display for Span {
     }
 }
 
+/// A time in messages, in nanoseconds since the board was opened: `1.758 s`, as recordings have it.
+pub(crate) struct Seconds(pub u64);
+
+impl fmt::Display for Seconds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.3} s", self.0 as f64 / 1e9)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

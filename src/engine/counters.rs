@@ -9,6 +9,7 @@ use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Ns;
 use crate::sk::{CommandId, Malformed};
+use crate::span::Seconds;
 
 /// Why a command was not executed (SK-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -102,7 +103,7 @@ pub struct Rejection {
 
 impl fmt::Display for Rejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} in slot {} rejected at {} us: {}", self.id, self.slot, self.at / 1000, self.reason)
+        write!(f, "{} in slot {} rejected at {}: {}", self.id, self.slot, Seconds(self.at), self.reason)
     }
 }
 
@@ -331,6 +332,35 @@ pub enum Event {
     },
 }
 
+impl Event {
+    /// The same with its time counted from `zero`, on the board's clock.
+    pub fn since(mut self, zero: Ns) -> Self {
+        let at = match &mut self {
+            Self::Rejected(Rejection { at, .. })
+            | Self::OddDcShift { at, .. }
+            | Self::OddDriveType { at, .. }
+            | Self::Incomplete { at, .. }
+            | Self::SlaveLost { at, .. }
+            | Self::SlaveFell { at, .. }
+            | Self::OtherMaster { at, .. }
+            | Self::InputsStale { at, .. }
+            | Self::WorkingCounter { at, .. }
+            | Self::AnswersLost { at, .. }
+            | Self::BusDown { at }
+            | Self::OutputsLost { at, .. }
+            | Self::SlaveDisturbed { at, .. }
+            | Self::SlaveLeft { at, .. }
+            | Self::StateFailed { at, .. }
+            | Self::HomingEnded { at, .. }
+            | Self::ModeNotRestored { at, .. }
+            | Self::SdoAborted { at, .. }
+            | Self::Scripted { at, .. } => at,
+        };
+        *at = at.saturating_sub(zero);
+        self
+    }
+}
+
 /// The advice for an object that a slave does not have.
 const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
                               slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
@@ -341,29 +371,29 @@ impl fmt::Display for Event {
             Self::Rejected(rejection) => rejection.fmt(f),
             Self::OddDcShift { at, data2 } => write!(
                 f,
-                "SET_DC at {} us has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
-                at / 1000
+                "SET_DC at {} has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only",
+                Seconds(*at)
             ),
             Self::OddDriveType { at, slave, data2 } => write!(
                 f,
-                "DRIVE_MODE of slave {slave} at {} us has Data2 = 0x{data2:08X}: taken for 1, DC sync, though the guides print 0 \
+                "DRIVE_MODE of slave {slave} at {} has Data2 = 0x{data2:08X}: taken for 1, DC sync, though the guides print 0 \
                  and 1 only",
-                at / 1000
+                Seconds(*at)
             ),
-            Self::StateFailed { at, why } => write!(f, "a change of state has failed at {} us: {why}", at / 1000),
+            Self::StateFailed { at, why } => write!(f, "a change of state has failed at {}: {why}", Seconds(*at)),
             Self::HomingEnded { at, slave, axis, end } => {
-                write!(f, "homing of slave {slave}, axis {}, at {} us: {end}", axis + 1, at / 1000)
+                write!(f, "homing of slave {slave}, axis {}, at {}: {end}", axis + 1, Seconds(*at))
             }
             Self::ModeNotRestored { at, slave, axis, code } => write!(
                 f,
-                "the mode of slave {slave}, axis {}, could not be restored after homing at {} us ({code}): write 0x{:04X}",
+                "the mode of slave {slave}, axis {}, could not be restored after homing at {} ({code}): write 0x{:04X}",
                 axis + 1,
-                at / 1000,
+                Seconds(*at),
                 MODES_OF_OPERATION + SECOND_AXIS_OFFSET * u16::from(*axis)
             ),
             Self::SdoAborted { at, slave, object, write, code } => {
                 let id = if *write { CommandId::SdoWrite } else { CommandId::SdoRead };
-                write!(f, "{id} of slave {slave}, {object}, aborted at {} us: {code}", at / 1000)?;
+                write!(f, "{id} of slave {slave}, {object}, aborted at {}: {code}", Seconds(*at))?;
                 match *code {
                     AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX => f.write_str(MAKERS_OBJECTS),
                     _ => Ok(()),
@@ -378,79 +408,79 @@ impl fmt::Display for Event {
                 if let Some(code) = code {
                     write!(f, " 0x{code:04X}")?;
                 }
-                write!(f, "` at {} us", at / 1000)
+                write!(f, "` at {}", Seconds(*at))
             }
             Self::Incomplete { at, bytes } => write!(
                 f,
-                "command frame dropped at {} us: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
+                "command frame dropped at {}: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
                  frames, or pull CONFIG3 low",
-                at / 1000
+                Seconds(*at)
             ),
             Self::SlaveLeft { at, slave } => write!(
                 f,
-                "slave {slave} is in a lower state than the others since a change that failed, seen at {} us: send SET_STATE \
+                "slave {slave} is in a lower state than the others since a change that failed, seen at {}: send SET_STATE \
                  to bring it back",
-                at / 1000
+                Seconds(*at)
             ),
             Self::InputsStale { at, slave } => write!(
                 f,
-                "the inputs of slave {slave} are stale at {} us: they do not come, or with a wrong working counter; its axes are stopped; \
+                "the inputs of slave {slave} are stale at {}: they do not come, or with a wrong working counter; its axes are stopped; \
                  look at its cables (`ecmsk bus errors`), then send SET_STATE to bring it back",
-                at / 1000
+                Seconds(*at)
             ),
             Self::WorkingCounter { at, counted, expected } if counted > expected => write!(
                 f,
-                "working counter {counted} instead of {expected} at {} us, which slaves cannot add: something changes frames on their way; \
+                "working counter {counted} instead of {expected} at {}, which slaves cannot add: something changes frames on their way; \
                  what they bring is not believed",
-                at / 1000
+                Seconds(*at)
             ),
             Self::WorkingCounter { at, counted, expected } => write!(
                 f,
-                "working counter {counted} instead of {expected} at {} us: not every slave answers; look at the cable and at \
+                "working counter {counted} instead of {expected} at {}: not every slave answers; look at the cable and at \
                  the slaves' power",
-                at / 1000
+                Seconds(*at)
             ),
             Self::AnswersLost { at, cycles } => write!(
                 f,
-                "the answers of {cycles} cycles before {} us were not there in time: this machine was late, or frames are lost on \
+                "the answers of {cycles} cycles before {} were not there in time: this machine was late, or frames are lost on \
                  the cable; no outputs are lost with them",
-                at / 1000
+                Seconds(*at)
             ),
             Self::BusDown { at } => write!(
                 f,
-                "the network does not answer at {} us: look at its wires and its power; when it answers \
+                "the network does not answer at {}: look at its wires and its power; when it answers \
                  again, send SET_STATE to bring the slaves back",
-                at / 1000
+                Seconds(*at)
             ),
             Self::OutputsLost { at, sets, has_chip: true } => write!(
                 f,
-                "the outputs of {sets} cycles before {} us may not have reached the slaves: exchanges with the chip fail, or \
+                "the outputs of {sets} cycles before {} may not have reached the slaves: exchanges with the chip fail, or \
                  frames on the cable are lost; look at its wires and at the cable",
-                at / 1000
+                Seconds(*at)
             ),
             Self::OutputsLost { at, sets, has_chip: false } => write!(
                 f,
-                "the outputs of {sets} cycles before {} us may not have reached the slaves: frames on the cable are lost; look at \
+                "the outputs of {sets} cycles before {} may not have reached the slaves: frames on the cable are lost; look at \
                  the cables (`ecmsk bus errors`)",
-                at / 1000
+                Seconds(*at)
             ),
-            Self::SlaveFell { at, fall } => write!(f, "at {} us: {fall}", at / 1000),
+            Self::SlaveFell { at, fall } => write!(f, "at {}: {fall}", Seconds(*at)),
             Self::OtherMaster { at, address: [a, b, c, d, e, g] } => write!(
                 f,
-                "another master sends frames on this network (from {a:02X}:{b:02X}:{c:02X}:{d:02X}:{e:02X}:{g:02X}), seen at {} us: \
+                "another master sends frames on this network (from {a:02X}:{b:02X}:{c:02X}:{d:02X}:{e:02X}:{g:02X}), seen at {}: \
                  each of the two disturbs the slaves of the other; stop it, or this program",
-                at / 1000
+                Seconds(*at)
             ),
             Self::SlaveDisturbed { at, slave } => write!(
                 f,
-                "slave {slave} left OP at {} us because the bus configured others: its motors and outputs are off until they \
+                "slave {slave} left OP at {} because the bus configured others: its motors and outputs are off until they \
                  are switched on again",
-                at / 1000
+                Seconds(*at)
             ),
             Self::SlaveLost { at, slave } => write!(
                 f,
-                "slave {slave} lost at {} us: look at its power and its cable, then send SET_STATE to bring it back",
-                at / 1000
+                "slave {slave} lost at {}: look at its power and its cable, then send SET_STATE to bring it back",
+                Seconds(*at)
             ),
         }
     }

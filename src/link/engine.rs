@@ -174,19 +174,22 @@ impl EngineLink {
         }
         // The lines are written after the locks are released, so that no other thread waits for the log.
         let mut lines = Vec::new();
+        let zero = self.info.opened_at.0;
         let mut say = |level, line| lines.push((level, line));
         let mut logged = self.logged();
         let Logged { events: seen, rejections, .. } = &mut *logged;
         match &self.runner {
             Runner::Threaded(threaded) => {
                 let (events, counters, now) = threaded.take_events();
-                rejections.log(events, &counters, now, &mut say);
+                let events = events.into_iter().map(|event| event.since(zero));
+                rejections.log(events, &counters, now.saturating_sub(zero), &mut say);
             }
             Runner::Stepped(stepped) => {
                 stepped.look(|board, _| {
                     let engine = board.engine();
                     let from = std::mem::replace(seen, engine.events_total());
-                    rejections.log(engine.events_since(from), engine.counters(), board.now(), &mut say);
+                    let events = engine.events_since(from).map(|event| event.since(zero));
+                    rejections.log(events, engine.counters(), board.now().saturating_sub(zero), &mut say);
                 });
             }
         }
@@ -282,7 +285,8 @@ impl Link for EngineLink {
             if log::log_enabled!(log::Level::Warn) {
                 let mut lines = Vec::new();
                 let (counters, now) = (board.engine().counters(), board.now());
-                self.logged().rejections.end(counters, now, &mut |level, line| lines.push((level, line)));
+                let since_opened = now.saturating_sub(self.info.opened_at.0);
+                self.logged().rejections.end(counters, since_opened, &mut |level, line| lines.push((level, line)));
                 if let Some((target, since_ns)) = board.engine().going_up(now) {
                     let since_ms = since_ns / 1_000_000;
                     let line = format!(

@@ -6,6 +6,7 @@ use log::Level;
 
 use crate::engine::{Counters, Unexecuted};
 use crate::fieldbus::Ns;
+use crate::span::Seconds;
 
 /// An episode has ended when its counter has not changed for this long, in the board's time \[OURS].
 const QUIET_NS: Ns = 1_000_000_000;
@@ -93,12 +94,12 @@ const fn level(what: Unexecuted) -> Level {
 }
 
 fn begun(what: Unexecuted, count: u64, at: Ns) -> String {
-    format!("since {} us: {count} {}; {}", at / 1000, what.meaning(), what.advice())
+    format!("since {}: {count} {}; {}", Seconds(at), what.meaning(), what.advice())
 }
 
 fn ended(what: Unexecuted, episode: &Episode, count: u64) -> String {
-    let (from, to) = (episode.from / 1000, episode.to / 1000);
-    format!("from {from} us to {to} us: {} {} in all", count - episode.before, what.meaning())
+    let (from, to) = (Seconds(episode.from), Seconds(episode.to));
+    format!("from {from} to {to}: {} {} in all", count - episode.before, what.meaning())
 }
 
 #[cfg(test)]
@@ -137,18 +138,18 @@ mod tests {
         assert_eq!(log.lines.len(), 1, "{:?}", log.lines);
         let (level, line) = &log.lines[0];
         assert_eq!(*level, Level::Warn);
-        let begins = "since 1000 us: 1 command frame(s) found the FIFO full and were lost; ";
+        let begins = "since 0.001 s: 1 command frame(s) found the FIFO full and were lost; ";
         assert!(line.starts_with(begins), "{line}");
         let last = Counters { full: 1399, ..Counters::default() };
         log.look(&last, 1398 * MS);
         assert_eq!(log.lines.len(), 1, "it has not ended: {:?}", log.lines);
         log.look(&last, 1399 * MS);
-        let ends = "from 1000 us to 399000 us: 399 command frame(s) found the FIFO full and were lost in all";
+        let ends = "from 0.001 s to 0.399 s: 399 command frame(s) found the FIFO full and were lost in all";
         assert_eq!(log.lines[1..], [(Level::Warn, ends.to_owned())]);
         log.end(&last, 5000 * MS);
         assert_eq!(log.lines.len(), 2, "told twice: {:?}", log.lines);
         log.look(&Counters { full: 1400, ..Counters::default() }, 6000 * MS);
-        assert!(log.lines[2].1.starts_with("since 6000000 us: 1 "), "{:?}", log.lines);
+        assert!(log.lines[2].1.starts_with("since 6.000 s: 1 "), "{:?}", log.lines);
     }
 
     /// SK-4.78 Every counter that means that a command was not executed has its lines; a link that is closed while it goes

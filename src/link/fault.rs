@@ -51,6 +51,7 @@ pub use stats::{FaultCounts, FaultStats};
 
 use super::{Dir, Fraction, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::{Frame, SlotSize};
+use crate::span::Seconds;
 use clock::{Call, Clock, POLL_TIME};
 use random::FaultSequence;
 use stats::{Counters, count, read};
@@ -169,7 +170,7 @@ impl FaultLink {
             // A lost frame takes its time on the wire, too.
             self.inner.pass(POLL_TIME)?;
             let at = self.clock.stamp(self.clock.now()?);
-            log::info!("fault: a command frame is dropped at {} us", at.0 / 1000);
+            log::info!("fault: a command frame is dropped at {}", self.since_opened(at));
             return Ok(at);
         }
         let corrupted = faults.corrupt.map(|bit| {
@@ -188,9 +189,14 @@ impl FaultLink {
         };
         if faults.duplicate && self.inner.write(frame, self.clock.remaining(&call, until)?).is_ok() {
             count(&self.writes.duplicated);
-            log::info!("fault: the command frame of {} us arrives twice", at.0 / 1000);
+            log::info!("fault: the command frame of {} arrives twice", self.since_opened(at));
         }
         Ok(at)
+    }
+
+    /// A time as messages have it.
+    fn since_opened(&self, at: Stamp) -> Seconds {
+        Seconds(at.0.saturating_sub(self.inner.info().opened_at.0))
     }
 
     fn read_report(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
@@ -215,7 +221,7 @@ impl FaultLink {
             let faults = self.sequences[1].lock().next_frame();
             if faults.drop {
                 count(&self.reads.dropped);
-                log::info!("fault: report {} of {} us is dropped", meta.sequence, meta.at.0 / 1000);
+                log::info!("fault: report {} of {} is dropped", meta.sequence, self.since_opened(meta.at));
                 self.refuse_an_endless_read(wait, begin)?;
                 continue;
             }

@@ -7,6 +7,7 @@ use log::Level;
 use super::episodes::Episodes;
 use crate::engine::{Counters, Event, HomingEnd, Reason, Unexecuted};
 use crate::fieldbus::Ns;
+use crate::span::Seconds;
 
 /// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
 /// transfers that a slave has aborted count as a kind.
@@ -107,8 +108,8 @@ impl RejectionLog {
             let more = rejected.saturating_sub(kind.logged);
             if more > 0 && is_over(kind) {
                 kind.logged += more;
-                let since = kind.since / 1000;
-                say(Level::Warn, format!("{more} more rejected as {name} since {since} us; look at the first ones"));
+                let since = Seconds(kind.since);
+                say(Level::Warn, format!("{more} more rejected as {name} since {since}; look at the first ones"));
             }
         }
     }
@@ -158,7 +159,7 @@ mod tests {
         log.log([], &counters, 999 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 6, "{said:?}");
         log.log([], &counters, 1000 * MS, &mut |_, line| said.push(line));
-        assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0 us; look at the first ones"]);
+        assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0.000 s; look at the first ones"]);
         log.end(&counters, 2000 * MS, &mut |_, line| said.push(line));
         assert_eq!(said.len(), 7, "{said:?}");
     }

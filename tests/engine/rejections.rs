@@ -223,7 +223,7 @@ fn the_log_speaks() {
         host.raw(slot, command);
         let texts: Vec<String> = host.board.engine().events_since(mark).map(|event| event.to_string()).collect();
         assert_eq!(texts.len(), 1, "{texts:?}");
-        let at = format!("{} us", (now + 125_000) / 1000);
+        let at = format!("{:.3} s", (now + 125_000) as f64 / 1e9);
         for word in words.into_iter().chain([at.as_str()]) {
             assert!(texts[0].contains(word), "{word}: {}", texts[0]);
         }

@@ -253,9 +253,9 @@ fn a_script_in_rust_does_what_the_handles_do() {
         ]
     );
     let event = scripted(3, 2, "cut", true).to_string();
-    assert_eq!(event, format!("script, line 2: the end of `cut` at {} us", (zero + 3 * MS) / 1000));
+    assert_eq!(event, format!("script, line 2: the end of `cut` at {:.3} s", (zero + 3 * MS) as f64 / 1e9));
     let alarm = Event::Scripted { at: MS, line: 1, verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false };
-    assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 1000 us");
+    assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 0.001 s");
 }
 
 /// ECAT-15.24 On a board a line that waits for a master is refused.

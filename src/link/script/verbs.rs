@@ -188,8 +188,8 @@ pub(crate) fn help() -> String {
          For slaves on a network interface (`ecmsk serve ethercat`) times count from its start, and below a line\n\n    \
          from frame                        from the first frame of a master\n    \
          from op                           from when the first slave is in OP\n\n\
-         Times are numbers with us, ms, s, min or h. Warnings and the summary have board time since its power came on, which is \
-         more\nby the time of its boot. Verbs:\n",
+         Times are numbers with us, ms, s, min or h. Those of warnings count from when the board was opened, as `at` does. \
+         Verbs:\n",
     );
     for verb in VERBS {
         let lasts = if verb.lasts { " [for TIME]" } else { "" };

@@ -231,7 +231,11 @@ mod tests {
         }
         let all = Some(4);
         assert_eq!(counted, [all, Some(2), all, Some(3), all, Some(3), all, None, all]);
-        assert!(wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose 2` at 30")), "{:?}", wire.lines);
+        assert!(
+            wire.lines.iter().any(|line| line.starts_with("script, line 2: `lose 2` at 0.030 s")),
+            "{:?}",
+            wire.lines
+        );
     }
 
     /// ECAT-15.20 An alarm is told with its code and its words when it comes, when another one takes its place, and when it is gone; a
@@ -253,7 +257,7 @@ mod tests {
             ]
         );
         assert!(
-            wire.lines.iter().any(|line| line.starts_with("script, line 1: `alarm 1 0x7500` at 10")),
+            wire.lines.iter().any(|line| line.starts_with("script, line 1: `alarm 1 0x7500` at 0.010 s")),
             "{:?}",
             wire.lines
         );

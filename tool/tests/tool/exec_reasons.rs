@@ -190,6 +190,11 @@ mod needs_cxx {
             "slave 2 has an alarm, 0x2310: continuous overcurrent at the output",
         ];
         alarms.iter().for_each(|alarm| has(&ran, &[&format!("warning: {alarm}")]));
+        // The times of warnings are those of the script and of the recording: from when the board was opened.
+        has(&ran, &["warning: script, line 1: `alarm 1 0x7500` at 0.800 s"]);
+        let dump = run(["dump", "--from", "799ms", "--to", "803ms", file.to_str().expect("UTF-8")]).expect_quiet();
+        let shown = dump.find("Fault reaction active").expect("the alarm");
+        assert!(dump[..shown].contains(" 0.80"), "{dump}");
         let text = run(["summary", file.to_str().expect("UTF-8")]).expect_quiet();
         let gap = "1 gap(s) in a motion: ";
         has(&ran, &[&format!("summary: {gap}")]);

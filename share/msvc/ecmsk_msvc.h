@@ -1,8 +1,9 @@
-/* What console programs of Visual Studio use of Windows, on Linux: with `-I share/msvc` such a program compiles as it is.
+/* What console programs of Visual Studio use of Windows, on Linux: with these folders such a program compiles as it is.
  *
- *     g++ -I share/msvc program.cpp -o program $(pkg-config --cflags --libs nextwusblib)
+ *     g++ -I share/msvc -I share/msvc/capital program.cpp -o program $(pkg-config --cflags --libs nextwusblib)
  *
- * The headers beside this one have the names that such programs include. What is not here is not there: the compiler says so.
+ * The headers beside this one have the names that such programs include; `Windows.h` has a folder of its own, since systems that do not
+ * tell capitals from small letters have one file of that name. What is not here is not there: the compiler says so.
  */
 #ifndef ECMSK_MSVC_H
 #define ECMSK_MSVC_H

@@ -139,6 +139,13 @@ pub struct LinkInfo {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Stamp(pub u64);
 
+impl Stamp {
+    /// The moment as recordings have it, which count with a sign.
+    pub fn nanoseconds(self) -> i64 {
+        i64::try_from(self.0).unwrap_or(i64::MAX)
+    }
+}
+
 /// What is known of a report besides its bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadMeta {

@@ -53,10 +53,6 @@ impl WatchLink {
     }
 }
 
-fn nanoseconds(at: Stamp) -> i64 {
-    i64::try_from(at.0).unwrap_or(i64::MAX)
-}
-
 impl Layer for WatchLink {
     fn inner(&self) -> &dyn Link {
         &*self.inner
@@ -64,13 +60,13 @@ impl Layer for WatchLink {
 
     fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
         let at = self.inner.write(frame, wait)?;
-        self.watch().command(nanoseconds(at), frame);
+        self.watch().command(at.nanoseconds(), frame);
         Ok(at)
     }
 
     fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
         let meta = self.inner.read(out, wait)?;
-        self.watch().report(nanoseconds(meta.at), out, &mut |event| {
+        self.watch().report(meta.at.nanoseconds(), out, &mut |event| {
             self.summary_writer.queue_line(match event {
                 FrameEvent::Alarm(alarm) => Line::Alarm(alarm),
                 FrameEvent::StateFailed(failed) => Line::StateFailed(failed),

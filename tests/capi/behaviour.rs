@@ -209,7 +209,10 @@ mod needs_cxx {
     fn a_program_of_visual_studio_compiles_as_it_is() {
         let (source, exe) = (support::root().join("tests/c/msvc_console.cpp"), out_dir().join("msvc_console"));
         let mut compiler = support::Language::Cpp("c++11").compiler();
-        compiler.arg("-I").arg(support::root().join("share/msvc")).arg(source).arg("-o").arg(&exe);
+        for folder in ["share/msvc", "share/msvc/capital"] {
+            compiler.arg("-I").arg(support::root().join(folder));
+        }
+        compiler.arg(source).arg("-o").arg(&exe);
         support::succeed(compiler.arg("-L").arg(&support::library().dir).arg("-lNEXTWUSBLib"));
         let keys = out_dir().join("msvc_keys");
         fs::write(&keys, "xq\n").expect("a file");

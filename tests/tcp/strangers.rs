@@ -95,8 +95,8 @@ fn a_crowd_locks_nobody_out() {
         let server = serve_link(puppet.clone(), patient());
         let attacker = Attacker::start(server.address(), words);
         until("the crowd is renewed", || (attacker.renewed.load(Ordering::Relaxed) > 50).then_some(()));
-        all_get_in(&server, "role=writer", 40);
-        assert_eq!(puppet.taken().len(), 40);
+        all_get_in(&server, "role=writer", 79);
+        assert_eq!(puppet.taken().len(), 79);
     }
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("secret");

@@ -156,7 +156,7 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
         };
     }
     if let Some(file) = &args.recording {
-        // One that is not there is that before anything is wrong with standard output.
+        // A missing recording is told before a standard output that is no terminal.
         drop(Frames::open(file, args.size(), None)?);
     }
     if !io::stdout().is_terminal() {

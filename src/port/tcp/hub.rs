@@ -15,6 +15,7 @@ use crate::link::tcp::{Channel, PROOF_LEN};
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;
 use crate::sk::Frame;
+use crate::span::Seconds;
 use crate::summary::{FrameEvent, FrameWatch};
 
 /// A board that is connected.
@@ -45,7 +46,7 @@ impl Board {
             self.watch.lock().command(frame, size, at);
         }
         if let Some(troubles) = &self.troubles {
-            troubles.lock().command(nanoseconds(at), frame);
+            troubles.lock().command(at.nanoseconds(), frame);
         }
         Ok(at)
     }
@@ -263,11 +264,11 @@ impl Hub {
     /// Logs what a report shows of trouble, with the time since the board was opened, as a recording of it has it.
     fn tell_troubles(&self, board: &Board, frame: &Frame, at: Stamp) {
         let Some(troubles) = &board.troubles else { return };
-        troubles.lock().report(nanoseconds(at), frame, &mut |event| {
-            let seconds = at.0.saturating_sub(board.info.opened_at.0) as f64 / 1e9;
+        troubles.lock().report(at.nanoseconds(), frame, &mut |event| {
+            let at = Seconds(at.0.saturating_sub(board.info.opened_at.0));
             self.tell(&match event {
-                FrameEvent::Alarm(alarm) => format!("at {seconds:.3} s: {alarm}"),
-                FrameEvent::StateFailed(failed) => format!("at {seconds:.3} s: {failed}"),
+                FrameEvent::Alarm(alarm) => format!("at {at}: {alarm}"),
+                FrameEvent::StateFailed(failed) => format!("at {at}: {failed}"),
             });
         });
     }
@@ -325,10 +326,6 @@ impl Hub {
             self.changed.wait_for(&mut state, limit);
         }
     }
-}
-
-fn nanoseconds(at: Stamp) -> i64 {
-    i64::try_from(at.0).unwrap_or(i64::MAX)
 }
 
 fn is_present(state: &Result<Arc<Board>, String>, board: &Arc<Board>) -> bool {

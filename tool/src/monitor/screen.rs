@@ -1,5 +1,6 @@
 //! Draws the table, on a terminal of any size or as text.
 
+use ecmsk::link::keys::Scheme;
 use ecmsk::sk::dump::SlotRole;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use ratatui::backend::TestBackend;
@@ -90,7 +91,8 @@ fn draw_table(frame: &mut Frame, area: Rect, rows: &[Row]) {
 fn head(view: &View) -> Vec<Line<'static>> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let mut name = visible(&view.name);
-    if ["sim:", "xf-sim:"].iter().any(|scheme| name.starts_with(scheme)) {
+    let scheme = view.name.split_once(':').and_then(|(scheme, _)| Scheme::from_name(scheme));
+    if scheme.is_some_and(Scheme::is_model) {
         name += "   a board of this process alone; to see another program's serve it: ecmsk serve tcp";
     }
     let name = Line::styled(name, bold);

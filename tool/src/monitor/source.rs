@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use ecmsk::ecm::{Close, Ecm, EcmError, Options};
 use ecmsk::link::uri::LinkUri;
-use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, ReadMeta, Share};
+use ecmsk::link::{self, Dir, KnownNetwork, Link, LinkError, Share};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::SlotSize;
 
@@ -43,7 +43,7 @@ impl Feed {
         let size = ecm.slot_size()?;
         watched.live = true;
         let first = ecm.snapshot()?;
-        watched.report(nanoseconds(first.meta), first.frame(), size);
+        watched.report(first.meta.at.nanoseconds(), first.frame(), size);
         let failed = Arc::new(Mutex::new(None));
         let problem = Arc::clone(&failed);
         Self::start(watched, Some(link), failed, move |watched, stop| {
@@ -124,7 +124,7 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
         let stats = ecm.stats()?;
         {
             let mut watched = lock(watched);
-            watched.report(nanoseconds(snapshot.meta), snapshot.frame(), size);
+            watched.report(snapshot.meta.at.nanoseconds(), snapshot.frame(), size);
             watched.counts.lost = stats.reports_lost;
             watched.counts.bad_crc = stats.bad_crc;
         }
@@ -180,11 +180,6 @@ pub fn walk(
         }
     }
     Ok(damage.or_else(|| frames.lacks().map(|lacks| format!("{}: {lacks}", file.display()))))
-}
-
-/// The time of a report in nanoseconds.
-fn nanoseconds(meta: ReadMeta) -> i64 {
-    i64::try_from(meta.at.0).unwrap_or(i64::MAX)
 }
 
 fn lock(watched: &Mutex<Watched>) -> MutexGuard<'_, Watched> {

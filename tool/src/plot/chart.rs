@@ -220,7 +220,7 @@ fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: 
             (begin.min(right.saturating_sub(width)), width)
         };
         let (x, width) = placed(&note.full);
-        let is_full = x >= free_from && (x + width <= end || x < begin && end == right);
+        let is_full = x >= free_from && x + width <= end;
         let (text, (x, width)) = if is_full { (&note.full, (x, width)) } else { (&note.brief, placed(&note.brief)) };
         if x >= free_from {
             write(area, text, (x, y), style::TEXT, style::ALARM, HPos::Left)?;

@@ -38,9 +38,9 @@ pub enum State {
 /// A note on a state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// What has to be there.
+    /// The note in few words, such as an error code alone.
     pub brief: String,
-    /// The same with what it means, where there is room.
+    /// The note with its meaning, for where there is room.
     pub full: String,
 }
 

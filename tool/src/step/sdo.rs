@@ -1,7 +1,7 @@
 //! `sdo`: reads and writes objects of slaves.
 
 use clap::Subcommand;
-use ecmsk::cia402::error_name;
+use ecmsk::cia402::{self, error_name};
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Ecm, EcmError};
 use serde_json::json;
@@ -10,7 +10,7 @@ use super::object::{Object, Type, Value};
 use crate::board::{Board, BoardError, Needs, find_slave};
 
 /// The code of the last alarm.
-const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(cia402::ERROR_CODE, 0);
 
 /// Read or write an object of a slave (SDO)
 #[derive(Clone, Debug, clap::Args)]

@@ -79,7 +79,7 @@ fn a_port_that_is_missing_is_named() {
     }
 }
 
-/// TOOL-203 A recording that is not there is told before anything is said of the terminal; help of the shell names the tool.
+/// TOOL-203 A missing recording is told before a standard output that is no terminal; the help of the shell shows what a line is.
 #[test]
 fn a_recording_that_is_missing_is_told_first() {
     run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");

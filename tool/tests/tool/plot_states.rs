@@ -198,7 +198,7 @@ fn short_states_are_seen_and_thousands_of_faults_stay_readable() {
     let (left, right) = panel.spans(NOT_ENABLED)[0];
     assert!((left - from).abs() < 0.03 && right - left > 0.015, "{left} to {right}");
     plot.assert_labels_are_readable();
-    assert!(panel.notes().iter().any(|(_, text)| text.starts_with("alarm 0x8611")), "{:?}", panel.notes());
+    assert!(panel.notes().iter().any(|(_, text)| *text == "alarm 0x8611"), "{:?}", panel.notes());
 
     let (a, b) = (format!("{:.3}", last - 0.004), format!("{:.3}", last + 0.002));
     let part = recorded.plot(&["--from", &a, "--to", &b]);

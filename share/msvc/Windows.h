@@ -1,1 +1,0 @@
-#include "ecmsk_msvc.h"

@@ -1,0 +1,1 @@
+#include "../ecmsk_msvc.h"

@@ -1,7 +1,7 @@
 //! The commands of the board: what each does when its command frame is executed, and why one is rejected (SK-4).
 
 use super::sdo::Accepted;
-use super::{CrcSwitches, Engine, Event, HomingEnd, Reason, Rejection, SlotHead};
+use super::{CrcSwitches, Engine, Event, EventKind, HomingEnd, Reason, Rejection, SlotHead};
 use crate::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
@@ -177,7 +177,7 @@ impl Engine {
                 self.volatile.cycle = cycle;
                 self.declared(at);
                 if let DcShift::Other(data2) = shift {
-                    self.log.push(Event::OddDcShift { at, data2 });
+                    self.log.push(Event { at, kind: EventKind::OddDcShift { data2 } });
                 }
             }
             MasterCommand::SetEx { check_commands, fill_responses } => {
@@ -249,7 +249,7 @@ impl Engine {
     fn run_other_slot(&mut self, slave: usize, id: CommandId, slot: &RawSlot, at: Ns) -> Result<Outcome, Reason> {
         let done = self.run_slot(slave, id, slot, at)?;
         if id == CommandId::DriveMode && slot.data2 > 1 {
-            self.log.push(Event::OddDriveType { at, slave: slave as u8, data2: slot.data2 });
+            self.log.push(Event { at, kind: EventKind::OddDriveType { slave: slave as u8, data2: slot.data2 } });
         }
         Ok(done)
     }
@@ -365,6 +365,6 @@ impl Engine {
 
     pub(super) fn reject(&mut self, slot: usize, id: CommandId, reason: Reason, at: Ns) {
         self.counters.rejected[reason.kind()] += 1;
-        self.log.push(Event::Rejected(Rejection { at, slot: slot as u8, id, reason }));
+        self.log.push(Event { at, kind: EventKind::Rejected(Rejection { slot: slot as u8, id, reason }) });
     }
 }

@@ -1,7 +1,7 @@
 //! GO_HOME, ABORT_HOME and everything that ends homing (SK-7), for all slaves. The homing of one axis is in `homing.rs`.
 
 use super::homing::{Answer, HomingEnd, HomingEvent};
-use super::{Engine, Event, Reason};
+use super::{Engine, Event, EventKind, Reason};
 use crate::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
@@ -127,7 +127,7 @@ impl Engine {
     /// Ends the homing of one axis.
     pub(super) fn end_homing_of_axis(&mut self, slave: usize, axis: usize, end: HomingEnd, at: Ns) {
         if self.volatile.axes[slave - 1][axis].homing.end(end) {
-            self.log.push(Event::HomingEnded { at, slave: slave as u8, axis: axis as u8, end });
+            self.log.push(Event { at, kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end } });
         }
     }
 
@@ -151,7 +151,10 @@ impl Engine {
                 let statusword = self.inputs.slaves[slave - 1][axis].statusword;
                 match homing.take_answer(&Answer { statusword, outputs_received, period_ns }) {
                     Some(HomingEvent::Ended(end)) => {
-                        self.log.push(Event::HomingEnded { at: done.at, slave: slave as u8, axis: axis as u8, end });
+                        self.log.push(Event {
+                            at: done.at,
+                            kind: EventKind::HomingEnded { slave: slave as u8, axis: axis as u8, end },
+                        });
                     }
                     Some(HomingEvent::AtStandstill) => self.restore_later(slave, axis),
                     None => {}

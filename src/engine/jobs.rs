@@ -3,7 +3,7 @@
 
 use super::network::Step;
 use super::restore::{Restore, mode_write};
-use super::{Axis, Engine, Event, SlotHead, StateFailure};
+use super::{Axis, Engine, Event, EventKind, SlotHead, StateFailure};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{
@@ -279,7 +279,7 @@ impl Engine {
         self.volatile.network.fail();
         self.volatile.left_shown_from = Some(self.answers_valid_from(at));
         self.volatile.failure = Some(why);
-        self.log.push(Event::StateFailed { at, why });
+        self.log.push(Event { at, kind: EventKind::StateFailed { why } });
     }
 
     /// The failure of a step because of a refusal.
@@ -451,7 +451,7 @@ impl Engine {
         if let Err(code) = result {
             self.counters.sdo_aborted += 1;
             let (slave, object, write) = (transfer.slave, transfer.object, transfer.write.is_some());
-            self.log.push(Event::SdoAborted { at: now, slave, object, write, code });
+            self.log.push(Event { at: now, kind: EventKind::SdoAborted { slave, object, write, code } });
         }
         let Some((_, value)) = transfer.write else { return };
         if let Some(axis) = mode_object(transfer.object)

@@ -7,7 +7,7 @@ use super::commands::check_kind;
 use super::network::Step;
 use super::outputs::used_axes;
 use super::state_failure::SlaveFall;
-use super::{Engine, Event};
+use super::{Engine, Event, EventKind};
 use crate::cia402::Mode;
 use crate::ethercat::AlStatus;
 use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
@@ -65,7 +65,7 @@ impl Engine {
         let is_low = counted < expected && self.inputs.lost.is_empty() && self.inputs.stood_still_ns == 0;
         let is_wrong = is_low || counted > expected && is_held;
         if is_wrong && expected > 0 && !self.working_counter_wrong {
-            self.log.push(Event::WorkingCounter { at, counted, expected });
+            self.log.push(Event { at, kind: EventKind::WorkingCounter { counted, expected } });
         }
         self.working_counter_wrong = is_wrong;
     }
@@ -117,13 +117,15 @@ impl Engine {
             let (is_silent, is_stale) = (self.inputs.lost.contains(slave), self.inputs.stale.contains(slave));
             let al_status = self.inputs.left_with[usize::from(slave) - 1];
             let (failure, event) = match (is_stale, is_silent) {
-                (true, _) => (super::StateFailure::Stale { slave }, Event::InputsStale { at, slave }),
+                (true, _) => {
+                    (super::StateFailure::Stale { slave }, Event { at, kind: EventKind::InputsStale { slave } })
+                }
                 (_, true) if al_status != AlStatus::NONE.0 => {
                     let fall = SlaveFall { slave, al_status, stood_still_ns: self.inputs.stood_still_ns };
-                    (super::StateFailure::Fell(fall), Event::SlaveFell { at, fall })
+                    (super::StateFailure::Fell(fall), Event { at, kind: EventKind::SlaveFell { fall } })
                 }
-                (_, true) => (super::StateFailure::Lost { slave }, Event::SlaveLost { at, slave }),
-                _ => (super::StateFailure::Lost { slave }, Event::SlaveLeft { at, slave }),
+                (_, true) => (super::StateFailure::Lost { slave }, Event { at, kind: EventKind::SlaveLost { slave } }),
+                _ => (super::StateFailure::Lost { slave }, Event { at, kind: EventKind::SlaveLeft { slave } }),
             };
             self.volatile.failure = Some(failure);
             self.counters.inputs_stale += u64::from(is_stale);
@@ -144,7 +146,7 @@ impl Engine {
         let disturbed = disturbed.intersection(self.used_slaves());
         for slave in self.present(disturbed).iter() {
             self.lose_slave(slave.into(), at);
-            self.log.push(Event::SlaveDisturbed { at, slave });
+            self.log.push(Event { at, kind: EventKind::SlaveDisturbed { slave } });
         }
         self.volatile.network.mark_disturbed(disturbed);
     }

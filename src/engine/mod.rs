@@ -16,7 +16,7 @@
 //! | `go_home.rs`, `homing.rs`, `restore.rs` | GO_HOME and ABORT_HOME, the homing of one axis, and its mode of operation afterwards |
 //! | `network.rs`, `jobs.rs`, `lost.rs`, `state_failure.rs` | SET_STATE: the steps from state to state, the jobs of the bus for them, lost slaves, and why a change has failed |
 //! | `volatile.rs`, `firmware.rs`, `test_mode.rs` | what SW_RESET resets, how firmware 1.5 differs from 1.7, and test mode |
-//! | `counters.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
+//! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
 //! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
 //! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `sync.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
 //!
@@ -27,6 +27,7 @@ mod board;
 mod commands;
 mod config;
 mod counters;
+mod event;
 mod fault_reset;
 mod fifo;
 mod firmware;
@@ -59,7 +60,8 @@ use std::collections::VecDeque;
 
 pub use board::{Board, Script};
 pub use config::EngineConfig;
-pub use counters::{Counters, Event, Reason, Rejection};
+pub use counters::{Counters, Reason};
+pub use event::{Event, EventKind, Rejection};
 pub use firmware::Firmware;
 pub use go_home::HomingPhase;
 pub use handle::BoardHandle;
@@ -77,7 +79,7 @@ pub use unexecuted::Unexecuted;
 use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
 use axis::Axis;
-use counters::EventLog;
+use event::EventLog;
 use fifo::CommandFifo;
 use outputs_record::{CommandedHistory, OutputsHistory, OutputsRecord};
 use volatile::{CrcSwitches, FACTORY_CRC, SlotHead, Volatile};
@@ -352,7 +354,7 @@ impl Engine {
     /// Counts a command frame that was dropped because only its first `bytes` bytes came in time.
     fn frame_incomplete(&mut self, bytes: usize, at: Ns) {
         self.counters.incomplete += 1;
-        self.log.push(Event::Incomplete { at, bytes: bytes as u16 });
+        self.log.push(Event { at, kind: EventKind::Incomplete { bytes: bytes as u16 } });
     }
 
     /// Counts a command frame whose rest is lost because the board has booted meanwhile.
@@ -425,13 +427,13 @@ impl Engine {
         }
         if let Some(address) = bus.strangers().other_master {
             self.has_told_other_master = true;
-            self.log.push(Event::OtherMaster { at, address });
+            self.log.push(Event { at, kind: EventKind::OtherMaster { address } });
         }
     }
 
     fn note_bus_down(&mut self, down: bool, at: Ns) {
         if down && !self.bus_down {
-            self.log.push(Event::BusDown { at });
+            self.log.push(Event { at, kind: EventKind::BusDown });
         }
         self.bus_down = down;
     }

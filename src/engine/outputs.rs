@@ -15,7 +15,7 @@
 
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
-use super::{Engine, Event};
+use super::{Engine, Event, EventKind};
 use crate::cia402::Mode;
 use crate::fieldbus::{Cleared, CycleDone, Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
@@ -192,15 +192,17 @@ impl Engine {
         }
         if done.outputs_lost > 0 {
             self.counters.outputs_lost += u64::from(done.outputs_lost);
-            self.log.push(Event::OutputsLost {
+            self.log.push(Event {
                 at: done.at,
-                sets: done.outputs_lost,
-                has_chip: matches!(self.pacing, Pacing::Bus { .. }),
+                kind: EventKind::OutputsLost {
+                    sets: done.outputs_lost,
+                    has_chip: matches!(self.pacing, Pacing::Bus { .. }),
+                },
             });
         }
         if done.answers_lost > 0 && self.network().in_op() {
             self.counters.answers_lost += u64::from(done.answers_lost);
-            self.log.push(Event::AnswersLost { at: done.at, cycles: done.answers_lost });
+            self.log.push(Event { at: done.at, kind: EventKind::AnswersLost { cycles: done.answers_lost } });
         }
     }
 

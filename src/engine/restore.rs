@@ -3,7 +3,7 @@
 
 use super::homing::HomingEnd;
 use super::jobs::{SdoOwner, mode_object};
-use super::{Engine, Event};
+use super::{Engine, Event, EventKind};
 use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
 use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
@@ -168,6 +168,9 @@ impl Engine {
     fn give_up_restore(&mut self, restore: Restore, code: AbortCode, at: Ns) {
         self.volatile.restores.cancel(restore);
         self.counters.modes_not_restored += 1;
-        self.log.push(Event::ModeNotRestored { at, slave: restore.slave, axis: restore.axis as u8, code });
+        self.log.push(Event {
+            at,
+            kind: EventKind::ModeNotRestored { slave: restore.slave, axis: restore.axis as u8, code },
+        });
     }
 }

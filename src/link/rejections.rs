@@ -5,7 +5,7 @@
 use log::Level;
 
 use super::episodes::Episodes;
-use crate::engine::{Counters, Event, HomingEnd, Reason, Unexecuted};
+use crate::engine::{Counters, Event, EventKind, HomingEnd, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 use crate::span::Seconds;
 
@@ -62,20 +62,20 @@ impl RejectionLog {
     ) {
         let mut logged = [false; Unexecuted::KINDS];
         for event in events {
-            let is_told = match event {
-                Event::Rejected(rejection) => {
+            let is_told = match event.kind {
+                EventKind::Rejected(rejection) => {
                     let kind = &mut self.kinds[rejection.reason.kind()];
-                    let is_logged = kind.is_logged(rejection.at);
+                    let is_logged = kind.is_logged(event.at);
                     kind.logged += u64::from(is_logged);
                     is_logged
                 }
                 // The line with the number of bytes replaces the one that says that an episode begins.
-                Event::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
+                EventKind::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
                 // The bus may lose some in each cycle.
-                Event::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
-                Event::SdoAborted { at, .. } => {
+                EventKind::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
+                EventKind::SdoAborted { .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
-                    self.aborts.is_logged(at)
+                    self.aborts.is_logged(event.at)
                 }
                 _ => true,
             };
@@ -117,7 +117,11 @@ impl RejectionLog {
 
 /// A homing that has attained its home is no reason to warn: `ecmsk exec` sums up warnings as what went wrong.
 const fn level_of(event: &Event) -> Level {
-    if matches!(event, Event::HomingEnded { end: HomingEnd::Attained, .. }) { Level::Info } else { Level::Warn }
+    if matches!(event.kind, EventKind::HomingEnded { end: HomingEnd::Attained, .. }) {
+        Level::Info
+    } else {
+        Level::Warn
+    }
 }
 
 #[cfg(test)]
@@ -129,7 +133,7 @@ mod tests {
     const MS: Ns = 1_000_000;
 
     fn rejected(at: Ns, reason: Reason) -> Event {
-        Event::Rejected(Rejection { at, slot: 1, id: CommandId::Csp, reason })
+        Event { at, kind: EventKind::Rejected(Rejection { slot: 1, id: CommandId::Csp, reason }) }
     }
 
     fn counted(kinds: &[(Reason, u64)]) -> Counters {
@@ -191,8 +195,8 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..50 {
             let code = crate::coe::AbortCode::NO_OBJECT;
-            let aborted = Event::SdoAborted { at: n * MS, slave: 2, object, write: true, code };
-            let dropped = Event::Incomplete { at: n * MS, bytes: 100 };
+            let aborted = Event { at: n * MS, kind: EventKind::SdoAborted { slave: 2, object, write: true, code } };
+            let dropped = Event { at: n * MS, kind: EventKind::Incomplete { bytes: 100 } };
             let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };
             log.log([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
         }
@@ -218,7 +222,7 @@ mod tests {
             (HomingEnd::Lost, Level::Warn),
         ] {
             let mut said = Vec::new();
-            let event = Event::HomingEnded { at: MS, slave: 1, axis: 0, end };
+            let event = Event { at: MS, kind: EventKind::HomingEnded { slave: 1, axis: 0, end } };
             log.log([event], &Counters::default(), MS, &mut |level, line| said.push((level, line)));
             let [(told, text)] = &said[..] else { panic!("{said:?}") };
             assert_eq!((*told, text.starts_with("homing of slave 1, axis 1")), (level, true), "{text}");
@@ -232,9 +236,12 @@ mod tests {
         let mut said = Vec::new();
         for n in 0..50 {
             let counters = Counters { outputs_lost: n + 1, ..Counters::default() };
-            log.log([Event::OutputsLost { at: n * MS, sets: 1, has_chip: true }], &counters, n * MS, &mut |_, line| {
-                said.push(line)
-            });
+            log.log(
+                [Event { at: n * MS, kind: EventKind::OutputsLost { sets: 1, has_chip: true } }],
+                &counters,
+                n * MS,
+                &mut |_, line| said.push(line),
+            );
         }
         assert!(said.len() == 1 && said[0].contains("the outputs of 1 cycles"), "{said:?}");
         log.end(&Counters { outputs_lost: 50, ..Counters::default() }, 60 * MS, &mut |_, line| said.push(line));

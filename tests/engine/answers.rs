@@ -2,7 +2,7 @@
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
-use ecmsk::engine::{EngineConfig, Event, Firmware};
+use ecmsk::engine::{EngineConfig, Event, EventKind, Firmware};
 use ecmsk::fieldbus::AlState;
 use ecmsk::sk::{
     CycleTime, DcShift, DriveSync, FIFO_ENTRIES, FifoAction, MasterCommand, MasterState, RawSlot, SdoCommand,
@@ -224,7 +224,7 @@ fn a_failed_change_goes_by_the_low_nibble() {
                 let mark = host.mark();
                 host.raw(slot, command).cycles(2);
                 // An SDO that is carried out may end in an abort code.
-                let is_rejection = |event: Event| matches!(event, Event::Rejected(_));
+                let is_rejection = |event: Event| matches!(event.kind, EventKind::Rejected(_));
                 let rejected = host.board.engine().events_since(mark).any(is_rejection);
                 assert_eq!(!rejected, allowed, "{size:?} {good} {command:?}");
             }

@@ -1,6 +1,6 @@
 //! What a test or a script does to a board itself while it runs.
 
-use ecmsk::engine::{EngineConfig, Event, Script};
+use ecmsk::engine::{EngineConfig, Event, EventKind, Script};
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{FIFO_ENTRIES, MasterCommand, MasterState};
@@ -99,7 +99,10 @@ struct Once(bool);
 impl Script for Once {
     fn run(&mut self, at: Ns, note: &mut dyn FnMut(Event)) {
         if !std::mem::replace(&mut self.0, true) {
-            note(Event::Scripted { at, line: 7, verb: "full", slave: None, code: None, ended: true });
+            note(Event {
+                at,
+                kind: EventKind::Scripted { line: 7, verb: "full", slave: None, code: None, ended: true },
+            });
         }
     }
 
@@ -117,5 +120,8 @@ fn a_script_is_noted() {
     let at = host.board.next_cycle();
     host.cycles(3);
     let events: Vec<_> = host.board.engine().events_since(mark).collect();
-    assert_eq!(events, [Event::Scripted { at, line: 7, verb: "full", slave: None, code: None, ended: true }]);
+    assert_eq!(
+        events,
+        [Event { at, kind: EventKind::Scripted { line: 7, verb: "full", slave: None, code: None, ended: true } }]
+    );
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecmsk::cia402::{DriveState, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
-use ecmsk::engine::{EngineConfig, Event, Firmware, HomingEnd, HomingPhase};
+use ecmsk::engine::{EngineConfig, EventKind, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Fieldbus, Ns};
 use ecmsk::sk::{Frame, SlaveCommand};
@@ -377,8 +377,8 @@ impl Home {
 
     /// Ends since a mark: slave and how.
     pub fn ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
-        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event {
-            Event::HomingEnded { slave, end, .. } => Some((slave, end)),
+        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event.kind {
+            EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),
             _ => None,
         });
         events.collect()

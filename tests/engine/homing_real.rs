@@ -2,7 +2,7 @@
 //! of the shaft.
 
 use ecmsk::coe::SdoSize;
-use ecmsk::engine::{EngineConfig, Event, Firmware, HomingEnd, HomingPhase};
+use ecmsk::engine::{EngineConfig, EventKind, Firmware, HomingEnd, HomingPhase};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, Motion, SlaveCommand, SlaveKind};
 use ecmsk::slave::plant::Motor;
@@ -168,8 +168,8 @@ impl Axes {
     }
 
     fn ends(&self, mark: u64) -> Vec<(u8, HomingEnd)> {
-        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event {
-            Event::HomingEnded { slave, end, .. } => Some((slave, end)),
+        let events = self.host.board.engine().events_since(mark).filter_map(|event| match event.kind {
+            EventKind::HomingEnded { slave, end, .. } => Some((slave, end)),
             _ => None,
         });
         events.collect()

@@ -3,7 +3,7 @@
 use allocation_counter::measure;
 use ecmsk::cia402::Mode;
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::engine::{Event, Firmware, HomingPhase, Reason};
+use ecmsk::engine::{Event, EventKind, Firmware, HomingPhase, Reason};
 use ecmsk::fieldbus::Ns;
 use ecmsk::sk::{CommandId, DriveSync, Frame, MasterState, Motion, SdoCommand, SdoResponse, SlaveCommand};
 
@@ -265,8 +265,8 @@ fn a_mode_that_cannot_be_restored() {
     assert_eq!(home.jobs.transfers().len() - transfers, 3);
     assert_eq!(home.host.counters().modes_not_restored, 1);
     let events: Vec<Event> = home.host.board.engine().events_since(mark).collect();
-    let [Event::HomingEnded { .. }, failure] = events[..] else { panic!("{events:?}") };
-    assert!(matches!(failure, Event::ModeNotRestored { slave: 1, axis: 0, code: AbortCode(0x0800_0022), .. }));
+    let [Event { kind: EventKind::HomingEnded { .. }, .. }, failure] = events[..] else { panic!("{events:?}") };
+    assert!(matches!(failure.kind, EventKind::ModeNotRestored { slave: 1, axis: 0, code: AbortCode(0x0800_0022) }));
     assert!(failure.to_string().contains("0x6060"), "{failure}");
     home.host.csp(1, -700_000).drained();
     assert_eq!((rejected(&home, Reason::WrongMode), home.ignored()), (1, 0));

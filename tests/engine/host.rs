@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::thread;
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::engine::{Board, Counters, EngineConfig, Event, Reason, Rejection};
+use ecmsk::engine::{Board, Counters, EngineConfig, EventKind, Reason, Rejection};
 use ecmsk::fieldbus::nic::{ChainWires, NicBus};
 use ecmsk::fieldbus::sim::{SimBus, SimHandle};
 use ecmsk::fieldbus::xf::XfBusOptions;
@@ -256,8 +256,8 @@ impl Host {
 
     /// What was rejected since a mark: slot, id and reason.
     pub fn rejections(&self, mark: u64) -> Vec<(u8, CommandId, Reason)> {
-        let events = self.board.engine().events_since(mark).filter_map(|event| match event {
-            Event::Rejected(Rejection { slot, id, reason, .. }) => Some((slot, id, reason)),
+        let events = self.board.engine().events_since(mark).filter_map(|event| match event.kind {
+            EventKind::Rejected(Rejection { slot, id, reason }) => Some((slot, id, reason)),
             _ => None,
         });
         events.collect()

@@ -232,7 +232,7 @@ fn ends_of_one_axis_and_of_both() {
         host.cycles(50);
         let mut ends = [None; 2];
         for event in host.board.engine().events_since(mark) {
-            if let ecmsk::engine::Event::HomingEnded { slave: 1, axis, end, .. } = event {
+            if let ecmsk::engine::EventKind::HomingEnded { slave: 1, axis, end } = event.kind {
                 assert_eq!(ends[usize::from(axis)].replace(end), None, "case {n}: axis {axis} ends once");
             }
         }

@@ -1,6 +1,6 @@
 //! Command frames that arrive in pieces: CONFIG3.
 
-use ecmsk::engine::{EngineConfig, Event, INCOMPLETE_CYCLES, PartialFrames};
+use ecmsk::engine::{EngineConfig, EventKind, INCOMPLETE_CYCLES, PartialFrames};
 use ecmsk::fieldbus::Ns;
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::sk::{
@@ -73,12 +73,8 @@ fn a_frame_that_stays_incomplete() {
         let counters = host.counters();
         assert_eq!((counters.frames, counters.incomplete), if in_time { (1, 0) } else { (0, 1) }, "{after}");
         assert_eq!(host.board.engine().local_outputs(), if in_time { 0x2A } else { 0 });
-        let events: Vec<Event> = host.board.engine().events_since(mark).collect();
-        if in_time {
-            assert_eq!(events, []);
-        } else {
-            assert!(matches!(events[..], [Event::Incomplete { bytes: 300, .. }]), "{events:?}");
-        }
+        let kinds: Vec<EventKind> = host.board.engine().events_since(mark).map(|event| event.kind).collect();
+        assert_eq!(kinds, if in_time { vec![] } else { vec![EventKind::Incomplete { bytes: 300 }] });
     }
 }
 

@@ -1,7 +1,7 @@
 //! Bad arguments, each with its reason, and what of rejections is counted and logged.
 
 use ecmsk::coe::ObjectAddress;
-use ecmsk::engine::{EngineConfig, Event, Reason};
+use ecmsk::engine::{EngineConfig, Event, EventKind, Reason};
 use ecmsk::sk::{
     CommandId, CycleTime, DcShift, FIFO_ENTRIES, FifoAction, Malformed, MasterCommand, MasterState, RawSlot,
     SdoCommand, SlaveCommand, SlotSize,
@@ -116,7 +116,7 @@ fn set_dc() {
         let events: Vec<Event> = host.board.engine().events_since(mark).collect();
         match events[..] {
             [] => assert!(!odd, "{data2:X}"),
-            [event @ Event::OddDcShift { at, data2: logged }] => {
+            [event @ Event { at, kind: EventKind::OddDcShift { data2: logged } }] => {
                 assert!(odd && logged == data2 && at <= host.board.now(), "{data2:X} {event:?}");
                 assert!(event.to_string().contains(&format!("{data2:08X}")), "{event}");
             }

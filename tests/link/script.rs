@@ -4,7 +4,7 @@ use std::fs;
 use std::time::Duration;
 
 use ecmsk::coe::{AbortCode, ObjectAddress};
-use ecmsk::engine::{Board, EngineConfig, Event, Script as _};
+use ecmsk::engine::{Board, EngineConfig, Event, EventKind, Script as _};
 use ecmsk::fieldbus::sim::SimBus;
 use ecmsk::link::script::{Script, ScriptError};
 use ecmsk::link::{self, LinkError, Share, simulated_slaves};
@@ -241,7 +241,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
     let zero = board.now() - 20 * MS;
     let scripted = |after, line, verb, ended: bool| {
         let slave = (verb == "cut" && !ended).then_some(1);
-        Event::Scripted { at: zero + after * MS, line, verb, slave, code: None, ended }
+        Event { at: zero + after * MS, kind: EventKind::Scripted { line, verb, slave, code: None, ended } }
     };
     assert_eq!(
         board.engine().events_since(events).collect::<Vec<_>>(),
@@ -254,7 +254,10 @@ fn a_script_in_rust_does_what_the_handles_do() {
     );
     let event = scripted(3, 2, "cut", true).to_string();
     assert_eq!(event, format!("script, line 2: the end of `cut` at {:.3} s", (zero + 3 * MS) as f64 / 1e9));
-    let alarm = Event::Scripted { at: MS, line: 1, verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false };
+    let alarm = Event {
+        at: MS,
+        kind: EventKind::Scripted { line: 1, verb: "alarm", slave: Some(2), code: Some(0x7500), ended: false },
+    };
     assert_eq!(alarm.to_string(), "script, line 1: `alarm 2 0x7500` at 0.001 s");
 }
 

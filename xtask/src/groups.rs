@@ -51,6 +51,7 @@ const LONG: &[&str] = &[
     "needs_pysoem::",
     "needs_tshark::",
     "needs_valgrind::",
+    "page::every_command_of_the_pages_succeeds_on_the_real_clock",
     "programs_in_cpp_overcome_alarms_on_a_network_card",
     "programs_in_csharp_run_on_a_network_card",
     "python_programs_run_on_a_network_card",

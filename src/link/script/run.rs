@@ -2,7 +2,7 @@
 //! simulated network and to the board that tests use.
 
 use crate::coe::{AbortCode, ObjectAddress};
-use crate::engine::{self, BoardHandle, Event};
+use crate::engine::{self, BoardHandle, Event, EventKind};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};
@@ -184,7 +184,7 @@ impl engine::Script for RunningScript {
                 step.action.apply(&self.network, &self.board);
                 let Step { line, verb, ended, .. } = *step;
                 let (slave, code) = (step.action.slave(), step.action.code());
-                done(Event::Scripted { at: now, line, verb, slave, code, ended });
+                done(Event { at: now, kind: EventKind::Scripted { line, verb, slave, code, ended } });
                 *next += 1;
             }
         }

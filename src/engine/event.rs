@@ -1,0 +1,309 @@
+//! Events of a board: what people may want to know, and the wire does not show.
+
+use std::fmt;
+
+use super::Reason;
+use super::homing::HomingEnd;
+use super::partial_frames::INCOMPLETE_CYCLES;
+use super::state_failure::{SlaveFall, StateFailure};
+use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::coe::{AbortCode, ObjectAddress};
+use crate::fieldbus::Ns;
+use crate::sk::CommandId;
+use crate::span::Seconds;
+
+/// Something that people may want to know and that the wire does not show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// When it happened or was seen, in board time.
+    pub at: Ns,
+    /// What happened.
+    pub kind: EventKind,
+}
+
+impl Event {
+    /// The same with its time counted from `zero`, on the board's clock.
+    pub const fn since(self, zero: Ns) -> Self {
+        Self { at: self.at.saturating_sub(zero), ..self }
+    }
+}
+
+/// What an [`Event`] is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventKind {
+    /// A command was not executed.
+    Rejected(Rejection),
+    /// SET_DC had a Data2 that no guide mentions; it was accepted (SK-4 \[OURS]).
+    OddDcShift {
+        /// The value of Data2.
+        data2: u32,
+    },
+    /// DRIVE_MODE had a Data2 that no guide mentions; it was taken for DC sync (SK-4 \[OURS]).
+    OddDriveType {
+        /// Slave, from 1.
+        slave: u8,
+        /// The value of Data2.
+        data2: u32,
+    },
+    /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
+    Incomplete {
+        /// How many bytes came.
+        bytes: u16,
+    },
+    /// A slave in SafeOP or OP does not answer any more (SK-4).
+    SlaveLost {
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// A slave has left SafeOP or OP by itself, and says why. It is lost.
+    SlaveFell {
+        /// Which one, and why.
+        fall: SlaveFall,
+    },
+    /// Another master sends frames on the network. Logged once.
+    OtherMaster {
+        /// The source address of its frames, as slaves have changed it.
+        address: [u8; 6],
+    },
+    /// The inputs of a slave that answers have not come for too long, since the working counter beside them is wrong. It is lost.
+    InputsStale {
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// The working counter of a cycle in OP was too low, and the bus does not name the slaves that did not answer, or it was too
+    /// high. Logged once, until the working counter is right again.
+    WorkingCounter {
+        /// The working counter.
+        counted: u16,
+        /// What it is when every slave answers.
+        expected: u16,
+    },
+    /// A bus that takes outputs ahead has lost answers, because they were not polled in time. They made no report.
+    AnswersLost {
+        /// How many cycles in a row.
+        cycles: u32,
+    },
+    /// The hardware that runs the bus does not answer any more. Logged once, until it answers.
+    BusDown,
+    /// A bus that takes outputs ahead has given some up: targets in them may not have reached the slaves.
+    OutputsLost {
+        /// How many sets of outputs, each of a cycle.
+        sets: u32,
+        /// A chip runs the bus.
+        has_chip: bool,
+    },
+    /// A slave has left OP because the bus configured other slaves. It returns to OP with them, its motors and outputs
+    /// off (SK-4 \[OURS]).
+    SlaveDisturbed {
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// A change of state has failed and left a slave in a lower state than the others (SK-4 \[OURS]).
+    SlaveLeft {
+        /// Slave, from 1.
+        slave: u8,
+    },
+    /// A change of state has failed (SK-4): the state byte is the last state that all slaves reached, plus 0x10.
+    StateFailed {
+        /// Why.
+        why: StateFailure,
+    },
+    /// The homing of an axis has ended.
+    HomingEnded {
+        /// Slave, from 1.
+        slave: u8,
+        /// The axis of the slave, from 0.
+        axis: u8,
+        /// How it ended.
+        end: HomingEnd,
+    },
+    /// The board could not restore the mode of DRIVE_MODE after homing; the drive has stayed in homing mode (SK-7 \[OURS]).
+    ModeNotRestored {
+        /// Slave, from 1.
+        slave: u8,
+        /// The axis of the slave, from 0.
+        axis: u8,
+        /// The abort code of the last attempt.
+        code: AbortCode,
+    },
+    /// An SDO transfer of the host was aborted; the abort code is in the SDO slot (SK-6).
+    SdoAborted {
+        /// Slave, from 1.
+        slave: u8,
+        /// The object of the transfer.
+        object: ObjectAddress,
+        /// True: a download; false: an upload.
+        write: bool,
+        /// The abort code.
+        code: AbortCode,
+    },
+    /// A line of a script was carried out.
+    Scripted {
+        /// The line, from 1.
+        line: u32,
+        /// The verb of the line.
+        verb: &'static str,
+        /// The slave, from 1; `None`: it happened to the cable or to the board.
+        slave: Option<u8>,
+        /// The error code, AL status code or abort code that the slave shows from now on.
+        code: Option<u32>,
+        /// The time of the line is over, and its effect has ended.
+        ended: bool,
+    },
+}
+
+/// A rejected command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejection {
+    /// The slot that held the command.
+    pub slot: u8,
+    /// The id of the command.
+    pub id: CommandId,
+    /// Why it was rejected.
+    pub reason: Reason,
+}
+
+/// The advice for an object that a slave does not have.
+const MAKERS_OBJECTS: &str = "; if the real drive has it, give the simulated one its maker's objects: \
+                              slaves=drive:objects@FILE, or drive:objects@any, which stores what it is told";
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let at = Seconds(self.at);
+        match self.kind {
+            EventKind::Rejected(Rejection { slot, id, reason }) => {
+                write!(f, "{id} in slot {slot} rejected at {at}: {reason}")
+            }
+            EventKind::OddDcShift { data2 } => write!(
+                f,
+                "SET_DC at {at} has Data2 = 0x{data2:08X}: accepted, though the guides print 0xFFFF and 0xFFFF0000 only"
+            ),
+            EventKind::OddDriveType { slave, data2 } => write!(
+                f,
+                "DRIVE_MODE of slave {slave} at {at} has Data2 = 0x{data2:08X}: taken for 1, DC sync, though the guides print 0 \
+                 and 1 only"
+            ),
+            EventKind::StateFailed { why } => write!(f, "a change of state has failed at {at}: {why}"),
+            EventKind::HomingEnded { slave, axis, end } => {
+                write!(f, "homing of slave {slave}, axis {}, at {at}: {end}", axis + 1)
+            }
+            EventKind::ModeNotRestored { slave, axis, code } => write!(
+                f,
+                "the mode of slave {slave}, axis {}, could not be restored after homing at {at} ({code}): write 0x{:04X}",
+                axis + 1,
+                MODES_OF_OPERATION + SECOND_AXIS_OFFSET * u16::from(axis)
+            ),
+            EventKind::SdoAborted { slave, object, write, code } => {
+                let id = if write { CommandId::SdoWrite } else { CommandId::SdoRead };
+                write!(f, "{id} of slave {slave}, {object}, aborted at {at}: {code}")?;
+                match code {
+                    AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX => f.write_str(MAKERS_OBJECTS),
+                    _ => Ok(()),
+                }
+            }
+            EventKind::Scripted { line, verb, slave, code, ended } => {
+                let end = if ended { "the end of " } else { "" };
+                write!(f, "script, line {line}: {end}`{verb}")?;
+                if let Some(slave) = slave {
+                    write!(f, " {slave}")?;
+                }
+                if let Some(code) = code {
+                    write!(f, " 0x{code:04X}")?;
+                }
+                write!(f, "` at {at}")
+            }
+            EventKind::Incomplete { bytes } => write!(
+                f,
+                "command frame dropped at {at}: only {bytes} bytes came within {INCOMPLETE_CYCLES} cycles; send whole \
+                 frames, or pull CONFIG3 low"
+            ),
+            EventKind::SlaveLeft { slave } => write!(
+                f,
+                "slave {slave} is in a lower state than the others since a change that failed, seen at {at}: send SET_STATE \
+                 to bring it back"
+            ),
+            EventKind::InputsStale { slave } => write!(
+                f,
+                "the inputs of slave {slave} are stale at {at}: they do not come, or with a wrong working counter; its axes are stopped; \
+                 look at its cables (`ecmsk bus errors`), then send SET_STATE to bring it back"
+            ),
+            EventKind::WorkingCounter { counted, expected } if counted > expected => write!(
+                f,
+                "working counter {counted} instead of {expected} at {at}, which slaves cannot add: something changes frames on their way; \
+                 what they bring is not believed"
+            ),
+            EventKind::WorkingCounter { counted, expected } => write!(
+                f,
+                "working counter {counted} instead of {expected} at {at}: not every slave answers; look at the cable and at \
+                 the slaves' power"
+            ),
+            EventKind::AnswersLost { cycles } => write!(
+                f,
+                "the answers of {cycles} cycles before {at} were not there in time: this machine was late, or frames are lost on \
+                 the cable; no outputs are lost with them"
+            ),
+            EventKind::BusDown => write!(
+                f,
+                "the network does not answer at {at}: look at its wires and its power; when it answers \
+                 again, send SET_STATE to bring the slaves back"
+            ),
+            EventKind::OutputsLost { sets, has_chip: true } => write!(
+                f,
+                "the outputs of {sets} cycles before {at} may not have reached the slaves: exchanges with the chip fail, or \
+                 frames on the cable are lost; look at its wires and at the cable"
+            ),
+            EventKind::OutputsLost { sets, has_chip: false } => write!(
+                f,
+                "the outputs of {sets} cycles before {at} may not have reached the slaves: frames on the cable are lost; look at \
+                 the cables (`ecmsk bus errors`)"
+            ),
+            EventKind::SlaveFell { fall } => write!(f, "at {at}: {fall}"),
+            EventKind::OtherMaster { address: [a, b, c, d, e, g] } => write!(
+                f,
+                "another master sends frames on this network (from {a:02X}:{b:02X}:{c:02X}:{d:02X}:{e:02X}:{g:02X}), seen at {at}: \
+                 each of the two disturbs the slaves of the other; stop it, or this program"
+            ),
+            EventKind::SlaveDisturbed { slave } => write!(
+                f,
+                "slave {slave} left OP at {at} because the bus configured others: its motors and outputs are off until they \
+                 are switched on again"
+            ),
+            EventKind::SlaveLost { slave } => write!(
+                f,
+                "slave {slave} lost at {at}: look at its power and its cable, then send SET_STATE to bring it back"
+            ),
+        }
+    }
+}
+
+/// The newest events.
+#[derive(Clone, Debug)]
+pub(super) struct EventLog {
+    ring: [Option<Event>; Self::KEPT],
+    total: u64,
+}
+
+impl EventLog {
+    /// How many events are kept.
+    const KEPT: usize = 32;
+
+    pub(super) const fn new() -> Self {
+        Self { ring: [None; Self::KEPT], total: 0 }
+    }
+
+    pub(super) fn push(&mut self, event: Event) {
+        self.ring[(self.total % Self::KEPT as u64) as usize] = Some(event);
+        self.total += 1;
+    }
+
+    /// How many events there were so far.
+    pub(super) const fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// The events from number `from` on that are still kept, oldest first.
+    pub(super) fn since(&self, from: u64) -> impl Iterator<Item = Event> {
+        let oldest = self.total.saturating_sub(Self::KEPT as u64).max(from);
+        (oldest..self.total).filter_map(|n| self.ring[(n % Self::KEPT as u64) as usize])
+    }
+}

@@ -181,6 +181,8 @@ pub mod xf;
 pub use ethercat::{cia402, coe};
 
 #[cfg(feature = "std")]
+mod address;
+#[cfg(feature = "std")]
 pub mod bus;
 #[cfg(feature = "std")]
 pub mod compare;
@@ -193,6 +195,8 @@ pub mod fieldbus;
 #[cfg(feature = "std")]
 mod files;
 #[cfg(feature = "std")]
+mod hardware;
+#[cfg(feature = "std")]
 pub mod io;
 #[cfg(feature = "std")]
 pub mod link;
@@ -204,6 +208,10 @@ pub mod master;
 pub mod migrate;
 #[cfg(feature = "std")]
 pub mod notes;
+#[cfg(feature = "std")]
+mod open;
+#[cfg(feature = "std")]
+mod own_board;
 #[cfg(all(feature = "serve", any(unix, windows)))]
 pub mod port;
 #[cfg(feature = "std")]
@@ -216,6 +224,11 @@ pub mod slave;
 mod span;
 #[cfg(feature = "std")]
 pub mod summary;
+#[cfg(all(feature = "tcp", any(unix, windows)))]
+#[cfg_attr(not(feature = "serve"), allow(dead_code, unused_imports, reason = "the server's end is not in the build"))]
+mod tcp;
+#[cfg(feature = "std")]
+mod testbed;
 #[cfg(feature = "std")]
 #[doc(hidden)]
 pub mod threads;

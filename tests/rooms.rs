@@ -35,6 +35,9 @@ fn table(page: &str) -> Table {
     table
 }
 
+/// The file that gives what lives in other rooms its public paths. It stands below those rooms and has nothing else.
+const PATHS: &str = "src/link/paths.rs";
+
 /// The source files of `src/` that are no tests.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("src/ can be read") {
@@ -69,10 +72,10 @@ fn code(text: &str) -> String {
     text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
-/// The first words of all paths that begin with `crate::`.
-fn used(code: &str) -> BTreeSet<String> {
+/// The first words behind `begin` of all paths that begin so.
+fn used(code: &str, begin: &str) -> BTreeSet<String> {
     let mut used = BTreeSet::new();
-    for (at, found) in code.match_indices("crate::") {
+    for (at, found) in code.match_indices(begin) {
         let path = &code[at + found.len()..];
         let Some(group) = path.strip_prefix('{') else {
             used.insert(first_word(path));
@@ -121,7 +124,7 @@ fn each_room_uses_what_the_table_says() {
     for file in &files {
         let room = room_of(file);
         rooms.insert(room.clone());
-        if room == "lib" {
+        if room == "lib" || file.ends_with(PATHS) {
             continue;
         }
         let Some(may_use) = table.get(&room) else {
@@ -130,7 +133,7 @@ fn each_room_uses_what_the_table_says() {
         };
         let Some(may_use) = may_use else { continue };
         let text = fs::read_to_string(file).expect("a text");
-        for word in used(&code(&text)) {
+        for word in used(&code(&text), "crate::") {
             let other = home_of(&word);
             if other != room && !may_use.contains(other) {
                 wrong.push(format!("{}: the room `{room}` may not use `{other}`", file.display()));
@@ -166,12 +169,36 @@ fn no_two_rooms_use_each_other() {
     assert!(left.is_empty(), "these rooms use each other: {left:?}");
 }
 
+/// The file that may name any room has public paths alone, and no room takes one of them: it names the room where a thing lives.
+#[test]
+fn the_paths_are_for_users_alone() {
+    let paths = code(&fs::read_to_string(root().join(PATHS)).expect(PATHS));
+    let mut names = BTreeSet::new();
+    for line in paths.lines().map(str::trim).filter(|line| !line.is_empty() && *line != "}" && !line.starts_with("#["))
+    {
+        let path =
+            line.strip_prefix("pub mod ").or_else(|| line.strip_prefix("pub use ").filter(|_| line.ends_with(';')));
+        let path = path.unwrap_or_else(|| panic!("{PATHS} has public paths alone: {line}"));
+        let words = path.rsplit("::").next().unwrap_or(path);
+        names.extend(words.split(|letter: char| !letter.is_alphanumeric() && letter != '_').map(str::to_owned));
+    }
+    assert!(["open", "keys", "chip", "engine"].iter().all(|name| names.contains(*name)), "{names:?}");
+    let mut files = Vec::new();
+    sources(&root().join("src"), &mut files);
+    let taken = files.iter().filter(|file| !file.ends_with(PATHS)).flat_map(|file| {
+        let used = used(&code(&fs::read_to_string(file).expect("a text")), "crate::link::");
+        used.into_iter().filter(|name| names.contains(name)).map(move |name| format!("{}: {name}", file.display()))
+    });
+    let taken: Vec<String> = taken.collect();
+    assert!(taken.is_empty(), "these live in other rooms:\n{}", taken.join("\n"));
+}
+
 /// What the test reads of a file is what the compiler sees of it.
 #[test]
 fn imports_are_found() {
     let text = "//! [`crate::one`]\nuse crate::two::Two;\nuse crate::{three, four::{self, Four}, five};\nfn f() { crate::six::g() }\n\
                 #[cfg(test)]\nmod tests {\n    use crate::seven;\n}\n";
-    assert_eq!(used(&code(text)).into_iter().collect::<Vec<_>>(), ["five", "four", "six", "three", "two"]);
+    assert_eq!(used(&code(text), "crate::").into_iter().collect::<Vec<_>>(), ["five", "four", "six", "three", "two"]);
     let may_use =
         table("| room | x | may use |\n| - | - | - |\n| `a/`, `b/` | x | `c`, `d` |\n| `c/` | x | - |\n\n| `e/` |\n");
     assert_eq!(may_use.keys().collect::<Vec<_>>(), ["a", "b", "c"]);

@@ -6,20 +6,24 @@ use std::time::Duration;
 use super::chip_wire::{ChipWire, bytes_max, datagram};
 use super::mailboxes::{self, Mailboxes};
 use super::{BusError, FoundSlave, Network, SlaveState, eeprom};
+#[cfg(feature = "sim")]
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DESCRIPTOR};
 use crate::ethercat::sii::SiiIdentity;
 use crate::fieldbus::RingState;
-use crate::link::chip::{self, ChipLink};
+use crate::link::chip_link::ChipLink;
 #[cfg(feature = "sim")]
-use crate::link::chip::{ChipNetwork, ChipOptions, ModelledChip, SimChip, SimChipOptions};
-#[cfg(feature = "sim")]
-use crate::link::keys::Scheme;
-#[cfg(feature = "sim")]
-use crate::link::options::Clock;
-use crate::link::uri::LinkUri;
+use crate::link::chip_link::{ChipOptions, host_config};
 use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
+#[cfg(feature = "sim")]
+use crate::recording::Clock;
+#[cfg(feature = "sim")]
+use crate::testbed::chip::SimChip;
+#[cfg(feature = "sim")]
+use crate::testbed::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostConfig, HostError};
 use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};
@@ -59,10 +63,10 @@ impl XfNetwork {
             let chip = ModelledChip { network: Some(ChipNetwork::Controllers), ..options.chip };
             let options = SimChipOptions { clock: Clock::Virtual, chip, ..options };
             let link = SimChip::with_options(&uri.to_string(), &options).map_err(XfError::Link)?;
-            let config = chip::host_config(&link.info(), &ChipOptions::from_uri(uri)?);
-            return Self::over(chip::recorded(uri, Box::new(link)).map_err(XfError::Link)?, config);
+            let config = host_config(&link.info(), &ChipOptions::from_uri(uri)?);
+            return Self::over(crate::open::chip::recorded(uri, Box::new(link)).map_err(XfError::Link)?, config);
         }
-        let (link, config) = chip::open(&uri.to_string()).map_err(XfError::Link)?;
+        let (link, config) = crate::open::chip::open(&uri.to_string()).map_err(XfError::Link)?;
         Self::over(link, config)
     }
 

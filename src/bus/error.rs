@@ -1,9 +1,9 @@
 //! Why something about a network is not known or not done.
 
+use crate::address::uri::UriError;
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Strangers;
 use crate::link::LinkError;
-use crate::link::uri::UriError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 use crate::xf_api::XfError;
 

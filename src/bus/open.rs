@@ -1,8 +1,8 @@
 //! Which network a link is.
 
 use super::{BusError, Network};
-use crate::link::keys::Scheme;
-use crate::link::uri::LinkUri;
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 
 /// Opens the network of a link: `nic:eth1`, or `sim:?slaves=drive*2` in virtual time, or a chip, `xf-sim:`, `xf-spi:` or
 /// `xf-usb:`. Nothing is sent yet. On a network card that
@@ -20,7 +20,7 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
         }
         #[cfg(all(feature = "nic", target_os = "linux"))]
         Scheme::Nic => {
-            use crate::link::nic::{Wires, wires};
+            use crate::own_board::nic::{Wires, wires};
             Ok(match wires(&uri)? {
                 (Wires::Line(card), settings) => Box::new(super::software::SoftwareNetwork::new(card, settings)),
                 (Wires::Ring(ring), settings) => Box::new(super::software::SoftwareNetwork::new(ring, settings)),

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use super::BusError;
+use crate::address::uri::LinkUri;
 use crate::ethercat::Command;
 use crate::ethercat::registers::AL_STATUS;
 use crate::fieldbus::nic::NicWires;
-use crate::link::nic::{Wires, wires};
-use crate::link::uri::LinkUri;
 use crate::master::{JobDone, Master, Settings};
+use crate::own_board::nic::{Wires, wires};
 
 /// \[OURS] How long a poll waits for a frame at most, ns.
 const TURN_NS: u64 = 1_000_000;

@@ -1,18 +1,19 @@
 //! Simulated slaves as the wires of our own master, in virtual time, with the script of their link.
 
 use super::BusError;
+use crate::address::uri::LinkUri;
 use crate::engine::Script as _;
 use crate::ethercat::Ns;
 use crate::fieldbus::nic::{ChainWires, NicWires};
 use crate::link::LinkError;
-use crate::link::options::SimOptions;
-use crate::link::script::RunningScript;
-use crate::link::simulated_slaves::{self, SimulatedSlavesError};
-use crate::link::uri::LinkUri;
+use crate::link::machine_error::SimulatedSlavesError;
 use crate::master::{FrameBuffer, Wire, WireDown};
 use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
 use crate::slave::handle::SimHandle;
+use crate::testbed::options::SimOptions;
+use crate::testbed::script::RunningScript;
+use crate::testbed::simulated_slaves;
 
 /// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
 const DRIFT_PPB: u32 = 20_000;

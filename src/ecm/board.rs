@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use super::exchange::{Session, Task, ahead_of_the_board};
 use super::standstill::LeftBehind;
 use super::{Close, Ecm, EcmError, Options};
-use crate::link::uri::LinkUri;
+use crate::address::uri::LinkUri;
 use crate::link::{FAILED_OPEN, LinkError};
 use crate::sk::{FifoAction, MasterCommand};
 

@@ -80,7 +80,8 @@ pub(crate) use takeover::Succeeded;
 pub use takeover::Watch;
 
 use self::exchange::Exchange;
-use crate::link::{self, Link, LinkError, LinkInfo, Share, Wait};
+use crate::link::{Link, LinkError, LinkInfo, Share, Wait};
+use crate::open;
 use crate::sk::{Frame, SlotSize, StateByte};
 
 /// Reports that are read to find the slot size. \[OURS]
@@ -108,7 +109,7 @@ impl Ecm {
     /// As [`Ecm::open`], and [`EcmError::Setting`].
     pub fn open_with(uri: &str, options: Options) -> Result<Self, EcmError> {
         check(&options)?;
-        Self::over(link::open(uri, Share::ByName)?, options)
+        Self::over(open::open(uri, Share::ByName)?, options)
     }
 
     /// The board behind a link that is open already. Closing the [`Ecm`] closes the link.

@@ -6,7 +6,7 @@ use super::{LinkError, LinkStats};
 
 /// How many reads and writes have succeeded and failed.
 #[derive(Default)]
-pub(super) struct CallCounts {
+pub(crate) struct CallCounts {
     written: AtomicU64,
     read: AtomicU64,
     write_errors: AtomicU64,
@@ -15,24 +15,24 @@ pub(super) struct CallCounts {
 
 impl CallCounts {
     /// Counts a write and returns its result.
-    pub(super) fn write<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
+    pub(crate) fn write<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
         counted(done, &self.written, &self.write_errors)
     }
 
     /// Counts a read and returns its result.
-    pub(super) fn read<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
+    pub(crate) fn read<T>(&self, done: Result<T, LinkError>) -> Result<T, LinkError> {
         counted(done, &self.read, &self.read_errors)
     }
 
     /// How many calls have ended so far.
     #[cfg_attr(not(feature = "tcp"), allow(dead_code, reason = "the link `tcp:` alone watches its program"))]
-    pub(super) fn ended(&self) -> u64 {
+    pub(crate) fn ended(&self) -> u64 {
         let LinkStats { written, read, write_errors, read_errors, .. } = self.stats();
         written + read + write_errors + read_errors
     }
 
     /// The counters of a link as far as its calls show them.
-    pub(super) fn stats(&self) -> LinkStats {
+    pub(crate) fn stats(&self) -> LinkStats {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         LinkStats {
             written: count(&self.written),

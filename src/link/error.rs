@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use super::{Dir, Wait, config, uri};
-#[cfg(feature = "sim")]
-use super::{manufacturer_objects, script};
+use super::machine_error::{ManufacturerObjectsError, ScriptError};
+use super::{Dir, Wait};
+use crate::address::{config, uri};
 use crate::sk::SlotSize;
 use crate::span::Span;
 
@@ -20,13 +20,11 @@ pub enum LinkError {
     #[error(transparent)]
     Config(#[from] config::ConfigError),
     /// The file with a simulated slave's manufacturer-specific objects is invalid.
-    #[cfg(feature = "sim")]
     #[error(transparent)]
-    ManufacturerObjects(#[from] manufacturer_objects::ManufacturerObjectsError),
+    ManufacturerObjects(#[from] ManufacturerObjectsError),
     /// The script is invalid.
-    #[cfg(feature = "sim")]
     #[error(transparent)]
-    Script(#[from] script::ScriptError),
+    Script(#[from] ScriptError),
     /// This build cannot open links of that scheme.
     #[error("link `{scheme}:` is not in this build; {hint}")]
     Unsupported {

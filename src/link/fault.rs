@@ -49,7 +49,8 @@ use parking_lot::Mutex;
 pub use options::{FaultOptions, FaultRates};
 pub use stats::{FaultCounts, FaultStats};
 
-use super::{Dir, Fraction, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
+use crate::address::Fraction;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Seconds;
 use clock::{Call, Clock, POLL_TIME};

@@ -1,86 +1,36 @@
-//! How a host program reaches one ECM-SK board: the trait [`Link`], the URI that names a link, and every link there is.
+//! How a host program reaches one ECM-SK board: the trait [`Link`], and what is a link around a link.
 //!
 //! A link exchanges whole 512-byte frames with one board: command frames out, reports in. The same trait covers a
 //! simulated board in this process (`sim:`, and with an ECM-XF before its slaves `xf-sim:`), a real board on USB (`usb:`)
 //! or SPI (`spi:`), and a board that another process or machine serves (`tcp:`). Links that change or record the traffic
 //! wrap another link ([`Layer`]).
 //!
-//! Files, in the order in which to read them:
-//!
-//! - `mod.rs`: [`Link`], [`open`]; `error.rs`: [`LinkError`]
-//! - `uri.rs`, `keys.rs`, `keys/table.rs`: the URI `scheme:path?key=value`; the table of all keys with their defaults
-//! - `options.rs` with `options/sim.rs`, `travel.rs`, `fraction.rs`: the values of the keys as Rust types; those that only
-//!   `usb:`, `spi:`, `tcp:` or `fault.*` has are in an `options.rs` of that folder
-//! - `slaves.rs` with `slaves/kinds.rs`: the list of simulated slaves, and the kinds of them that there are
-//! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
-//! - `sim.rs`, `engine.rs`, `boards.rs`: `sim:` and `xf-sim:`, the links to a board in this process, and the boards that
-//!   outlive their links
-//! - `manufacturer_objects.rs`, `script.rs`: manufacturer-specific objects of simulated slaves, and scripts of events
-//!   (`script=`)
-//! - `simulated_slaves.rs`: the same slaves and scripts for a network without a board
-//! - `rejections.rs`, `episodes.rs`: what the log says of commands that a simulated board did not execute
-//! - `usb/`, `spi/`, `tcp/`: real boards and remote boards; `slot_watch.rs` checks `slot=` against the reports of a USB
-//!   board
+//! - `mod.rs`: [`Link`]; `error.rs`, `machine_error.rs`: [`LinkError`], and what is wrong with the files of a simulated machine
 //! - `layer.rs`, `fault.rs`, `record/`: links around a link: fault injection (`fault.*`) and recording (`record=`)
-//! - `nic/`: slaves at the end of a network card
-//! - `own_board.rs`: boards over real hardware whose EC01M is this process
-//! - `chip/`: links to an ECM-XF itself, which is a chip and no board: its trait, its errors, `xf-sim:`, `xf-spi:`; and the
-//!   bus of a board over such a link
-//! - `call_counts.rs`: the counters of a program's calls, which every link has
+//! - `chip_link.rs`: the trait of links to an ECM-XF itself, which is a chip and no board
+//! - `common_options.rs`, `call_counts.rs`: the keys that every link has as Rust types, and the counters of a program's calls
 //! - `network.rs`: what is known of the slaves behind a link, for programs that ask the server of a board
+//! - `paths.rs`: the public paths of what lives in other rooms: the URI (`address/`), the links themselves (`hardware/`,
+//!   `own_board/`, `testbed/`, `tcp/`), and opening them (`open/`)
 
-#[cfg(feature = "sim")]
-mod boards;
-mod call_counts;
-pub mod chip;
-pub mod config;
-pub mod engine;
-mod episodes;
+pub(crate) mod call_counts;
+pub(crate) mod chip_link;
+pub(crate) mod common_options;
 mod error;
 pub mod fault;
-mod fraction;
-pub mod keys;
 mod layer;
-#[cfg(feature = "sim")]
-pub mod manufacturer_objects;
+pub(crate) mod machine_error;
 mod network;
-#[cfg(all(feature = "nic", target_os = "linux"))]
-pub(crate) mod nic;
-pub mod options;
-mod own_board;
+mod paths;
 pub mod record;
-mod rejections;
-#[cfg(feature = "sim")]
-pub mod script;
-#[cfg(feature = "sim")]
-mod sim;
-#[cfg(feature = "sim")]
-pub mod simulated_slaves;
-pub mod slaves;
-#[cfg(all(feature = "usb", any(unix, windows)))]
-mod slot_watch;
-#[cfg(all(feature = "spi", target_os = "linux"))]
-pub mod spi;
-#[cfg(all(feature = "tcp", any(unix, windows)))]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, unused_imports, reason = "the server's end is not in the build"))]
-pub mod tcp;
-pub mod travel;
-pub mod uri;
-#[cfg(all(feature = "usb", any(unix, windows)))]
-mod usb;
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-#[cfg(feature = "sim")]
-#[doc(hidden)]
-pub use boards::forget_parked;
 pub use error::LinkError;
-pub use fraction::Fraction;
 pub use layer::Layer;
 pub use network::KnownNetwork;
+pub use paths::*;
 
-use crate::recording::RecordMeta;
 pub use crate::sk::Dir;
 use crate::sk::{Frame, SlotSize};
 use crate::span::Span;
@@ -289,86 +239,4 @@ pub enum Share {
     /// A board is found again by the same `name=` or, without a name, by the same options. The C library does this, so
     /// that a program that closes and opens its link again finds its board as it left it.
     ByUri,
-}
-
-/// Opens the link of that URI.
-///
-/// ```
-/// use ecmsk::link::{self, Share, Wait};
-/// use ecmsk::sk::{Frame, MasterResponse, MasterState, SlotSize, StateByte};
-///
-/// let board = link::open("sim:?slaves=drive*2&clock=virtual", Share::ByName)?;
-/// let mut report = Frame::new();
-/// board.read(&mut report, Wait::Forever)?;
-/// let answer = MasterResponse::decode(&report.slot(SlotSize::Bytes12, 0));
-/// assert_eq!(answer.state, StateByte::reached(MasterState::PreOp));
-/// # Ok::<(), ecmsk::link::LinkError>(())
-/// ```
-///
-/// # Errors
-/// [`LinkError::Uri`], [`LinkError::Unsupported`], [`LinkError::NoBoard`], [`LinkError::InUse`], [`LinkError::Io`].
-pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
-    open_with(uri, share, false)
-}
-
-/// As [`open`], for callers that do not need an exact [`LinkStats::reports_dropped`]. On Windows a board on USB takes
-/// frames faster while its reports are not read, and reports that are dropped then are not counted. A link with a
-/// recording behaves as with [`open`].
-///
-/// # Errors
-/// Those of [`open`].
-pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
-    open_with(uri, share, true)
-}
-
-fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
-    let uri = uri::LinkUri::parse(uri)?;
-    let options = options::CommonOptions::from_uri(&uri)?;
-    let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
-    if options.fault.any() {
-        link = Arc::new(fault::FaultLink::new(link, options.fault));
-    }
-    // The recording wraps the fault injection, so it holds what the program has seen.
-    let Some(path) = &options.record else { return Ok(link) };
-    let info = link.info();
-    let meta = RecordMeta::now(&info, info.opened_at);
-    Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
-}
-
-/// The simulated board of a `sim:` or `xf-sim:` link without a link around it. It has just been switched on, and its time advances
-/// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
-///
-/// # Errors
-/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::ManufacturerObjects`], [`LinkError::NoBoard`].
-#[cfg(feature = "sim")]
-pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
-    sim::model(uri)
-}
-
-#[cfg_attr(
-    not(all(feature = "sim", feature = "usb")),
-    allow(unused_variables, reason = "some of them concern links that are not in the build")
-)]
-fn connect(
-    uri: &uri::LinkUri,
-    options: &options::CommonOptions,
-    share: Share,
-    uncounted: bool,
-) -> Result<Arc<dyn Link>, LinkError> {
-    match uri.scheme() {
-        #[cfg(feature = "sim")]
-        keys::Scheme::Sim | keys::Scheme::XfSim => Ok(Arc::new(sim::open(uri, options, share)?)),
-        #[cfg(all(feature = "spi", target_os = "linux"))]
-        keys::Scheme::Spi => spi::open(uri, options),
-        #[cfg(all(feature = "tcp", any(unix, windows)))]
-        keys::Scheme::Tcp => tcp::open(uri, options),
-        #[cfg(all(feature = "usb", any(unix, windows)))]
-        keys::Scheme::Usb => usb::open(uri, options, uncounted),
-        #[cfg(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
-        keys::Scheme::XfSpi | keys::Scheme::XfUsb => Ok(Arc::new(chip::board::open(uri)?)),
-        #[cfg(all(feature = "nic", target_os = "linux"))]
-        keys::Scheme::Nic => Ok(Arc::new(nic::open(uri, options)?)),
-        #[allow(unreachable_patterns, reason = "a build may have every link")]
-        other => Err(LinkError::Unsupported { scheme: other.name().into(), hint: other.instead() }),
-    }
 }

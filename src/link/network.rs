@@ -1,8 +1,7 @@
 //! What the server of a board knows of the slaves behind it, in the syntax of the tool's options.
 
-use super::options::SimOptions;
-use super::slaves::list;
-use super::uri::LinkUri;
+use crate::address::slaves::{self, list};
+use crate::address::uri::LinkUri;
 
 /// Slaves and units of a network, in the syntax of the tool's `--slaves` and `--counts-per-unit`. An empty text means
 /// unknown.
@@ -30,8 +29,9 @@ impl KnownNetwork {
     /// The slaves in the URI of a `sim:` or `xf-sim:` link; unknown for any other link.
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
-        let options = LinkUri::parse(name).ok().and_then(|uri| SimOptions::from_uri(&uri).ok());
-        Self::of_slaves(options.iter().flat_map(|options| &options.slaves).map(|slave| slave.model.name().to_owned()))
+        let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
+        let listed = uri.and_then(|uri| uri.required("slaves", |value| slaves::parse(value).ok()).ok());
+        Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 
     /// The network of these slaves, given by their words in network order.

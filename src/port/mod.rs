@@ -1,6 +1,6 @@
 //! Servers that make a board reachable for other processes and machines. A server works with any
 //! [`Link`](crate::link::Link): a simulated board, a real one, or one that is itself served elsewhere; that of a chip with
-//! any [`ChipLink`](crate::link::chip::ChipLink).
+//! any [`ChipLink`](crate::link::chip_link::ChipLink).
 //!
 //! - `tcp`: the server for links `tcp://host:port`
 //! - `usbip`: a virtual board on the USB bus of any machine

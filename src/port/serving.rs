@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-use crate::link::tcp::Waker;
 use crate::notes::Teller;
+use crate::tcp::Waker;
 use crate::threads;
 
 /// What the thread and its owner share.

@@ -35,10 +35,11 @@ pub use model_run::ModelRun;
 pub use start::Start;
 pub use waiting_run::WaitingRun;
 
+use crate::address::keys::{Key, Syntax};
+use crate::address::uri::{self, LinkUri, UriError};
 use crate::compare::{CompareError, Options, RecordedRun};
-use crate::link::keys::{Key, Syntax};
-use crate::link::uri::{LinkUri, UriError};
-use crate::link::{self, LinkError};
+use crate::link::LinkError;
+use crate::open;
 use crate::recording::{Address, RecordError, RecordMeta};
 use crate::sk::{SlotSize, StateByte};
 
@@ -240,7 +241,7 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`].
     pub fn runs(&self) -> Result<(RecordedRun, ModelRun), ReplayError> {
-        let board = link::model(&self.link)?;
+        let board = open::model(&self.link)?;
         let model = ModelRun::new(self.recorded()?, self.recorded()?, board, &self.start);
         Ok((self.recorded()?, model))
     }
@@ -252,7 +253,7 @@ impl Replay {
     /// # Errors
     /// [`ReplayError`].
     pub fn waiting_runs(&self) -> Result<(RecordedRun, WaitingRun), ReplayError> {
-        let board = link::model(&self.link)?;
+        let board = open::model(&self.link)?;
         Ok((self.recorded()?, WaitingRun::new(self.recorded()?, board, &self.start, self.size)))
     }
 
@@ -281,7 +282,7 @@ fn with_slot_size(name: &str, source: &RecordedRun, link: &LinkUri) -> Result<(S
 }
 
 fn model_size(link: &LinkUri) -> SlotSize {
-    link.value("slot").and_then(link::uri::slot_size).unwrap_or_default()
+    link.value("slot").and_then(uri::slot_size).unwrap_or_default()
 }
 
 /// The link in a recording, if it is one of a model, without the keys that only concerned the recorded program.

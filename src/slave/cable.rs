@@ -3,7 +3,7 @@
 //! network uses it.
 //!
 //! A new kind of trouble for scripts begins here if it is one of the network, or in `slave/fault.rs` if it is one of a
-//! device; the verb that causes it stands in `link/script/verbs.rs`.
+//! device; the verb that causes it stands in `testbed/script/verbs.rs`.
 //!
 //! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to
 //! take locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock,

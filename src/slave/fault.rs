@@ -1,5 +1,5 @@
 //! The faults that scripts and tests can cause inside a device. [`Slave::apply_fault`](super::Slave::apply_fault) applies
-//! them, and the verbs of scripts for them stand in `link/script/verbs.rs`.
+//! them, and the verbs of scripts for them stand in `testbed/script/verbs.rs`.
 
 use super::lines::InputPattern;
 use super::state_machine::DeviceFault;

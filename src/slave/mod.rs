@@ -24,9 +24,9 @@
 //! | `cable.rs` | what goes wrong between a network and its slaves: cut cables, slaves without power, refused states, aborted SDOs |
 //!
 //! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add its row to
-//! `link/slaves/kinds.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
+//! `address/slaves/kinds.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
 //! `fieldbus/pdo.rs`. To add a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a verb for scripts to
-//! `link/script/verbs.rs`.
+//! `testbed/script/verbs.rs`.
 
 pub mod al;
 pub mod axis;

@@ -17,7 +17,8 @@ use std::time::{Duration, Instant};
 
 use super::link::WatchLink;
 use super::{Line, TEXTS_MAX};
-use crate::link::{Link, config};
+use crate::address::config;
+use crate::link::Link;
 use crate::threads;
 
 /// The environment variable that names the file.

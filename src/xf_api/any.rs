@@ -1,7 +1,7 @@
 //! A command that is known only while the program runs.
 
 use super::{Xf, XfError};
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::host::ProcessData;
 use crate::xf::request::{Call, PdoData, PdoDataFifo, PdoOperation, Visit};
 use crate::xf::response::{Answer, PdoExchange, Returned};

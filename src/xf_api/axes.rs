@@ -6,7 +6,7 @@ use super::{ProcessData, Xf, XfError};
 use crate::cia402::DriveState;
 use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::CommandCode;
 use crate::xf::host::SLOT_BYTES;
 use crate::xf::request::{

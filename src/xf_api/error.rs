@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
-use crate::link::chip::ChipError;
+use crate::link::chip_link::ChipError;
 use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};
 use crate::xf::{EtherCatState, Malformed};

@@ -3,7 +3,7 @@
 
 use super::{Xf, XfError};
 use crate::coe::ObjectAddress;
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::request::{MappedObject, PdoAssignment, SlaveInfoItem};
 
 /// A type of objects and of fields in process data, little-endian.

@@ -80,7 +80,8 @@ pub use network::{NetworkConfig, SlaveDescription};
 pub use process::{Input, Output, ProcessData};
 
 use crate::ethercat::Ns;
-use crate::link::chip::{self, ChipLink};
+use crate::link::chip_link::ChipLink;
+use crate::open;
 use crate::xf::AnswerHeader;
 use crate::xf::host::{Host, HostConfig, HostError, HostState, Ticket};
 use crate::xf::request::Call;
@@ -113,7 +114,7 @@ impl Xf {
     /// # Errors
     /// [`XfError::Link`], [`XfError::Chip`].
     pub fn open(uri: &str) -> Result<Self, XfError> {
-        let (link, config) = chip::open(uri)?;
+        let (link, config) = open::chip::open(uri)?;
         Self::over(link, config)
     }
 }

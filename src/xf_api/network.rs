@@ -1,7 +1,7 @@
 //! The network of the chip: its start, its states, what is known of its slaves.
 
 use super::{Xf, XfError};
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::host::HostError;
 use crate::xf::request::{
     DcTiming, EcatInit, FifoClear, FifoEnable, Fifos, ReferenceClock, SlaveCountGet, SlaveInfoGet, SlaveInfoItem,

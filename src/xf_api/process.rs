@@ -7,7 +7,7 @@ use super::layout::{self, Field, Layout, SlaveLayout};
 use super::{Xf, XfError};
 use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcome};
 
 /// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] At 1 ms a program may be late by 20 ms.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{Xf, XfError};
 use crate::cia402::DriveState;
 use crate::ethercat::Ns;
-use crate::link::chip::ChipLink;
+use crate::link::chip_link::ChipLink;
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostError, HostState};
 use crate::xf::request::{Call, FifoEnable, HelperStateGet, HelperStateSet, MotorNumber, Slaves, StateSet};

@@ -7,10 +7,11 @@
 #[test]
 fn variables_are_read_in_one_place() {
     let mut others = Vec::new();
-    for folder in ["src/link", "src/io", "src/engine", "src/ecm", "src/port", "capi/src"] {
+    let rooms = ["address", "link", "hardware", "own_board", "testbed", "tcp", "open", "io", "engine", "ecm", "port"];
+    for folder in rooms.map(|room| format!("src/{room}")).into_iter().chain(["capi/src".to_owned()]) {
         read_variables(&support::root().join(folder), &mut others);
     }
-    assert_eq!(others, [support::root().join("src/link/config/privilege.rs")]);
+    assert_eq!(others, [support::root().join("src/address/config/privilege.rs")]);
 }
 
 /// Adds the sources below `folder` that read variables of the environment.

@@ -109,7 +109,7 @@ mod needs_cxx {
     #[test]
     fn a_child_that_keeps_the_connection() {
         let (server, told) = serve(CLOCKS[1]);
-        let (child, _out) = at_work(&server, "keepalive_ms=100", "clones", "forked");
+        let (child, _out) = at_work(&server, "keepalive_ms=500", "clones", "forked");
         kill(child);
         let said = end_of_writer(&told);
         assert!(said.contains("no word for"), "{said}");
@@ -121,7 +121,8 @@ mod needs_cxx {
     /// program's own library, which ends the connection.
     #[test]
     fn a_handler_that_never_returns() {
-        for keys in ["hang_ms=100&keepalive_ms=3600000", "keepalive_ms=200"] {
+        // So long that a machine which stands still for a second is none that hangs.
+        for keys in ["hang_ms=1500&keepalive_ms=3600000", "keepalive_ms=1000"] {
             // Where it has interrupted the library within a lock, which is seldom, the server has to wait for four keep-alive times.
             let is_noticed = (0..5).any(|_| {
                 let (server, told) = serve(CLOCKS[1]);

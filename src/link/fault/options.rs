@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crate::link::Fraction;
-use crate::link::options::millis;
-use crate::link::uri::{LinkUri, UriError};
+use crate::address::Fraction;
+use crate::address::uri::{LinkUri, UriError};
+use crate::link::common_options::millis;
 
 /// How often each fault happens in one direction, as a fraction of the frames, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

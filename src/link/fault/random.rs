@@ -3,7 +3,8 @@
 use oorandom::Rand64;
 
 use super::FaultRates;
-use crate::link::{Dir, Fraction};
+use crate::address::Fraction;
+use crate::link::Dir;
 
 /// The faults of one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,6 +16,7 @@
 //! - `sync.rs`: when the operating system writes the file to the disk
 //! - `tell.rs`: messages to the user of the program
 
+mod chip;
 pub(super) mod file;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 mod network;
@@ -29,6 +30,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+pub use chip::RecordedChip;
 pub use file::make_room;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 pub use network::NetworkRecording;

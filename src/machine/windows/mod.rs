@@ -3,9 +3,9 @@
 use super::findings::{Finding, Verdict, timer};
 use super::printable;
 use super::timing::timer_resolution;
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 use crate::io::hid::{self, Bus, NotTheBoard, Sysfs, UsbError};
-use crate::link::keys::Scheme;
-use crate::link::uri::LinkUri;
 use crate::sk::BOARD_IDS;
 
 // Names of checks.

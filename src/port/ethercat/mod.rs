@@ -24,15 +24,16 @@ pub use network::Network;
 
 use super::log_limit::LogLimit;
 use super::serving::{Serving, Shared};
+use crate::address::slaves::SlaveSpec;
 use crate::engine::RealTime;
 use crate::ethercat::ETHERTYPE;
 use crate::io::ethernet::{self, Claim, DefaultRoute, Socket};
+use crate::link::machine_error::SimulatedSlavesError;
 use crate::link::record::NetworkRecording;
-use crate::link::simulated_slaves::{self, SimulatedSlavesError};
-use crate::link::slaves::SlaveSpec;
 use crate::notes::{Notes, Teller};
 use crate::slave::cable::Cable;
 use crate::slave::esc::UndescribedError;
+use crate::testbed::simulated_slaves;
 use masters::Masters;
 use service::{Failure, Port, Service};
 

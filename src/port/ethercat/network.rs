@@ -4,11 +4,11 @@ use super::ServeError;
 use super::told::Told;
 use crate::engine::Script as _;
 use crate::ethercat::{AlStatus, CableEnd, FRAME_LEN_MIN, Frame, Ns};
-use crate::link::script::{RunningScript, Script, ScriptOrigin};
-use crate::link::simulated_slaves;
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
 use crate::slave::esc::{CabledChain, Chain, FrameFate};
+use crate::testbed::script::{RunningScript, Script, ScriptOrigin};
+use crate::testbed::simulated_slaves;
 
 /// Slaves in a line, with the handle by which scripts and tests reach them.
 pub struct Network {
@@ -113,11 +113,11 @@ impl Network {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::address::slaves;
     use crate::ethercat::registers::{AL_CONTROL, AL_STATUS, LATCH_TIMES, RequestedState};
     use crate::ethercat::{
         AlState, Command, DATAGRAM_OVERHEAD, DatagramHeader, FRAME_HEADER_LEN, FRAME_LEN_MAX, FrameHeader, FrameWriter,
     };
-    use crate::link::slaves;
     use crate::port::ethercat::told::state_of;
 
     const MS: Ns = 1_000_000;

@@ -17,10 +17,10 @@ use super::pending::{Look, PendingConnection};
 use super::pending_pool::PendingPool;
 use super::session::{Introduction, Left, Session};
 use super::vanish;
-use crate::link::tcp::wire::{End, Refusal, Role};
-use crate::link::tcp::{Came, Channel, Inbox, ServerTls, Waker, patience};
 use crate::port::log_limit::LogLimit;
 use crate::span::Span;
+use crate::tcp::wire::{End, Refusal, Role};
+use crate::tcp::{Came, Channel, Inbox, ServerTls, Waker, patience};
 use crate::threads;
 
 /// How many connections the system may queue until they are accepted; it limits this value itself. \[OURS]

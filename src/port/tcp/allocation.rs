@@ -9,15 +9,15 @@ use super::ServeOptions;
 use super::client::Client;
 use super::hub::{Board, Hub, Joining};
 use super::session::Session;
-use crate::link::tcp::wire::{MESSAGE_MAX, Message, Role};
-use crate::link::tcp::{Channel, Inbox, PROOF_LEN};
 use crate::link::{Layer, Link, LinkError, LinkInfo, ReadMeta, Share, Stamp, Wait};
 use crate::sk::Frame;
+use crate::tcp::wire::{MESSAGE_MAX, Message, Role};
+use crate::tcp::{Channel, Inbox, PROOF_LEN};
 
 /// TCP-17 Frames and reports through a server, with a client that reads and one that does not, allocate nothing.
 #[test]
 fn a_cycle_allocates_nothing() {
-    let link = crate::link::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
+    let link = crate::open::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();
     let hub = Hub::new(ServeOptions::default());
     // Reports come from the test; the board behind is only written to.
     let board = hub.attach(Arc::new(Real(link)));

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use parking_lot::Mutex;
 
 use crate::link::ReadMeta;
-use crate::link::tcp::wire::{End, MESSAGE_MAX, Message, Role};
-use crate::link::tcp::{Channel, Out};
 use crate::sk::Frame;
+use crate::tcp::wire::{End, MESSAGE_MAX, Message, Role};
+use crate::tcp::{Channel, Out};
 
 /// How many reports are kept for a client whose socket is full; the oldest are dropped. \[OURS]
 const REPORTS_KEPT: usize = 32;

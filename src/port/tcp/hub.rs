@@ -10,13 +10,13 @@ use super::ServeOptions;
 use super::client::Client;
 use super::server_link::ReportQueue;
 use crate::ecm::Watch;
-use crate::link::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
-use crate::link::tcp::{Channel, PROOF_LEN};
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;
 use crate::sk::Frame;
 use crate::span::Seconds;
 use crate::summary::{FrameEvent, FrameWatch};
+use crate::tcp::wire::{Counts, End, Message, Refusal, Role, TEXT_MAX, Welcome};
+use crate::tcp::{Channel, PROOF_LEN};
 
 /// A board that is connected.
 pub(super) struct Board {

@@ -10,11 +10,11 @@ use super::hub::{Board, Hub, Joining};
 use super::session::{Introduction, Left, Session};
 use super::vanish;
 use crate::engine::Counters;
-use crate::link::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
-use crate::link::tcp::{Inbox, PROOF_LEN, each_message};
 use crate::link::{Link, Stamp, Wait};
 use crate::notes::Note;
 use crate::sk::Frame;
+use crate::tcp::wire::{End, Hello, MESSAGE_MAX, Message, Role, WireError};
+use crate::tcp::{Inbox, PROOF_LEN, each_message};
 
 /// The server of a link on virtual time. Its log is only collected.
 pub struct InMemoryServer {

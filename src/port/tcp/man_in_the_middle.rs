@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use super::{ServeOptions, Server};
-use crate::link::tcp::wire::{GREETING_LEN, Greeting, Message, Welcome};
-use crate::link::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
 use crate::link::{self, LinkError, Share};
+use crate::tcp::wire::{GREETING_LEN, Greeting, Message, Welcome};
+use crate::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
 
 /// TCP-15 Somebody in between, who ends the client's TLS session and begins one with the server, gets neither in: what the
 /// client proves is worth nothing in another session.

@@ -57,9 +57,9 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::link::tcp::Secret;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo};
 use crate::notes::Teller;
+use crate::tcp::Secret;
 use crate::threads;
 
 use accept::Acceptor;
@@ -67,7 +67,7 @@ use hub::Hub;
 #[doc(hidden)]
 pub use session::answer;
 
-pub use crate::link::tcp::DEFAULT_PORT;
+pub use crate::tcp::DEFAULT_PORT;
 
 /// What happens to moving axes when the writer is gone without having closed its link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,9 +10,9 @@ use rustls::Connection;
 
 use super::ServeOptions;
 use super::session::Introduction;
-use crate::link::tcp::wire::{Greeting, Message, Refusal};
-use crate::link::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
 use crate::span::Span;
+use crate::tcp::wire::{Greeting, Message, Refusal};
+use crate::tcp::{Came, Channel, Inbox, Material, Out, PROOF_LEN, ServerTls, Side};
 
 /// How long a refused connection may take to receive the reason. \[OURS]
 const FAREWELL_MAX: Duration = Duration::from_millis(500);

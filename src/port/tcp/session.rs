@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use super::ServeOptions;
 use super::client::Client;
 use super::hub::{Board, Hub, Joining};
-use crate::link::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
-use crate::link::tcp::{Inbox, PROOF_LEN};
 use crate::link::{Dir, Link, LinkError, Wait, check_pass};
 use crate::sk::Frame;
+use crate::tcp::wire::{Counts, Failure, Hello, Message, Refusal, Role, WireError};
+use crate::tcp::{Inbox, PROOF_LEN};
 
 /// How often a waiting write checks whether its client has cancelled it. \[OURS]
 const WRITE_SLICE: Duration = Duration::from_millis(10);

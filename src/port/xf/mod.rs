@@ -30,7 +30,7 @@ use std::time::Duration;
 pub use address::{DEFAULT_PORT, Listen, ListenError};
 
 use super::serving::{Serving, Shared};
-use crate::link::chip::{ChipError, ChipInfo, ChipLink};
+use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::notes::{Notes, Teller};
 use crate::xf::host::HostConfig;
 use address::Listener;
@@ -51,7 +51,7 @@ pub enum OnVanish {
     Leave,
 }
 
-/// A chip's link and how the driver uses it, as [`chip::open`](crate::link::chip::open) gives them.
+/// A chip's link and how the driver uses it, as [`chip::open`](crate::open::chip::open) gives them.
 pub type Opened = (Box<dyn ChipLink>, HostConfig);
 
 /// How a chip is served. All defaults are \[OURS].

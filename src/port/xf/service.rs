@@ -10,7 +10,7 @@ use super::connection::{Connection, Left};
 use super::vanish::{self, Stopped};
 use super::wire::{Kind, Request, Status};
 use super::{OnVanish, Opened, Options};
-use crate::link::chip::{ChipError, ChipLink};
+use crate::link::chip_link::{ChipError, ChipLink};
 use crate::notes::Notes;
 use crate::port::log_limit::LogLimit;
 use crate::port::serving::Shared;

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use crate::link::chip::{ChipError, ChipLink};
+use crate::link::chip_link::{ChipError, ChipLink};
 use crate::xf::host::{Deadlines, HostConfig};
 use crate::xf::request::{CrcTypeSet, SlaveNumber, Slaves, StateGet, StateSet, StateUpdate};
 use crate::xf::{CheckRule, CheckType, CommandHeader, EtherCatState, MAX_PACKET, write_request};

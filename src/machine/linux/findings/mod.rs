@@ -6,7 +6,7 @@ mod spi;
 mod usb;
 
 use super::Machine;
-use crate::link::uri::LinkUri;
+use crate::address::uri::LinkUri;
 use crate::machine::findings::{Finding, timer};
 use crate::machine::timing::timer_resolution;
 

@@ -1,8 +1,8 @@
 //! Judges a network card, and what else stands between this machine and the cycle of the slaves at its end.
 
 use super::{Finding, Machine};
-use crate::link::keys::Scheme;
-use crate::link::uri::LinkUri;
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 use crate::machine::net::NetCard;
 
 /// How long a frame of EtherCAT may be without its Ethernet header, bytes.

@@ -1,8 +1,8 @@
 //! Judges what a board or a chip ECM-XF on SPI needs: a spidev device, exchanges that are long enough, GPIO lines.
 
 use super::{Finding, Machine};
-use crate::link::keys::Scheme;
-use crate::link::uri::LinkUri;
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 use crate::machine::Access;
 use crate::machine::gpio::GpioChip;
 use crate::machine::spi::{Bufsiz, FRAME_LEN, PACKET_LEN, SpiDevice};

@@ -1,8 +1,8 @@
 //! Judges boards on USB: why one cannot be opened, and what makes it slow.
 
 use super::{Finding, Machine};
-use crate::link::keys::Scheme;
-use crate::link::uri::LinkUri;
+use crate::address::keys::Scheme;
+use crate::address::uri::LinkUri;
 use crate::machine::Access;
 use crate::machine::holders::Holders;
 use crate::machine::udev::{RELOAD, Rule};

@@ -1,0 +1,199 @@
+//! The keys of a link's URI. The parser, the defaults and the help (`ecmsk link help`) are all made from one table,
+//! `keys/table.rs`. A new key is a row there and a field of the options that use it: CONTRIBUTING.md says which
+//! links have theirs where.
+
+mod table;
+
+use super::fraction::Fraction;
+pub use super::scheme::Scheme;
+use super::slaves;
+pub use table::KEYS;
+
+/// The end of every error message about a link.
+pub(crate) const WHERE_TO_LOOK: &str = "see `ecmsk link help`";
+
+/// The syntax of a key's value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Syntax {
+    /// One of these words.
+    Choice(&'static [&'static str]),
+    /// A decimal integer in this range, both ends included.
+    Number(u64, u64),
+    /// A decimal number in this range, both ends included, with at most 9 digits after the point.
+    Fraction(Fraction, Fraction),
+    /// The path of a file.
+    File,
+    /// 1 to 64 letters, digits, `-`, `_` and `.`.
+    Name,
+    /// A USB string descriptor: 1 to 126 characters.
+    Text,
+    /// A vendor or product id of USB: 1 to 4 hexadecimal digits, or those behind `0x`.
+    UsbId,
+    /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
+    Hertz(u64, u64),
+    /// A GPIO line: `CHIP/LINE`.
+    Line,
+    /// A list of simulated slaves, see [`slaves`].
+    Slaves,
+    /// 1 to 6 pins of a chip, the highest of which may be this one; each once, `-` for none.
+    Pins(u8),
+}
+
+/// The longest USB string descriptor, in characters (USB 2.0 9.6.7).
+const TEXT_MAX: usize = 126;
+
+/// The longest name of a board, in characters. \[OURS]
+const NAME_MAX: usize = 64;
+
+impl Syntax {
+    /// The value in its normal form.
+    ///
+    /// # Errors
+    /// Why the value is invalid, and what is allowed.
+    pub fn normal(self, value: &str) -> Result<String, String> {
+        let normal = match self {
+            Self::Choice(words) => words.contains(&value).then(|| value.to_owned()),
+            Self::Number(min, max) => {
+                decimal(value).filter(|number| (min..=max).contains(number)).map(|number| number.to_string())
+            }
+            Self::Fraction(min, max) => {
+                let number = Fraction::parse(value).filter(|number| (min..=max).contains(number));
+                number.map(|number| number.to_string())
+            }
+            Self::File => (!value.is_empty() && !value.contains('\0')).then(|| value.to_owned()),
+            Self::Name => {
+                let plain = value.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(&b));
+                (plain && (1..=NAME_MAX).contains(&value.len())).then(|| value.to_owned())
+            }
+            Self::Text => (1..=TEXT_MAX).contains(&value.chars().count()).then(|| value.to_owned()),
+            Self::UsbId => usb_id(value).map(|id| format!("{id:04x}")),
+            Self::Hertz(min, max) => hertz(value).filter(|number| (min..=max).contains(number)).map(hertz_text),
+            Self::Line => value
+                .rsplit_once('/')
+                .is_some_and(|(chip, line)| !chip.is_empty() && !chip.ends_with('/') && !line.is_empty())
+                .then(|| value.to_owned())
+                .filter(|value| !value.contains('\0')),
+            Self::Slaves => return Ok(slaves::normal(&slaves::parse(value)?)),
+            Self::Pins(max) => pins(value, max).map(|_| value.to_owned()),
+        };
+        normal.ok_or_else(|| self.allowed())
+    }
+
+    /// `allowed: ` and the allowed values, for an error message.
+    pub fn allowed(self) -> String {
+        match self {
+            Self::Choice(words) => format!("allowed: {}", words.join(", ")),
+            Self::Number(min, max) => format!("allowed: a whole number from {min} to {max}"),
+            Self::Fraction(min, max) => {
+                format!("allowed: a number from {min} to {max}, at most 9 digits after the point")
+            }
+            Self::File => "allowed: the path of a file".to_owned(),
+            Self::Name => format!("allowed: 1 to {NAME_MAX} letters, digits, `-`, `_` and `.`"),
+            Self::Text => format!("allowed: 1 to {TEXT_MAX} characters"),
+            Self::UsbId => "allowed: 1 to 4 hexadecimal digits, e.g. 16c0".to_owned(),
+            Self::Hertz(min, max) => {
+                format!("allowed: a frequency from {} to {} Hz, e.g. 500k or 24M", hertz_text(min), hertz_text(max))
+            }
+            Self::Line => {
+                "allowed: CHIP/LINE, a GPIO chip and the number or name of its line, e.g. gpiochip0/25".to_owned()
+            }
+            Self::Slaves => format!("allowed: {}", slaves::form()),
+            Self::Pins(max) => format!(
+                "allowed: 1 to 6 GPIO numbers from 0 to {max}, or - for a line that is not wired, each number once, e.g. 0,1,-,3"
+            ),
+        }
+    }
+
+    /// The placeholder for the value in the help.
+    pub(crate) fn placeholder(self) -> String {
+        match self {
+            Self::Choice(words) => words.join("|"),
+            Self::Number(min, max) => format!("{min}..{max}"),
+            Self::Fraction(min, max) => format!("{min}..{max}"),
+            Self::File => "FILE".to_owned(),
+            Self::Name => "NAME".to_owned(),
+            Self::Text => "TEXT".to_owned(),
+            Self::UsbId => "HEX".to_owned(),
+            Self::Hertz(min, max) => format!("{}..{}", hertz_text(min), hertz_text(max)),
+            Self::Line => "CHIP/LINE".to_owned(),
+            Self::Slaves => "LIST".to_owned(),
+            Self::Pins(_) => "GPIO,GPIO,..".to_owned(),
+        }
+    }
+}
+
+/// Parses a list of pins as links write it: place k is line k, `None` if that is not wired.
+pub(crate) fn pins(value: &str, max: u8) -> Option<[Option<u8>; 6]> {
+    let mut pins = [None; 6];
+    for (place, pin) in value.split(',').enumerate() {
+        let number = match pin {
+            "-" => None,
+            digits => Some(decimal(digits).filter(|number| *number <= max.into())? as u8),
+        };
+        if number.is_some() && pins.contains(&number) {
+            return None;
+        }
+        *pins.get_mut(place)? = number;
+    }
+    Some(pins)
+}
+
+/// Parses a frequency as links write it, in Hz.
+pub(crate) fn hertz(value: &str) -> Option<u64> {
+    let (digits, unit) = match value.strip_suffix('M') {
+        Some(digits) => (digits, 1_000_000),
+        None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
+    };
+    decimal(digits)?.checked_mul(unit)
+}
+
+/// Parses a vendor or product id.
+pub(crate) fn usb_id(value: &str) -> Option<u16> {
+    let digits = value.strip_prefix("0x").unwrap_or(value);
+    u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
+}
+
+/// A whole number of decimal digits alone: `parse` would let a plus sign pass.
+pub(crate) fn decimal(text: &str) -> Option<u64> {
+    text.parse().ok().filter(|_| text.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// The shortest text for a frequency in Hz.
+fn hertz_text(number: u64) -> String {
+    match number {
+        0 => "0".to_owned(),
+        _ if number.is_multiple_of(1_000_000) => format!("{}M", number / 1_000_000),
+        _ if number.is_multiple_of(1000) => format!("{}k", number / 1000),
+        _ => number.to_string(),
+    }
+}
+
+/// One key of a link's URI.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// The name of the key.
+    pub name: &'static str,
+    /// The schemes that have the key.
+    pub schemes: &'static [Scheme],
+    /// The syntax of its value.
+    pub syntax: Syntax,
+    /// The value that applies if the key is not given, in normal form; `None` if there is none, in which case `meaning`
+    /// says what happens.
+    pub default: Option<&'static str>,
+    /// A valid value other than the default.
+    pub example: &'static str,
+    /// What the key does, with the unit of its value.
+    pub meaning: &'static str,
+}
+
+impl Key {
+    /// The row of a key in links of that scheme.
+    pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
+        Self::of(scheme).find(|key| key.name == name)
+    }
+
+    /// The keys of links of that scheme, in the order of the table.
+    pub fn of(scheme: Scheme) -> impl Iterator<Item = &'static Self> {
+        KEYS.iter().filter(move |key| key.schemes.contains(&scheme))
+    }
+}

@@ -1,0 +1,182 @@
+//! The schemes of links: how a board or a chip is reached.
+
+use std::fmt;
+
+/// How a board or a chip is reached: the word before the colon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Scheme {
+    /// A simulated board in this process.
+    Sim,
+    /// A real ECM-SK on USB.
+    Usb,
+    /// A real ECM-SK on SPI.
+    Spi,
+    /// A board that another process or machine serves.
+    Tcp,
+    /// A simulated ECM-XF in this process: a board that reaches its slaves over the chip, or, by
+    /// [`chip::open`](crate::link::chip::open), the chip itself.
+    XfSim,
+    /// A real ECM-XF on SPI: in the same two ways.
+    XfSpi,
+    /// A real ECM-XFU on USB: in the same two ways.
+    XfUsb,
+    /// A board of this process whose slaves are at the end of a network card.
+    Nic,
+}
+
+/// What is known of a scheme. What opens its links stands in `open/`.
+struct Row {
+    name: &'static str,
+    feature: &'static str,
+    has_feature: bool,
+    /// This system has such links.
+    is_of_this_system: bool,
+    path: Option<&'static str>,
+    meaning: &'static str,
+}
+
+impl Scheme {
+    /// All schemes, including those that this build cannot open.
+    pub const ALL: [Self; 8] =
+        [Self::Sim, Self::Usb, Self::Spi, Self::Tcp, Self::XfSim, Self::XfSpi, Self::XfUsb, Self::Nic];
+
+    const fn row(self) -> Row {
+        match self {
+            Self::Sim => Row {
+                name: "sim",
+                feature: "sim",
+                has_feature: cfg!(feature = "sim"),
+                is_of_this_system: true,
+                path: None,
+                meaning: "a simulated board in this process",
+            },
+            Self::Usb => Row {
+                name: "usb",
+                feature: "usb",
+                has_feature: cfg!(feature = "usb"),
+                is_of_this_system: cfg!(any(unix, windows)),
+                path: None,
+                meaning: "a real ECM-SK on USB",
+            },
+            Self::Spi => Row {
+                name: "spi",
+                feature: "spi",
+                has_feature: cfg!(feature = "spi"),
+                is_of_this_system: cfg!(target_os = "linux"),
+                path: Some("/dev/spidevB.C"),
+                meaning: "a real ECM-SK on SPI",
+            },
+            Self::Tcp => Row {
+                name: "tcp",
+                feature: "tcp",
+                has_feature: cfg!(feature = "tcp"),
+                is_of_this_system: cfg!(any(unix, windows)),
+                path: Some("//HOST:PORT"),
+                meaning: "a board that another process or machine serves (`ecmsk serve tcp`)",
+            },
+            Self::XfSim => Row {
+                name: "xf-sim",
+                feature: "sim",
+                has_feature: cfg!(feature = "sim"),
+                is_of_this_system: true,
+                path: None,
+                meaning: "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, \
+                          without the keys of a board",
+            },
+            Self::XfSpi => Row {
+                name: "xf-spi",
+                feature: "spi",
+                has_feature: cfg!(feature = "spi"),
+                is_of_this_system: cfg!(target_os = "linux"),
+                path: Some("/dev/spidevB.C"),
+                meaning: "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
+            },
+            Self::XfUsb => Row {
+                name: "xf-usb",
+                feature: "usb",
+                has_feature: cfg!(feature = "usb"),
+                is_of_this_system: cfg!(unix),
+                path: None,
+                meaning: "the same behind a real ECM-XFU on USB",
+            },
+            Self::Nic => Row {
+                name: "nic",
+                feature: "nic",
+                has_feature: cfg!(feature = "nic"),
+                is_of_this_system: cfg!(target_os = "linux"),
+                path: Some("INTERFACE"),
+                meaning: "a board of this process whose slaves are at the end of a network card, e.g. nic:eth1: no board is \
+                          there at all",
+            },
+        }
+    }
+
+    /// The word before the colon.
+    pub const fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// The feature of this crate that has such links.
+    pub const fn feature(self) -> &'static str {
+        self.row().feature
+    }
+
+    /// The scheme with that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|scheme| scheme.name() == name)
+    }
+
+    /// Whether this build can open such a link: it needs [its feature](Self::feature), and [a system](Self::is_of_this_system) that has
+    /// such links.
+    pub const fn in_build(self) -> bool {
+        self.row().has_feature && self.is_of_this_system()
+    }
+
+    /// Whether this system has such links: what is on SPI or a network card exists on Linux only, and an ECM-XFU on USB not on
+    /// Windows.
+    pub const fn is_of_this_system(self) -> bool {
+        self.row().is_of_this_system
+    }
+
+    /// What to do where this build cannot open such a link.
+    pub fn instead(self) -> String {
+        let feature = self.feature();
+        match self {
+            _ if self.is_of_this_system() => {
+                format!("it needs the feature `{feature}`: build with `cargo build --release --features {feature}`")
+            }
+            Self::XfSpi | Self::XfUsb => {
+                "this system has no such links: run the program on a machine with Linux that the chip is wired to".to_owned()
+            }
+            _ => "this system has no such links: serve the board by `ecmsk serve tcp` on a machine with Linux that it is wired to, and \
+                  name it here by tcp://HOST:PORT"
+                .to_owned(),
+        }
+    }
+
+    /// Whether the network is a model in this process, with simulated slaves and a clock that can be virtual.
+    pub const fn is_model(self) -> bool {
+        matches!(self, Self::Sim | Self::XfSim)
+    }
+
+    /// Whether there is an ECM-XF, which [`chip::open`](crate::link::chip::open) opens as such.
+    pub const fn has_chip(self) -> bool {
+        matches!(self, Self::XfSim | Self::XfSpi | Self::XfUsb)
+    }
+
+    /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
+    pub const fn path(self) -> Option<&'static str> {
+        self.row().path
+    }
+
+    /// What such a link is, for its help.
+    pub(crate) const fn meaning(self) -> &'static str {
+        self.row().meaning
+    }
+}
+
+impl fmt::Display for Scheme {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}

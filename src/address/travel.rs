@@ -1,0 +1,261 @@
+//! The travel of a simulated axis: its start position, limit switches, home switch, index pulse and end stops. A link
+//! gives it behind the kind of a slave: `drive:limits@-200000..300000:home@-500..500:index@12345`.
+//!
+//! Every part is a word, `@` and a position in counts of the motor shaft (pulses for an hsp). Parts that are not given
+//! have the default of the kind. The characters have no special meaning in shells and URIs.
+
+use std::fmt;
+
+use super::keys::decimal;
+use super::uri::suggestion;
+
+/// The largest position in either direction \[OURS]: those that object 0x6064 can show.
+const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
+
+/// The word for a part that does not exist.
+const NONE: &str = "none";
+
+/// A range of positions in counts, both ends included. One of the two ends may be missing; the range is then unlimited
+/// in that direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PositionRange {
+    /// The lowest position.
+    pub from: Option<i64>,
+    /// The highest position.
+    pub to: Option<i64>,
+}
+
+impl PositionRange {
+    fn parse(text: &str) -> Option<Self> {
+        let (from, to) = text.split_once("..")?;
+        let end = |text: &str| if text.is_empty() { Some(None) } else { position(text).map(Some) };
+        let span = Self { from: end(from)?, to: end(to)? };
+        let in_order = match (span.from, span.to) {
+            (Some(from), Some(to)) => from <= to,
+            (from, to) => from.is_some() || to.is_some(),
+        };
+        in_order.then_some(span)
+    }
+}
+
+impl fmt::Display for PositionRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let end = |end: Option<i64>| end.map(|place| place.to_string()).unwrap_or_default();
+        write!(f, "{}..{}", end(self.from), end(self.to))
+    }
+}
+
+/// What a link says of the travel of a slave's axes; it applies to both axes if the slave has two. `None`: the default
+/// of the kind of slave. `Some(None)`: the part does not exist.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct TravelSpec {
+    /// The position at power-on; 0 if not given.
+    pub start: Option<i64>,
+    /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above. Those that are
+    /// given act in every mode; the default ones, but for a DP3CL's, in homing alone.
+    pub limits: Option<Option<PositionRange>>,
+    /// Where the home switch is active: a cam, or, if one end is missing, everything beyond the other one.
+    pub home: Option<Option<PositionRange>>,
+    /// A position of the index pulse, which repeats every turn.
+    pub index: Option<Option<u32>>,
+    /// Mechanical end stops that the shaft cannot pass.
+    pub stops: Option<PositionRange>,
+    /// How far a homing run may search for its reference.
+    pub search: Option<u64>,
+}
+
+/// One part of the syntax.
+struct Part {
+    word: &'static str,
+    /// The form of the value behind the `@`.
+    form: &'static str,
+    meaning: &'static str,
+    /// Stores the value in a [`TravelSpec`]; returns false if the value is invalid.
+    read: fn(&mut TravelSpec, &str) -> bool,
+    /// The value as text, if the [`TravelSpec`] has one.
+    write: fn(&TravelSpec) -> Option<String>,
+}
+
+const PARTS: [Part; 6] = [
+    Part {
+        word: "start",
+        form: "N",
+        meaning: "where the axis stands at power-on",
+        read: |travel, text| set(&mut travel.start, position(text)),
+        write: |travel| travel.start.filter(|start| *start != 0).map(|start| start.to_string()),
+    },
+    Part {
+        word: "limits",
+        form: "N..P|N..|..P|none",
+        meaning: "limit switches: the negative one at N and below, the positive one at P and above; limits that are given\n      \
+                  stop the axis in every mode, with bit 11 of the statusword, and the way back is free",
+        read: |travel, text| set(&mut travel.limits, unless_none(text, PositionRange::parse)),
+        write: |travel| travel.limits.map(or_none),
+    },
+    Part {
+        word: "home",
+        form: "A..B|A..|..B|none",
+        meaning: "where the home switch is on",
+        read: |travel, text| set(&mut travel.home, unless_none(text, PositionRange::parse)),
+        write: |travel| travel.home.map(or_none),
+    },
+    Part {
+        word: "index",
+        form: "N|none",
+        meaning: "an index pulse at N, and once a turn",
+        read: |travel, text| set(&mut travel.index, unless_none(text, |text| u32::try_from(position(text)?).ok())),
+        write: |travel| travel.index.filter(|index| *index != Some(0)).map(or_none),
+    },
+    Part {
+        word: "stops",
+        form: "A..B",
+        meaning: "mechanical end stops (drive and step)",
+        read: |travel, text| {
+            let both = |span: &PositionRange| span.from.is_some() && span.to.is_some() && span.from < span.to;
+            set(&mut travel.stops, PositionRange::parse(text).filter(both))
+        },
+        write: |travel| travel.stops.map(|stops| stops.to_string()),
+    },
+    Part {
+        word: "search",
+        form: "N",
+        meaning: "a homing run gives up after N counts",
+        read: |travel, text| {
+            let way = position(text).and_then(|way| u64::try_from(way).ok());
+            set(&mut travel.search, way.filter(|way| *way > 0))
+        },
+        write: |travel| travel.search.map(|search| search.to_string()),
+    },
+];
+
+/// Stores a value; returns false if there is none.
+fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
+    *place = value;
+    place.is_some()
+}
+
+impl TravelSpec {
+    /// Parses the parts behind a kind, which are separated by `:`.
+    ///
+    /// # Errors
+    /// Why a part is invalid, and what is allowed.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let mut travel = Self::default();
+        let mut seen = Vec::new();
+        for item in text.split(':') {
+            let (word, value) = item.split_once('@').ok_or_else(|| format!("`{item}` is no part; {}", allowed()))?;
+            let part = PARTS.iter().find(|part| part.word == word).ok_or_else(|| {
+                let near = suggestion(word, PARTS.iter().map(|part| part.word));
+                format!("`{word}` in `{item}` is unknown;{near} {}", allowed())
+            })?;
+            if seen.contains(&word) {
+                return Err(format!("`{word}` is given twice; allowed: once"));
+            }
+            seen.push(word);
+            if !(part.read)(&mut travel, value) {
+                return Err(format!(
+                    "`{value}` in `{item}` is no value; allowed: {}@{}, places from -{POSITION_MAX_COUNTS} to {POSITION_MAX_COUNTS}, the lower \
+                     one first",
+                    part.word, part.form
+                ));
+            }
+        }
+        travel.check()?;
+        Ok(travel)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let Some(PositionRange { from: Some(from), to: Some(to) }) = self.stops else { return Ok(()) };
+        let start = self.start.unwrap_or(0);
+        if (from..=to).contains(&start) {
+            return Ok(());
+        }
+        Err(format!(
+            "the axis stands at {start} and cannot be there with stops@{from}..{to}; allowed: start@ between them"
+        ))
+    }
+}
+
+/// Writes `:` and each part that is given, in the order of the table.
+impl fmt::Display for TravelSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        PARTS.iter().try_for_each(|part| match (part.write)(self) {
+            Some(value) => write!(f, ":{}@{value}", part.word),
+            None => Ok(()),
+        })
+    }
+}
+
+/// What is along the way of an axis of which nothing is said.
+const USUAL: &str = "Of what is not given there is the usual, whose limits are for homing (and for all of a dp3cl):\n  \
+                     step, dp3cl, hsp, hsp2   :limits@-100000..100000:home@-2500..2500:index@0, 10000 counts a turn\n  \
+                     drive                    :limits@-1310720..1310720:home@-32768..32768:index@0, 131072 counts a turn\n";
+
+/// The parts, for `ecmsk link help`.
+pub(crate) fn help() -> String {
+    let mut text = String::from(
+        "Behind a kind with axes may stand what is along their way, in counts of the shaft (pulses of an hsp), e.g.\n\
+         drive:start@-50000:limits@-200000..300000:home@-500..500*2. Neither shells nor URIs mind:\n",
+    );
+    for Part { word, form, meaning, .. } in &PARTS {
+        text.push_str(&format!("  :{word}@{form}\n      {meaning}\n"));
+    }
+    text.push_str(USUAL);
+    text
+}
+
+fn allowed() -> String {
+    format!(
+        "allowed: {}",
+        PARTS.iter().map(|part| format!("{}@{}", part.word, part.form)).collect::<Vec<_>>().join(", ")
+    ) + ", objects@FILE|any"
+}
+
+/// Parses an integer position with an optional minus sign.
+fn position(text: &str) -> Option<i64> {
+    let (digits, sign) = text.strip_prefix('-').map_or((text, 1), |digits| (digits, -1));
+    let place = i64::try_from(decimal(digits)?).ok()?;
+    (place <= POSITION_MAX_COUNTS).then_some(sign * place)
+}
+
+fn unless_none<T>(text: &str, read: impl FnOnce(&str) -> Option<T>) -> Option<Option<T>> {
+    if text == NONE { Some(None) } else { read(text).map(Some) }
+}
+
+fn or_none(value: Option<impl fmt::Display>) -> String {
+    value.map_or_else(|| NONE.to_owned(), |value| value.to_string())
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+    use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
+
+    /// LINK-6 The help says which switches an axis has of which nothing is said.
+    #[test]
+    fn the_help_says_what_is_usual() {
+        let hsp = HspConfig::default().travels;
+        let travels = [
+            ("drive", DriveConfig::default().travel),
+            ("step", DriveConfig::stepper().travel),
+            ("dp3cl", Dp3clConfig::default().travel),
+            ("hsp,", hsp[0]),
+            ("hsp2", hsp[1]),
+        ];
+        for (kind, travel) in travels {
+            let row = USUAL.lines().find(|row| row.contains(kind) && row.contains('@')).expect(kind);
+            let parts = row.split(" :").nth(1).and_then(|parts| parts.split(", ").next()).expect(row);
+            let said = TravelSpec::parse(parts).expect(parts);
+            let range = |from, to| Some(Some(PositionRange { from: Some(from), to: Some(to) }));
+            let Travel { negative_limit: Some(negative), positive_limit: Some(positive), index: Some(index), .. } =
+                travel
+            else {
+                panic!("{travel:?}")
+            };
+            let Some(HomeSwitch::Cam { first, last }) = travel.home else { panic!("{travel:?}") };
+            assert_eq!(said.limits, range(negative, positive), "{kind}");
+            assert_eq!(said.home, range(first, last), "{kind}");
+            assert_eq!(said.index, Some(Some(index)), "{kind}");
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! `xf-usb:`: a real ECM-XFU on USB, which is an ECM-XF whose packets have 1024 bytes (XF EN 715).
+//!
+//! \[OURS] No source says how the chip looks on USB. Each packet is one transfer out and one in, and what comes in is the
+//! answer to the packet before, as on SPI. Ids and endpoints are keys without a default.
+
+use std::time::Duration;
+
+use crate::address::keys::{self, Scheme};
+use crate::address::uri::LinkUri;
+use crate::address::uri::UriError;
+use crate::ethercat::Ns;
+use crate::io::hid::{Bus, PacketDevice, PacketError, PacketPlace, PacketWires, UsbError};
+use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
+use crate::xf::DataSize;
+use crate::xf::host::Wires;
+
+/// Bytes of a packet.
+const PACKET: usize = DataSize::XFU.packet_len();
+
+/// A chip on USB.
+pub struct UsbChip<W = PacketDevice> {
+    info: ChipInfo,
+    wires: W,
+    /// What the chip has sent and the driver did not ask for: it looks for the beginning of packets by fewer bytes than a
+    /// packet has, and USB gives whole ones.
+    rest: [u8; PACKET],
+    /// Bytes at the end of `rest`.
+    rest_len: usize,
+}
+
+impl UsbChip {
+    /// The chip that an `xf-usb:` link names.
+    ///
+    /// # Errors
+    /// [`ChipError::Uri`]; [`ChipError::Wires`], which says why it cannot be used and what to do.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
+        let place = usb_place(uri)?;
+        let name = uri.to_string();
+        let device = Bus::open().map_err(PacketError::from).and_then(|bus| PacketDevice::open(&bus, place));
+        Ok(Self::over(&name, device.map_err(|error| refused(&name, &error))?))
+    }
+}
+
+impl<W: PacketWires> UsbChip<W> {
+    /// The chip behind these wires; `name` is the name of the link in messages.
+    pub fn over(name: &str, wires: W) -> Self {
+        let info = ChipInfo {
+            name: name.to_owned(),
+            size: Some(DataSize::XFU),
+            clock_hz: None,
+            has_int0: false,
+            virtual_time: false,
+        };
+        Self { info, wires, rest: [0; PACKET], rest_len: 0 }
+    }
+
+    /// The wires.
+    pub const fn wires_mut(&mut self) -> &mut W {
+        &mut self.wires
+    }
+
+    /// As many bytes as the driver looks for packets in, with nothing in them that the chip takes for one.
+    fn search(&mut self, from_chip: &mut [u8]) -> Result<(), PacketError> {
+        for byte in from_chip {
+            if self.rest_len == 0 {
+                self.wires.exchange(&[0; PACKET], &mut self.rest)?;
+                self.rest_len = PACKET;
+            }
+            *byte = self.rest[PACKET - self.rest_len];
+            self.rest_len -= 1;
+        }
+        Ok(())
+    }
+}
+
+impl<W: PacketWires> Wires for UsbChip<W> {
+    type Error = ChipError;
+
+    fn now(&self) -> Ns {
+        self.wires.now_ns()
+    }
+
+    fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
+        let done = if to_chip.len() == PACKET && self.rest_len == 0 {
+            self.wires.exchange(to_chip, from_chip)
+        } else {
+            self.search(from_chip)
+        };
+        done.map_err(|error| refused(&self.info.name, &error))
+    }
+
+    fn wait_until(&mut self, time: Ns) -> Result<(), ChipError> {
+        let left = time.saturating_sub(self.wires.now_ns());
+        if left > 0 {
+            self.wires.sleep(Duration::from_nanos(left));
+        }
+        Ok(())
+    }
+
+    fn wait_ready(&mut self, _until: Ns) -> Result<bool, ChipError> {
+        Ok(false)
+    }
+}
+
+impl<W: PacketWires> ChipLink for UsbChip<W> {
+    fn info(&self) -> ChipInfo {
+        self.info.clone()
+    }
+
+    fn int1(&mut self) -> Result<Option<bool>, ChipError> {
+        Ok(None)
+    }
+}
+
+/// The error of a link whose device cannot be used.
+fn refused(name: &str, error: &PacketError) -> ChipError {
+    let next = match error {
+        // It says itself what to do.
+        PacketError::Bus(_) => None,
+        PacketError::Missing { .. } => Some("plug it in and switch it on, or correct vid= and pid= (`lsusb`)"),
+        PacketError::Several { .. } => Some("unplug the others"),
+        PacketError::NoEndpoints { .. } => Some("correct ep_out= and ep_in= (`lsusb -v`)"),
+        PacketError::Usb(UsbError::Access) => Some("be root, or give the device to this user by a udev rule"),
+        PacketError::Usb(UsbError::Busy) => Some("end the other program that uses it"),
+        PacketError::Usb(UsbError::NoDevice) => Some("it was unplugged: plug it in and open the link again"),
+        PacketError::Usb(_) => Some("pull it and plug it in again"),
+        PacketError::Late { .. } | PacketError::Length { .. } => {
+            Some("look whether vid=, pid=, ep_out= and ep_in= are those of an ECM-XFU")
+        }
+    };
+    let message = match next {
+        Some(next) => format!("{error}; {next}"),
+        None => error.to_string(),
+    };
+    ChipError::Wires { name: name.to_owned(), message }
+}
+
+/// The device of an `xf-usb:` link, and its endpoints. \[OURS] No source has the ids of an ECM-XFU or its endpoints.
+///
+/// # Errors
+/// [`UriError::OtherScheme`] if it is not an `xf-usb:` link; [`UriError::MissingKey`].
+fn usb_place(uri: &LinkUri) -> Result<PacketPlace, UriError> {
+    uri.expect_scheme(Scheme::XfUsb)?;
+    let id = |key| uri.given(key, keys::usb_id);
+    let endpoint = |key| uri.given(key, |value| value.parse().ok());
+    Ok(PacketPlace { vendor: id("vid")?, product: id("pid")?, output: endpoint("ep_out")?, input: endpoint("ep_in")? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// XF-16.11
+    #[test]
+    fn a_device_that_cannot_be_used_is_told_with_the_next_step() {
+        let (vendor, product) = (0x1234, 0x00AB);
+        for (error, expected) in [
+            (PacketError::Missing { vendor, product }, "1234:00ab; plug it in"),
+            (PacketError::Several { vendor, product, count: 2 }, "2 devices have the ids 1234:00ab; unplug"),
+            (PacketError::NoEndpoints { output: 1, input: 2, there: "none".into() }, "it has none; correct ep_out="),
+            (PacketError::Usb(UsbError::Access), "access denied; be root"),
+            (PacketError::Usb(UsbError::Busy), "busy; end the other program"),
+            (PacketError::Usb(UsbError::NoDevice), "no such device; it was unplugged"),
+            (PacketError::Usb(UsbError::Io), "input/output error; pull it"),
+            (PacketError::Length { what: "gives", found: 64, wanted: PACKET }, "64 bytes and not 1024; look whether"),
+        ] {
+            let said = refused("xf-usb:", &error).to_string();
+            assert!(said.starts_with("xf-usb:: ") && said.contains(expected), "{said}: no {expected}");
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Links to real boards and chips at this machine.
+//!
+//! - `usb/`: `usb:`, an ECM-SK on USB
+//! - `spi/`: `spi:`, an ECM-SK on SPI
+//! - `chip_on_spi.rs`, `chip_on_usb.rs`: `xf-spi:` and `xf-usb:`, an ECM-XF, which is a chip and no board
+
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub mod chip_on_spi;
+#[cfg(all(feature = "usb", unix))]
+pub mod chip_on_usb;
+#[cfg(all(feature = "spi", target_os = "linux"))]
+pub mod spi;
+#[cfg(all(feature = "usb", any(unix, windows)))]
+pub(crate) mod usb;

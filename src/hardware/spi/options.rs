@@ -1,0 +1,128 @@
+//! The keys of `spi:` as Rust types, and which of their values exclude each other.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::address::keys;
+use crate::address::keys::Scheme;
+use crate::address::uri::{LinkUri, UriError, slot_size};
+use crate::io::spi::{GpioLine, SpiSettings};
+use crate::sk::{CycleTime, SlotSize};
+
+/// SK-10: the shortest time between the starts of two exchanges without BUSY.
+pub(super) const PERIOD_WITHOUT_BUSY: Duration = Duration::from_micros(800);
+/// SK-10: the shortest cycle without BUSY.
+const LEAST_CYCLE_WITHOUT_BUSY_US: u32 = 1000;
+/// SK-10: a cycle of 250 us needs 24 MHz, one of 1 ms 6 MHz; other cycles in proportion \[OURS].
+const LEAST_CLOCKS_PER_CYCLE: u64 = 6000;
+/// How long a board may take to start up when its link is opened. \[OURS]
+const OPEN_LIMIT: Duration = Duration::from_secs(3);
+/// How long BUSY may stay high after a frame. \[OURS]
+const BUSY_LIMIT: Duration = Duration::from_secs(1);
+
+/// How the wires are used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SpiOptions {
+    /// The slot size; an exchange has 504 bytes for 12-byte slots and 512 bytes for 16-byte slots.
+    pub slot: SlotSize,
+    /// The frequency of SCLK.
+    pub speed_hz: u32,
+    /// The cycle time in OP until a SET_DC command sets another one.
+    pub cycle: CycleTime,
+    /// How many entries are kept in the board's FIFO: 0..=120.
+    pub prefill: u16,
+    /// How long a board may take to start up when its link is opened.
+    pub open_limit: Duration,
+    /// How long BUSY may stay high after a frame.
+    pub busy_limit: Duration,
+}
+
+impl Default for SpiOptions {
+    fn default() -> Self {
+        Self {
+            slot: SlotSize::default(),
+            speed_hz: 24_000_000,
+            cycle: CycleTime::DEFAULT,
+            prefill: 0,
+            open_limit: OPEN_LIMIT,
+            busy_limit: BUSY_LIMIT,
+        }
+    }
+}
+
+impl SpiOptions {
+    /// The options in a URI, and which devices are its wires. Keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError::OtherScheme`] if it is not an `spi:` link; [`UriError::BadPath`] without a device;
+    /// [`UriError::BadValue`] for a cycle time that does not exist or is too short for these wires.
+    pub fn from_uri(uri: &LinkUri) -> Result<(Self, SpiSettings), UriError> {
+        uri.expect_scheme(Scheme::Spi)?;
+        let hertz = |value: &str| keys::hertz(value)?.try_into().ok();
+        let places = SpiSettings {
+            device: device(uri, "spi:/dev/spidevB.C, e.g. spi:/dev/spidev0.0")?,
+            speed_hz: uri.required("speed", hertz)?,
+            mode: uri.required("mode", |value| value.parse().ok())?,
+            busy: uri.typed("busy", GpioLine::parse)?,
+            reset: uri.typed("reset", GpioLine::parse)?,
+        };
+        let options = Self {
+            slot: uri.required("slot", slot_size)?,
+            speed_hz: places.speed_hz,
+            cycle: uri
+                .required("cycle_us", |value| Some(value.parse().ok().and_then(CycleTime::from_us)))?
+                .ok_or_else(|| {
+                    bad_cycle(
+                        uri,
+                        "a cycle is 250 us, 500 us, 1000 us and so on up to 1 s; allowed: 250 * 2^n".to_owned(),
+                    )
+                })?,
+            prefill: uri.required("prefill", |value| value.parse().ok())?,
+            ..Self::default()
+        };
+        match options.refuses(options.cycle, places.busy.is_some()) {
+            Some(why) if options.cycle != CycleTime::DEFAULT => Err(bad_cycle(uri, why)),
+            // The default cycle is checked when OP is requested: below OP these wires may be sufficient.
+            _ => Ok((options, places)),
+        }
+    }
+
+    /// Why OP with that cycle time does not work over these wires, and what to do; `None` if it works.
+    pub(super) fn refuses(&self, cycle: CycleTime, busy: bool) -> Option<String> {
+        if !busy && cycle.us() < LEAST_CYCLE_WITHOUT_BUSY_US {
+            return Some(format!(
+                "without BUSY a cycle has {LEAST_CYCLE_WITHOUT_BUSY_US} us at least, this one has {}; connect BUSY \
+                 (J3/J2 pin 5) and name its line with busy=",
+                cycle.us()
+            ));
+        }
+        let least = LEAST_CLOCKS_PER_CYCLE * 1_000_000 / u64::from(cycle.us());
+        (u64::from(self.speed_hz) < least).then(|| {
+            format!(
+                "a cycle of {} us needs a clock of {least} Hz at least, this one has {}; set speed={least}, or a longer \
+                 cycle with SET_DC",
+                cycle.us(),
+                self.speed_hz
+            )
+        })
+    }
+
+    /// How long the transfer of a frame takes.
+    pub(super) fn on_the_wires(&self) -> Duration {
+        let bits = self.slot.frame_len() as u64 * 8;
+        Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.speed_hz.max(1)))
+    }
+}
+
+/// The spidev file of a link; `allowed` is what an error says that a link has to be.
+pub(crate) fn device(uri: &LinkUri, allowed: &'static str) -> Result<PathBuf, UriError> {
+    if uri.path().starts_with('/') && !uri.path().contains('\0') {
+        return Ok(PathBuf::from(uri.path()));
+    }
+    Err(UriError::BadPath { scheme: uri.scheme(), path: uri.path().to_owned(), allowed })
+}
+
+fn bad_cycle(uri: &LinkUri, why: String) -> UriError {
+    let value = uri.value("cycle_us").unwrap_or_default().to_owned();
+    UriError::BadValue { key: "cycle_us".to_owned(), value, why }
+}

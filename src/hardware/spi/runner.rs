@@ -1,0 +1,323 @@
+//! The link's thread: it makes one exchange after another, when the pacer says so.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
+
+use super::answer_check::{AnswerCheck, WiringFault};
+use super::begin::{BUSY_IS_LOW, busy_is_high};
+use super::options::SpiOptions;
+use super::pacer::{ExchangeContent, Ns, Pacer, PacerCounts, Plan};
+use super::queues::FrameQueues;
+use crate::io::spi::{WireError, Wires};
+use crate::link::LinkError;
+use crate::sk::{CrcPolicy, Frame, MasterCommand};
+
+/// How often the thread checks, while BUSY is high, whether the link is being closed. \[OURS]
+const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
+/// After how many invalid answers in a row the board counts as lost. \[OURS]
+const INVALID_ANSWERS_MAX: u32 = 16;
+/// The reason of the loss after SW_RESET.
+const WAS_RESET: &str = "it was reset (SW_RESET)";
+/// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
+/// is starting up. \[OURS]
+const BUSY_AFTER_RESET_MAX: Duration = Duration::from_millis(20);
+/// How many valid answers after a SW_RESET show that the board has refused it; the first of them may be an old one.
+/// \[OURS]
+const ANSWERS_AFTER_RESET: u32 = 4;
+/// How many exchanges pass between two checks whether BUSY still changes: the kernel keeps 16 edges. \[OURS]
+const EXCHANGES_PER_EDGE_CHECK: u32 = 16;
+
+/// What the link's thread shares with the link.
+pub(super) struct Shared {
+    pub name: String,
+    pub queues: FrameQueues,
+    pub opened: Instant,
+    pub counts: Mutex<PacerCounts>,
+    /// The cycle time that OP has or will have, in microseconds.
+    pub cycle_us: AtomicU64,
+    /// Invalid answers.
+    pub invalid_answers: AtomicU64,
+}
+
+impl Shared {
+    pub fn now(&self) -> Ns {
+        Ns::try_from(self.opened.elapsed().as_nanos()).unwrap_or(Ns::MAX)
+    }
+
+    fn instant(&self, at: Ns) -> Instant {
+        self.opened + Duration::from_nanos(at)
+    }
+}
+
+/// Ends all waiting calls when the thread ends, even by a panic.
+struct EndOnExit(Arc<Shared>);
+
+impl Drop for EndOnExit {
+    fn drop(&mut self) {
+        self.0.queues.end();
+    }
+}
+
+/// The state of the link's thread.
+pub(super) struct Runner {
+    pub shared: Arc<Shared>,
+    pub wires: Box<dyn Wires>,
+    pub options: SpiOptions,
+    pub pacer: Pacer,
+    pub answer_check: AnswerCheck,
+    /// How many more valid answers are needed to show that the board is still there, after a SW_RESET that it may have
+    /// refused.
+    pub reset_doubt: u32,
+}
+
+/// Why the thread ends.
+enum EndReason {
+    Closed,
+    Lost(String),
+}
+
+impl From<WireError> for EndReason {
+    fn from(error: WireError) -> Self {
+        Self::Lost(error.to_string())
+    }
+}
+
+impl Runner {
+    pub fn run(mut self) {
+        let _end = EndOnExit(self.shared.clone());
+        let (mut command, mut answer) = (Frame::new(), Frame::new());
+        let (mut invalid, mut since_edge) = (0, 0);
+        let end_reason = loop {
+            if let Err(end_reason) = self.step(&mut command, &mut answer, &mut invalid, &mut since_edge) {
+                break end_reason;
+            }
+        };
+        if let EndReason::Lost(reason) = end_reason {
+            let name = self.shared.name.clone();
+            self.shared.queues.lose(LinkError::Lost { name, reason: reason.into() });
+        }
+    }
+
+    fn step(
+        &mut self,
+        command: &mut Frame,
+        answer: &mut Frame,
+        invalid: &mut u32,
+        since_edge: &mut u32,
+    ) -> Result<(), EndReason> {
+        let (content, extra) = self.wait_for_turn()?;
+        self.wait_ready()?;
+        // While BUSY was high the program may have discarded its frames.
+        let content = match content {
+            ExchangeContent::Host if !self.shared.queues.take(command) => ExchangeContent::Status,
+            content => content,
+        };
+        if content != ExchangeContent::Host {
+            self.pacer.own_frame(content, command);
+        }
+        let at = self.shared.now();
+        self.pacer.begins(command, content, extra, at);
+        let size = self.options.slot;
+        self.wires.exchange(command.wire(size), &mut answer.bytes_mut()[..size.frame_len()])?;
+        self.pacer.ended(self.shared.now());
+        self.publish_counts();
+        if self.wires.has_busy_line() {
+            *since_edge += 1;
+            if *since_edge >= EXCHANGES_PER_EDGE_CHECK {
+                *since_edge = 0;
+                if !self.wires.busy_has_fallen()? {
+                    return Err(EndReason::Lost(BUSY_IS_LOW.to_owned()));
+                }
+            }
+        }
+        self.handle_answer(answer, extra, at, invalid)?;
+        let resets = content == ExchangeContent::Host
+            && matches!(MasterCommand::decode(&command.slot(size, 0), size), Ok(MasterCommand::SoftReset));
+        if resets {
+            // A board that checks CRCs refuses a SW_RESET whose CRC is wrong; the next answers show it.
+            if command.check_crc(size, CrcPolicy::Strict).is_ok() {
+                return Err(EndReason::Lost(WAS_RESET.to_owned()));
+            }
+            self.reset_doubt = ANSWERS_AFTER_RESET;
+        }
+        Ok(())
+    }
+
+    /// Waits until an exchange is due.
+    fn wait_for_turn(&mut self) -> Result<(ExchangeContent, bool), EndReason> {
+        let shared = Arc::clone(&self.shared);
+        let mut state = shared.queues.lock();
+        loop {
+            let held = state.held(self.options.slot);
+            if let Some(until) = state.closing()
+                && ((held.frames == 0 && !self.pacer.owes_release()) || Instant::now() >= until)
+            {
+                return Err(EndReason::Closed);
+            }
+            match self.pacer.plan(shared.now(), held) {
+                Plan::Exchange { content, extra } => return Ok((content, extra)),
+                Plan::Wait(at) => shared.queues.wait_for_work(&mut state, shared.instant(at)),
+            }
+        }
+    }
+
+    /// Waits until BUSY is low.
+    fn wait_ready(&mut self) -> Result<(), EndReason> {
+        if !self.wires.is_busy()? {
+            return Ok(());
+        }
+        let began = Instant::now();
+        let may_have_reset = self.reset_doubt > 0;
+        let limit =
+            if may_have_reset { BUSY_AFTER_RESET_MAX.min(self.options.busy_limit) } else { self.options.busy_limit };
+        loop {
+            let left = limit.saturating_sub(began.elapsed());
+            if self.wires.wait_ready(left.min(CLOSE_CHECK_INTERVAL))? {
+                return Ok(());
+            }
+            if left.is_zero() {
+                return Err(EndReason::Lost(if may_have_reset { WAS_RESET.to_owned() } else { busy_is_high(limit) }));
+            }
+            if self.shared.queues.lock().closing().is_some_and(|until| Instant::now() >= until) {
+                return Err(EndReason::Closed);
+            }
+        }
+    }
+
+    /// Passes a valid answer on as a report, and counts an invalid one.
+    fn handle_answer(&mut self, answer: &mut Frame, extra: bool, at: Ns, invalid: &mut u32) -> Result<(), EndReason> {
+        let Ok(response) = self.answer_check.check(answer) else {
+            *invalid += 1;
+            self.shared.invalid_answers.fetch_add(1, Ordering::Relaxed);
+            self.shared.queues.no_report();
+            if self.reset_doubt > 0 && self.answer_check.explain() == WiringFault::Zeros {
+                return Err(EndReason::Lost(WAS_RESET.to_owned()));
+            }
+            return if *invalid < INVALID_ANSWERS_MAX {
+                Ok(())
+            } else {
+                Err(EndReason::Lost(self.answer_check.explain().to_string()))
+            };
+        };
+        *invalid = 0;
+        self.reset_doubt = self.reset_doubt.saturating_sub(1);
+        self.pacer.answered(&response, extra, self.shared.queues.held());
+        let has_crc = answer.crc_byte() != 0 || self.answer_check.fills_crc();
+        if self.pacer.show(answer, self.shared.queues.held()) && has_crc {
+            answer.fill_crc(self.options.slot);
+        }
+        self.shared.queues.report(answer, at, self.pacer.op());
+        Ok(())
+    }
+
+    fn publish_counts(&self) {
+        *self.shared.counts.lock() = self.pacer.counts();
+        self.shared.cycle_us.store(self.pacer.cycle().us().into(), Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hardware::spi::pacer::PacerOptions;
+    use crate::sk::{CycleTime, MASTER_CYCLIC, SlotSize};
+
+    const SIZE: SlotSize = SlotSize::Bytes12;
+
+    /// Wires to a board in OP whose FIFO stays empty; the link is closed after that many exchanges.
+    struct Constant {
+        answer: Frame,
+        left: u32,
+        shared: Arc<Shared>,
+    }
+
+    impl Wires for Constant {
+        fn exchange(&mut self, tx: &[u8], rx: &mut [u8]) -> Result<(), WireError> {
+            assert_eq!(tx.len(), SIZE.frame_len());
+            self.left -= 1;
+            match self.left {
+                0 => self.shared.queues.close(Instant::now()),
+                left if left.is_multiple_of(16) => rx.fill(0xFF),
+                _ => rx.copy_from_slice(self.answer.wire(SIZE)),
+            }
+            Ok(())
+        }
+
+        fn has_busy_line(&self) -> bool {
+            true
+        }
+
+        fn is_busy(&mut self) -> Result<bool, WireError> {
+            Ok(self.left.is_multiple_of(2))
+        }
+
+        fn wait_ready(&mut self, _: Duration) -> Result<bool, WireError> {
+            Ok(true)
+        }
+
+        fn busy_has_fallen(&mut self) -> Result<bool, WireError> {
+            Ok(true)
+        }
+
+        fn reset(&mut self, _: Duration) -> Result<bool, WireError> {
+            Ok(false)
+        }
+    }
+
+    /// WIRE-51 The link's thread allocates nothing, from its first exchange to its last: frames of the host and its own,
+    /// answers, some of them none, reports that are read and reports that nobody reads.
+    #[test]
+    fn the_links_thread_allocates_nothing() {
+        let options = SpiOptions { slot: SIZE, ..SpiOptions::default() };
+        let shared = Arc::new(Shared {
+            name: "spi:test".to_owned(),
+            queues: FrameQueues::new(4),
+            opened: Instant::now(),
+            counts: Mutex::default(),
+            cycle_us: AtomicU64::new(0),
+            invalid_answers: AtomicU64::new(0),
+        });
+        let pacer = Pacer::new(PacerOptions {
+            slot: SIZE,
+            cycle: CycleTime::from_us(250).expect("a cycle"),
+            prefill: 0,
+            period_ns: 0,
+            wires_ns: 0,
+        });
+        let mut answer = Frame::new();
+        answer.bytes_mut()[..12].copy_from_slice(&[MASTER_CYCLIC, 0, 8, 0, 0, 0, 0, 0, 160, 0, 0, 0]);
+        answer.fill_crc(SIZE);
+        let wires = Box::new(Constant { answer, left: 1000, shared: shared.clone() });
+        let runner = Runner {
+            shared: shared.clone(),
+            wires,
+            options,
+            pacer,
+            answer_check: AnswerCheck::new(SIZE),
+            reset_doubt: 0,
+        };
+        let host = std::thread::spawn({
+            let shared = shared.clone();
+            move || {
+                let mut report = Frame::new();
+                while shared.queues.write(&report, SIZE, Some(Duration::ZERO)).is_ok() || shared.queues.check().is_ok()
+                {
+                    // One is read where several come.
+                    let _ = shared.queues.read(&mut report, Some(Duration::from_millis(1)));
+                }
+            }
+        });
+        // What a thread's first wait costs is no exchange's.
+        shared.queues.wait_for_work(&mut shared.queues.lock(), Instant::now() + Duration::from_millis(1));
+        let counted = allocation_counter::measure(|| runner.run());
+        host.join().expect("it ends");
+        assert_eq!(counted.count_total, 0, "{counted:?}");
+        let counts = *shared.counts.lock();
+        assert_eq!(counts.exchanges, 1000);
+        assert!(counts.host > 100, "{counts:?}");
+        assert!(shared.invalid_answers.load(Ordering::Relaxed) >= 60);
+    }
+}

@@ -1,0 +1,64 @@
+//! The keys that every link has, as Rust types. The row of a key, with its default and help, is in `address/keys/table.rs`.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::fault::FaultOptions;
+use super::{LinkInfo, Stamp, Wait};
+use crate::address::uri::{LinkUri, UriError, slot_size};
+use crate::sk::SlotSize;
+
+/// Options that every link has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CommonOptions {
+    /// The slot size (`slot=`); `None` if the URI does not give one. For a board in this process it is always given.
+    pub slot: Option<SlotSize>,
+    /// How many unread reports are kept (`queue=`), 1 or more. When the queue is full the oldest report is dropped.
+    pub queue: usize,
+    /// The file to record to (`record=`).
+    pub record: Option<PathBuf>,
+    /// The time limit of a read (`read_timeout_ms=`); `None`: a read waits until there is a report.
+    pub read_timeout: Option<Duration>,
+    /// The time limit of a write that the board does not accept (`write_timeout_ms=`).
+    pub write_timeout: Duration,
+    /// Faults to inject (`fault.*`).
+    pub fault: FaultOptions,
+}
+
+impl CommonOptions {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError::BadValue`] if a value does not fit the type of its option.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        Ok(Self {
+            slot: uri.typed("slot", slot_size)?,
+            queue: uri.required("queue", |value| value.parse().ok())?,
+            record: uri.typed("record", |value| Some(PathBuf::from(value)))?,
+            read_timeout: uri.typed("read_timeout_ms", millis)?,
+            write_timeout: uri.required("write_timeout_ms", millis)?,
+            fault: FaultOptions::from_uri(uri)?,
+        })
+    }
+
+    /// The time limit of a read as a [`Wait`].
+    pub fn read_wait(&self) -> Wait {
+        self.read_timeout.map_or(Wait::Forever, Wait::For)
+    }
+
+    /// The time limit of a write as a [`Wait`].
+    pub const fn write_wait(&self) -> Wait {
+        Wait::For(self.write_timeout)
+    }
+
+    /// What a link with these options is, whose real clock begins when it is opened.
+    pub fn info(&self, name: String, slot: Option<SlotSize>) -> LinkInfo {
+        let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
+        LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }
+    }
+}
+
+/// Parses a time in milliseconds.
+pub(crate) fn millis(value: &str) -> Option<Duration> {
+    value.parse().ok().map(Duration::from_millis)
+}

@@ -1,0 +1,53 @@
+//! Why the files that describe a simulated machine cannot be used.
+
+use crate::address::keys::WHERE_TO_LOOK;
+
+/// Why a file of manufacturer-specific objects cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cannot take the objects of {file}: {message}; name another file or mend it, {WHERE_TO_LOOK}")]
+pub struct ManufacturerObjectsError {
+    /// The path of the file.
+    pub file: String,
+    /// What is wrong, with the number of the line.
+    pub message: String,
+}
+
+/// Why a script is invalid.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum ScriptError {
+    /// The file cannot be read.
+    #[error("cannot read the script {file}: {message}; name another file or leave it out")]
+    Unreadable { file: String, message: String },
+    /// A line does not follow the syntax, or names something that this network does not have.
+    #[error("{file}, line {line}, column {column}: {message}; {WHERE_TO_LOOK}")]
+    Line {
+        file: String,
+        line: u32,
+        /// The position in the line, in characters from 1.
+        column: usize,
+        /// What is wrong and what is allowed.
+        message: String,
+    },
+    /// A line does something to frames, for a board over simulated slaves, which are reached without any.
+    #[error(
+        "{file}, line {line}: `{verb}` happens to frames, and a simulated board reaches its slaves without any; take the line out, \
+         or serve the slaves with `ecmsk serve ethercat`"
+    )]
+    NoFrames { file: String, line: u32, verb: &'static str },
+}
+
+/// Why slaves, or what happens to them, cannot be had.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum SimulatedSlavesError {
+    /// See [`ManufacturerObjectsError`].
+    #[error(transparent)]
+    Objects(#[from] ManufacturerObjectsError),
+    /// See [`ScriptError`].
+    #[error(transparent)]
+    Script(#[from] ScriptError),
+    /// The script does something to a board.
+    #[error("{file}, line {line}: `{verb}` happens to a board, and there is none here; take the line out")]
+    NoBoard { file: String, line: u32, verb: &'static str },
+}

@@ -1,0 +1,97 @@
+//! Opening the link that a URI names, or the chip: this room alone knows every way to reach a board.
+
+pub mod chip;
+mod help;
+
+use std::sync::Arc;
+
+use crate::address::keys::Scheme;
+use crate::address::uri;
+use crate::link::common_options::CommonOptions;
+use crate::link::{Link, LinkError, Share, fault, record};
+use crate::recording::RecordMeta;
+
+pub use help::help;
+
+/// Opens the link of that URI.
+///
+/// ```
+/// use ecmsk::link::{self, Share, Wait};
+/// use ecmsk::sk::{Frame, MasterResponse, MasterState, SlotSize, StateByte};
+///
+/// let board = link::open("sim:?slaves=drive*2&clock=virtual", Share::ByName)?;
+/// let mut report = Frame::new();
+/// board.read(&mut report, Wait::Forever)?;
+/// let answer = MasterResponse::decode(&report.slot(SlotSize::Bytes12, 0));
+/// assert_eq!(answer.state, StateByte::reached(MasterState::PreOp));
+/// # Ok::<(), ecmsk::link::LinkError>(())
+/// ```
+///
+/// # Errors
+/// [`LinkError::Uri`], [`LinkError::Unsupported`], [`LinkError::NoBoard`], [`LinkError::InUse`], [`LinkError::Io`].
+pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    open_with(uri, share, false)
+}
+
+/// As [`open`], for callers that do not need an exact [`LinkStats::reports_dropped`]. On Windows a board on USB takes
+/// frames faster while its reports are not read, and reports that are dropped then are not counted. A link with a
+/// recording behaves as with [`open`].
+///
+/// # Errors
+/// Those of [`open`].
+pub fn open_uncounted(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
+    open_with(uri, share, true)
+}
+
+fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, LinkError> {
+    let uri = uri::LinkUri::parse(uri)?;
+    let options = CommonOptions::from_uri(&uri)?;
+    let mut link = connect(&uri, &options, share, uncounted && options.record.is_none())?;
+    if options.fault.any() {
+        link = Arc::new(fault::FaultLink::new(link, options.fault));
+    }
+    // The recording wraps the fault injection, so it holds what the program has seen.
+    let Some(path) = &options.record else { return Ok(link) };
+    let info = link.info();
+    let meta = RecordMeta::now(&info, info.opened_at);
+    Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
+}
+
+/// The simulated board of a `sim:` or `xf-sim:` link without a link around it. It has just been switched on, and its time advances
+/// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
+///
+/// # Errors
+/// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::ManufacturerObjects`], [`LinkError::NoBoard`].
+#[cfg(feature = "sim")]
+pub fn model(uri: &uri::LinkUri) -> Result<crate::engine::Board, LinkError> {
+    crate::testbed::sim::model(uri)
+}
+
+#[cfg_attr(
+    not(all(feature = "sim", feature = "usb")),
+    allow(unused_variables, reason = "some of them concern links that are not in the build")
+)]
+fn connect(
+    uri: &uri::LinkUri,
+    options: &CommonOptions,
+    share: Share,
+    uncounted: bool,
+) -> Result<Arc<dyn Link>, LinkError> {
+    let scheme: Scheme = uri.scheme();
+    match scheme {
+        #[cfg(feature = "sim")]
+        Scheme::Sim | Scheme::XfSim => Ok(Arc::new(crate::testbed::sim::open(uri, options, share)?)),
+        #[cfg(all(feature = "spi", target_os = "linux"))]
+        Scheme::Spi => crate::hardware::spi::open(uri, options),
+        #[cfg(all(feature = "tcp", any(unix, windows)))]
+        Scheme::Tcp => crate::tcp::open(uri, options),
+        #[cfg(all(feature = "usb", any(unix, windows)))]
+        Scheme::Usb => crate::hardware::usb::open(uri, options, uncounted),
+        #[cfg(any(all(feature = "spi", target_os = "linux"), all(feature = "usb", unix)))]
+        Scheme::XfSpi | Scheme::XfUsb => Ok(Arc::new(chip::board(uri)?)),
+        #[cfg(all(feature = "nic", target_os = "linux"))]
+        Scheme::Nic => Ok(Arc::new(crate::own_board::nic::open(uri, options)?)),
+        #[allow(unreachable_patterns, reason = "a build may have every link")]
+        other => Err(LinkError::Unsupported { scheme: other.name().into(), hint: other.instead() }),
+    }
+}

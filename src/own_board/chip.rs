@@ -1,0 +1,119 @@
+//! The EC01M over the wires to a chip: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board.
+
+use crate::address::keys;
+use crate::address::uri::{LinkUri, UriError};
+use crate::engine::{Board, Rate};
+use crate::fieldbus::xf::{LocalPins, XfBus, XfBusOptions};
+use crate::link::LinkError;
+use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config};
+use crate::link::common_options::CommonOptions;
+use crate::own_board::engine::EngineLink;
+use crate::own_board::options::BoardOptions;
+use crate::own_board::{boots, switching_off};
+use crate::xf::host::{HostError, StepError};
+
+/// How a board uses the chip that its slaves are behind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipUse {
+    /// How the driver uses it.
+    pub driver: ChipOptions,
+    /// How many sets of outputs may lie in it, see [`XfBusOptions::ahead`].
+    pub ahead: u16,
+    /// Which of its pins are the board's local inputs and outputs.
+    pub local_pins: LocalPins,
+}
+
+impl ChipUse {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if it is no link to a chip.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        let lines = |key, max| uri.typed(key, |value| keys::pins(value, max)).map(Option::unwrap_or_default);
+        Ok(Self {
+            driver: ChipOptions::from_uri(uri)?,
+            ahead: uri.required("ahead", |value| value.parse().ok())?,
+            local_pins: LocalPins {
+                inputs: lines("local_in", LocalPins::INPUT_MAX)?,
+                outputs: lines("local_out", LocalPins::OUTPUT_MAX)?,
+            },
+        })
+    }
+
+    /// The bus of the board over that link.
+    pub fn bus<L: ChipLink>(&self, link: L) -> XfBus<L> {
+        let info = link.info();
+        let options = XfBusOptions {
+            ahead: self.ahead,
+            clock_hz: info.clock_hz,
+            local_pins: self.local_pins,
+            real_time: !info.virtual_time,
+            size_is_fixed: info.size.is_some(),
+        };
+        XfBus::new(link, host_config(&info, &self.driver), options)
+    }
+}
+
+/// A board over a real chip: its EC01M is the model in this process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChipBoard {
+    /// The board.
+    pub board: BoardOptions,
+    /// How it uses the chip.
+    pub used: ChipUse,
+    /// What every link has.
+    pub common: CommonOptions,
+}
+
+impl ChipBoard {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if it is no link to a chip.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        Ok(Self {
+            board: BoardOptions::from_uri(uri)?,
+            used: ChipUse::from_uri(uri)?,
+            common: CommonOptions::from_uri(uri)?,
+        })
+    }
+
+    /// Opens the board over that link to a chip: the chip is started, and the network behind it scanned.
+    ///
+    /// The board is gone with this process, as `own_board/mod.rs` says. If the process is killed, the chip repeats its newest
+    /// outputs for ever, so that in CSP an axis stands, and in CSV and CST it goes on.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
+    pub fn open_over(&self, link: Box<dyn ChipLink>) -> Result<EngineLink, LinkError> {
+        let name = link.info().name;
+        let no_board = |reason: String| LinkError::NoBoard { name: name.clone(), reason };
+        let mut bus = self.used.bus(link);
+        bus.start_up().map_err(|error| match error {
+            StepError::Host(error) => {
+                no_board(format!("the chip does not answer: {error}; look at its wires and power, try `ecmsk xf info`"))
+            }
+            StepError::Wires(error) => refused(&name, error),
+        })?;
+        if bus.host().gave_crc_up() {
+            log::warn!("{name}: {}", HostError::CRC_GIVEN_UP);
+        }
+        let mut board = Board::new(self.board.engine(), Box::new(bus));
+        if !boots(&mut board) {
+            let next = "look at the network cable and at the slaves' power, and try `ecmsk xf scan`";
+            return Err(no_board(format!("the chip finds no slave; {next}")));
+        }
+        let run = self.board.run(&self.common, false, Rate::default());
+        EngineLink::open(&name, board, run, Some(switching_off()))
+    }
+}
+
+/// Why a link has no board, since its chip cannot be reached.
+pub(crate) fn refused(name: &str, error: ChipError) -> LinkError {
+    match error {
+        ChipError::Uri(error) => error.into(),
+        ChipError::Unsupported { scheme, hint } => LinkError::Unsupported { scheme: scheme.name().to_owned(), hint },
+        ChipError::Wires { message, .. } => LinkError::NoBoard { name: name.to_owned(), reason: message },
+        other => LinkError::NoBoard { name: name.to_owned(), reason: other.to_string() },
+    }
+}

@@ -1,0 +1,237 @@
+//! The frames and the clock of a network card, and of two.
+
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::address::uri::{LinkUri, UriError};
+use crate::ethercat::{CableEnd, ETHERTYPE, FRAME_LEN_MAX, Frame, Ns};
+use crate::fieldbus::CardsGone;
+use crate::fieldbus::nic::{CardPair, NicWires};
+use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress, Socket, SocketError};
+use crate::link::LinkError;
+use crate::master::{FrameBuffer, Wire, WireDown};
+
+/// For so long the card is listened to before anything is sent: another master sends within each of its cycles. \[OURS]
+const LISTEN: Duration = Duration::from_millis(100);
+/// The bit of a source address that slaves set in frames which pass them. A master's own address is without it.
+const PASSED: u8 = 0x02;
+
+/// A network card that one master alone uses.
+pub(crate) struct Card {
+    name: String,
+    socket: Socket,
+    /// Its interface does not exist any more.
+    is_gone: bool,
+    /// What is said then.
+    gone: CardsGone,
+    source: MacAddress,
+    begin: Instant,
+    /// Nobody else on this machine has the card while this is open.
+    _claim: Claim,
+}
+
+impl Card {
+    /// Opens the card that a link names.
+    ///
+    /// # Errors
+    /// [`LinkError::Uri`]: it names none; as [`Self::open`].
+    pub(super) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
+        if uri.path().is_empty() {
+            let path = uri.path().to_owned();
+            return Err(
+                UriError::BadPath { scheme: uri.scheme(), path, allowed: "nic:INTERFACE, e.g. nic:eth1" }.into()
+            );
+        }
+        Self::open(uri.path(), &uri.to_string())
+    }
+
+    /// Opens the card of that name for a master.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`]: the interface cannot be used, or another master is there; [`LinkError::InUse`]: another program
+    /// on this machine has it.
+    pub(super) fn open(interface: &str, link: &str) -> Result<Self, LinkError> {
+        let refused = |error: InterfaceError| match error {
+            InterfaceError::InUse { .. } => LinkError::InUse {
+                name: link.to_owned(),
+                by: " by another program of ecmsk on this machine".into(),
+                instead: "end that program, or share its board by `ecmsk serve tcp`",
+            },
+            error => LinkError::NoBoard { name: link.to_owned(), reason: error.to_string() },
+        };
+        let interface = ethernet::check(interface, DefaultRoute::Refused { insist: None }).map_err(refused)?;
+        let claim = Claim::new(&interface).map_err(refused)?;
+        let socket = Socket::open(&interface, ETHERTYPE).map_err(refused)?;
+        let mut source = interface.mac_address;
+        source[0] &= !PASSED;
+        let gone = CardsGone { text: gone_text(&interface.name, &[]).into(), is_all: true };
+        let name = interface.name;
+        let mut card = Self { name, socket, is_gone: false, gone, source, begin: Instant::now(), _claim: claim };
+        if let Some(other) = card.other_master() {
+            let other = other.map(|byte| format!("{byte:02X}")).join(":");
+            return Err(LinkError::NoBoard {
+                name: link.to_owned(),
+                reason: format!(
+                    "another master sends frames there (from {other}); nothing was sent. Stop it, or name the card that the \
+                     slaves of this program are connected to"
+                ),
+            });
+        }
+        Ok(card)
+    }
+
+    /// The source of its frames.
+    pub(super) const fn source(&self) -> MacAddress {
+        self.source
+    }
+
+    /// Notes that it is gone, if that is why a frame was neither sent nor taken.
+    const fn note(&mut self, error: &SocketError) {
+        if matches!(error, SocketError::Gone) {
+            self.is_gone = true;
+        }
+    }
+
+    /// The source of a frame that somebody else sends; `None`: the wire is quiet.
+    fn other_master(&mut self) -> Option<MacAddress> {
+        let end = Ns::try_from(LISTEN.as_nanos()).unwrap_or(Ns::MAX).saturating_add(self.now());
+        let mut buffer = [0; FRAME_LEN_MAX];
+        loop {
+            while let Some(len) = self.receive(&mut buffer) {
+                if Frame::decode(&buffer[..len]).is_ok_and(|frame| frame.datagrams().is_some()) {
+                    return buffer[6..12].try_into().ok();
+                }
+            }
+            if self.now() >= end {
+                return None;
+            }
+            self.wait(end);
+        }
+    }
+}
+
+impl Wire for Card {
+    fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        self.socket.send(frame).map_err(|error| {
+            self.note(&error);
+            WireDown
+        })
+    }
+
+    fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
+        // A longer frame is none of EtherCAT, and one that cannot be taken is lost.
+        loop {
+            match self.socket.take(buffer) {
+                Ok(Some(len)) if len > buffer.len() => {}
+                Ok(taken) => return taken,
+                Err(error) => {
+                    self.note(&error);
+                    return None;
+                }
+            }
+        }
+    }
+}
+
+/// Waits until a frame is there or the time is up. If the wait fails, the calls after it find nothing.
+fn wait_for_frames(fds: &mut [PollFd<'_>], left_ns: Ns) {
+    let limit = Timespec::try_from(Duration::from_nanos(left_ns)).ok();
+    let _ = poll(fds, limit.as_ref());
+}
+
+impl NicWires for Card {
+    fn now(&self) -> Ns {
+        Ns::try_from(self.begin.elapsed().as_nanos()).unwrap_or(Ns::MAX)
+    }
+
+    fn wait(&mut self, until: Ns) {
+        let left_ns = until.saturating_sub(self.now());
+        wait_for_frames(&mut [PollFd::new(&self.socket, PollFlags::IN)], left_ns);
+    }
+
+    fn is_real_time(&self) -> bool {
+        true
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        self.is_gone.then(|| self.gone.clone())
+    }
+}
+
+/// Two cards, one at each end of the slaves' cable.
+pub(crate) struct Cards {
+    first: Card,
+    second: Card,
+    /// What is said when the first one is gone, the second one, and both.
+    gone: Box<[CardsGone; 3]>,
+}
+
+impl Cards {
+    pub(super) fn new(first: Card, second: Card) -> Self {
+        let one = |card: &Card, other: &Card| {
+            CardsGone {
+            text: format!(
+                "{}. The ring goes on by {}, and the next cut of a cable costs slaves; the card is used again when the board is opened \
+                 again",
+                gone_text(&card.name, &[]),
+                other.name
+            )
+            .into(),
+            is_all: false,
+        }
+        };
+        let both = CardsGone { text: gone_text(&first.name, &[&second.name]).into(), is_all: true };
+        Self { gone: Box::new([one(&first, &second), one(&second, &first), both]), first, second }
+    }
+}
+
+/// Which cards are gone, and what to do.
+fn gone_text(first: &str, others: &[&str]) -> String {
+    let names = [&[first], others].concat().join(" and ");
+    let (card, was) = if others.is_empty() { ("card", "was") } else { ("cards", "were") };
+    format!(
+        "the network {card} {names} {was} pulled, or deleted: plug in what was pulled, and look for it with: ip link"
+    )
+}
+
+impl CardPair for Cards {
+    fn send(&mut self, end: CableEnd, frame: &[u8]) -> Result<(), WireDown> {
+        match end {
+            CableEnd::First => self.first.send(frame),
+            CableEnd::Last => self.second.send(frame),
+        }
+    }
+
+    fn receive(&mut self, end: CableEnd, buffer: &mut FrameBuffer) -> Option<usize> {
+        match end {
+            CableEnd::First => self.first.receive(buffer),
+            CableEnd::Last => self.second.receive(buffer),
+        }
+    }
+
+    fn now(&self) -> Ns {
+        self.first.now()
+    }
+
+    fn wait(&mut self, until: Ns) {
+        let left_ns = until.saturating_sub(self.first.now());
+        let sockets = [&self.first.socket, &self.second.socket];
+        wait_for_frames(&mut sockets.map(|socket| PollFd::new(socket, PollFlags::IN)), left_ns);
+    }
+
+    fn cards_gone(&self) -> Option<CardsGone> {
+        let [first, second, both] = &*self.gone;
+        let gone = match (self.first.is_gone, self.second.is_gone) {
+            (false, false) => return None,
+            (true, false) => first,
+            (false, true) => second,
+            (true, true) => both,
+        };
+        Some(gone.clone())
+    }
+
+    fn is_real_time(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,79 @@
+//! `nic:INTERFACE`: a board whose slaves are at the end of a network card, without any board: the EC01M is the model in this
+//! process, and our own master runs the network.
+//!
+//! - `mod.rs`: opening it
+//! - `card.rs`: the frames and the clock of the card, or of two
+
+mod card;
+
+use super::engine::EngineLink;
+use super::options::BoardOptions;
+use crate::address::uri::LinkUri;
+use crate::engine::{Board, Rate, StateFailure};
+use crate::fieldbus::nic::{NicBus, Ring};
+use crate::fieldbus::{Fieldbus, Strangers};
+use crate::link::LinkError;
+use crate::link::common_options::CommonOptions;
+use crate::master::Settings;
+use crate::own_board::{boots, switching_off};
+use card::{Card, Cards};
+
+/// The way to the slaves of a link.
+pub(crate) enum Wires {
+    /// One card.
+    Line(Card),
+    /// Two cards, one at each end of the cable.
+    Ring(Ring<Cards>),
+}
+
+/// Opens the card that a link names, or both of them, for a master that sends as it says.
+///
+/// # Errors
+/// As [`Card::of`]; both cards are the same one.
+pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
+    let name = uri.to_string();
+    let no_board = |reason: &str| LinkError::NoBoard { name: name.clone(), reason: reason.to_owned() };
+    let first = Card::of(uri)?;
+    let settings = Settings { source: first.source(), ..Settings::default() };
+    let Some(second) = uri.value("second") else { return Ok((Wires::Line(first), settings)) };
+    if second == uri.path() {
+        return Err(no_board("a ring needs two cards, and `second` is the first one; name another one"));
+    }
+    let second = Card::open(second, &name)?;
+    let probe_source = second.source();
+    if probe_source == settings.source {
+        return Err(no_board("both cards have the same address; name two"));
+    }
+    Ok((Wires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
+}
+
+/// Why a board has not come up.
+fn why_not(board: &Board) -> String {
+    if let Some(why) = board.engine().state_failure().filter(|why| *why != StateFailure::NoSlave) {
+        return format!("no PreOP: {why}; see who is there with `ecmsk bus scan`");
+    }
+    match board.strangers().unpassed {
+        0 => "it finds no slave that comes to PreOP; look at the cable to the first slave and at the slaves' power, and try `ecmsk \
+              doctor`"
+            .to_owned(),
+        frames => Strangers::echo(frames),
+    }
+}
+
+/// Opens the board: the network is scanned, and its slaves are brought to PreOP.
+pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
+    let options = BoardOptions::from_uri(uri)?;
+    let name = uri.to_string();
+    let bus: Box<dyn Fieldbus> = match wires(uri)? {
+        (Wires::Line(card), settings) => Box::new(NicBus::new(card, settings)),
+        (Wires::Ring(ring), settings) => Box::new(NicBus::new(ring, settings)),
+    };
+    let mut board = Board::new(options.engine(), bus);
+    if !boots(&mut board) {
+        if let Some(gone) = board.cards_gone().filter(|gone| gone.is_all) {
+            return Err(LinkError::NoBoard { name, reason: gone.text.to_string() });
+        }
+        return Err(LinkError::NoBoard { name, reason: why_not(&board) });
+    }
+    EngineLink::open(&name, board, options.run(common, false, Rate::default()), Some(switching_off()))
+}

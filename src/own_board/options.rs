@@ -1,0 +1,78 @@
+//! The keys that every board has which is modelled in this process, whatever its slaves are, as Rust types.
+
+use std::time::Duration;
+
+use crate::address::uri::{LinkUri, UriError, slot_size};
+use crate::engine::{EngineConfig, Firmware, Rate, RealTime};
+use crate::fieldbus::Ns;
+use crate::link::common_options::{CommonOptions, millis};
+use crate::own_board::engine::RunOptions;
+use crate::sk::SlotSize;
+
+/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BoardOptions {
+    /// The slot size, which the board's jumper CONFIG2 selects.
+    pub slot: SlotSize,
+    /// The version of the firmware to simulate.
+    pub firmware: Firmware,
+    /// Whether the board is in test mode, which the jumper CONFIG1 selects.
+    pub test: bool,
+    /// How long a write takes, in microseconds of the board's time: 0..=1 000 000.
+    pub host_us: u32,
+    /// How long a change of the EtherCAT state may take.
+    pub state_timeout: Duration,
+    /// How long a slave may take to answer an SDO request.
+    pub sdo_timeout: Duration,
+    /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None`: an ordinary thread.
+    pub priority: Option<u8>,
+    /// The processor that the cyclic thread runs on, from 0; `None`: any.
+    pub cpu: Option<u16>,
+    /// Whether the process is locked into memory (`mlockall`), so that no cycle waits for a page.
+    pub lock_memory: bool,
+}
+
+impl BoardOptions {
+    /// The options in a URI; keys that are not given have their defaults.
+    ///
+    /// # Errors
+    /// [`UriError`] if links of this scheme have no such keys.
+    pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
+        Ok(Self {
+            slot: uri.required("slot", slot_size)?,
+            firmware: uri.choice("fw", [("1.7", Firmware::V17), ("1.5", Firmware::V15)])?,
+            test: uri.choice("test", [("0", false), ("1", true)])?,
+            host_us: uri.required("host_us", |value| value.parse().ok())?,
+            state_timeout: uri.required("state_timeout_ms", millis)?,
+            sdo_timeout: uri.required("sdo_timeout_ms", millis)?,
+            priority: uri.typed("priority", |value| value.parse().ok())?,
+            cpu: uri.typed("cpu", |value| value.parse().ok())?,
+            lock_memory: uri.choice("lock_memory", [("no", false), ("yes", true)])?,
+        })
+    }
+
+    /// The configuration of the engine.
+    pub(crate) fn engine(&self) -> EngineConfig {
+        EngineConfig {
+            slot: self.slot,
+            firmware: self.firmware,
+            state_timeout_ns: self.state_timeout.as_nanos() as Ns,
+            sdo_timeout_ns: self.sdo_timeout.as_nanos() as Ns,
+            test: self.test,
+            ..EngineConfig::default()
+        }
+    }
+
+    /// How the host interface is run.
+    pub(crate) fn run(&self, common: &CommonOptions, virtual_time: bool, rate: Rate) -> RunOptions {
+        RunOptions {
+            virtual_time,
+            host_ns: Ns::from(self.host_us) * 1000,
+            queue: common.queue,
+            read_wait: common.read_wait(),
+            write_wait: common.write_wait(),
+            real_time: RealTime { priority: self.priority, cpu: self.cpu, lock_memory: self.lock_memory },
+            rate,
+        }
+    }
+}

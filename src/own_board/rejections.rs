@@ -1,0 +1,250 @@
+//! What the log says of commands that the board rejected. The first rejections of each kind are logged one by one and
+//! further ones are summed up, so that a program that sends a wrong command in every cycle does not fill the log, and
+//! every rejection is accounted for.
+
+use log::Level;
+
+use super::episodes::Episodes;
+use crate::engine::{Counters, Event, EventKind, HomingEnd, Reason, Unexecuted};
+use crate::fieldbus::Ns;
+use crate::span::Seconds;
+
+/// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
+/// transfers that a slave has aborted count as a kind.
+const LINES_PER_WINDOW_MAX: u32 = 5;
+/// One second of the board's time \[OURS].
+const WINDOW_NS: Ns = 1_000_000_000;
+
+/// Limits the lines in the log for one kind of rejection.
+#[derive(Clone, Copy, Default)]
+struct Throttle {
+    /// When the current window began.
+    since: Ns,
+    /// Lines logged in this window.
+    lines: u32,
+    /// How many rejections of the board's counter are in the log already, one by one or summed up.
+    logged: u64,
+}
+
+impl Throttle {
+    /// Whether one more rejection, at time `at`, gets a line of its own.
+    fn is_logged(&mut self, at: Ns) -> bool {
+        if at.saturating_sub(self.since) >= WINDOW_NS || self.lines == 0 {
+            (self.since, self.lines) = (at, 0);
+        }
+        let takes = self.lines < LINES_PER_WINDOW_MAX;
+        self.lines += u32::from(takes);
+        takes
+    }
+}
+
+/// Which rejections have been logged so far.
+pub(crate) struct RejectionLog {
+    kinds: [Throttle; Reason::KINDS],
+    aborts: Throttle,
+    episodes: Episodes,
+}
+
+impl RejectionLog {
+    /// Logs what happens after the board has counted this much.
+    pub(crate) fn new(counters: &Counters) -> Self {
+        let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
+        Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
+    }
+
+    /// Logs events, and what the board's counters show besides them; `now` is the board's time.
+    pub(crate) fn log(
+        &mut self,
+        events: impl IntoIterator<Item = Event>,
+        counters: &Counters,
+        now: Ns,
+        say: &mut dyn FnMut(Level, String),
+    ) {
+        let mut logged = [false; Unexecuted::KINDS];
+        for event in events {
+            let is_told = match event.kind {
+                EventKind::Rejected(rejection) => {
+                    let kind = &mut self.kinds[rejection.reason.kind()];
+                    let is_logged = kind.is_logged(event.at);
+                    kind.logged += u64::from(is_logged);
+                    is_logged
+                }
+                // The line with the number of bytes replaces the one that says that an episode begins.
+                EventKind::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
+                // The bus may lose some in each cycle.
+                EventKind::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
+                EventKind::SdoAborted { .. } => {
+                    logged[Unexecuted::SdoAborted as usize] = true;
+                    self.aborts.is_logged(event.at)
+                }
+                _ => true,
+            };
+            if is_told {
+                say(level_of(&event), event.to_string());
+            }
+        }
+        self.sum_up(&counters.rejected, |kind| now.saturating_sub(kind.since) >= WINDOW_NS, say);
+        self.episodes.log(counters, now, |what| logged[what as usize], say);
+    }
+
+    /// Whether an event is the first one of an episode, which is logged then.
+    fn begins(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
+        !self.episodes.is_running(what) && !std::mem::replace(&mut logged[what as usize], true)
+    }
+
+    /// Logs the rejections that have not been logged yet, when the link is closed.
+    pub(crate) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
+        self.sum_up(&counters.rejected, |_| true, say);
+        self.episodes.end(counters, now, say);
+    }
+
+    fn sum_up(
+        &mut self,
+        rejected: &[u64; Reason::KINDS],
+        is_over: impl Fn(&Throttle) -> bool,
+        say: &mut dyn FnMut(Level, String),
+    ) {
+        for ((kind, rejected), name) in self.kinds.iter_mut().zip(rejected).zip(Reason::NAMES) {
+            let more = rejected.saturating_sub(kind.logged);
+            if more > 0 && is_over(kind) {
+                kind.logged += more;
+                let since = Seconds(kind.since);
+                say(Level::Warn, format!("{more} more rejected as {name} since {since}; look at the first ones"));
+            }
+        }
+    }
+}
+
+/// A homing that has attained its home is no reason to warn: `ecmsk exec` sums up warnings as what went wrong.
+const fn level_of(event: &Event) -> Level {
+    if matches!(event.kind, EventKind::HomingEnded { end: HomingEnd::Attained, .. }) {
+        Level::Info
+    } else {
+        Level::Warn
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::Rejection;
+    use crate::sk::CommandId;
+
+    const MS: Ns = 1_000_000;
+
+    fn rejected(at: Ns, reason: Reason) -> Event {
+        Event { at, kind: EventKind::Rejected(Rejection { slot: 1, id: CommandId::Csp, reason }) }
+    }
+
+    fn counted(kinds: &[(Reason, u64)]) -> Counters {
+        let mut counters = Counters::default();
+        kinds.iter().for_each(|(reason, count)| counters.rejected[reason.kind()] = *count);
+        counters
+    }
+
+    /// SK-4.39 Of many rejections of a kind the first five of a second are told, then how many more there were.
+    #[test]
+    fn after_five_rejections_of_a_kind_in_a_second_further_ones_are_summed_up() {
+        let mut log = RejectionLog::new(&counted(&[(Reason::WrongMode, 7)]));
+        let mut said = Vec::new();
+        // One a millisecond, and one of another kind in the middle.
+        for n in 0..500 {
+            let mut events = vec![rejected(n * MS, Reason::WrongMode)];
+            let mut counters = counted(&[(Reason::WrongMode, 8 + n), (Reason::NoSlave, u64::from(n >= 250))]);
+            if n == 250 {
+                events.push(rejected(n * MS, Reason::NoSlave));
+            }
+            counters.rejected[Reason::SdoBusy.kind()] = 0;
+            log.log(events, &counters, n * MS, &mut |_, line| said.push(line));
+        }
+        assert_eq!(said.len(), 6, "{said:?}");
+        assert!(said[5].contains("no slave at that place"), "{said:?}");
+        let counters = counted(&[(Reason::WrongMode, 507), (Reason::NoSlave, 1)]);
+        log.log([], &counters, 999 * MS, &mut |_, line| said.push(line));
+        assert_eq!(said.len(), 6, "{said:?}");
+        log.log([], &counters, 1000 * MS, &mut |_, line| said.push(line));
+        assert_eq!(said[6..], ["495 more rejected as wrong_mode since 0.000 s; look at the first ones"]);
+        log.end(&counters, 2000 * MS, &mut |_, line| said.push(line));
+        assert_eq!(said.len(), 7, "{said:?}");
+    }
+
+    /// SK-4.39 A second later the first ones are told again; what nobody was told by then is told at the end.
+    #[test]
+    fn five_rejections_of_a_kind_are_logged_in_each_second() {
+        let mut log = RejectionLog::new(&counted(&[]));
+        let mut said = Vec::new();
+        for n in 0..20 {
+            let counters = counted(&[(Reason::NoSlave, n + 1)]);
+            log.log([rejected(n * 100 * MS, Reason::NoSlave)], &counters, n * 100 * MS, &mut |_, line| said.push(line));
+        }
+        assert_eq!(said.iter().filter(|line| line.contains("CSP in slot 1")).count(), 10, "{said:?}");
+        log.end(&counted(&[(Reason::NoSlave, 20)]), 2000 * MS, &mut |_, line| said.push(line));
+        let more: u64 = said
+            .iter()
+            .filter(|line| line.contains("more rejected as no_slave"))
+            .map(|line| line.split(' ').next().and_then(|n| n.parse::<u64>().ok()).expect("a number"))
+            .sum();
+        assert_eq!(more, 10, "{said:?}");
+    }
+    /// SK-4.79 An SDO that a slave has aborted is told with its object and what to do, the first five of a second; when it
+    /// has ended the count of all is told. SK-4.78 Of frames that came in part the first is told with its bytes.
+    #[test]
+    fn aborted_sdos_and_incomplete_frames_are_logged_with_their_details() {
+        let object = crate::coe::ObjectAddress::new(0x2101, 0);
+        let mut log = RejectionLog::new(&Counters::default());
+        let mut said = Vec::new();
+        for n in 0..50 {
+            let code = crate::coe::AbortCode::NO_OBJECT;
+            let aborted = Event { at: n * MS, kind: EventKind::SdoAborted { slave: 2, object, write: true, code } };
+            let dropped = Event { at: n * MS, kind: EventKind::Incomplete { bytes: 100 } };
+            let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };
+            log.log([aborted, dropped], &counters, n * MS, &mut |_, line| said.push(line));
+        }
+        assert_eq!(said.len(), 6, "{said:?}");
+        let aborts = said.iter().filter(|line| line.contains("SDO_WR of slave 2, 0x2101:0")).count();
+        assert_eq!((aborts, said.iter().filter(|line| line.contains("only 100 bytes")).count()), (5, 1), "{said:?}");
+        log.end(&Counters { sdo_aborted: 50, incomplete: 50, ..Counters::default() }, 60 * MS, &mut |_, line| {
+            said.push(line);
+        });
+        assert_eq!(said.len(), 8, "{said:?}");
+        assert!(said[6].contains("50 command frame(s) did not arrive completely"), "{said:?}");
+        assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
+    }
+
+    /// TOOL-153 A homing that has attained its home is told as information, and every other end of one as a warning.
+    #[test]
+    fn only_a_homing_that_failed_is_a_warning() {
+        let mut log = RejectionLog::new(&Counters::default());
+        for (end, level) in [
+            (HomingEnd::Attained, Level::Info),
+            (HomingEnd::Error, Level::Warn),
+            (HomingEnd::Aborted, Level::Warn),
+            (HomingEnd::Lost, Level::Warn),
+        ] {
+            let mut said = Vec::new();
+            let event = Event { at: MS, kind: EventKind::HomingEnded { slave: 1, axis: 0, end } };
+            log.log([event], &Counters::default(), MS, &mut |level, line| said.push((level, line)));
+            let [(told, text)] = &said[..] else { panic!("{said:?}") };
+            assert_eq!((*told, text.starts_with("homing of slave 1, axis 1")), (level, true), "{text}");
+        }
+    }
+
+    /// SK-4.78 Sets of outputs that a bus loses one after the other are told by the first one and by their number.
+    #[test]
+    fn lost_outputs_are_logged_once_and_counted() {
+        let mut log = RejectionLog::new(&Counters::default());
+        let mut said = Vec::new();
+        for n in 0..50 {
+            let counters = Counters { outputs_lost: n + 1, ..Counters::default() };
+            log.log(
+                [Event { at: n * MS, kind: EventKind::OutputsLost { sets: 1, has_chip: true } }],
+                &counters,
+                n * MS,
+                &mut |_, line| said.push(line),
+            );
+        }
+        assert!(said.len() == 1 && said[0].contains("the outputs of 1 cycles"), "{said:?}");
+        log.end(&Counters { outputs_lost: 50, ..Counters::default() }, 60 * MS, &mut |_, line| said.push(line));
+        assert!(said.len() == 2 && said[1].contains("50 set(s) of outputs"), "{said:?}");
+    }
+}

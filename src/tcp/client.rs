@@ -1,0 +1,219 @@
+//! The link `tcp:` itself: opening, closing, and the calls of a [`Link`].
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
+
+use super::connect::{Connected, connect, until_closed};
+use super::connection::{Sender, Shared, State};
+use super::exchange::{Answer, Ended, Exchange};
+use super::hang::MotionInForce;
+use super::options::TcpOptions;
+use super::wire::{End, Message, Role};
+use crate::address::uri::LinkUri;
+use crate::link::call_counts::CallCounts;
+use crate::link::common_options::CommonOptions;
+use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
+use crate::sk::Frame;
+use crate::threads::{self, Signal};
+
+/// How long closing waits for the server to confirm. \[OURS]
+const CLOSE_LIMIT: Duration = Duration::from_secs(1);
+
+/// For how many calls that wait at once memory is allocated when the link is opened. \[OURS]
+const WAITING_CAPACITY: usize = 8;
+
+/// A link to a board that another process or machine serves.
+pub struct TcpLink {
+    shared: Arc<Shared>,
+    background: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl TcpLink {
+    /// Connects to the server in the URI.
+    ///
+    /// # Errors
+    /// [`LinkError::NoBoard`], with what the server or the operating system has reported; [`LinkError::InUse`], with
+    /// the name of the present writer; [`LinkError::Io`].
+    pub fn connect(uri: &LinkUri, options: &TcpOptions, common: &CommonOptions) -> Result<Self, LinkError> {
+        let name = uri.to_string();
+        let Connected {
+            #[cfg(unix)]
+            let_go,
+            channel,
+            mut inbox,
+            out,
+            slot,
+            virtual_time,
+            now,
+            sequence,
+            board,
+            network,
+        } = connect(&name, options)?;
+        // Virtual time advances by the writer's calls, so for a reader it seems to pass by itself.
+        let virtual_time = virtual_time && options.role == Role::Writer;
+        let info = LinkInfo { virtual_time, opened_at: now, ..common.info(name.clone(), common.slot.or(slot)) };
+        // On virtual time nothing moves while the program makes no call.
+        let watches = !options.hang.is_zero() && options.role == Role::Writer && !virtual_time;
+        if watches && info.slot.is_none() {
+            log::warn!("`{name}`: hang_ms= has no effect while it is not known how wide slots are; give it slot= too");
+        }
+        let in_force = info.slot.filter(|_| watches).map(|size| MotionInForce::new(options.hang, size));
+        let mut exchange = Exchange::new(name, sequence, common.queue, virtual_time.then_some(now));
+        // Messages that arrived together with the welcome.
+        exchange.take_all(&mut inbox);
+        let shared = Arc::new(Shared {
+            info,
+            board,
+            network,
+            role: options.role,
+            keepalive: options.keepalive,
+            in_force,
+            #[cfg(unix)]
+            _let_go: let_go,
+            channel,
+            out: Mutex::new(Sender { out, last: Instant::now() }),
+            inbox: Mutex::new(inbox),
+            state: Mutex::new(State {
+                exchange,
+                receiver: None,
+                waiting: Vec::with_capacity(WAITING_CAPACITY),
+                cancels: [0; 2],
+            }),
+            changed: Signal::new(),
+            over: Condvar::new(),
+            counts: CallCounts::default(),
+        });
+        let background = threads::spawn("ecmsk-tcp", {
+            let shared = Arc::clone(&shared);
+            move || shared.run_background()
+        });
+        let background = background.map_err(|error| LinkError::no_thread(&shared.info.name, &error))?;
+        Ok(Self { shared, background: Mutex::new(Some(background)) })
+    }
+
+    /// Ends the link once. After a Bye the server leaves the axes as the program has left them; without one it brings
+    /// them to a standstill.
+    fn end(&self, says_bye: bool) {
+        let shared = &self.shared;
+        let closed = Ended { error: LinkError::Closed, unsure: false };
+        let was_open = match shared.state.lock().exchange.ended.replace(closed) {
+            Some(Ended { error: LinkError::Closed, .. }) => return,
+            ended => ended.is_none(),
+        };
+        shared.over.notify_all();
+        shared.changed.notify_all();
+        shared.channel.wake();
+        if was_open
+            && says_bye
+            && let Some(mut sender) = shared.out.try_lock_for(CLOSE_LIMIT)
+        {
+            let bye = Message::Bye { end: End::Closed, text: "" };
+            let deadline = Instant::now() + CLOSE_LIMIT;
+            let said = shared
+                .channel
+                .stage(&bye, &mut sender.out)
+                .and_then(|()| shared.channel.flush(&mut sender.out, deadline));
+            shared.channel.end(false);
+            if said.is_ok() {
+                // When the server has closed its end, another client can become the writer.
+                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
+            }
+        }
+        shared.channel.end(true);
+        if let Some(background) = self.background.lock().take() {
+            // It ends when it next checks the state.
+            let _ = background.join();
+        }
+    }
+
+    /// The URI of the server's own link.
+    pub fn board(&self) -> &str {
+        &self.shared.board
+    }
+}
+
+impl Link for TcpLink {
+    fn info(&self) -> LinkInfo {
+        self.shared.info.clone()
+    }
+
+    fn network(&self) -> Option<KnownNetwork> {
+        Some(self.shared.network.clone()).filter(|network| !network.is_empty())
+    }
+
+    fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
+        self.shared.counts.write(self.shared.write(frame, wait))
+    }
+
+    fn read(&self, out: &mut Frame, wait: Wait) -> Result<ReadMeta, LinkError> {
+        self.shared.counts.read(self.shared.read(out, wait))
+    }
+
+    fn pass(&self, time: Duration) -> Result<Option<Stamp>, LinkError> {
+        self.check()?;
+        if !self.shared.info.virtual_time {
+            return Ok(None);
+        }
+        // Only this client advances the time, so it is still what it was after the last request.
+        if time.is_zero()
+            && let Some(now) = self.shared.state.lock().exchange.now
+        {
+            return Ok(Some(now));
+        }
+        check_pass(time)?;
+        let ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        // Advancing a long time takes long; the server sends keep-alive messages meanwhile.
+        match self.shared.request(Dir::Read, Wait::Forever, |request| Message::Pass { request, ns }).1? {
+            Answer::Passed(now) => Ok(now),
+            _ => Err(self.shared.unexpected_answer()),
+        }
+    }
+
+    fn cancel(&self, dir: Dir) {
+        self.shared.state.lock().cancels[dir as usize] += 1;
+        self.shared.changed.notify_all();
+        self.shared.channel.wake();
+    }
+
+    fn close(&self) {
+        self.end(true);
+    }
+
+    fn vanish(&self) {
+        // A reader has not moved any axis, so there is nothing to bring to a standstill.
+        self.end(self.shared.role == Role::Reader);
+    }
+
+    fn check(&self) -> Result<(), LinkError> {
+        self.shared.state.lock().exchange.check()
+    }
+
+    fn stats(&self) -> LinkStats {
+        let shared = &self.shared;
+        let wait = Wait::For(shared.patience());
+        let (state, asked) = shared.request(Dir::Read, wait, |request| Message::Count { request });
+        // Without an answer the counters of the previous answer are used.
+        let counts = match asked {
+            Ok(Answer::Counted(counts)) => counts,
+            _ => state.exchange.counts,
+        };
+        let here = state.exchange.dropped;
+        drop(state);
+        LinkStats {
+            reports_dropped: counts.reports_dropped.saturating_add(here),
+            board: counts.board,
+            ..shared.counts.stats()
+        }
+    }
+}
+
+/// A link that is dropped without having been closed counts as one whose program has vanished: that program has not
+/// said that its axes may go on moving.
+impl Drop for TcpLink {
+    fn drop(&mut self) {
+        self.vanish();
+    }
+}

@@ -1,0 +1,104 @@
+//! The link `tcp://host:port`: a board that another process or machine serves (`ecmsk serve tcp`,
+//! [`crate::port::tcp`]).
+//!
+//! Every client gets every report, with the board's time, its sequence number and how many were dropped. One client,
+//! the writer, may also send commands. A write has succeeded when the board behind the server has taken the frame, so
+//! it takes a round trip. No frame is ever sent twice: if the connection ends during a write, the call fails with
+//! [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
+//!
+//! A thread that waits in a call receives for all calls. A background thread receives only while no call waits, and
+//! sends the keep-alive messages. So a report wakes the thread that waits for it and no other one. Once the link is
+//! open nothing is allocated, except in a TLS session, where rustls allocates for each message.
+//!
+//! Files, in the order in which to read them:
+//!
+//! - `options.rs`: the keys of `tcp:` as Rust types
+//! - `message.rs`, `wire.rs`, `fields.rs`, `counts.rs`, `failure.rs`: the messages of the protocol and their bytes,
+//!   shared by client and server; `vectors.rs` tests the bytes
+//! - `channel.rs`, `inbox.rs`, `waker.rs`, `tls.rs`, `proof.rs`: a connection with or without TLS, and the shared
+//!   secret, for both ends
+//! - `connect.rs`: how a client connects
+//! - `exchange.rs`: the client's side of the protocol, without I/O
+//! - `connection.rs`: how the program's threads and the background thread share the connection
+//! - `client.rs`: [`TcpLink`], the link itself
+//! - `hang.rs`: a program that has stopped calling (`hang_ms=`); `forks.rs`: one that has forked
+//! - `reconnect.rs`: a reader that connects again (`reconnect_ms=`)
+
+mod channel;
+mod client;
+mod connect;
+mod connection;
+mod counts;
+mod exchange;
+mod failure;
+mod fields;
+#[cfg(unix)]
+mod forks;
+mod hang;
+mod inbox;
+mod message;
+mod options;
+mod proof;
+mod reconnect;
+mod tls;
+#[cfg(test)]
+mod vectors;
+mod waker;
+pub(crate) mod wire;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+#[cfg(all(test, feature = "sim"))]
+pub(crate) use channel::first_message;
+pub(crate) use channel::{Came, Channel, Out};
+pub use client::TcpLink;
+pub(crate) use exchange::each_message;
+#[doc(hidden)]
+pub use exchange::{messages, replay};
+#[cfg(unix)]
+#[doc(hidden)]
+pub use forks::close_in_child;
+pub(crate) use inbox::Inbox;
+pub use options::{DEFAULT_PORT, TcpOptions};
+pub(crate) use proof::{Material, PROOF_LEN, Side};
+pub use proof::{SECRET, Secret};
+pub(crate) use tls::ServerTls;
+#[cfg(all(test, feature = "sim"))]
+pub(crate) use tls::connect as client_session;
+pub(crate) use waker::Waker;
+
+use crate::address::uri::LinkUri;
+use crate::link::common_options::CommonOptions;
+use crate::link::{Link, LinkError};
+
+/// After how many keep-alive times without any message a connection counts as dead. \[OURS]
+const DEAD_AFTER: u32 = 4;
+
+/// How long the other end of a connection may send nothing before the connection counts as dead.
+pub(crate) const fn patience(keepalive: Duration) -> Duration {
+    keepalive.saturating_mul(DEAD_AFTER)
+}
+
+/// Connects to the server in the URI.
+pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<Arc<dyn Link>, LinkError> {
+    let options = TcpOptions::from_uri(uri)?;
+    let link = TcpLink::connect(uri, &options, common)?;
+    if options.reconnect.is_zero() {
+        return Ok(Arc::new(link));
+    }
+    Ok(Arc::new(reconnect::Reconnecting::new(link, uri.clone(), options, common.clone())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// TCP-5 docs/SAFETY.md: a connection counts as dead after four keep-alive times, 2 s by default.
+    #[test]
+    fn a_connection_is_dead_after_four_keep_alive_times() {
+        let options = TcpOptions::from_uri(&"tcp://board".parse().expect("a link")).expect("its defaults");
+        assert_eq!(patience(options.keepalive), Duration::from_secs(2));
+        assert_eq!(patience(Duration::from_millis(100)), Duration::from_millis(400));
+    }
+}

@@ -1,0 +1,81 @@
+//! The simulated boards of this process that outlive their links. Like a real board, a simulated one stays powered when
+//! its link is closed.
+//!
+//! A board without a link is parked: its state and the time of parking are kept, and no thread runs for it. On the real
+//! clock, the next link advances it by the time that has passed (`catch_up_ms=`).
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use super::options::SimOptions;
+use crate::engine::Board;
+use crate::fieldbus::sim::SimHandle;
+use crate::link::LinkError;
+
+/// How a later link finds a board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Key {
+    /// By its `name=`.
+    Name(String),
+    /// By the options of its link.
+    Options(Box<SimOptions>),
+}
+
+struct Entry {
+    key: Key,
+    options: SimOptions,
+    /// The board, while it waits for the next link; `None`: a link has it.
+    parked: Option<Box<Parked>>,
+}
+
+static BOARDS: Mutex<Vec<Entry>> = Mutex::new(Vec::new());
+
+fn boards() -> MutexGuard<'static, Vec<Entry>> {
+    BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A parked board, its network, and when it was parked.
+pub(crate) type Parked = (Board, SimHandle, Instant);
+
+/// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller
+/// has to make one. `uri` is the name of the link in error messages.
+pub(crate) fn claim(key: &Key, options: &SimOptions, uri: &str) -> Result<Option<Box<Parked>>, LinkError> {
+    let mut boards = boards();
+    let Some(entry) = boards.iter_mut().find(|entry| entry.key == *key) else {
+        boards.push(Entry { key: key.clone(), options: options.clone(), parked: None });
+        return Ok(None);
+    };
+    if entry.options != *options {
+        return Err(LinkError::NoBoard {
+            name: uri.into(),
+            reason: "this process has a board of that name already, with other options; \
+                     use the same options, or another `name=`"
+                .into(),
+        });
+    }
+    entry.parked.take().map(Some).ok_or_else(|| LinkError::InUse {
+        name: uri.into(),
+        by: " by this process".into(),
+        instead: "give this board a `name=` of its own",
+    })
+}
+
+/// Parks the board of a link that was closed.
+pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
+    if let Some(entry) = boards().iter_mut().find(|entry| entry.key == *key) {
+        entry.parked = Some(Box::new((board, network, Instant::now())));
+    }
+}
+
+/// Cancels a reservation for which there is no board.
+pub(crate) fn forget(key: &Key) {
+    boards().retain(|entry| entry.key != *key);
+}
+
+/// Discards all parked boards of this process, so that the next link finds a new one. Returns how many boards are open.
+#[doc(hidden)]
+pub fn forget_parked() -> usize {
+    let mut boards = boards();
+    boards.retain(|entry| entry.parked.is_none());
+    boards.len()
+}

@@ -1,0 +1,169 @@
+//! Scripts (`script=`): text files that make events happen to a simulated board and its slaves at given times.
+//!
+//! A line is one event, `at TIME VERB ..`; an event that lasts may end by itself, `at TIME VERB .. for TIME`. Times are
+//! the board's time since the link was opened; a line without `at` applies from then on. `#` begins a comment. Lines may
+//! stand in any order; of two lines with the same time the upper one comes first.
+//!
+//! ```text
+//! refuse 2 safeop for 4s       # slave 2 does not enter SafeOP in the first four seconds
+//! at 2.5s alarm 1 0x7500       # drive 1 has a fault
+//! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
+//! ```
+//!
+//! Where there is no board but slaves on a network interface, times count from the start of the server, or, below a line
+//! `from frame` or `from op`, from the first frame of a master or from when the first slave is in OP ([`ScriptOrigin`]).
+//!
+//! `ecmsk link help` lists every verb. The lines call [`Cable`] and [`BoardHandle`], as a test in Rust does. The file is
+//! read when the link is opened; if it is invalid, the link does not open. Each line is carried out at the beginning of
+//! the first cycle at or after its time, on the virtual clock and on the real one, and logged with the board's time.
+//!
+//! ```
+//! use std::time::Duration;
+//! use ecmsk::link::{self, Share, Wait};
+//! use ecmsk::sk::{Frame, MasterResponse, SlotSize};
+//!
+//! let file = std::env::temp_dir().join(format!("inputs-{}.ecmscript", std::process::id()));
+//! std::fs::write(&file, "at 1.5s silent for 20ms\n")?;
+//! let board = link::open(&format!("sim:?clock=virtual&script={}", file.display()), Share::ByName)?;
+//! let mut report = Frame::new();
+//! let mut before = board.read(&mut report, Wait::Forever)?.at.0;
+//! let gap = loop {
+//!     let at = board.read(&mut report, Wait::Forever)?.at.0;
+//!     if at > before + 1_000_000 {
+//!         break at - before;
+//!     }
+//!     before = at;
+//! };
+//! assert_eq!(gap, 21_000_000);
+//! # std::fs::remove_file(file)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! \[OURS] Whenever the link is opened, its script starts again, after everything that it did before has been undone. The
+//! end of an event (`for`, `end`) ends every event of that kind that is in force for the slave, whichever line began it.
+//! A read on a virtual clock does not fail with [`LinkError::Silent`](crate::link::LinkError::Silent) as long as lines are left,
+//! since one of them may end the silence.
+//!
+//! Files: `verbs.rs` is the table of all verbs, `reader.rs` and `words.rs` read their operands, `run.rs` carries the
+//! lines out.
+
+mod reader;
+mod run;
+mod verbs;
+mod words;
+
+use std::path::Path;
+
+use crate::address::slaves::SlaveSpec;
+use crate::address::uri::visible;
+use crate::engine::BoardHandle;
+use crate::fieldbus::Ns;
+use crate::files::read_small;
+pub use crate::link::machine_error::ScriptError;
+use crate::slave::cable::Cable;
+
+pub(crate) use run::undo_all;
+pub use run::{RunningScript, ScriptOrigin};
+pub(crate) use verbs::help;
+
+/// The largest file that is read, in bytes \[OURS].
+const FILE_BYTES_MAX: u64 = 1 << 20;
+
+/// A script that was read and checked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Script {
+    /// The steps in the order of their times.
+    steps: Vec<run::Step>,
+}
+
+impl Script {
+    /// Reads the script in the file `path` for a board with a network of these slaves. Its times count from when the link was
+    /// opened; a line that waits for something else is refused.
+    ///
+    /// # Errors
+    /// [`ScriptError`].
+    pub fn load(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let script = Self::load_for_network(path, slaves)?;
+        match script.steps.iter().find(|step| step.from != ScriptOrigin::Start) {
+            Some(step) => Err(ScriptError::Line {
+                file: path.display().to_string(),
+                line: step.line,
+                column: 1,
+                message:
+                    "times of a board count from when the link was opened; `from` is for `ecmsk serve ethercat` alone"
+                        .to_owned(),
+            }),
+            None => Ok(script),
+        }
+    }
+
+    /// The same for a network without a board: lines may wait for [`RunningScript::begin`].
+    ///
+    /// # Errors
+    /// [`ScriptError`].
+    pub(crate) fn load_for_network(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let file = path.display().to_string();
+        let unreadable = |message: String| ScriptError::Unreadable { file: file.clone(), message };
+        let read = read_small(path, FILE_BYTES_MAX).map_err(|error| unreadable(error.to_string()))?;
+        let text = String::from_utf8(read.bytes);
+        let text = text.map_err(|_| unreadable("it is no text in UTF-8; save it as UTF-8".to_owned()))?;
+        Self::parse(&file, &text, slaves)
+    }
+
+    /// Reads the script in the file `path` for a board over simulated slaves.
+    ///
+    /// # Errors
+    /// [`ScriptError`].
+    pub(crate) fn load_for_board(path: &Path, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let script = Self::load(path, slaves)?;
+        match script.steps.iter().find(|step| step.action.is_of_frames()) {
+            Some(step) => {
+                let (file, line, verb) = (path.display().to_string(), step.line, step.verb);
+                Err(ScriptError::NoFrames { file, line, verb })
+            }
+            None => Ok(script),
+        }
+    }
+
+    /// Reads the text of a script for a network of these slaves; `file` is its name in error messages.
+    ///
+    /// # Errors
+    /// [`ScriptError::Line`].
+    pub fn parse(file: &str, text: &str, slaves: &[SlaveSpec]) -> Result<Self, ScriptError> {
+        let mut steps = Vec::new();
+        let mut from = ScriptOrigin::Start;
+        // Editors on Windows begin a file with a byte order mark.
+        let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
+        for (line, text) in (1..).zip(text.lines()) {
+            verbs::parse_line(line, text, slaves, &mut from, &mut steps).map_err(|(column, message)| {
+                let (file, message) = (file.to_owned(), visible(&message));
+                ScriptError::Line { file, line, column, message }
+            })?;
+        }
+        // The sort is stable, so lines with the same time stay in the order of the file.
+        steps.sort_by_key(|step| step.at);
+        Ok(Self { steps })
+    }
+
+    /// How many steps the script has; a line with `for` has two.
+    pub fn len(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// The line and the verb of the first step that does something to the board itself, which a network without a board does
+    /// not have; `None`: every step is one of the network.
+    pub fn of_board(&self) -> Option<(u32, &'static str)> {
+        let of_board = self.steps.iter().find(|step| step.action.is_of_board());
+        of_board.map(|step| (step.line, step.verb))
+    }
+
+    /// Whether the script has no steps.
+    pub fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// Starts the script on a board and its network. Its times count from `now`, the board's time.
+    pub fn start(self, network: Cable, board: BoardHandle, now: Ns) -> RunningScript {
+        RunningScript::new(&self.steps, network, board, now)
+    }
+}

@@ -1,0 +1,164 @@
+//! The links `sim:` and `xf-sim:`: the model of an EC01M with simulated slaves in this process, which are its own or behind
+//! the model of an ECM-XF.
+
+use std::time::Duration;
+
+use super::boards::{self, Key};
+use super::build;
+use super::chip::SimChip;
+use super::manufacturer_objects;
+use super::options::{ModelledBus, SimOptions};
+use super::script::{self, Script};
+use crate::address::uri::LinkUri;
+use crate::engine::{Board, Rate};
+use crate::fieldbus::sim::{SimBus, SimHandle};
+use crate::fieldbus::{Fieldbus, Ns};
+use crate::link::common_options::CommonOptions;
+use crate::link::{FAILED_OPEN, LinkError, Share};
+use crate::own_board::engine::{EngineLink, Keeper};
+use crate::recording::Clock;
+use crate::slave::{ManufacturerObjects, Slave};
+use crate::testbed::chip_options::ChipNetwork;
+
+/// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
+const BOOT_LIMIT_NS: Ns = 60_000_000_000;
+
+/// Opens the board that the URI describes: one that this process has already, as `share` decides, or else a new one
+/// that has finished starting up.
+pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
+    let options = SimOptions::from_uri(uri)?;
+    // Errors in these files are found before any board is claimed or moved.
+    let script = script_of(&options)?;
+    let objects = manufacturer_objects::of_slaves(&options.slaves)?;
+    let name = uri.to_string();
+    let key = match (&options.name, share) {
+        (Some(name), _) => Some(Key::Name(name.clone())),
+        (None, Share::ByUri) => Some(Key::Options(Box::new(options.clone()))),
+        (None, Share::ByName) => None,
+    };
+    let found = match &key {
+        Some(key) => boards::claim(key, &options, &name)?,
+        None => None,
+    };
+    let (mut board, network) = match found {
+        None => switch_on(&name, &options, objects)?,
+        Some(parked) => {
+            let (mut board, network, since) = *parked;
+            if script.is_some() {
+                board.set_script(None);
+                script::undo_all(&network, &board.handle());
+            }
+            (catch_up(board, since.elapsed(), &options), network)
+        }
+    };
+    start(script, &mut board, &network);
+    let keeper = key.clone().map(|key| {
+        let network = network.clone();
+        Box::new(move |board: Option<_>| match board {
+            Some(board) => boards::park(&key, board, network.clone()),
+            None => boards::forget(&key),
+        }) as Keeper
+    });
+    let link = EngineLink::open(
+        &name,
+        board,
+        options.board.run(common, options.clock == Clock::Virtual, rate(&options)),
+        keeper,
+    );
+    if let (Err(LinkError::Io { .. }), Some(key)) = (&link, &key) {
+        boards::forget(key);
+    }
+    link
+}
+
+/// The board that the URI describes, without a link: it has just started up, and its time advances only by calls.
+pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
+    let options = SimOptions::from_uri(uri)?;
+    let script = script_of(&options)?;
+    let name = uri.to_string();
+    let (mut board, network) = switch_on(&name, &options, manufacturer_objects::of_slaves(&options.slaves)?)?;
+    start(script, &mut board, &network);
+    if board.engine().talks() {
+        return Ok(board);
+    }
+    Err(LinkError::NoBoard { name, reason: "it finds no slave; give it some with `slaves=`".into() })
+}
+
+/// The script of a link, if there is one.
+fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
+    let Some(path) = options.script.as_deref() else { return Ok(None) };
+    let has_frames =
+        matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers));
+    let script =
+        if has_frames { Script::load(path, &options.slaves) } else { Script::load_for_board(path, &options.slaves) };
+    Ok(Some(script?))
+}
+
+/// Starts a script, if there is one, on a board and its network.
+fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
+    if let Some(script) = script {
+        let run = script.start(network.cable().clone(), board.handle(), board.now());
+        board.set_script(Some(Box::new(run)));
+    }
+}
+
+/// A board that has just started up, and the network behind it. `name` is the name of its link.
+///
+/// # Errors
+/// As [`bus`].
+fn switch_on(
+    name: &str,
+    options: &SimOptions,
+    manufacturer_objects: Vec<Option<ManufacturerObjects>>,
+) -> Result<(Board, SimHandle), LinkError> {
+    let (bus, network) = bus(name, options, build::models(&options.slaves, manufacturer_objects))?;
+    let mut board = Board::new(options.board.engine(), bus);
+    board.boot(BOOT_LIMIT_NS);
+    Ok((board, network))
+}
+
+/// The bus with these slaves, and the handle on them.
+///
+/// # Errors
+/// [`LinkError::NoBoard`]: a slave does not say what belongs into the EEPROM of its controller.
+fn bus(
+    name: &str,
+    options: &SimOptions,
+    slaves: Vec<Box<dyn Slave>>,
+) -> Result<(Box<dyn Fieldbus>, SimHandle), LinkError> {
+    Ok(match &options.bus {
+        ModelledBus::Direct => {
+            let bus = SimBus::new(slaves);
+            let network = bus.handle();
+            (Box::new(bus), network)
+        }
+        ModelledBus::Chip { chip, used } => {
+            let network = SimHandle::default();
+            let slaves = chip.network.unwrap_or(ChipNetwork::Models).with(slaves, network.clone());
+            let slaves =
+                slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
+            // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.
+            let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
+            (Box::new(used.bus(chip)), network)
+        }
+    })
+}
+
+/// Advances a board by the time during which no link had it.
+fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
+    let away = rate(options).slowed(away);
+    let away = match (options.clock, board.engine().talks()) {
+        (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
+        // Whatever the limit for catching up, the board has to finish its start-up, or it could never be opened again.
+        (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
+        (Clock::Virtual, true) => 0,
+        (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,
+    };
+    let now = board.now() + away;
+    board.advance(now, &mut |_, _| {});
+    board
+}
+
+const fn rate(options: &SimOptions) -> Rate {
+    Rate::billionths(options.rate.billionths())
+}

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-use ecmsk::cia402::Mode;
+use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::engine::{EngineConfig, StateFailure};
 use ecmsk::ethercat::SlaveSet;
@@ -146,6 +146,25 @@ fn axes_in_csv_whose_inputs_never_arrive_are_stopped() {
     host.cycles(50);
     assert_eq!(host.state(), StateByte::reached(MasterState::Op));
     assert_eq!(host.drive(2).position.abs_diff(network.shaft(2, 0).expect("a shaft") as i32), 0);
+}
+
+/// What the slaves are sent whose inputs are stale is a quick stop, on whose ramp they brake, and not the loss of their torque.
+#[test]
+fn axes_whose_inputs_are_stale_are_sent_a_quick_stop() {
+    let puppets = [Puppet::obedient(), Puppet::obedient()];
+    let (mut host, mute, _) = in_op(puppets.iter().map(Puppet::boxed).collect(), Mode::Csv);
+    host.servo_on(1).servo_on(2).cycles(20);
+    mute.store(2, Ordering::Relaxed);
+    while !host.state().is_failed() {
+        host.cycles(1);
+    }
+    host.cycles(10);
+    puppets.iter().for_each(Puppet::forget);
+    host.cycles(50);
+    for puppet in &puppets {
+        let sent = puppet.strings().sent.clone();
+        assert!(!sent.is_empty() && sent.iter().all(|out| out.controlword == Controlword::QUICK_STOP), "{sent:?}");
+    }
 }
 
 /// While the working counter is wrong no servo is enabled by what comes beside it; when it is right again, the servo is enabled where it is.

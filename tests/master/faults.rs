@@ -1,10 +1,12 @@
 //! Frames that are lost, late or doubled.
 
+use std::cell::RefCell;
+use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use ecmsk::coe::SdoScope;
-use ecmsk::ethercat::{AlState, SlaveSet};
+use ecmsk::ethercat::{AlState, Command, SlaveSet};
 use ecmsk::master::JobDone;
 use ecmsk::slave::esc::Chain;
 use support::blob::{BLOB, Blob, bytes};
@@ -128,6 +130,33 @@ fn what_comes_with_a_counter_that_is_too_high_is_not_believed() {
     rig.net.hostile = None;
     rig.run_for(20 * CYCLE);
     assert!(rig.last.all_in_op && rig.last.doubtful.is_empty() && rig.last.fresh.len() == 2, "{:?}", rig.last);
+}
+
+/// The same below OP, where the master brings the time of the reference clock to the others without cycles: a time beside a counter that
+/// slaves cannot add is not sent on, and would be as soon as the reference is silent.
+#[test]
+fn a_time_with_a_counter_that_is_too_high_is_not_sent_on() {
+    let mut rig = Rig::scanned(&["drive", "drive"]);
+    rig.reach(AlState::PreOp);
+    let (lies, lied) = (Lies::default(), Arc::<AtomicU32>::default());
+    let count = Arc::clone(&lied);
+    lies.tell(move |answer: &mut Answer<'_>| {
+        if answer.command == Command::Frmw && answer.data.len() == 8 {
+            answer.data.fill(0x7D);
+            answer.count = 40;
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    rig.net.hostile = Some(Box::new(move |frame| {
+        let sent = frame.clone();
+        lies.change(&sent, frame);
+    }));
+    let sent = Rc::new(RefCell::new(Vec::new()));
+    let heard = Rc::clone(&sent);
+    rig.net.heard = Some(Box::new(move |frame| heard.borrow_mut().extend_from_slice(frame)));
+    rig.run_for(200 * CYCLE);
+    assert!(lied.load(Ordering::Relaxed) > 5, "{lied:?}");
+    assert!(!sent.borrow().windows(8).any(|bytes| bytes == [0x7D; 8]));
 }
 
 /// A working counter that is too low, while the states of all slaves show nobody who is missing, has the inputs of each slave read alone: who does

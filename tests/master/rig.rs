@@ -35,12 +35,17 @@ pub struct Net {
     pub faults: Faults,
     /// Slaves that answer anything: it is called with each frame on its way back.
     pub hostile: Option<Hostile>,
+    /// It is called with each frame as the master has sent it.
+    pub heard: Option<Heard>,
     /// Buffers of frames that have come back, to be used again.
     spare: Vec<Vec<u8>>,
 }
 
 /// What changes frames on their way back.
 pub type Hostile = Box<dyn FnMut(&mut Vec<u8>)>;
+
+/// What listens at the first slave.
+pub type Heard = Box<dyn FnMut(&[u8])>;
 
 /// What goes wrong with frames: one in so many, 0: none.
 pub struct Faults {
@@ -77,6 +82,9 @@ impl Net {
 
 impl Wire for Net {
     fn send(&mut self, frame: &[u8]) -> Result<(), WireDown> {
+        if let Some(heard) = &mut self.heard {
+            heard(frame);
+        }
         let mut bytes = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(1514));
         bytes.clear();
         bytes.extend_from_slice(frame);
@@ -164,7 +172,7 @@ impl Rig {
     pub fn of(chain: Chain) -> Self {
         let spare = (0..FRAMES).map(|_| Vec::with_capacity(1514)).collect();
         let back = Vec::with_capacity(FRAMES);
-        let net = Net { chain, now: MS, back, faults: Faults::NONE, hostile: None, spare };
+        let net = Net { chain, now: MS, back, faults: Faults::NONE, hostile: None, heard: None, spare };
         let master = Master::new(Settings::default());
         Self { master, net, next_cycle: None, last: CycleDone::default() }
     }

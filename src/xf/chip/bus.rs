@@ -170,10 +170,10 @@ impl Bus {
     }
 
     /// Counts a cycle's working counter. False: it was wrong. `[OURS]` One that is higher than expected is that of slaves on
-    /// their way up, unless they cannot add that either (`is_doubtful`).
-    pub fn count(&mut self, working_counter: u16, outputs_from: AlState, is_doubtful: bool) -> bool {
+    /// their way up.
+    pub fn count(&mut self, working_counter: u16, outputs_from: AlState) -> bool {
         self.working_counter = working_counter;
-        let right = !is_doubtful && working_counter >= self.expected_working_counter(outputs_from);
+        let right = working_counter >= self.expected_working_counter(outputs_from);
         if right {
             self.wkc_errors_in_a_row = 0;
         } else {

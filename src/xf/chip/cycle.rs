@@ -60,7 +60,7 @@ impl<N: Network> Chip<N> {
         self.helper.lead(places, &mut frame, &bus.inputs);
         let exchange = Exchange { places, outputs: &frame, inputs: &mut bus.inputs, lrw: bus.lrw };
         let working_counter = self.network.exchange(exchange);
-        let is_right = bus.count(working_counter, self.network.outputs_count_from(), self.network.is_doubtful());
+        let is_right = bus.count(working_counter, self.network.outputs_count_from());
         let interrupt = self.fifos.push_tx(&bus.inputs[..bus.tx_bytes.into()]);
         self.interrupts.raise(interrupt | Interrupts::ETHERCAT);
         if !is_right {

@@ -188,11 +188,6 @@ pub trait Network: Send {
     /// The process data of a cycle. The working counter.
     fn exchange(&mut self, exchange: Exchange<'_>) -> u16;
 
-    /// Whether that working counter was one that slaves cannot have, so that their inputs stay as they were.
-    fn is_doubtful(&self) -> bool {
-        false
-    }
-
     /// `dt_ns` pass, until `now`.
     fn pass(&mut self, now: Ns, dt_ns: Ns);
 

@@ -41,8 +41,6 @@ pub struct Controllers {
     answer: Option<Answer>,
     emergencies: VecDeque<(u8, Emergency)>,
     is_first_slave_reference: bool,
-    /// The newest cycle had a working counter that slaves cannot have.
-    is_doubtful: bool,
     mail: Mail,
 }
 
@@ -76,7 +74,6 @@ impl Controllers {
             pending: None,
             answer: None,
             emergencies: VecDeque::new(),
-            is_doubtful: false,
             is_first_slave_reference: true,
             mail: Mail::default(),
         })
@@ -403,13 +400,7 @@ impl Network for Controllers {
                 inputs[place.inputs()].copy_from_slice(image);
             }
         }
-        let cycle = self.master.take_cycle();
-        self.is_doubtful = cycle.is_some_and(|cycle| !cycle.doubtful.is_empty());
-        cycle.map_or(0, |cycle| cycle.working_counter.saturating_add(cycle.written))
-    }
-
-    fn is_doubtful(&self) -> bool {
-        self.is_doubtful
+        self.master.take_cycle().map_or(0, |cycle| cycle.working_counter.saturating_add(cycle.written))
     }
 
     fn pass(&mut self, now: Ns, _dt_ns: Ns) {

@@ -4,6 +4,8 @@
 
 mod table;
 
+use std::time::Duration;
+
 use super::fraction::Fraction;
 pub use super::scheme::Scheme;
 use super::slaves;
@@ -145,6 +147,11 @@ pub(crate) fn hertz(value: &str) -> Option<u64> {
         None => value.strip_suffix('k').map_or((value, 1), |digits| (digits, 1000)),
     };
     decimal(digits)?.checked_mul(unit)
+}
+
+/// Parses a time in milliseconds.
+pub(crate) fn millis(value: &str) -> Option<Duration> {
+    value.parse().ok().map(Duration::from_millis)
 }
 
 /// Parses a vendor or product id.

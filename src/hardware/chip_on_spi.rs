@@ -6,15 +6,12 @@
 
 use std::time::Duration;
 
-use super::spi::device;
+use super::spi::{device, next_step};
 use crate::address::keys::Scheme;
-use crate::address::uri::LinkUri;
-use crate::address::uri::UriError;
+use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
-use crate::hardware::spi::next_step;
 use crate::io::spi::{EdgeDevice, EdgeSettings, EdgeWires, GpioLine, Level, WireError};
-use crate::link::chip_link::speed_hz;
-use crate::link::chip_link::{ChipError, ChipInfo, ChipLink, RESET_LOW};
+use crate::link::chip_link::{ChipError, ChipInfo, ChipLink, RESET_LOW, speed_hz};
 use crate::xf::host::Wires;
 
 /// A chip on SPI.

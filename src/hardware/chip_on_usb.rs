@@ -6,8 +6,7 @@
 use std::time::Duration;
 
 use crate::address::keys::{self, Scheme};
-use crate::address::uri::LinkUri;
-use crate::address::uri::UriError;
+use crate::address::uri::{LinkUri, UriError};
 use crate::ethercat::Ns;
 use crate::io::hid::{Bus, PacketDevice, PacketError, PacketPlace, PacketWires, UsbError};
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};

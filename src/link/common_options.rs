@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::fault::FaultOptions;
 use super::{LinkInfo, Stamp, Wait};
+use crate::address::keys::millis;
 use crate::address::uri::{LinkUri, UriError, slot_size};
 use crate::sk::SlotSize;
 
@@ -56,9 +57,4 @@ impl CommonOptions {
         let (read_wait, write_wait) = (self.read_wait(), self.write_wait());
         LinkInfo { name, slot, virtual_time: false, opened_at: Stamp(0), read_wait, write_wait }
     }
-}
-
-/// Parses a time in milliseconds.
-pub(crate) fn millis(value: &str) -> Option<Duration> {
-    value.parse().ok().map(Duration::from_millis)
 }

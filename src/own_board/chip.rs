@@ -1,5 +1,8 @@
 //! The EC01M over the wires to a chip: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board.
 
+use super::engine::EngineLink;
+use super::options::BoardOptions;
+use super::{boots, switching_off};
 use crate::address::keys;
 use crate::address::uri::{LinkUri, UriError};
 use crate::engine::{Board, Rate};
@@ -7,9 +10,6 @@ use crate::fieldbus::xf::{LocalPins, XfBus, XfBusOptions};
 use crate::link::LinkError;
 use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config};
 use crate::link::common_options::CommonOptions;
-use crate::own_board::engine::EngineLink;
-use crate::own_board::options::BoardOptions;
-use crate::own_board::{boots, switching_off};
 use crate::xf::host::{HostError, StepError};
 
 /// How a board uses the chip that its slaves are behind.

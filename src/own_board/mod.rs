@@ -19,7 +19,7 @@ mod rejections;
 
 use crate::engine::Board;
 use crate::fieldbus::Ns;
-use crate::own_board::engine::Keeper;
+use engine::Keeper;
 
 /// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use super::engine::RunOptions;
+use crate::address::keys::millis;
 use crate::address::uri::{LinkUri, UriError, slot_size};
 use crate::engine::{EngineConfig, Firmware, Rate, RealTime};
 use crate::fieldbus::Ns;
-use crate::link::common_options::{CommonOptions, millis};
-use crate::own_board::engine::RunOptions;
+use crate::link::common_options::CommonOptions;
 use crate::sk::SlotSize;
 
 /// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model.

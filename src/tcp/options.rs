@@ -4,9 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::wire::Role;
-use crate::address::keys::{Scheme, WHERE_TO_LOOK, decimal};
+use crate::address::keys::{Scheme, WHERE_TO_LOOK, decimal, millis};
 use crate::address::uri::{LinkUri, UriError};
-use crate::link::common_options::millis;
 
 /// The port if the URI gives none. \[OURS]
 pub const DEFAULT_PORT: u16 = 4711;

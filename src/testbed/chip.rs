@@ -2,16 +2,16 @@
 
 use std::time::{Duration, Instant};
 
+use super::build;
+use super::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
+use super::script::RunningScript;
+use super::simulated_slaves;
 use crate::address::uri::LinkUri;
 use crate::engine::Script as _;
 use crate::ethercat::Ns;
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink, RESET_LOW};
 use crate::recording::Clock;
 use crate::slave::handle::SimHandle;
-use crate::testbed::build;
-use crate::testbed::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
-use crate::testbed::script::RunningScript;
-use crate::testbed::simulated_slaves;
 use crate::xf::chip::{Chip, ChipPort, SimulatedNetwork};
 use crate::xf::host::Wires;
 

@@ -3,16 +3,14 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::chip_options::ModelledChip;
 use crate::address::Fraction;
-use crate::address::keys::Scheme;
-use crate::address::slaves;
-use crate::address::slaves::SlaveSpec;
+use crate::address::keys::{Scheme, millis};
+use crate::address::slaves::{self, SlaveSpec};
 use crate::address::uri::{LinkUri, UriError};
-use crate::link::common_options::millis;
 use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
 pub use crate::recording::Clock;
-use crate::testbed::chip_options::ModelledChip;
 
 /// What is between a modelled board and its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]

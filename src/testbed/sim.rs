@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::boards::{self, Key};
 use super::build;
 use super::chip::SimChip;
+use super::chip_options::ChipNetwork;
 use super::manufacturer_objects;
 use super::options::{ModelledBus, SimOptions};
 use super::script::{self, Script};
@@ -18,7 +19,6 @@ use crate::link::{FAILED_OPEN, LinkError, Share};
 use crate::own_board::engine::{EngineLink, Keeper};
 use crate::recording::Clock;
 use crate::slave::{ManufacturerObjects, Slave};
-use crate::testbed::chip_options::ChipNetwork;
 
 /// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;

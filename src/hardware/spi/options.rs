@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::address::keys;
-use crate::address::keys::Scheme;
+use crate::address::keys::{self, Scheme};
 use crate::address::uri::{LinkUri, UriError, slot_size};
 use crate::io::spi::{GpioLine, SpiSettings};
 use crate::sk::{CycleTime, SlotSize};

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use crate::address::Fraction;
+use crate::address::keys::millis;
 use crate::address::uri::{LinkUri, UriError};
-use crate::link::common_options::millis;
 
 /// How often each fault happens in one direction, as a fraction of the frames, 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

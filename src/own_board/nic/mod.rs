@@ -8,6 +8,7 @@ mod card;
 
 use super::engine::EngineLink;
 use super::options::BoardOptions;
+use super::{boots, switching_off};
 use crate::address::uri::LinkUri;
 use crate::engine::{Board, Rate, StateFailure};
 use crate::fieldbus::nic::{NicBus, Ring};
@@ -15,7 +16,6 @@ use crate::fieldbus::{Fieldbus, Strangers};
 use crate::link::LinkError;
 use crate::link::common_options::CommonOptions;
 use crate::master::Settings;
-use crate::own_board::{boots, switching_off};
 use card::{Card, Cards};
 
 /// The way to the slaves of a link.

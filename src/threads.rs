@@ -1,8 +1,9 @@
 //! Starts and ends the threads of this crate, which run in programs that others have written; and waits of the threads of those
-//! programs, which may be ended by force in them: `signal.rs`, `caller.rs`.
+//! programs, which may be ended by force in them: `signal.rs`, `sync.rs`, `caller.rs`.
 
 mod caller;
 mod signal;
+pub(crate) mod sync;
 
 use std::io;
 use std::thread::{self, Builder, JoinHandle};

@@ -3,7 +3,6 @@
 //! whether there is enough, and fails if not. The calls after these need none.
 
 use std::alloc::{Layout, alloc, dealloc};
-use std::hint::black_box;
 use std::ptr::null_mut;
 use std::sync::atomic::{AtomicPtr, Ordering};
 
@@ -23,13 +22,7 @@ static KEPT_AT: AtomicPtr<u8> = AtomicPtr::new(null_mut());
 /// # Errors
 /// [`CallError::Memory`].
 pub fn check(bytes: usize) -> Result<(), Box<CallError>> {
-    let kept = keep();
-    let mut wanted = Vec::<u8>::new();
-    let there = kept && wanted.try_reserve_exact(bytes).is_ok();
-    // So that the compiler does not leave it out.
-    black_box(wanted.as_ptr());
-    drop(wanted);
-    if there {
+    if keep() && can_be_had(bytes) {
         return Ok(());
     }
     let kept = KEPT_AT.swap(null_mut(), Ordering::AcqRel);
@@ -38,6 +31,30 @@ pub fn check(bytes: usize) -> Result<(), Box<CallError>> {
         unsafe { dealloc(kept, KEPT) };
     }
     Err(CallError::Memory.into())
+}
+
+#[cfg(not(windows))]
+fn can_be_had(bytes: usize) -> bool {
+    let mut wanted = Vec::<u8>::new();
+    let can_be = wanted.try_reserve_exact(bytes).is_ok();
+    // So that the compiler does not leave it out.
+    std::hint::black_box(wanted.as_ptr());
+    can_be
+}
+
+/// Of the system and not of the heap, which would give pages back that what follows takes anew.
+#[cfg(windows)]
+fn can_be_had(bytes: usize) -> bool {
+    use std::ptr::null;
+    use windows_sys::Win32::System::Memory::{
+        MEM_COMMIT, MEM_RELEASE, MEM_RESERVE, PAGE_READWRITE, VirtualAlloc, VirtualFree,
+    };
+
+    // SAFETY: memory anywhere, which is given back and was used by nobody.
+    unsafe {
+        let wanted = VirtualAlloc(null(), bytes, MEM_RESERVE | MEM_COMMIT, PAGE_READWRITE);
+        !wanted.is_null() && VirtualFree(wanted, 0, MEM_RELEASE) != 0
+    }
 }
 
 /// Keeps the memory for errors; whether it is there.

@@ -18,7 +18,7 @@
 //! | `volatile.rs`, `firmware.rs`, `test_mode.rs` | what SW_RESET resets, how firmware 1.5 differs from 1.7, and test mode |
 //! | `counters.rs`, `event.rs`, `unexecuted.rs`, `snapshot.rs` | what people can see of a board beside the wire |
 //! | `board.rs`, `handle.rs` | the engine with its bus and its time, and what scripts and tests do to it |
-//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `sync.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
+//! | `stepped.rs`, `threaded.rs`, `realtime.rs`, `handover.rs`, `reports.rs` | the runners: how time passes, and how frames and reports go between host and board |
 //!
 //! To add a command of the board: its id and its arguments in `sk/id.rs` and `sk/command`, what it does in `commands.rs`.
 
@@ -50,7 +50,6 @@ mod snapshot;
 mod state_failure;
 mod stepped;
 mod switch_off;
-mod sync;
 mod test_mode;
 mod threaded;
 mod unexecuted;
@@ -78,6 +77,7 @@ pub use unexecuted::Unexecuted;
 
 use crate::fieldbus::{Fieldbus, Inputs, MAX_SLAVES, Ns, Outputs, Pacing, RingState, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, Frame, SlotSize, StateByte};
+use crate::threads::sync;
 use axis::Axis;
 use event::EventLog;
 use fifo::CommandFifo;

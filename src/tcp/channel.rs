@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use parking_lot::Mutex;
+use parking_lot::{Mutex, MutexGuard};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustls::Connection;
 
@@ -18,6 +18,9 @@ use super::wire::{MESSAGE_MAX, Message};
 /// The approximate size of the system's send buffer. It is small, so that old reports for a slow client are dropped and
 /// counted by this program instead of waiting in the system. \[OURS]
 const SEND_BUFFER_BYTES: usize = 64 * 1024;
+/// How long a call waits for the session of TLS, which another one has for some encryption: a thread of a program that was ended
+/// there keeps it for ever. \[OURS]
+const SESSION_WAIT_MAX: Duration = Duration::from_secs(1);
 
 /// A connection.
 pub struct Channel {
@@ -233,7 +236,7 @@ impl Channel {
         let all = room.len();
         let done = match &self.tls {
             None => (&self.socket).read(room),
-            Some(tls) => self.decrypt(&mut tls.lock(), inbox),
+            Some(tls) => session(tls).and_then(|mut session| self.decrypt(&mut session, inbox)),
         };
         match done {
             Ok(0) => Ok(Came::End),
@@ -290,7 +293,7 @@ impl Channel {
             out.bytes.extend_from_slice(&out.message[..length]);
             return Ok(());
         };
-        let mut tls = tls.lock();
+        let mut tls = session(tls)?;
         tls.writer().write_all(&out.message[..length])?;
         while tls.wants_write() {
             tls.write_tls(&mut out.bytes)?;
@@ -331,6 +334,10 @@ impl Channel {
         // It may be gone already.
         let _ = self.socket.shutdown(if both { Shutdown::Both } else { Shutdown::Write });
     }
+}
+
+fn session(tls: &Mutex<Connection>) -> io::Result<MutexGuard<'_, Connection>> {
+    tls.try_lock_for(SESSION_WAIT_MAX).ok_or_else(|| ErrorKind::TimedOut.into())
 }
 
 /// Treats a wait that was interrupted by a signal as a short one.

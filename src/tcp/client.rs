@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex};
+use parking_lot::Mutex;
 
 use super::connect::{Connected, connect, until_closed};
 use super::connection::{Sender, Shared, State};
@@ -17,6 +17,7 @@ use crate::link::call_counts::CallCounts;
 use crate::link::common_options::CommonOptions;
 use crate::link::{Dir, KnownNetwork, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait, check_pass};
 use crate::sk::Frame;
+use crate::threads::sync::{self, Condvar};
 use crate::threads::{self, Signal};
 
 /// How long closing waits for the server to confirm. \[OURS]
@@ -75,10 +76,10 @@ impl TcpLink {
             _let_go: let_go,
             channel,
             out: Mutex::new(Sender { out, last: Instant::now() }),
-            inbox: Mutex::new(inbox),
-            state: Mutex::new(State {
+            state: sync::Mutex::new(State {
                 exchange,
                 receiver: None,
+                inbox: Some(inbox),
                 waiting: Vec::with_capacity(WAITING_CAPACITY),
                 cancels: [0; 2],
             }),
@@ -99,7 +100,7 @@ impl TcpLink {
     fn end(&self, says_bye: bool) {
         let shared = &self.shared;
         let closed = Ended { error: LinkError::Closed, unsure: false };
-        let was_open = match shared.state.lock().exchange.ended.replace(closed) {
+        let was_open = match shared.state().exchange.ended.replace(closed) {
             Some(Ended { error: LinkError::Closed, .. }) => return,
             ended => ended.is_none(),
         };
@@ -119,7 +120,7 @@ impl TcpLink {
             shared.channel.end(false);
             if said.is_ok() {
                 // When the server has closed its end, another client can become the writer.
-                until_closed(&shared.channel, &mut shared.inbox.lock(), deadline);
+                until_closed(&shared.channel, deadline);
             }
         }
         shared.channel.end(true);
@@ -159,7 +160,7 @@ impl Link for TcpLink {
         }
         // Only this client advances the time, so it is still what it was after the last request.
         if time.is_zero()
-            && let Some(now) = self.shared.state.lock().exchange.now
+            && let Some(now) = self.shared.state().exchange.now
         {
             return Ok(Some(now));
         }
@@ -173,7 +174,7 @@ impl Link for TcpLink {
     }
 
     fn cancel(&self, dir: Dir) {
-        self.shared.state.lock().cancels[dir as usize] += 1;
+        self.shared.state().cancels[dir as usize] += 1;
         self.shared.changed.notify_all();
         self.shared.channel.wake();
     }
@@ -188,7 +189,7 @@ impl Link for TcpLink {
     }
 
     fn check(&self) -> Result<(), LinkError> {
-        self.shared.state.lock().exchange.check()
+        self.shared.state().exchange.check()
     }
 
     fn stats(&self) -> LinkStats {

@@ -225,10 +225,12 @@ fn program() -> String {
 }
 
 /// Waits until the other end has closed the connection, at most until `deadline`; received messages are discarded.
-pub(super) fn until_closed(channel: &Channel, inbox: &mut Inbox, deadline: Instant) {
+pub(super) fn until_closed(channel: &Channel, deadline: Instant) {
+    // Its own: another thread may have that of the link.
+    let mut inbox = Inbox::default();
     loop {
-        match channel.receive(inbox) {
-            Ok(Came::Bytes | Came::All) => while matches!(inbox.next(), Ok(Some(_))) {},
+        match channel.receive(&mut inbox) {
+            Ok(Came::Bytes | Came::All) => inbox.clear(),
             Ok(Came::Nothing) if channel.wait_until(false, deadline).is_ok() => {}
             Ok(Came::Nothing | Came::End) | Err(_) => return,
         }

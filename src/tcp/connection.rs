@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use parking_lot::{Condvar, Mutex, MutexGuard};
+use parking_lot::Mutex;
 
 use super::channel::{Came, Channel, Out};
 use super::exchange::{Answer, Exchange};
@@ -16,6 +16,7 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, KnownNetwork, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 use crate::span::Span;
+use crate::threads::sync::{self, Condvar, MutexGuard};
 use crate::threads::{Caller, Signal};
 
 /// Whether a call that waits receives itself, which saves a change of threads. On Windows programs end their threads by force
@@ -39,9 +40,10 @@ pub(super) struct Shared {
     #[cfg(unix)]
     pub(super) _let_go: LetGo,
     pub(super) channel: Channel,
+    /// Nobody waits for it without a limit: a thread that was ended while it sent keeps it.
     pub(super) out: Mutex<Sender>,
-    pub(super) inbox: Mutex<Inbox>,
-    pub(super) state: Mutex<State>,
+    /// No thread holds it during a call of the system.
+    pub(super) state: sync::Mutex<State>,
     /// Wakes the threads that wait for what another thread receives.
     pub(super) changed: Signal,
     /// Wakes the background thread when the exchange has ended.
@@ -61,6 +63,8 @@ pub(super) struct State {
     pub(super) exchange: Exchange,
     /// The thread that is receiving.
     pub(super) receiver: Option<Caller>,
+    /// `None` while that thread takes bytes from the connection. If it is ended there nobody knows where the next message begins.
+    pub(super) inbox: Option<Inbox>,
     /// The other threads that wait for what it receives.
     pub(super) waiting: Vec<Caller>,
     /// How many cancellations there were, by direction.
@@ -76,6 +80,10 @@ impl State {
 }
 
 impl Shared {
+    pub(super) fn state(&self) -> MutexGuard<'_, State> {
+        sync::lock(&self.state)
+    }
+
     /// How long the other end may send nothing before the connection counts as dead.
     pub(super) fn patience(&self) -> Duration {
         super::patience(self.keepalive)
@@ -87,10 +95,10 @@ impl Shared {
         let look = IDLE_POLL_INTERVAL.min(self.keepalive / 4);
         let mut idle = CallMonitor::new(Instant::now());
         let mut stuck = StuckCall::default();
-        let mut state = self.state.lock();
+        let mut state = self.state();
         while state.exchange.ended.is_none() {
             if CALLS_RECEIVE {
-                self.over.wait_for(&mut state, look);
+                state = sync::wait_for(&self.over, state, look);
             }
             self.forget_callers_that_are_gone(&mut state);
             if state.receiver.is_none() {
@@ -119,7 +127,9 @@ impl Shared {
                 log::warn!("`{}`: {reason}", self.info.name);
             }
             if state.exchange.ended.is_none() {
-                MutexGuard::unlocked(&mut state, || self.ping());
+                drop(state);
+                self.ping();
+                state = self.state();
             }
         }
         let is_lost = state.exchange.ended.as_ref().is_some_and(|ended| !matches!(ended.error, LinkError::Closed));
@@ -151,6 +161,9 @@ impl Shared {
     fn forget_callers_that_are_gone(&self, state: &mut State) {
         if state.receiver.is_some_and(|caller| caller.is_gone()) {
             state.receiver = None;
+            if state.inbox.is_none() {
+                state.exchange.lose("a thread of the program was ended while it received; open it again");
+            }
             self.changed.notify_all();
         }
         state.waiting.retain(|caller| !caller.is_gone());
@@ -178,42 +191,61 @@ impl Shared {
         until: Option<Instant>,
     ) -> MutexGuard<'a, State> {
         state.receiver = Some(Caller::current());
-        let came = MutexGuard::unlocked(&mut state, || self.receive(until));
+        drop(state);
+        let (mut state, came) = self.receive(until);
         state.receiver = None;
         if let Err(error) = came {
             state.exchange.lose(format!("{error}"));
         }
-        if !state.waiting.is_empty() {
-            self.changed.notify_all();
-        }
-        state
+        self.tell_those_who_wait(state)
     }
 
-    fn receive(&self, until: Option<Instant>) -> std::io::Result<()> {
+    /// Wakes the calls that wait, which a thread does without the lock: it may be ended there.
+    fn tell_those_who_wait<'a>(&'a self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        if state.waiting.is_empty() {
+            return state;
+        }
+        drop(state);
+        self.changed.notify_all();
+        self.state()
+    }
+
+    fn receive(&self, until: Option<Instant>) -> (MutexGuard<'_, State>, std::io::Result<()>) {
         let left = until.map(|until| until.saturating_duration_since(Instant::now()));
         let may_wait = left != Some(Duration::ZERO);
-        let receive = |inbox: &mut Inbox| self.channel.receive(inbox);
         // A call that may wait usually has to, so trying to receive before the wait would be wasted.
-        let mut came = Came::Nothing;
-        let mut inbox = self.inbox.lock();
         if !may_wait || self.channel.keeps_some() {
-            came = receive(&mut inbox)?;
+            let (state, came) = self.take_what_came();
+            if !may_wait || !matches!(came, Ok(Came::Nothing)) {
+                return (state, came.map(|_| ()));
+            }
         }
-        if came == Came::Nothing && may_wait {
-            // A thread that waits holds nothing.
-            MutexGuard::unlocked(&mut inbox, || self.channel.wait(false, left))?;
-            came = receive(&mut inbox)?;
+        // A thread that waits holds nothing.
+        if let Err(error) = self.channel.wait(false, left) {
+            return (self.state(), Err(error));
         }
-        let mut state = self.state.lock();
+        let (state, came) = self.take_what_came();
+        (state, came.map(|_| ()))
+    }
+
+    /// Takes the bytes that have arrived, and the messages in them; never waits.
+    fn take_what_came(&self) -> (MutexGuard<'_, State>, std::io::Result<Came>) {
+        let Some(mut inbox) = self.state().inbox.take() else {
+            // It went with a thread that was ended.
+            return (self.state(), Ok(Came::Nothing));
+        };
+        let came = self.channel.receive(&mut inbox);
+        let mut state = self.state();
         match came {
-            Came::Nothing => {}
-            Came::Bytes | Came::All => {
+            Ok(Came::Bytes | Came::All) => {
                 state.exchange.heard = Instant::now();
                 state.exchange.take_all(&mut inbox);
             }
-            Came::End => state.exchange.lose("its server has closed the connection"),
+            Ok(Came::End) => state.exchange.lose("its server has closed the connection"),
+            Ok(Came::Nothing) | Err(_) => {}
         }
-        Ok(())
+        state.inbox = Some(inbox);
+        (state, came)
     }
 
     /// Waits until `look` returns a value, at most until `until`. Even if that has passed, what has arrived by now is
@@ -242,7 +274,9 @@ impl Shared {
             state.waiting.push(caller);
             let ticket = self.changed.ticket();
             let left = until.map(|until| until.saturating_duration_since(Instant::now()));
-            MutexGuard::unlocked(&mut state, || self.changed.wait(ticket, left));
+            drop(state);
+            self.changed.wait(ticket, left);
+            state = self.state();
             if let Some(own) = state.waiting.iter().position(|other| *other == caller) {
                 state.waiting.swap_remove(own);
             }
@@ -258,10 +292,10 @@ impl Shared {
         message: impl FnOnce(u64) -> Message<'a>,
     ) -> (MutexGuard<'a, State>, Result<Answer, LinkError>) {
         let limit = wait.deadline();
-        let state = self.state.lock();
+        let state = self.state();
         let cancels = state.cancels[dir as usize];
         // Only one request may be in progress at a time.
-        let (mut state, turn) = self.wait(state, limit, |state| {
+        let (state, turn) = self.wait(state, limit, |state| {
             let checked = state.check(dir, cancels);
             checked.map(|()| state.exchange.request.is_none().then(|| state.exchange.begin(dir, wait))).transpose()
         });
@@ -269,7 +303,9 @@ impl Shared {
             Ok(number) => number,
             Err(error) => return (state, Err(error)),
         };
-        let sent = MutexGuard::unlocked(&mut state, || self.send(&message(number)));
+        drop(state);
+        let sent = self.send(&message(number));
+        let mut state = self.state();
         if let Err(error) = sent {
             // The server did not receive the whole message, so it cannot have executed the request.
             let error = LinkError::Lost { name: self.info.name.clone(), reason: error.to_string().into() };
@@ -279,16 +315,20 @@ impl Shared {
         let answer_deadline = limit.map(|limit| limit + self.patience());
         let (mut state, mut done) = self.wait(state, answer_deadline, |state| self.answer(state, dir, cancels, false));
         if let Some(Err(None)) = done {
-            MutexGuard::unlocked(&mut state, || self.send(&Message::Cancel { request: number })).ok();
+            drop(state);
+            // An error will also occur when receiving.
+            let _ = self.send(&Message::Cancel { request: number });
             let answer_deadline = Some(Instant::now() + self.patience());
-            (state, done) = self.wait(state, answer_deadline, |state| self.answer(state, dir, cancels, true));
+            (state, done) = self.wait(self.state(), answer_deadline, |state| self.answer(state, dir, cancels, true));
         }
         match done {
             Some(Ok(answer)) => self.done(state, Ok(answer)),
             Some(Err(Some(error))) => self.done(state, Err(error)),
             Some(Err(None)) | None => {
                 state.exchange.lose("its server does not answer");
+                drop(state);
                 self.over.notify_all();
+                let state = self.state();
                 let error = self.ended(&state, dir);
                 self.done(state, Err(error))
             }
@@ -327,12 +367,9 @@ impl Shared {
         }
     }
 
-    fn done<'a, T>(&self, mut state: MutexGuard<'a, State>, done: T) -> (MutexGuard<'a, State>, T) {
+    fn done<'a, T>(&'a self, mut state: MutexGuard<'a, State>, done: T) -> (MutexGuard<'a, State>, T) {
         state.exchange.request = None;
-        if !state.waiting.is_empty() {
-            self.changed.notify_all();
-        }
-        (state, done)
+        (self.tell_those_who_wait(state), done)
     }
 
     pub(super) fn write(&self, frame: &Frame, wait: Wait) -> Result<Stamp, LinkError> {
@@ -365,11 +402,10 @@ impl Shared {
                 _ => Err(self.unexpected_answer()),
             };
         }
-        let state = self.state.lock();
+        let state = self.state();
         let cancels = state.cancels[Dir::Read as usize];
-        let (_, done) = self.wait(state, wait.deadline(), |state| {
-            state.check(Dir::Read, cancels).map(|()| state.exchange.pop(out)).transpose()
-        });
+        let look = |state: &mut State| state.check(Dir::Read, cancels).map(|()| state.exchange.pop(out)).transpose();
+        let done = self.wait(state, wait.deadline(), look).1;
         done.unwrap_or_else(|| Err(LinkError::timed_out(Dir::Read, wait)))
     }
 

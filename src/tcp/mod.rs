@@ -7,7 +7,8 @@
 //! [`LinkError::Unsure`], or with [`LinkError::Lost`] where it is certain that the board has not taken the frame.
 //!
 //! A thread that waits in a call receives for all calls. A background thread receives only while no call waits, and
-//! sends the keep-alive messages. So a report wakes the thread that waits for it and no other one. Once the link is
+//! sends the keep-alive messages. So a report wakes the thread that waits for it and no other one. Programs may end their
+//! threads by force: one that waits owns nothing, and only one that is just taking bytes ends the connection. Once the link is
 //! open nothing is allocated, except in a TLS session, where rustls allocates for each message.
 //!
 //! Files, in the order in which to read them:

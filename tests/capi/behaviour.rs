@@ -198,6 +198,23 @@ mod needs_cxx {
         assert!(!frames.expect("whole").is_empty());
     }
 
+    /// LIB-70 The same of a board that is served. One that is ended while it takes bytes from the connection loses the board, as
+    /// nobody knows where the next message begins: reads say so, and Close and the next Open go on.
+    #[test]
+    fn a_thread_that_is_gone_hinders_nobody_on_a_served_board() {
+        let (server, _) = support::tcp::serve(CLOCKS[1]);
+        let file = out_dir().join("gone_tcp.pcapng");
+        let link = support::tcp::uri(&server, "keepalive_ms=200");
+        let recorded = format!("{link}&record={}", file.display());
+        for link in [&link, &recorded] {
+            for how in [&[][..], &["cancel"], &["receives"]] {
+                passes("gone", link, how);
+            }
+        }
+        let frames: Result<Vec<Recorded>, _> = Recording::open(&file).expect("a recording").collect();
+        assert!(!frames.expect("whole").is_empty());
+    }
+
     /// LIB-24, LIB-55 SDO requests of a program that is starved, so that most reports are dropped: each is answered.
     #[test]
     fn a_starved_program_gets_its_answers() {

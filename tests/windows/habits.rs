@@ -38,12 +38,18 @@ crate::for_each_width! {
     }
 
     /// LIB-70 A thread that is ended by TerminateThread in a read: all goes on, in a board that makes reports and in one that
-    /// makes none.
+    /// makes none, in one that is recorded and in one that another machine serves.
     #[test]
     fn a_thread_that_is_terminated(width: Width) {
         let folder = Folder::with_dll(width, "habit-terminated");
         folder.build(Toolchain::MinGw, &source("terminated.c"), "terminated.exe");
-        for link in ["sim:?slaves=io&clock=real", "sim:?slaves=io&clock=real&fault.drop.read=1"] {
+        let (server, _) = support::tcp::serve("sim:?slaves=io&clock=real");
+        for link in [
+            "sim:?slaves=io&clock=real",
+            "sim:?slaves=io&clock=real&fault.drop.read=1",
+            "sim:?slaves=io&clock=real&record=terminated.pcapng",
+            &support::tcp::uri(&server, "record=terminated_tcp.pcapng"),
+        ] {
             let silent = if link.contains("drop") { "silent" } else { "reports" };
             folder.passes("terminated.exe", link, &[silent]);
         }

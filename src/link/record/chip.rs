@@ -88,7 +88,7 @@ impl RecordedChip {
             let (at_ns, len) = (self.recorder.file_ns(at), part.len());
             let mut entry = ExchangeEntry { at_ns, dir, len, bytes: [0; MAX_PACKET] };
             entry.bytes[..len].copy_from_slice(part);
-            self.recorder.record(self.recorder.entries().as_ref(), entry);
+            self.recorder.record(entry);
         }
     }
 }

@@ -9,7 +9,7 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
-//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets
+//! - `queue.rs`: the queue to that thread, of frames or of a chip's packets; `ring.rs`: its places
 //! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
 //! - `network.rs`: recordings of the frames of a network, which are EtherCAT's
@@ -21,6 +21,7 @@ pub(super) mod file;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 mod network;
 pub(super) mod queue;
+mod ring;
 mod sync;
 mod tell;
 pub(super) mod writer;
@@ -120,7 +121,7 @@ impl RecordLink {
 
     fn record(&self, call: &RecordedCall<'_, FrameEntry>, dir: Dir, at: Stamp, frame: &Frame) {
         let entry = FrameEntry { at_ns: self.recorder.file_ns(at.0), dir, frame: frame.clone() };
-        self.recorder.record(call.entries.as_ref(), entry);
+        call.record(entry);
     }
 }
 

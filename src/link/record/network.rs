@@ -70,7 +70,7 @@ impl NetworkRecording {
         let len = frame.len().min(FRAME_LEN_MAX);
         let mut entry = NetworkEntry { at_ns: self.recorder.file_ns(at), dir, len, bytes: [0; FRAME_LEN_MAX] };
         entry.bytes[..len].copy_from_slice(&frame[..len]);
-        self.recorder.record(self.recorder.entries().as_ref(), entry);
+        self.recorder.record(entry);
     }
 }
 

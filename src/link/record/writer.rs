@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use pcap_file::pcapng::PcapNgWriter;
@@ -16,6 +15,7 @@ use pcap_file::pcapng::blocks::section_header::{SectionHeaderBlock, SectionHeade
 use pcap_file::{DataLink, Endianness, PcapError};
 
 use super::file::Sink;
+use super::queue::Queue;
 use super::tell::tell;
 use crate::link::Dir;
 use crate::recording::formats::usbmon;
@@ -99,24 +99,27 @@ impl Entry for FrameEntry {
     }
 }
 
-/// Writes the frames from the queue until all senders are dropped, or until a `None`, then writes the end of the recording.
+/// Writes the frames from the queue until that ends, then writes the end of the recording.
 ///
 /// Frames that have arrived are written at once, in one write: a program may crash at any moment, and its last frames
 /// show why.
-pub(super) fn run<E: Entry>(entries: &Receiver<Option<E>>, mut capture: Capture<E>) {
-    let mut goes_on = true;
-    while goes_on && let Ok(Some(entry)) = entries.recv() {
-        capture.push(entry);
-        while let Ok(entry) = entries.try_recv() {
-            match entry {
-                Some(entry) => capture.push(entry),
-                None => goes_on = false,
-            }
-        }
+pub(super) fn run<E: Entry>(queue: &Queue<E>, mut capture: Capture<E>) {
+    // However this thread ends nobody waits for it.
+    let ends = Ends(queue);
+    while queue.take_all(|entry| capture.push(entry)) {
         capture.flush();
         capture.tell_lost();
     }
+    drop(ends);
     capture.end();
+}
+
+struct Ends<'a, E>(&'a Queue<E>);
+
+impl<E> Drop for Ends<'_, E> {
+    fn drop(&mut self) {
+        self.0.end();
+    }
 }
 
 /// The section of a pcapng file that is being written.

@@ -1,6 +1,7 @@
-//! The locks of the hand-over, whose waits are known to the system alone: a thread of the program may be ended by force in one.
+//! Locks of the program's threads, which may be ended by force: nothing of a thread that waits is kept in its stack, and only on
+//! Windows is it in a list beside it. Who else waits for a lock gets it all the same.
 
-pub(super) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
+pub(crate) use imp::{Condvar, Mutex, MutexGuard, lock, wait, wait_for};
 
 /// std's, with a poisoned lock taken as it is (every state in them is valid between two statements).
 #[cfg(not(windows))]
@@ -22,7 +23,7 @@ mod imp {
     }
 }
 
-/// std's condition variable is Windows' own, which keeps a list of the threads that wait in their stacks.
+/// std's locks and condition variables are Windows' own, which keep a list of the threads that wait in their stacks.
 #[cfg(windows)]
 mod imp {
     pub use parking_lot::{Mutex, MutexGuard};

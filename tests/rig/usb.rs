@@ -240,3 +240,40 @@ fn a_board_that_was_reset_is_opened_again() {
     drop(board);
     served.stop();
 }
+
+/// A program that has used a board and closed it may fork, as one does that becomes a daemon: the child opens the board, and
+/// its calls end.
+#[test]
+fn a_child_that_was_forked_after_close_opens_the_board() {
+    /// The system ends a child whose calls do not.
+    const CHILD_LIMIT_S: u32 = 60;
+
+    fn used() -> Result<(), LinkError> {
+        let limit = Wait::For(Duration::from_secs(5));
+        let board = link::open("usb:", Share::ByName)?;
+        board.write(&Frame::new(), limit)?;
+        board.read(&mut Frame::new(), limit)?;
+        board.close();
+        Ok(())
+    }
+
+    let _served = Served::start(&["sim:?slaves=io"], &[]);
+    attach("1-1");
+    used().expect("the parent has it");
+    // SAFETY: the parent's other threads are in no call that holds what the child needs; the child ends here.
+    let child = unsafe {
+        let child = libc::fork();
+        if child == 0 {
+            libc::alarm(CHILD_LIMIT_S);
+            libc::_exit(i32::from(used().is_err()));
+        }
+        child
+    };
+    let mut status = 0;
+    // SAFETY: `status` receives the answer.
+    assert_eq!(unsafe { libc::waitpid(child, &raw mut status, 0) }, child);
+    assert!(libc::WIFEXITED(status), "its calls do not end: signal {}", libc::WTERMSIG(status));
+    assert_eq!(libc::WEXITSTATUS(status), 0, "it has the board");
+    used().expect("the parent has it again");
+    detach_all();
+}

@@ -112,7 +112,7 @@ fn saying(uses: &[u8], managers: Option<&[Manager]>) -> OddSlave {
     })
 }
 
-/// MASTER-2.9 NIC-2.1 Object 0x1C00 decides which sync managers are whose, where the EEPROM says nothing: also others than 2 and 3, to which
+/// MASTER-2.9 NIC-2.21 Object 0x1C00 decides which sync managers are whose, where the EEPROM says nothing: also others than 2 and 3, to which
 /// what is mapped is assigned then.
 #[test]
 fn object_0x1c00_decides() {
@@ -182,7 +182,7 @@ fn refusals_are_in_words() {
     assert!(said.contains("AL status 0x0016 ("), "{said}");
 }
 
-/// NIC-2.19 A slave that answers, whatever of it does not, is never said not to answer or to have no power.
+/// NIC-2.19 NIC-2.22 A slave that answers, whatever of it does not, is never said not to answer or to have no power.
 #[test]
 fn whoever_answers_is_not_said_not_to() {
     type Change = fn(&mut OddSlave);

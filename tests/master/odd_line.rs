@@ -473,3 +473,20 @@ fn clocks_of_another_kind_keep_together() {
 fn delay(slave: &OddSlave) -> u32 {
     u32::from_le_bytes(*slave.memory[0x0928..].first_chunk().expect("4 bytes"))
 }
+
+/// MASTER-6.8 A slave whose IN and OUT are swapped gets frames by port 1 and works on them behind those that follow it: it is known by its
+/// times, or by port 0 without a link, its port 1 is not taken for the end of a ring, and all slaves come to PreOP.
+#[test]
+fn swapped_slaves_are_known_and_used() {
+    for (swapped, found) in [(0, 3), (1, 3), (2, 3)] {
+        let slaves = (0..3).map(|n| drive().with(|slave| slave.is_swapped = n == swapped));
+        let mut rig = Rig::scanned(slaves);
+        let entries: Vec<u8> = rig.master.slaves().iter().map(|slave| slave.entry_port).collect();
+        // Of those that are swapped the first one is the last to work on a frame.
+        let expected: Vec<u8> = (1..=3).map(|n| u8::from(n == found)).collect();
+        assert_eq!(entries, expected, "{swapped}");
+        let closed = (1..=3).any(|slave| rig.line.slave(slave, |slave| slave.has_closed_ports));
+        assert!(!closed, "{swapped}");
+        rig.reach(AlState::PreOp);
+    }
+}

@@ -23,6 +23,8 @@ pub struct OddSlave {
     pub device: Device,
     /// The cables at IN and OUT are swapped.
     pub is_swapped: bool,
+    /// A master has closed a port, whether this line loses frames by that or not.
+    pub has_closed_ports: bool,
     pub(super) now: Ns,
     /// When the frame has passed ports 0 and 1.
     pub(super) passed: [Ns; 2],
@@ -43,6 +45,7 @@ impl OddSlave {
             clock: Some(Clock::default()),
             device,
             is_swapped: false,
+            has_closed_ports: false,
             now: 0,
             passed: [0; 2],
             outputs_at: None,
@@ -214,6 +217,10 @@ impl OddSlave {
             } else if !is_read_only && register < 0x1000 {
                 self.memory[register] = *byte;
             }
+        }
+        if covers(0x0101) {
+            // Two bits for each port: 3 is closed.
+            self.has_closed_ports |= (0..4).any(|port| self.memory[0x0101] >> (2 * port) & 3 == 3);
         }
         if covers(0x0500) {
             self.pass_eeprom();

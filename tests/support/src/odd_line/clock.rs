@@ -9,7 +9,7 @@ const SPEED: f64 = 1.0 / 1024.0;
 /// A greater difference counts as this, ns: a clock never jumps.
 const LIMIT_NS: f64 = 1_000.0;
 /// By how much a clock is made faster or slower at most.
-const SPEED_MAX: f64 = 200e-6;
+const SPEED_MAX: f64 = 60e-6;
 
 /// A clock.
 pub struct Clock {

@@ -8,8 +8,6 @@ use support::odd_line::{OddLine, OddSlave, coupler, drive, drive_of, number, sii
 
 use crate::host::{BOOT_LIMIT, Host};
 
-type Manager = (u16, u16, u8, u8, u8);
-
 /// For so long a board is waited for before it is looked whether it has failed.
 const SLICE: u64 = 1_000_000_000;
 
@@ -89,7 +87,7 @@ fn sync_managers_that_the_eeprom_does_not_name() {
 }
 
 /// A drive without sync managers in its EEPROM, whose object 0x1C00 says that they are these.
-fn saying(uses: &[u8], managers: Option<&[Manager]>) -> OddSlave {
+fn saying(uses: &[u8], managers: Option<&[sii::Manager]>) -> OddSlave {
     drive_of(sii::drive(managers)).with(|slave| {
         let coe = slave.mailbox.coe.as_mut().expect("objects");
         (0..=4).for_each(|sub| drop(coe.objects.remove(&(0x1C00, sub))));
@@ -119,7 +117,7 @@ fn object_0x1c00_decides() {
     moves(vec![saying(&[1, 2, 3, 4], None)]);
     moves(vec![saying(&[1, 2, 4, 3], None)]);
     moves(vec![saying(&[1, 2, 0, 3, 0, 4], None)]);
-    let swapped: Vec<Manager> =
+    let swapped: Vec<sii::Manager> =
         vec![sii::MANAGERS[0], sii::MANAGERS[1], (0x1100, 10, 0x20, 1, 4), (0x1180, 6, 0x64, 1, 3)];
     moves(vec![saying(&[1, 2, 4, 3], Some(&swapped))]);
 }

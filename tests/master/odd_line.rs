@@ -327,7 +327,8 @@ fn wrong_answers_end_at_once() {
         let ended = ends_at_once(&mut rig, nth_segment(nth), |rig| rig.download(0x2000, 0, &value));
         assert_eq!(ended, AbortCode::TOGGLE_BIT);
     }
-    let wrong: [(fn(&mut Vec<u8>), AbortCode); 6] = [
+    type Wrong = fn(&mut Vec<u8>);
+    let wrong: [(Wrong, AbortCode); 6] = [
         (|message| message[10] ^= 0x20, AbortCode::COMMAND),
         (|message| message[11] ^= 1, AbortCode::COMMAND),
         (|message| message[COMMAND] = 0x60, AbortCode::COMMAND),
@@ -441,7 +442,7 @@ fn refusals_and_the_watchdog() {
     );
 }
 
-/// MASTER-6.1 MASTER-6.5 Clocks whose crystals drift by 5 to 50 ppm are set to each other, with the delays of the line, and keep together;
+/// MASTER-6.1 Clocks whose crystals drift by 5 to 50 ppm are set to each other, with the delays of the line, and keep together;
 /// a drive that wants SYNC0 gets it before SafeOP.
 #[test]
 fn clocks_of_another_kind_keep_together() {

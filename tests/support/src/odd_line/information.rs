@@ -17,7 +17,7 @@ impl Coe {
                 let lengths = [indices.len() as u16, 0, 0, 0, 0];
                 let listed: Vec<u16> = if word(0) == 0 { lengths.to_vec() } else { indices };
                 let bytes: Vec<u8> = [word(0)].into_iter().chain(listed).flat_map(u16::to_le_bytes).collect();
-                bytes.chunks(room - 12 & !1).map(|part| (2, part.to_vec())).collect()
+                bytes.chunks((room - 12) & !1).map(|part| (2, part.to_vec())).collect()
             }
             3 => match subs(word(0)).next_back() {
                 Some(((index, last), _)) => {

@@ -3,6 +3,9 @@
 /// A PDO: its index, its sync manager, and its entries with their lengths in bits.
 pub type Pdo<'a> = (u16, u8, &'a [(u16, u8, u8)]);
 
+/// A sync manager: its start, length, control byte, enable byte and type.
+pub type Manager = (u16, u16, u8, u8, u8);
+
 /// The CRC-8 over the first 14 bytes: polynomial 0x07, from 0xFF on.
 pub fn checksum(bytes: &[u8]) -> u8 {
     bytes.iter().take(14).fold(0xFF, |crc, byte| {
@@ -83,8 +86,8 @@ impl Content {
         self.category(40, uses)
     }
 
-    /// Sync managers: start, length, control byte, enable byte, type.
-    pub fn managers(self, managers: &[(u16, u16, u8, u8, u8)]) -> Self {
+    /// Sync managers.
+    pub fn managers(self, managers: &[Manager]) -> Self {
         let mut data = Vec::new();
         for (start, len, control, enable, kind) in managers {
             data.extend(start.to_le_bytes());
@@ -122,11 +125,11 @@ impl Content {
 }
 
 /// The sync managers of a drive, with their types.
-pub const MANAGERS: [(u16, u16, u8, u8, u8); 4] =
+pub const MANAGERS: [Manager; 4] =
     [(0x1000, 128, 0x26, 1, 1), (0x1080, 128, 0x22, 1, 2), (0x1100, 6, 0x64, 1, 3), (0x1180, 10, 0x20, 1, 4)];
 
 /// The EEPROM of a drive with these sync managers; `None`: without that category.
-pub fn drive(managers: Option<&[(u16, u16, u8, u8, u8)]>) -> Vec<u8> {
+pub fn drive(managers: Option<&[Manager]>) -> Vec<u8> {
     let content = Content::new(0x000C).strings(&[b"ODD", b"an odd drive"]).general(2).fmmus(&[1, 2, 3, 0]);
     match managers {
         Some(managers) => content.managers(managers),

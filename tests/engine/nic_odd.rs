@@ -34,7 +34,7 @@ fn moves(slaves: Vec<OddSlave>) -> OddLine {
     for n in 1..=50 {
         host.csp(last, n * 10).cycles(1);
     }
-    host.cycles(20);
+    host.drained().cycles(30);
     assert_eq!(line.slave(last, |slave| slave.position()), 500);
     assert_eq!(host.drive(last).position, 500);
     line
@@ -71,7 +71,7 @@ fn a_coupler_that_copies_the_acknowledgement_blocks_nobody() {
     kinds[1] = SlaveKind::Io;
     host.master(MasterCommand::SetAxis { group: 0, kinds });
     host.go(MasterState::Op).drained();
-    host.slave(2, SlaveCommand::IoWrite(0x5)).cycles(10);
+    host.slave(2, SlaveCommand::IoWrite(0x5)).drained().cycles(30);
     assert_eq!(line.slave(2, |slave| slave.memory[0x1000]), 0x5);
     assert_eq!(host.state(), StateByte::reached(MasterState::Op));
 }

@@ -8,7 +8,7 @@
 //! | file | what it answers |
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
-//! | `open.rs` | [`open`]: which network a link is |
+//! | `open.rs` | [`open`]: which network a link is; [`over`]: one at the end of any wires |
 //! | `chip.rs`, `chip_wire.rs` | an ECM-XF by its own commands; our master's frames by its datagrams |
 //! | `mailboxes.rs` | what goes through the slaves' mailboxes by our own master, whoever runs the network |
 //! | `software.rs`, `simulated.rs` | our own master on a card or on simulated slaves; those |
@@ -49,5 +49,7 @@ mod software;
 pub use error::BusError;
 pub use network::{FoundSlave, Network, SlaveState};
 pub use open::open;
+#[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
+pub use open::over;
 #[cfg(all(feature = "nic", target_os = "linux"))]
 pub use round_trips::{RoundTrips, round_trips};

@@ -34,3 +34,12 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
         }
     }
 }
+
+/// The network at the end of any wires, with our own master, as [`open`] gives that of a card. Nothing is sent yet.
+#[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
+pub fn over<W: crate::fieldbus::nic::NicWires + 'static>(
+    wires: W,
+    settings: crate::master::Settings,
+) -> Box<dyn Network> {
+    Box::new(super::software::SoftwareNetwork::new(wires, settings))
+}

@@ -348,7 +348,8 @@ impl Engine {
                 self.volatile.network.scanned(found);
                 // After SW_RESET fewer slaves may be found. What the others were sent last is not handed to the bus again.
                 self.outputs.slaves[usize::from(found)..].fill(Default::default());
-                self.volatile.failure = (found == 0).then_some(StateFailure::NoSlave);
+                let before = self.volatile.failure.filter(|why| *why != StateFailure::NoSlave);
+                self.volatile.failure = if found == 0 { Some(StateFailure::NoSlave) } else { before };
             }
             (
                 Step::Configure | Step::RecoverConfigure,

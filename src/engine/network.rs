@@ -346,9 +346,10 @@ impl Network {
     }
 
     pub(super) fn scanned(&mut self, found: u8) {
+        // Slaves that have not come to PreOP at boot have failed until they do, however often they are tried.
+        self.failed = found == 0 || self.failed && self.found > 0;
         self.found = found;
         self.scanned = found > 0;
-        self.failed = found == 0;
     }
 
     /// A step has succeeded.

@@ -28,6 +28,8 @@ const NEAR_MAX_NS: Ns = 1_000_000_000;
 /// \[OURS] A clock that is further away from the reference than that, ns, is set anew.
 const FAR_NS: i64 = 1_000_000;
 const NEAR_POLL_NS: Ns = 2_000_000;
+/// \[OURS] A frame is never on the way for so long, ns.
+const ROUND_MAX_NS: i32 = 1_000_000;
 /// The value of the speed counter start that all known masters write; a write makes the filters begin anew.
 const SPEED_START: u16 = 0x1000;
 
@@ -260,10 +262,15 @@ impl<'a> Measuring<'a> {
     pub(super) fn entries(&self) -> Vec<u8> {
         let places = self.bus.with(|shared| shared.clocks.places.clone());
         let entry = |(place, passed): (&Place, &Option<Passed>)| {
-            let open = |port: &usize| is_open(place.ports, *port);
-            let passed = passed.filter(|_| open(&0))?;
+            let mut open = (0..PORTS).filter(|port| is_open(place.ports, *port));
+            if !is_open(place.ports, 0) {
+                // Frames turn where nobody is behind: they have come by the other one.
+                return open.next().filter(|_| open.next().is_none());
+            }
+            let passed = (*passed)?;
             let after_port_0 = |port: &usize| passed.ports[*port].wrapping_sub(passed.ports[0]).cast_signed();
-            (0..PORTS).filter(open).min_by_key(after_port_0)
+            // A port that this frame has not passed has kept an older time.
+            open.filter(|port| after_port_0(port) > -ROUND_MAX_NS).min_by_key(after_port_0)
         };
         places.iter().zip(&self.measurement.passed).map(|one| entry(one).unwrap_or(0) as u8).collect()
     }
@@ -308,6 +315,12 @@ pub(super) async fn set(bus: &Bus, slaves: SlaveSet) -> Result<Measuring<'_>, Lo
         }
     }
     Ok(measuring)
+}
+
+/// The ports by which frames come to the slaves, as [`Measuring::entries`] says.
+pub(super) async fn entries(bus: &Bus) -> Result<Vec<u8>, Lost> {
+    bus.write_all(RECEIVE_TIMES, &[0; 4]).await?;
+    Ok(Measuring::new(bus).await.entries())
 }
 
 /// Brings the time of the reference, or the master's, to all clocks, as each cycle does.

@@ -4,6 +4,7 @@
 //! - `objects.rs`, `eeprom.rs`, `files.rs`, `clocks.rs`: SDO, SII, FoE, distributed clocks
 //! - `cables.rs`: error counters, and which cable is bad
 //! - `chip.rs`: an ECM-XF
+//! - `odd_line.rs`: slaves of another descent than our models
 
 mod cables;
 mod chip;
@@ -12,6 +13,7 @@ mod eeprom;
 mod files;
 mod network;
 mod objects;
+mod odd_line;
 
 use ecmsk::bus::{self, BusError, FoundSlave, Network};
 

@@ -11,7 +11,7 @@
 //! - buses that take outputs ahead: `bus_ahead`, `ahead_entries`, `honest`, `sag`, `repeats`, and `over`, which runs the whole
 //!   group over such a bus; `any_bus`, what others show cycle by cycle and every bus has to show
 //! - over an ECM-XF: `xf_bus`, `xf_counters`, `xf_faults`, `xf_doubts`, `xf_packets`, `xf_start`, `xf_state`, `xf_ahead`
-//! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_predecessor`, `nic_ring`, `nic_runner`, `nic_terminals`
+//! - over our own master: `nic_bus`, `nic_counters`, `nic_gone`, `nic_odd`, `nic_predecessor`, `nic_ring`, `nic_runner`, `nic_terminals`
 //! - at random, and what always holds: `random`, `random_networks`, `allocation`, `nic_allocation`
 //! - what tests drive the board with: `host`, `probe`, `rig`, `network_rig`, `models`, `puppet`, `homer`, `entries`, `watch`,
 //!   `handles`
@@ -60,6 +60,7 @@ mod nic_allocation;
 mod nic_bus;
 mod nic_counters;
 mod nic_gone;
+mod nic_odd;
 mod nic_predecessor;
 mod nic_ring;
 mod nic_runner;

@@ -107,7 +107,7 @@ const WATCHDOG: &str =
     "its cycle is longer than 100 ms: behind the chip the watchdogs of the slaves end OP between two sets of outputs";
 
 /// Tests that cannot pass with the slaves behind an ECM-XF, besides those above, and why.
-const CANNOT_BEHIND_CHIP: [(&str, &str); 40] = [
+const CANNOT_BEHIND_CHIP: [(&str, &str); 41] = [
     ("cable::a_cut_before_the_first_slave", SILENCE),
     ("cable::a_cut_between_slaves", LOST_LATER),
     ("cable::a_set_state_while_the_cable_is_cut", SLOWER),
@@ -156,6 +156,7 @@ const CANNOT_BEHIND_CHIP: [(&str, &str); 40] = [
     ("full_table_run::", "it takes as long as all others"),
     ("nic_allocation::", "it has another bus"),
     ("nic_bus::", "it has another bus"),
+    ("nic_odd::", "it has another bus"),
     ("nic_predecessor::", "it has another bus"),
     ("nic_ring::", "it has another bus"),
     ("nic_terminals::", "it has another bus"),
@@ -175,7 +176,7 @@ const ITS_TIMES: &str =
     "it looks while a change, a configuration or an SDO is under way, and those of our master take other times";
 
 /// Tests that cannot pass with the slaves at the end of a wire, besides those of [`CANNOT`], and why.
-const CANNOT_ON_WIRE: [(&str, &str); 48] = [
+const CANNOT_ON_WIRE: [(&str, &str); 49] = [
     ("answers::a_failed_change_goes_by_the_low_nibble", WAY_DOWN),
     (
         "any_bus::states_and_the_ways_between",
@@ -223,6 +224,7 @@ const CANNOT_ON_WIRE: [(&str, &str); 48] = [
     ("full_table_run::", "it takes as long as all others"),
     ("nic_allocation::", "it has such a bus"),
     ("nic_bus::", "it has such a bus"),
+    ("nic_odd::", "it has such a bus"),
     ("nic_predecessor::", "it has such a bus"),
     ("nic_ring::", "it has such a bus"),
     ("nic_terminals::", "it has such a bus"),

@@ -6,6 +6,7 @@
 //! - `clocks.rs`: distributed clocks
 //! - `files.rs`: FoE
 //! - `makers.rs`: EEPROMs, controllers and answers as makers have them
+//! - `odd_line.rs`: slaves of another descent than our models
 //! - `registers.rs`: registers, EEPROM words, single datagrams
 //! - `hostile.rs`: slaves that answer anything
 //! - `faults.rs`: frames that are lost, late, doubled
@@ -23,6 +24,7 @@ mod hostile;
 mod lost;
 mod makers;
 mod objects;
+mod odd_line;
 mod predecessor;
 mod registers;
 mod rig;

@@ -8,7 +8,7 @@ use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, MailboxError, Master, SdoError, SlaveInfo, SyncSignals};
+use crate::master::{JobDone, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
 /// How many slaves are configured at once. \[OURS]
@@ -34,11 +34,11 @@ enum Stage {
 
 impl Stage {
     /// The object that is read or written.
-    const fn object(&self) -> ObjectAddress {
+    fn object(&self, slave: u8, master: &Master) -> ObjectAddress {
         match self {
             Self::ManagerUses { sub, .. } => ObjectAddress::new(MANAGER_USES, *sub),
             Self::SecondAxis => pdo::SECOND_CONTROLWORD,
-            Self::Writing { current, .. } => current.object,
+            Self::Writing { current, .. } => object_in(slave, current, master),
         }
     }
 }
@@ -306,7 +306,8 @@ impl Configuring {
         master: &mut Master,
     ) {
         let slave = refusal.slave;
-        let refusal = Refusal { abort: Some((current.object, code)), ..refusal };
+        let object = object_in(slave, &current, master);
+        let refusal = Refusal { abort: Some((object, code)), ..refusal };
         let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
         let may_have_own = role == Role::Io && matches!(wanted, Wanted::Mapped(_)) && current.is_mapping();
         let Some(info) = master.slave(slave).filter(|info| may_have_own && is_described(info)) else {
@@ -331,7 +332,7 @@ impl Configuring {
             Ended::Aborted(code) => Err(code),
             Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
             Ended::Failed(code) => {
-                return self.refuse(Refusal { slave, al_status: 0, abort: Some((stage.object(), code)) });
+                return self.refuse(Refusal { slave, al_status: 0, abort: Some((stage.object(slave, master), code)) });
             }
             Ended::Busy => {
                 let id = match &stage {
@@ -418,11 +419,18 @@ fn ask_for_manager_use(slave: u8, sub: u8, master: &mut Master) -> JobId {
     master.upload_number(slave, ObjectAddress::new(MANAGER_USES, sub), SdoScope::Entry, SDO_TIMEOUT_NS)
 }
 
+/// The object of a slave that a download is for.
+fn object_in(slave: u8, download: &Download, master: &Master) -> ObjectAddress {
+    let first = |managers: &[ProcessManager]| managers.first().map(|one| one.number);
+    let managers = master.slave(slave).map_or([None; 2], |info| [first(&info.outputs), first(&info.inputs)]);
+    download.object_for(managers)
+}
+
 fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
     let bytes = download.value.to_le_bytes();
     master.download(
         slave,
-        download.object,
+        object_in(slave, download, master),
         SdoScope::Entry,
         &bytes[..usize::from(download.size.bytes())],
         SDO_TIMEOUT_NS,
@@ -430,5 +438,5 @@ fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
 }
 
 fn upload(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    master.upload_number(slave, download.object, SdoScope::Entry, SDO_TIMEOUT_NS)
+    master.upload_number(slave, object_in(slave, download, master), SdoScope::Entry, SDO_TIMEOUT_NS)
 }

@@ -17,6 +17,8 @@ const TX_PDO: u16 = 0x1A00;
 /// in ETG.6010.
 const RX_PDO: u16 = 0x1600;
 const SECOND_AXIS_PDO_OFFSET: u16 = 0x10;
+/// The object that assigns PDOs to sync manager 0; those of the others follow it.
+const ASSIGNMENTS: u16 = 0x1C10;
 /// The objects with the synchronization types of outputs and inputs.
 const SYNC_TYPES: [u16; 2] = [0x1C32, 0x1C33];
 
@@ -57,6 +59,20 @@ impl Download {
             0x1600..=0x17FF | RX_ASSIGNMENT => Some(MappedDirection::Outputs),
             0x1A00..=0x1BFF | TX_ASSIGNMENT => Some(MappedDirection::Inputs),
             _ => None,
+        }
+    }
+
+    /// The object that is written in a slave whose first sync managers of outputs and of inputs are these: what is mapped is assigned to
+    /// them, by the object of each. Nearly all slaves have 2 and 3.
+    pub const fn object_for(&self, [outputs, inputs]: [Option<u8>; 2]) -> ObjectAddress {
+        let manager = match self.object.index {
+            RX_ASSIGNMENT => outputs,
+            TX_ASSIGNMENT => inputs,
+            _ => None,
+        };
+        match manager {
+            Some(manager) => ObjectAddress::new(ASSIGNMENTS + manager as u16, self.object.sub),
+            None => self.object,
         }
     }
 

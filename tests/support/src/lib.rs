@@ -2,7 +2,7 @@
 //!
 //! - a slave with an object of any length: `blob`
 //! - networks and buses for the engine: `fieldbus_rig`, `bus_wrapper`, `slave_wrapper`, `ahead_bus`, `swift`, `images`
-//! - on a network card: `lying_wire`, which changes working counters
+//! - on a network card: `lying_wire`, which changes working counters; `odd_line`, slaves of their own descent, each as odd as a test wants
 //! - behind an ECM-XF: `chip_line` with the chip, `faulty_wire` with faults, `late_host` with a PC that stands still, `chip_axis` an
 //!   axis, `ears` drives that listen
 //! - the guide's tables: `guide`, `homing_tables`; random numbers: `dice`, `schedules`
@@ -35,6 +35,7 @@ pub mod homing_tables;
 pub mod images;
 pub mod late_host;
 pub mod lying_wire;
+pub mod odd_line;
 pub mod pe;
 pub mod recorded;
 pub mod recording;

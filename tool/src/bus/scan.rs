@@ -43,11 +43,17 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
         errors::read(&mut *network, &slaves)?
     };
     let in_ring = network.ring().and_then(|_| slaves.last()).map(|last| last.slave);
-    let mut tree = Tree { slaves: &slaves, errors: &errors, in_ring, text: "master\n".to_owned() };
-    tree.put(0, "");
+    let tree = text(&slaves, &errors, in_ring);
     let lines: Vec<Value> = slaves.iter().zip(&errors).map(|(slave, errors)| line(&slaves, slave, errors)).collect();
-    reporter.results(tree.text.trim_end(), &lines)?;
+    reporter.results(tree.trim_end(), &lines)?;
     Ok(())
+}
+
+/// The slaves as a tree, as it is printed.
+fn text(slaves: &[FoundSlave], errors: &[SlaveErrors], in_ring: Option<u8>) -> String {
+    let mut tree = Tree { slaves, errors, in_ring, text: "master\n".to_owned() };
+    tree.put(0, "");
+    tree.text
 }
 
 /// The tree as it is printed.
@@ -108,7 +114,8 @@ impl Tree<'_> {
             let kind = port_kind(slave.port_types, port).unwrap_or_default();
             let counted = counted(&errors.ports[port]);
             let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
-            let swapped = if port > 0 && port == usize::from(slave.entry_port) {
+            // Behind the gap of a ring frames come in by the other end.
+            let swapped = if port > 0 && port == usize::from(slave.entry_port) && self.in_ring.is_none() {
                 "; frames come in here and not by port 0: IN and OUT of this slave are SWAPPED, change its cables"
             } else {
                 ""
@@ -199,4 +206,54 @@ fn line(slaves: &[FoundSlave], slave: &FoundSlave, errors: &SlaveErrors) -> Valu
         "protocols": slave.protocols.map(|_| protocols(slave)), "has_dc": slave.has_clock, "output_bytes": slave.process_bytes.0,
         "input_bytes": slave.process_bytes.1, "eeprom_error": slave.eeprom_error,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use ecmsk::bus;
+    use ecmsk::master::Settings;
+    use support::odd_line::{OddLine, OddSlave, drive, drive_of, sii};
+
+    use super::*;
+
+    /// What `ecmsk bus scan` prints of these slaves.
+    fn scan(slaves: Vec<OddSlave>) -> String {
+        let mut network = bus::over(OddLine::new(slaves), Settings::default());
+        let slaves = network.scan().expect("slaves");
+        let errors = errors::read(&mut *network, &slaves).expect("counters");
+        text(&slaves, &errors, None)
+    }
+
+    /// What is printed of each slave.
+    fn each(printed: &str) -> Vec<&str> {
+        printed.split("+- ").skip(1).collect()
+    }
+
+    /// BUS-2.3 Swapped ends of a slave are told at that slave and at no other one, whether the frame takes its usual way and the times of
+    /// the ports alone are swapped, or comes in by port 1, so that the slave works on it behind those that follow it.
+    #[test]
+    fn swapped_ends_are_told_at_their_slave() {
+        const SWAPPED: &str = "IN and OUT of this slave are SWAPPED";
+        for swapped in 0..3 {
+            let slaves = (0..3)
+                .map(|n| drive().with(|slave| slave.clock.as_mut().expect("it has one").swaps_times = n == swapped));
+            let printed = scan(slaves.collect());
+            let told: Vec<bool> = each(&printed).iter().map(|slave| slave.contains(SWAPPED)).collect();
+            // The last one has no port 1 that is open.
+            let expected: Vec<bool> = (0..3).map(|n| n == swapped && n < 2).collect();
+            assert_eq!(told, expected, "{printed}");
+        }
+        for swapped in 0..3 {
+            let named = |n: usize| {
+                let names: [&[u8]; 3] = [b"first", b"second", b"third"];
+                let content = sii::Content::new(4).strings(&[names[n]]).general(1).managers(&sii::MANAGERS);
+                drive_of(content.end()).with(|slave| slave.is_swapped = n == swapped)
+            };
+            let printed = scan((0..3).map(named).collect());
+            let name = ["first", "second", "third"][swapped];
+            for slave in each(&printed) {
+                assert_eq!(slave.contains(SWAPPED), slave.contains(name), "{name}\n{printed}");
+            }
+        }
+    }
 }

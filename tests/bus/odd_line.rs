@@ -1,0 +1,149 @@
+//! Slaves of another descent than our models: `support::odd_line`.
+
+use std::time::Duration;
+
+use ecmsk::bus::{self, FoundSlave, Network, clocks, dictionary};
+use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::fieldbus::nic::NicWires;
+use ecmsk::master::Settings;
+use support::odd_line::{Beyond, Device, OddLine, OddSlave, coupler, drive, drive_of, sii};
+
+use crate::refused;
+
+fn scanned(line: &OddLine) -> (Box<dyn Network>, Vec<FoundSlave>) {
+    let mut network = bus::over(line.clone(), Settings::default());
+    let slaves = network.scan().expect("slaves");
+    (network, slaves)
+}
+
+/// BUS-6.1 Clocks whose crystals drift by 5, 20 and 50 ppm are judged good, however long nobody has brought them the time of the reference:
+/// after they have come together.
+#[test]
+fn drifting_clocks_raise_no_false_alarm() {
+    const FOR_LONG: u64 = 2_000_000_000;
+    for (ppm, busy_ns, pause_ns) in
+        [(5.0, 0, FOR_LONG), (20.0, 0, FOR_LONG), (50.0, 0, FOR_LONG), (-50.0, 20_000_000, 0)]
+    {
+        let drifting = |ppm: f64| {
+            drive().with(|slave| {
+                slave.clock.as_mut().expect("it has one").ppm = ppm;
+                slave.eeprom.busy_ns = busy_ns;
+            })
+        };
+        let line = OddLine::new([drifting(0.0), drifting(ppm), coupler(), drifting(-ppm)]);
+        let (mut network, slaves) = scanned(&line);
+        let mut idle = line.clone();
+        idle.wait(idle.now() + pause_ns);
+        let measured = clocks::measure(&mut *network, &slaves, Duration::from_secs(1)).expect("it is measured");
+        let shown: Vec<_> = measured.iter().map(|clock| (clock.slave, clock.delay_ns)).collect();
+        assert_eq!(shown, [(1, 0), (2, 300), (4, 900)]);
+        for clock in &measured[1..] {
+            let ahead = clock.ahead.expect("it is measured");
+            assert!(ahead.is_good() && ahead.count == 100, "{ppm} ppm, {pause_ns} ns: {clock:?}");
+        }
+    }
+}
+
+/// BUS-3.5 A slave that keeps the counter of its mailbox over Init answers in one look after another, whatever counter it has kept.
+#[test]
+fn one_look_after_another() {
+    let line = OddLine::new([drive().with(|slave| slave.mailbox.keeps_counter = true)]);
+    let vendor = ObjectAddress::new(0x1018, 1);
+    for kept in 0..=7 {
+        line.slave(1, |slave| slave.mailbox.heard = kept);
+        for _ in 0..2 {
+            let (mut network, _) = scanned(&line);
+            for _ in 0..=kept {
+                assert_eq!(network.upload(1, vendor, SdoScope::Entry).expect("a value"), [0x34, 0x12, 0, 0], "{kept}");
+            }
+        }
+    }
+}
+
+/// BUS-2.3 What is wrong with an EEPROM is named, and nothing is said of process data that it does not know of.
+#[test]
+fn what_is_wrong_with_an_eeprom_is_named() {
+    let blank = |byte| OddSlave::new(vec![byte; 2048], Device::None);
+    let mut wrong = sii::drive(Some(&sii::MANAGERS));
+    wrong[14] ^= 0x10;
+    let content = sii::Content::new(4).strings(&[b"DRV", b"cut"]).general(2).raw(&[60, 0, 0xFF, 0xFF]);
+    let content = [content.bytes(), vec![0; 512]].concat()[..512].to_vec();
+    let endless = drive_of(content).with(|slave| slave.eeprom.beyond = Beyond::Nobody);
+    let slow = drive().with(|slave| slave.eeprom.busy_ns = 200_000_000);
+    let line = OddLine::new([blank(0xFF), blank(0), drive_of(wrong), endless, slow, drive()]);
+    let (_, slaves) = scanned(&line);
+    let said: Vec<String> = slaves.iter().map(|slave| slave.eeprom_error.clone().unwrap_or_default()).collect();
+    let expected = [
+        "is empty: all of its first 64 words are 0xFFFF",
+        "is empty: all of its first 64 words are 0x0000",
+        "the checksum of the EEPROM's first words is 0x",
+        "categories are not whole",
+        "busy for more than 100 ms",
+        "",
+    ];
+    for (said, expected) in said.iter().zip(expected) {
+        assert!(said.contains(expected) && said.is_empty() == expected.is_empty(), "{said}");
+    }
+    assert_eq!(slaves[3].name, "cut");
+    assert_eq!(slaves[0].process_bytes, (None, None));
+    assert_eq!(slaves[5].process_bytes, (Some(6), Some(10)));
+}
+
+/// BUS-4.3 An EEPROM that acknowledges nothing for some time after each word is written and read back; one whose commands take 60 ms, too.
+#[test]
+fn slow_eeproms_are_written() {
+    for (busy_ns, silent_ns) in [(0, 8_000_000), (60_000_000, 0), (2_000_000, 50_000_000)] {
+        let slave = drive().with(|slave| (slave.eeprom.busy_ns, slave.eeprom.silent_ns) = (busy_ns, silent_ns));
+        let line = OddLine::new([slave]);
+        let (mut network, _) = scanned(&line);
+        let mut content = network.read_eeprom(1).expect("an EEPROM");
+        content[8] = 0x21;
+        content[14] = sii::checksum(&content);
+        let changes = bus::eeprom::changes(&mut *network, 1, &content).expect("they are read");
+        assert_eq!(changes.len(), 2);
+        bus::eeprom::write(&mut *network, 1, &changes, |_| ()).expect("it is written");
+        assert_eq!(scanned(&line).1[0].eeprom_error, None);
+    }
+}
+
+/// BUS-3.1 The dictionary of a slave by its own word, in fragments.
+#[test]
+fn a_dictionary_in_fragments() {
+    let line = OddLine::new([coupler(), drive()]);
+    let (mut network, _) = scanned(&line);
+    let objects = dictionary::objects(&mut *network, 2).expect("a dictionary");
+    let identity = objects.iter().find(|object| object.index == 0x1018).expect("it is there");
+    assert_eq!((identity.max_sub, &*identity.name), (4, "object 1018"));
+    assert_eq!(dictionary::entries(&mut *network, 2, identity).expect("its entries").len(), 5);
+}
+
+/// BUS-1.2 A state with an error is told with its code. A slave that refuses PreOP is named with the code in words, and not as one that does
+/// not answer.
+#[test]
+fn states_and_refusals() {
+    let line = OddLine::new([drive()]);
+    line.slave(1, |slave| slave.fall(2, 0x001B));
+    let (_, slaves) = scanned(&line);
+    assert_eq!((slaves[0].found.status.0, slaves[0].found.code.0), (0x12, 0x001B));
+    line.slave(1, |slave| slave.states.refuses.push((2, 0x0016)));
+    let (mut network, _) = scanned(&line);
+    let said = refused(network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry));
+    assert!(said.contains("0x0016 (") && !said.contains("does not answer"), "{said}");
+}
+
+/// BUS-1.4 A slave whose mailbox is mute answers, and is not said to be gone.
+#[test]
+fn a_mute_mailbox_is_no_lost_slave() {
+    let line = OddLine::new([drive().with(|slave| slave.mailbox.is_mute = true)]);
+    let (mut network, _) = scanned(&line);
+    let said = refused(network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry));
+    assert!(said.contains("no answer when the time was up") && !said.contains("power"), "{said}");
+}
+
+/// BUS-2.3 Frames whose source address comes back unchanged are said to be no slave's.
+#[test]
+fn an_unchanged_source_is_told() {
+    let line = OddLine::new([drive()]).keeping_the_source();
+    let said = refused(bus::over(line, Settings::default()).scan());
+    assert!(said.contains("came back as they were sent"), "{said}");
+}

@@ -1,0 +1,198 @@
+//! A board over our own master on a network card, with slaves of another descent than our models, each odd in its own way.
+
+use ecmsk::engine::{Board, EngineConfig};
+use ecmsk::fieldbus::nic::NicBus;
+use ecmsk::master::Settings;
+use ecmsk::sk::{MasterCommand, MasterState, SlaveCommand, SlaveKind, StateByte};
+use support::odd_line::{OddLine, OddSlave, coupler, drive, drive_of, number, sii, terminal};
+
+use crate::host::{BOOT_LIMIT, Host};
+
+/// For so long a board is waited for before it is looked whether it has failed.
+const SLICE: u64 = 1_000_000_000;
+
+/// A board with these slaves, the last of which is a drive and declared as one.
+fn board(slaves: Vec<OddSlave>) -> (Host, OddLine, usize) {
+    let last = slaves.len();
+    let line = OddLine::new(slaves);
+    (board_on(line.clone(), last), line, last)
+}
+
+fn board_on(line: OddLine, drive: usize) -> Host {
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(line, Settings::default()));
+    let mut kinds = [SlaveKind::None; 8];
+    kinds[drive - 1] = SlaveKind::Drive;
+    host.master(MasterCommand::SetAxis { group: 0, kinds });
+    host
+}
+
+/// The drive at the end of the line comes to OP, is switched on, and goes where it is sent, without a target left out.
+#[track_caller]
+fn moves(slaves: Vec<OddSlave>) -> OddLine {
+    let (mut host, line, last) = board(slaves);
+    host.go(MasterState::Op).drained().servo_on(last);
+    for n in 1..=50 {
+        host.csp(last, n * 10).cycles(1);
+    }
+    host.drained().cycles(30);
+    assert_eq!(line.slave(last, |slave| slave.position()), 500);
+    assert_eq!(host.drive(last).position, 500);
+    line
+}
+
+/// What the board says when the way to OP has failed.
+#[track_caller]
+fn failure(slaves: Vec<OddSlave>) -> String {
+    let line = OddLine::new(slaves);
+    let bus = NicBus::new(line.clone(), Settings::default());
+    let mut below_preop = Board::new(EngineConfig::default(), Box::new(bus));
+    while !below_preop.boot(SLICE) {
+        if below_preop.engine().state().is_failed() {
+            return below_preop.engine().state_failure().expect("there is one").to_string();
+        }
+        assert!(below_preop.now() < BOOT_LIMIT, "neither PreOP nor a failure");
+    }
+    drop(below_preop);
+    let mut host = board_on(line, 1);
+    host.master(MasterCommand::SetState(MasterState::Op));
+    host.until("the failure", |host| host.board.engine().state_failure().is_some());
+    host.board.engine().state_failure().expect("there is one").to_string()
+}
+
+/// MASTER-3.7 NIC-2.1 A coupler whose AL status copies AL control, bit 4 too, stands in front of a drive, and a terminal of that kind behind
+/// it; terminals in front are used as IO modules.
+#[test]
+fn a_coupler_that_copies_the_acknowledgement_blocks_nobody() {
+    moves(vec![coupler(), drive()]);
+    moves(vec![coupler(), terminal(), coupler(), drive()]);
+    let line = OddLine::new([coupler(), terminal()]);
+    let mut host = Host::new(EngineConfig::default(), NicBus::new(line.clone(), Settings::default()));
+    let mut kinds = [SlaveKind::None; 8];
+    kinds[1] = SlaveKind::Io;
+    host.master(MasterCommand::SetAxis { group: 0, kinds });
+    host.go(MasterState::Op).drained();
+    host.slave(2, SlaveCommand::IoWrite(0x5)).drained().cycles(30);
+    assert_eq!(line.slave(2, |slave| slave.memory[0x1000]), 0x5);
+    assert_eq!(host.state(), StateByte::reached(MasterState::Op));
+}
+
+/// MASTER-2.9 NIC-2.1 A drive whose EEPROM gives its sync managers no type, or has none of them, or those of the mailbox alone, is used: the
+/// control bytes tell, or object 0x1C00 does.
+#[test]
+fn sync_managers_that_the_eeprom_does_not_name() {
+    let untyped = sii::MANAGERS.map(|(start, len, control, enable, _)| (start, len, control, enable, 0));
+    for managers in [Some(&untyped[..]), None, Some(&[][..]), Some(&sii::MANAGERS[..2]), Some(&untyped[..2])] {
+        moves(vec![drive_of(sii::drive(managers))]);
+    }
+}
+
+/// A drive without sync managers in its EEPROM, whose object 0x1C00 says that they are these.
+fn saying(uses: &[u8], managers: Option<&[sii::Manager]>) -> OddSlave {
+    drive_of(sii::drive(managers)).with(|slave| {
+        let coe = slave.mailbox.coe.as_mut().expect("objects");
+        (0..=4).for_each(|sub| drop(coe.objects.remove(&(0x1C00, sub))));
+        coe.objects.insert((0x1C00, 0), vec![uses.len() as u8]);
+        for (sub, one) in (1..).zip(uses) {
+            coe.objects.insert((0x1C00, sub), vec![*one]);
+        }
+        let [outputs, inputs] = coe.process_managers();
+        for (manager, pdo) in [(outputs, 0x1600), (inputs, 0x1A00)] {
+            let index = 0x1C10 + manager as u16;
+            coe.objects.insert((index, 0), vec![1]);
+            coe.objects.insert((index, 1), number(2, pdo));
+            coe.objects.insert((index, 2), number(2, 0));
+        }
+        for index in [0x1C12, 0x1C13] {
+            if ![outputs, inputs].contains(&(usize::from(index) - 0x1C10)) {
+                (0..=2).for_each(|sub| drop(coe.objects.remove(&(index, sub))));
+            }
+        }
+    })
+}
+
+/// MASTER-2.9 NIC-2.21 Object 0x1C00 decides which sync managers are whose, where the EEPROM says nothing: also others than 2 and 3, to which
+/// what is mapped is assigned then.
+#[test]
+fn object_0x1c00_decides() {
+    moves(vec![saying(&[1, 2, 3, 4], None)]);
+    moves(vec![saying(&[1, 2, 4, 3], None)]);
+    moves(vec![saying(&[1, 2, 0, 3, 0, 4], None)]);
+    let swapped: Vec<sii::Manager> =
+        vec![sii::MANAGERS[0], sii::MANAGERS[1], (0x1100, 10, 0x20, 1, 4), (0x1180, 6, 0x64, 1, 3)];
+    moves(vec![saying(&[1, 2, 4, 3], Some(&swapped))]);
+}
+
+/// MASTER-2.3 NIC-2.1 EEPROMs whose commands take 60 to 99 ms hold up the start and nothing else.
+#[test]
+fn slow_eeproms() {
+    for busy_ms in [60, 99] {
+        moves(vec![drive().with(|slave| slave.eeprom.busy_ns = busy_ms * 1_000_000)]);
+    }
+}
+
+/// A drive that has the process data of a drive, and aborts their writing with that code.
+fn fixed(code: u32) -> OddSlave {
+    drive().with(|slave| {
+        let coe = slave.mailbox.coe.as_mut().expect("objects");
+        coe.fixed = Some(code);
+    })
+}
+
+/// NIC-2.10 Fixed process data are used if they are the wanted ones, with whatever code their writing is aborted; otherwise the message
+/// names object and code.
+#[test]
+fn fixed_process_data() {
+    // What the board maps, as a drive with free mapping shows it.
+    let line = moves(vec![drive()]);
+    let wanted = line.slave(1, |slave| {
+        let objects = &slave.mailbox.coe.as_ref().expect("objects").objects;
+        objects.range((0x1600, 0)..(0x1C30, 0)).map(|(at, value)| (*at, value.clone())).collect::<Vec<_>>()
+    });
+    for code in [0x0601_0002, 0x0606_0000, 0x0504_0001, 0xDEAD_BEEF] {
+        moves(vec![
+            fixed(code).with(|slave| slave.mailbox.coe.as_mut().expect("objects").objects.extend(wanted.clone())),
+        ]);
+        for (at, value, named) in [
+            ((0x1C12, 1), number(2, 0x1601), "0x1C12:1"),
+            ((0x1A00, 1), number(4, 0x606C_0020), "0x1A00:1"),
+            ((0x1600, 0), number(1, 1), "0x1600:0"),
+        ] {
+            let said = failure(vec![fixed(code).with(|slave| {
+                let objects = &mut slave.mailbox.coe.as_mut().expect("objects").objects;
+                objects.extend(wanted.clone());
+                objects.insert(at, value);
+            })]);
+            assert!(said.contains("slave 1") && said.contains(named), "{said}");
+            assert!(said.contains(&format!("0x{code:08X}")), "{said}");
+        }
+    }
+}
+
+/// NIC-2.19 What a slave refuses is told with its AL status code in words; a slave that answers is never said not to.
+#[test]
+fn refusals_are_in_words() {
+    for code in [0x0016, 0x001A, 0x001D, 0x001E, 0x002C, 0x002D, 0x0030, 0x0032, 0x0035, 0x0070] {
+        let said = failure(vec![drive().with(|slave| slave.states.refuses.push((4, code)))]);
+        assert!(said.contains("slave 1 refused SafeOP"), "{said}");
+        assert!(said.contains(&format!("AL status 0x{code:04X} (")), "{said}");
+    }
+    let said = failure(vec![drive().with(|slave| slave.states.refuses.push((2, 0x0016)))]);
+    assert!(said.contains("AL status 0x0016 ("), "{said}");
+}
+
+/// NIC-2.19 NIC-2.22 A slave that answers, whatever of it does not, is never said not to answer or to have no power.
+#[test]
+fn whoever_answers_is_not_said_not_to() {
+    type Change = fn(&mut OddSlave);
+    let odd: [(&str, Change); 5] = [
+        ("a mute mailbox", |slave| slave.mailbox.is_mute = true),
+        ("an EEPROM that is always busy", |slave| slave.eeprom.busy_ns = 400_000_000),
+        ("an EEPROM that nobody has written", |slave| slave.eeprom.bytes.fill(0xFF)),
+        ("no CoE", |slave| slave.eeprom.bytes[0x38..0x3A].fill(0)),
+        ("states that take 30 s", |slave| slave.states.takes_ns = 30_000_000_000),
+    ];
+    for (what, change) in odd {
+        let said = failure(vec![drive().with(change)]);
+        assert!(!said.contains("does not answer") && !said.contains("power"), "{what}: {said}");
+    }
+}

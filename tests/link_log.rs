@@ -87,7 +87,7 @@ fn a_state_that_failed_is_explained() {
     assert_eq!(StateFailure::explain(client.answer().state, None), None);
 }
 
-/// TOOL-153 A program that gives up on OP while the change is under way is told so when it closes the board; one that goes down
+/// A program that gives up on OP while the change is under way is told so when it closes the board; one that goes down
 /// before it ends, or that is in OP, is not.
 #[test]
 fn a_change_under_way_at_the_end_is_told() {

@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
 
-    /// LINK-6 The help says which switches an axis has of which nothing is said.
+    /// The help says which switches an axis has of which nothing is said.
     #[test]
     fn the_help_says_what_is_usual() {
         let hsp = HspConfig::default().travels;

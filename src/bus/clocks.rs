@@ -125,7 +125,7 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
 mod tests {
     use super::*;
 
-    /// BUS-6.1 A spread is good if no value is 1 us away, on either side.
+    /// A spread is good if no value is 1 us away, on either side.
     #[test]
     fn a_spread_has_both_ends() {
         let spread = Spread::of(&[-5, 20, 0]).expect("values");

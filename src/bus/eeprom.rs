@@ -165,7 +165,7 @@ mod tests {
         content
     }
 
-    /// BUS-4.2 A content of the wrong length, with a wrong checksum, without an end, for another device, or longer than the EEPROM
+    /// A content of the wrong length, with a wrong checksum, without an end, for another device, or longer than the EEPROM
     /// is refused.
     #[test]
     fn a_content_that_is_not_fit_is_refused() {

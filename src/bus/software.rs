@@ -343,7 +343,7 @@ mod tests {
         }
     }
 
-    /// BUS-3.5 A slave that keeps the counter of its mailbox over Init answers in each look after another.
+    /// A slave that keeps the counter of its mailbox over Init answers in each look after another.
     #[test]
     fn one_look_after_another_reads_objects() {
         for seed in 0..16 {
@@ -396,7 +396,7 @@ mod tests {
         assert_eq!(bytes, [(None, None), (Some(2), Some(2)), (Some(2), Some(2))]);
     }
 
-    /// BUS-1.2 If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
+    /// If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
     #[test]
     fn a_network_that_runs_is_left_alone() {
         let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();

@@ -42,7 +42,7 @@ impl fmt::Debug for Failure {
 mod tests {
     use super::*;
 
-    /// API-51 Errors and texts become one by `?`, and it shows their words alone in both formats.
+    /// Errors and texts become one by `?`, and it shows their words alone in both formats.
     #[test]
     fn errors_and_texts_become_failures() {
         let number = |text: &str| -> Result<u8, Failure> { Ok(text.parse()?) };

@@ -101,7 +101,7 @@ impl Stamp {
 pub struct ReadMeta {
     /// When the report was made, on the link's clock. A real board does not tell, so there it is when the link received
     /// the report: on SPI the start of the exchange, on USB the moment at which the operating system handed it over,
-    /// which between two reads is up to 1 ms after its arrival (WIRE-94).
+    /// which between two reads is up to 1 ms after its arrival.
     pub at: Stamp,
     /// The number of the report, counted from 0 since the link was opened. A gap means that reports were dropped.
     pub sequence: u64,

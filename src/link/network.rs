@@ -46,7 +46,7 @@ mod tests {
     use super::*;
     use crate::ecm::{Axis, Slave};
 
-    /// TCP-27 The words are those of `--slaves`.
+    /// The words are those of `--slaves`.
     #[test]
     fn a_known_network_has_the_syntax_of_the_slaves_option() {
         let of_sim = |name| KnownNetwork::of_sim(name).slaves;

@@ -52,7 +52,7 @@ impl Lateness {
 mod tests {
     use super::*;
 
-    /// TOOL-106 The figures are nearest ranks of what was measured.
+    /// The figures are nearest ranks of what was measured.
     #[test]
     fn figures_of_lateness() {
         const MS: Duration = Duration::from_millis(1);
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(Lateness::of(MS, Vec::new()), None);
     }
 
-    /// TOOL-106 It really sleeps, and no thread is woken up before its time.
+    /// It really sleeps, and no thread is woken up before its time.
     #[test]
     fn a_measured_lateness() {
         let began = std::time::Instant::now();

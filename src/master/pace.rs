@@ -74,7 +74,7 @@ impl Pacer {
 mod tests {
     use super::*;
 
-    /// MASTER-6.5 Cycles keep step with a clock that is faster or slower, whatever phase they begin with, and a late runner
+    /// Cycles keep step with a clock that is faster or slower, whatever phase they begin with, and a late runner
     /// changes nothing for long.
     #[test]
     fn cycles_keep_step_with_a_clock_that_drifts() {
@@ -97,7 +97,7 @@ mod tests {
         }
     }
 
-    /// MASTER-6.5 A clock that jumps, and times at the ends of what a number can say, do no harm.
+    /// A clock that jumps, and times at the ends of what a number can say, do no harm.
     #[test]
     fn any_times_do_no_harm() {
         let mut pacer = Pacer::default();

@@ -74,7 +74,7 @@ mod tests {
         assert_eq!(found(&tree), [None, Some((1, 3)), Some((1, 1)), Some((3, 1)), Some((1, 2))]);
     }
 
-    /// MASTER-2.7 An open port of the last slave is where a second card closes the ring.
+    /// An open port of the last slave is where a second card closes the ring.
     #[test]
     fn a_ring_ends_at_a_loose_end() {
         assert_eq!(loose_ends(&[ports(&[1]), ports(&[])]), []);

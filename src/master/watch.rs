@@ -249,7 +249,7 @@ fn candidates(order: &[u8], place: u8, slaves: u8) -> SlaveSet {
 mod tests {
     use super::*;
 
-    /// MASTER-7.2 Which slaves the one at a place can be follows from those around it.
+    /// Which slaves the one at a place can be follows from those around it.
     #[test]
     fn a_slave_is_known_by_its_neighbours() {
         let of = |order: &[u8], place| candidates(order, place, 5).iter().collect::<Vec<_>>();

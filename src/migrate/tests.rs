@@ -108,7 +108,7 @@ fn verdict(found: &Migration, subject: Subject) -> Verdict {
     item(found, subject).verdict
 }
 
-/// TOOL-176 Each thing that is used stands there once, with how often and where first.
+/// Each thing that is used stands there once, with how often and where first.
 #[test]
 fn what_is_used_is_counted() {
     let homing = ObjectAddress::new(0x6098, 0);
@@ -140,7 +140,7 @@ fn what_is_used_is_counted() {
     assert!(Migration::of(&run.survey, &Setting { is_behind_chip: true, ..Setting::default() }).runs_as_it_is());
 }
 
-/// TOOL-177 A program that computes targets from the newest report differs by the latency; one that writes ahead does not.
+/// A program that computes targets from the newest report differs by the latency; one that writes ahead does not.
 #[test]
 fn who_works_from_report_to_report_is_told() {
     let csp = Subject::Command(CommandId::Csp);
@@ -162,7 +162,7 @@ impl Run {
     }
 }
 
-/// TOOL-177 Commands differ where the circumstances of the recording make an ECM-XF differ, and only there.
+/// Commands differ where the circumstances of the recording make an ECM-XF differ, and only there.
 #[test]
 fn circumstances_decide() {
     let read = SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x6041, 0) };
@@ -186,7 +186,7 @@ fn circumstances_decide() {
     assert_eq!(run.found().rows(), [Row::Clear, Row::Lio, Row::Start]);
 }
 
-/// TOOL-177 A program that gives a change of state up before it has come would do so sooner over a chip.
+/// A program that gives a change of state up before it has come would do so sooner over a chip.
 #[test]
 fn a_program_that_gives_up() {
     let op = Subject::State(MasterState::Op);
@@ -201,7 +201,7 @@ fn a_program_that_gives_up() {
     assert_eq!((found.verdict, found.count.times, found.count.exposed), (Verdict::Differs(Row::Start), 2, 1));
 }
 
-/// TOOL-201 The way to OP: how long the board took from SET_STATE on, without what the program did between two changes, and how long
+/// The way to OP: how long the board took from SET_STATE on, without what the program did between two changes, and how long
 /// a chip takes for the slaves that were found; those declared none are in the links, too.
 #[test]
 fn the_way_to_op() {
@@ -254,7 +254,7 @@ impl Run {
     }
 }
 
-/// TOOL-177 Slaves that are lost, and that come back, are told with the frame that shows it first.
+/// Slaves that are lost, and that come back, are told with the frame that shows it first.
 #[test]
 fn lost_slaves() {
     let mut run = Run::in_op(2, 1000);
@@ -268,7 +268,7 @@ fn lost_slaves() {
     assert_eq!((back.count.times, back.verdict), (1, Verdict::Differs(Row::Remap)));
 }
 
-/// TOOL-178 A cycle that no packet can hold is none that runs, with the sum and the next cycle that does.
+/// A cycle that no packet can hold is none that runs, with the sum and the next cycle that does.
 #[test]
 fn a_cycle_that_the_chip_cannot_hold() {
     let found = Run::in_op(40, 250).found();
@@ -301,7 +301,7 @@ fn a_cycle_that_the_chip_cannot_hold() {
     assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=4&use_n=400&speed=24M");
 }
 
-/// TOOL-178 Two exchanges under way count where each carries one set, and not where each carries several: the model does not come
+/// Two exchanges under way count where each carries one set, and not where each carries several: the model does not come
 /// to OP with these.
 #[test]
 fn two_exchanges_under_way() {
@@ -319,7 +319,7 @@ fn two_exchanges_under_way() {
     assert!(matches!(verdict(&found, cycle), Verdict::No { row: Row::Cycle, .. }), "{:?}", found.items);
 }
 
-/// TOOL-178 Small networks get packets in which commands are comfortable.
+/// Small networks get packets in which commands are comfortable.
 #[test]
 fn small_packets() {
     let found = Run::in_op(2, 1000).found();
@@ -338,7 +338,7 @@ fn small_packets() {
     assert!(packets.sets > 1 && packets.least_clock_hz <= 1_000_000, "{packets:?}");
 }
 
-/// TOOL-176 A program that was never in OP was not seen to do what it is for.
+/// A program that was never in OP was not seen to do what it is for.
 #[test]
 fn never_in_op() {
     let mut run = Run::new();
@@ -348,7 +348,7 @@ fn never_in_op() {
     assert_eq!(found.timing.stall(MS), None);
 }
 
-/// TOOL-178 A cycle that is longer than slaves wait for outputs does not run, with the longest that does; one that is shorter does.
+/// A cycle that is longer than slaves wait for outputs does not run, with the longest that does; one that is shorter does.
 #[test]
 fn a_cycle_beyond_the_watchdog_does_not_run() {
     let found = |cycle_us| {

@@ -211,7 +211,7 @@ mod tests {
         assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
     }
 
-    /// TOOL-153 A homing that has attained its home is told as information, and every other end of one as a warning.
+    /// A homing that has attained its home is told as information, and every other end of one as a warning.
     #[test]
     fn only_a_homing_that_failed_is_a_warning() {
         let mut log = RejectionLog::new(&Counters::default());

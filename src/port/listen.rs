@@ -26,7 +26,7 @@ pub(super) fn advice(address: SocketAddr, error: &Error) -> &'static str {
 mod tests {
     use super::*;
 
-    /// TOOL-113 Who may not listen on a port is not told that somebody else does.
+    /// Who may not listen on a port is not told that somebody else does.
     #[test]
     fn each_reason_has_its_own_step() {
         let advice = |address: &str, kind: ErrorKind| advice(address.parse().expect("an address"), &kind.into());

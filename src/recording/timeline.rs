@@ -144,7 +144,7 @@ mod tests {
         (found.iter().map(|at| at / S as i64).collect(), timeline.jumps())
     }
 
-    /// TOOL-145 Times of a clock that goes are kept: late frames, silences of up to an hour.
+    /// Times of a clock that goes are kept: late frames, silences of up to an hour.
     #[test]
     fn a_clock_that_goes() {
         let calendar = 1_700_000_000 * S;
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(placed(&[7]), (vec![0], None));
     }
 
-    /// TOOL-145 One frame with another time, whatever it is, has that of its neighbours.
+    /// One frame with another time, whatever it is, has that of its neighbours.
     #[test]
     fn a_flipped_bit() {
         let times: Vec<u64> = (0..10).map(|n| 1_700_000_000 * S + n * S).collect();
@@ -181,7 +181,7 @@ mod tests {
         }
     }
 
-    /// TOOL-145 A clock that is set ahead or back, by seconds or years: no time passes, or an hour at most.
+    /// A clock that is set ahead or back, by seconds or years: no time passes, or an hour at most.
     #[test]
     fn a_clock_that_is_set() {
         for (by, hours) in [(3 * HOUR as i128, 1), (-3 * HOUR as i128, 0), (-7 * S as i128, 0), (1 << 62, 1)] {
@@ -198,7 +198,7 @@ mod tests {
         }
     }
 
-    /// TOOL-145 Silences end after 25 hours in all, however many there are.
+    /// Silences end after 25 hours in all, however many there are.
     #[test]
     fn silences_in_all() {
         let (found, jumps) = placed(&(0..200).map(|n| n * HOUR).collect::<Vec<_>>());

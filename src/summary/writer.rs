@@ -275,7 +275,7 @@ mod tests {
         text.lines().map(|line| Line::parse(line.strip_prefix(&own).unwrap()).unwrap()).collect()
     }
 
-    /// TOOL-153 What is said again with other figures is told once, and then how often.
+    /// What is said again with other figures is told once, and then how often.
     #[test]
     fn the_same_is_told_once() {
         let file = Shared::default();
@@ -295,7 +295,7 @@ mod tests {
         assert_eq!(told(&file), expected);
     }
 
-    /// TOOL-153 Nobody waits for room: what finds none is counted, and so is the kind of text beyond what is kept.
+    /// Nobody waits for room: what finds none is counted, and so is the kind of text beyond what is kept.
     #[test]
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();

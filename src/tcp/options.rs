@@ -91,7 +91,7 @@ fn address(path: &str) -> Option<(String, u16)> {
 mod tests {
     use super::*;
 
-    /// TCP-28 A place without a port is that of the port where servers listen that are told no other.
+    /// A place without a port is that of the port where servers listen that are told no other.
     #[test]
     fn a_uri_without_a_port_means_the_default_port() {
         for (uri, host, port) in [

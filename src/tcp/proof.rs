@@ -166,7 +166,7 @@ mod tests {
         (0..32).map(|i| char::from(first + i % 10)).collect()
     }
 
-    /// TCP-16 A proof is good for its side, its session and its secret alone, and short secrets are refused.
+    /// A proof is good for its side, its session and its secret alone, and short secrets are refused.
     #[test]
     fn a_proof_is_good_for_one_side_of_one_session() {
         let secret = |text: &str| Secret::new(text.as_bytes()).unwrap();
@@ -182,7 +182,7 @@ mod tests {
         assert!(short.contains("31") && short.contains("32"), "{short}");
     }
 
-    /// TCP-16 Secrets that can be guessed are refused, and what is far too long; what a machine makes is taken.
+    /// Secrets that can be guessed are refused, and what is far too long; what a machine makes is taken.
     #[test]
     fn a_secret_that_can_be_guessed_is_refused() {
         for guessed in ["0".repeat(32), "0".repeat(64), "01".repeat(32), "abcdefg".repeat(10)] {
@@ -196,7 +196,7 @@ mod tests {
         }
     }
 
-    /// TCP-16 The file is this user's or root's.
+    /// The file is this user's or root's.
     #[cfg(unix)]
     #[test]
     fn a_secret_file_of_another_user_is_refused() {
@@ -212,7 +212,7 @@ mod tests {
         }
     }
 
-    /// TCP-30 What the text of a secret was is in no place of the process's memory afterwards, and so in none of its dumps.
+    /// What the text of a secret was is in no place of the process's memory afterwards, and so in none of its dumps.
     #[cfg(target_os = "linux")]
     #[test]
     fn no_text_of_a_secret_stays_in_memory() {

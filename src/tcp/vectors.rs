@@ -93,7 +93,7 @@ fn bytes(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// TCP-1 Every message has these bytes, and they mean it.
+/// Every message has these bytes, and they mean it.
 #[test]
 fn every_message_encodes_to_its_frozen_bytes_and_back() {
     for (message, text) in all() {
@@ -123,7 +123,7 @@ fn a_message_with_a_byte_too_few_or_too_many_is_refused() {
     }
 }
 
-/// TCP-1 A text that is too long is cut at a letter.
+/// A text that is too long is cut at a letter.
 #[test]
 fn a_text_that_is_too_long_is_cut_between_characters() {
     let text = "ä".repeat(200);

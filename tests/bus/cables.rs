@@ -12,7 +12,7 @@ fn cable(near: Option<(u8, u8)>, far: Option<(u8, u8)>) -> Place {
     Place::Cable { near: near.map(end), far: far.map(end) }
 }
 
-/// BUS-7.2 A cable that damages frames is found from its two ends, wherever it is. BUS-7.3 Long frames make it show.
+/// BUS-7.2 A cable that damages frames is found from its two ends, wherever it is. Long frames make it show.
 #[test]
 fn the_bad_cable_of_a_line_is_found() {
     for bad in 1..=4 {
@@ -79,7 +79,7 @@ fn counters_in_a_tree() {
     assert_eq!(own, [Place::Slave(4), Place::Master]);
 }
 
-/// BUS-7.3 What was counted since is the difference; of a counter that was cleared it is what stands there.
+/// What was counted since is the difference; of a counter that was cleared it is what stands there.
 #[test]
 fn counters_since_a_moment() {
     let of = |invalid, pdi| {

@@ -76,7 +76,7 @@ fn dictionaries_and_files_behind_a_chip() {
     assert!(said.contains("there is no slave 4"), "{said}");
 }
 
-/// BUS-8.1 Registers and EEPROMs by the chip's datagrams and its own commands. BUS-6.1 Clocks, too.
+/// BUS-8.1 Registers and EEPROMs by the chip's datagrams and its own commands. Clocks, too.
 #[test]
 fn registers_eeproms_and_clocks() {
     let (mut network, slaves) = network("xf-sim:?slaves=drive*2");

@@ -7,7 +7,7 @@ use ecmsk::ethercat::registers::SYSTEM_TIME_OFFSET;
 
 use crate::network;
 
-/// BUS-6.1 Clocks are judged once they have come together. The first slave with a clock is the reference; the others are measured, those without a clock are left out. Crystals
+/// Clocks are judged once they have come together. The first slave with a clock is the reference; the others are measured, those without a clock are left out. Crystals
 /// drift, and stay together.
 #[test]
 fn clocks_are_measured_against_the_reference() {

@@ -9,7 +9,7 @@ use ecmsk::ethercat::{AlState, AlStatus};
 
 use crate::{network, refused, with_script};
 
-/// BUS-1.1 A board's link is refused with what can be done instead; a link that is wrong, and one without slaves, are told.
+/// A board's link is refused with what can be done instead; a link that is wrong, and one without slaves, are told.
 #[test]
 fn a_board_is_no_network() {
     for link in ["usb:", "spi:/dev/spidev0.0", "tcp://press:4000"] {
@@ -26,7 +26,7 @@ fn a_board_is_no_network() {
     assert!(said.contains("`silent` happens to a board"), "{said}");
 }
 
-/// BUS-2.1 Identity, name, clock and mailbox of each slave, and how they are connected.
+/// Identity, name, clock and mailbox of each slave, and how they are connected.
 #[test]
 fn slaves_are_found_in_their_order() {
     let (mut network, slaves) = network("drive,io,dp3cl");
@@ -45,7 +45,7 @@ fn slaves_are_found_in_their_order() {
     assert_eq!(kind, [0x11]);
 }
 
-/// BUS-1.2 Where a slave was before is read first; all are in Init then, and what needs a mailbox brings one slave to PreOP.
+/// Where a slave was before is read first; all are in Init then, and what needs a mailbox brings one slave to PreOP.
 #[test]
 fn states_are_told_and_none_is_above_preop() {
     let (mut network, slaves) = network("io*2");
@@ -66,7 +66,7 @@ fn states_are_told_and_none_is_above_preop() {
     assert_eq!([1, 2].map(|slave| state(&mut *network, slave)), [1; 2]);
 }
 
-/// BUS-1.4 There is no slave 0, and none behind the last one; a slave that is gone is told from one that refuses.
+/// There is no slave 0, and none behind the last one; a slave that is gone is told from one that refuses.
 #[test]
 fn a_cut_cable_ends_everything() {
     let (mut network, _) = network("io");

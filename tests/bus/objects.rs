@@ -27,7 +27,7 @@ fn the_dictionary_of_a_slave() {
     assert!(matches!(dictionary::value(&mut *network, 1, &missing), Ok(Some(Err(_)))));
 }
 
-/// BUS-3.3 Single objects are read and written; aborts are told in words.
+/// Single objects are read and written; aborts are told in words.
 #[test]
 fn single_objects() {
     let (mut network, _) = network("drive");
@@ -40,7 +40,7 @@ fn single_objects() {
     assert!(said.contains("read-only object") && said.contains("manual"), "{said}");
 }
 
-/// BUS-3.4 What the EEPROM says of the mailbox decides: without CoE there are no objects, without SDO information no dictionary.
+/// What the EEPROM says of the mailbox decides: without CoE there are no objects, without SDO information no dictionary.
 #[test]
 fn slaves_without_objects_or_a_dictionary_are_told() {
     let (mut network, _) = network("io");

@@ -16,7 +16,7 @@ fn scanned(line: &OddLine) -> (Box<dyn Network>, Vec<FoundSlave>) {
     (network, slaves)
 }
 
-/// BUS-6.1 Clocks whose crystals drift by 5, 20 and 50 ppm are judged good, however long nobody has brought them the time of the reference:
+/// Clocks whose crystals drift by 5, 20 and 50 ppm are judged good, however long nobody has brought them the time of the reference:
 /// after they have come together.
 #[test]
 fn drifting_clocks_raise_no_false_alarm() {
@@ -44,7 +44,7 @@ fn drifting_clocks_raise_no_false_alarm() {
     }
 }
 
-/// BUS-3.5 A slave that keeps the counter of its mailbox over Init answers in one look after another, whatever counter it has kept.
+/// A slave that keeps the counter of its mailbox over Init answers in one look after another, whatever counter it has kept.
 #[test]
 fn one_look_after_another() {
     let line = OddLine::new([drive().with(|slave| slave.mailbox.keeps_counter = true)]);
@@ -89,7 +89,7 @@ fn what_is_wrong_with_an_eeprom_is_named() {
     assert_eq!(slaves[5].process_bytes, (Some(6), Some(10)));
 }
 
-/// BUS-4.3 An EEPROM that acknowledges nothing for some time after each word is written and read back; one whose commands take 60 ms, too.
+/// An EEPROM that acknowledges nothing for some time after each word is written and read back; one whose commands take 60 ms, too.
 #[test]
 fn slow_eeproms_are_written() {
     for (busy_ns, silent_ns) in [(0, 8_000_000), (60_000_000, 0), (2_000_000, 50_000_000)] {
@@ -117,7 +117,7 @@ fn a_dictionary_in_fragments() {
     assert_eq!(dictionary::entries(&mut *network, 2, identity).expect("its entries").len(), 5);
 }
 
-/// BUS-1.2 A state with an error is told with its code. A slave that refuses PreOP is named with the code in words, and not as one that does
+/// A state with an error is told with its code. A slave that refuses PreOP is named with the code in words, and not as one that does
 /// not answer.
 #[test]
 fn states_and_refusals() {
@@ -131,7 +131,7 @@ fn states_and_refusals() {
     assert!(said.contains("0x0016 (") && !said.contains("does not answer"), "{said}");
 }
 
-/// BUS-1.4 A slave whose mailbox is mute answers, and is not said to be gone.
+/// A slave whose mailbox is mute answers, and is not said to be gone.
 #[test]
 fn a_mute_mailbox_is_no_lost_slave() {
     let line = OddLine::new([drive().with(|slave| slave.mailbox.is_mute = true)]);

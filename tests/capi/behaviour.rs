@@ -75,7 +75,7 @@ mod needs_cxx {
         passes("open_fails", "nonsense", &["from ECMSK_LINK", "nonsense"]);
     }
 
-    /// WIRE-86, LIB-42 On a machine without libusb a board on USB does not open, and the error says what to install; nothing
+    /// LIB-42 On a machine without libusb a board on USB does not open, and the error says what to install; nothing
     /// else needs it.
     #[test]
     fn a_machine_without_libusb_says_what_to_install() {

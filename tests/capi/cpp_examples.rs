@@ -103,7 +103,7 @@ fn last_report(name: &str, link: &str, size: SlotSize) -> (Ended, MasterState, V
 mod needs_cxx {
     use super::*;
 
-    /// LINK-9 Every program ends well with the slaves behind an ECM-XF. The bus comes up later there, so that an alarm "on the
+    /// Every program ends well with the slaves behind an ECM-XF. The bus comes up later there, so that an alarm "on the
     /// way" has its own time.
     #[test]
     fn all_programs_behind_a_chip() {

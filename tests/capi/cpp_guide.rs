@@ -58,7 +58,7 @@ mod needs_cxx {
         support::kept(&page, &again(&text, printed));
     }
 
-    /// LINK-9 The same with the slaves behind an ECM-XF: they print the same.
+    /// The same with the slaves behind an ECM-XF: they print the same.
     #[test]
     fn the_programs_of_the_guide_print_the_same_behind_a_chip() {
         let text = fs::read_to_string(root().join("docs/GUIDE-CPP.md")).expect("the page");

@@ -93,7 +93,7 @@ fn read(text: &str) -> Result<String, String> {
     Ok(link)
 }
 
-/// DIST-4 Every key of the links that the DLL can open is in the file, with its meaning and its default.
+/// Every key of the links that the DLL can open is in the file, with its meaning and its default.
 #[test]
 fn the_shipped_configuration_lists_every_key() {
     support::kept(&file(), &expected());
@@ -105,13 +105,13 @@ fn the_shipped_configuration_lists_every_key() {
     }
 }
 
-/// DIST-4 As it is shipped the file says what holds without one.
+/// As it is shipped the file says what holds without one.
 #[test]
 fn the_shipped_configuration_changes_no_default() {
     assert_eq!(read(&fs::read_to_string(file()).expect("the file")).as_deref(), Ok(DEFAULT_LINK));
 }
 
-/// DIST-4 Each line that is switched off is a link once it is switched on, and says something else than the default; two that are
+/// Each line that is switched off is a link once it is switched on, and says something else than the default; two that are
 /// on are an error with the line.
 #[test]
 fn each_commented_line_of_the_shipped_configuration_is_a_valid_link() {

@@ -22,26 +22,26 @@ fn prints_the_same(name: &str, links: &[&str]) {
 mod needs_python {
     use super::*;
 
-    /// API-33 Two axes on a square, on both firmwares; LINK-9 and with the drives behind an ECM-XF.
+    /// Two axes on a square, on both firmwares; and with the drives behind an ECM-XF.
     #[test]
     fn two_axes() {
         prints_the_same("two_axes", &[DRIVES, &format!("{DRIVES}&fw=1.5"), &DRIVES.replace("sim:", "xf-sim:")]);
     }
 
-    /// API-33 SK-7.24 Homing of two axes, and one that fails, on both firmwares.
+    /// SK-7.24 Homing of two axes, and one that fails, on both firmwares.
     #[test]
     fn homing() {
         prints_the_same("homing", &[DRIVES, &format!("{DRIVES}&fw=1.5")]);
     }
 
-    /// API-33 SK-3.17 An IO slave and the board's own IO.
+    /// SK-3.17 An IO slave and the board's own IO.
     #[test]
     fn inputs_and_outputs() {
         let link = "sim:?slaves=io&clock=virtual&script=examples/scripts/local_inputs.ecmscript";
         prints_the_same("inputs_outputs", &[link]);
     }
 
-    /// API-33 What goes wrong is said in the library's words, with code 1; axes are off then.
+    /// What goes wrong is said in the library's words, with code 1; axes are off then.
     #[test]
     fn errors_have_words() {
         let none = run_python("two_axes", "sim:?slaves=none&clock=virtual");
@@ -56,7 +56,7 @@ mod needs_python {
         support::both_axes_are_off_in_preop(&file);
     }
 
-    /// API-33 Every program of the folder that uses the library is one of these.
+    /// Every program of the folder that uses the library is one of these.
     #[test]
     fn no_program_is_left_out() {
         let entries = fs::read_dir(root().join("examples/python")).expect("the folder");

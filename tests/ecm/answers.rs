@@ -53,7 +53,7 @@ fn timed_out<T>(done: Result<T, EcmError>) -> bool {
     matches!(done, Err(EcmError::Timeout { .. }))
 }
 
-/// API-37 SK-8.3 The board's inputs beside a thread that sets its outputs, whose results are 0.
+/// SK-8.3 The board's inputs beside a thread that sets its outputs, whose results are 0.
 #[test]
 fn inputs_are_those_of_the_own_entry() {
     let file = script("answers-inputs", "inputs 0x3F\n");
@@ -74,7 +74,7 @@ fn inputs_are_those_of_the_own_entry() {
     });
 }
 
-/// API-37 SK-3.9 A request that gets lost has no answer, whatever stands in the slot, in OP and outside.
+/// SK-3.9 A request that gets lost has no answer, whatever stands in the slot, in OP and outside.
 #[test]
 fn a_lost_request_has_no_answer() {
     for state in [MasterState::PreOp, MasterState::Op] {
@@ -91,7 +91,7 @@ fn a_lost_request_has_no_answer() {
     }
 }
 
-/// API-37 The same for IO slaves, without a stream and beside one; and one that gets through later is answered.
+/// The same for IO slaves, without a stream and beside one; and one that gets through later is answered.
 #[test]
 fn a_lost_io_command_is_not_reported_as_done() {
     let tap = Tap::open("slaves=drive,io");
@@ -110,7 +110,7 @@ fn a_lost_io_command_is_not_reported_as_done() {
     assert_eq!(ecm.inputs(2), Ok(0xBEEF), "inputs are wired to outputs");
 }
 
-/// API-37 Firmware 1.5 shows the mode in byte 1: there the count of entries has to do.
+/// Firmware 1.5 shows the mode in byte 1: there the count of entries has to do.
 #[test]
 fn firmware_1_5_is_understood_too() {
     let file = script("answers-15", "inputs 0x15\n");
@@ -131,7 +131,7 @@ fn firmware_1_5_is_understood_too() {
     assert_eq!(adopted.local_inputs(), Ok(0x15));
 }
 
-/// API-38 A frame that the board does not take keeps what other threads have put into it.
+/// A frame that the board does not take keeps what other threads have put into it.
 #[test]
 fn a_refused_frame_loses_no_command() {
     let tap = Tap::open("slaves=drive,io");
@@ -146,7 +146,7 @@ fn a_refused_frame_loses_no_command() {
     assert_eq!(ecm.inputs(2), Ok(0xBEEF));
 }
 
-/// API-12 API-38 A target whose frame the board did not take goes out with no other frame.
+/// A target whose frame the board did not take goes out with no other frame.
 #[test]
 fn a_target_of_a_refused_step_is_not_sent() {
     let tap = Tap::open("slaves=drive,io");
@@ -164,7 +164,7 @@ fn a_target_of_a_refused_step_is_not_sent() {
     assert!(tap.take().iter().all(|frame| frame.slot(SIZE, 1).data1 != 500));
 }
 
-/// API-39 SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing stand, is no home.
+/// SK-7.20 GO_HOME that is lost, or rejected, while bits 10 and 12 of an earlier homing stand, is no home.
 #[test]
 fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     for stream in [false, true] {
@@ -189,7 +189,7 @@ fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     }
 }
 
-/// API-39 Another thread's commands leave no trace of GO_HOME in its slot; it is noticed all the same.
+/// Another thread's commands leave no trace of GO_HOME in its slot; it is noticed all the same.
 #[test]
 fn homing_beside_a_thread_that_polls() {
     let tap = Tap::open("slaves=drive,io");
@@ -207,7 +207,7 @@ fn homing_beside_a_thread_that_polls() {
     });
 }
 
-/// API-40 SK-6.10 The answer to a write that came too late is not that of the next one.
+/// SK-6.10 The answer to a write that came too late is not that of the next one.
 #[test]
 fn a_late_sdo_answer_is_not_taken_for_another() {
     let file = script("answers-late", "sdo-delay 1 400ms\n");
@@ -225,7 +225,7 @@ fn a_late_sdo_answer_is_not_taken_for_another() {
     assert!(timed_out(second.clone()) || value == 2000, "{second:?}, and it is {value}");
 }
 
-/// API-40 A write after one that was late is done.
+/// A write after one that was late is done.
 #[test]
 fn an_sdo_write_after_a_late_one_is_done() {
     let file = script("answers-later", "sdo-delay 1 400ms\nat 2s sdo-delay 1 1ms\n");
@@ -240,7 +240,7 @@ fn an_sdo_write_after_a_late_one_is_done() {
     assert_eq!(ecm.sdo_read::<u32>(1, object), Ok(3000));
 }
 
-/// API-41 SK-4.3 A part of the configuration that is lost on the way is sent until its own answer is there.
+/// SK-4.3 A part of the configuration that is lost on the way is sent until its own answer is there.
 #[test]
 fn a_lost_part_of_the_configuration_is_sent_again() {
     let tap = Tap::open("slaves=drive*16");
@@ -262,7 +262,7 @@ fn a_lost_part_of_the_configuration_is_sent_again() {
     assert!(timed_out(ecm.configure(&velocity)));
 }
 
-/// API-42 SK-4.61 A slave that is lost in OP: its targets are refused, switching it says so, and so does closing, soon.
+/// SK-4.61 A slave that is lost in OP: its targets are refused, switching it says so, and so does closing, soon.
 #[test]
 fn a_lost_slave_is_named() {
     let file = script("answers-lost", "at 3s lose 2\n");

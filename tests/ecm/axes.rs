@@ -11,7 +11,7 @@ use ecmsk::sk::{CommandId, MasterState};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// API-29 SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
+/// SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
 #[test]
 fn axes_are_on_after_servo_on_and_off_after_servo_off() {
     for keys in ["slaves=drive*3", "slaves=drive*3&fw=1.5", "slaves=drive*3&slot=16"] {
@@ -49,7 +49,7 @@ fn calls_that_an_axis_or_state_forbids_send_nothing() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// API-29 SK-7.9 SK-7.11 SK-7.12 An alarm ends switching on with its code; cleared, if it can be.
+/// SK-7.9 SK-7.11 SK-7.12 An alarm ends switching on with its code; cleared, if it can be.
 #[test]
 fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
     let file = script("axes-alarm", "at 500ms alarm 1 0x7500 stays\n");
@@ -87,7 +87,7 @@ fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
     ecm.servo_on(&[1]).unwrap();
 }
 
-/// API-31 SK-7.19 SK-7.20 SK-7.24 Homing by both firmwares: progress in order, home is 0, the axis takes targets again.
+/// SK-7.19 SK-7.20 SK-7.24 Homing by both firmwares: progress in order, home is 0, the axis takes targets again.
 #[test]
 fn homing_reports_its_progress_and_ends_at_0() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5", "slaves=drive*2&slot=16"] {
@@ -124,7 +124,7 @@ fn homing_reports_its_progress_and_ends_at_0() {
     }
 }
 
-/// API-8 API-31 SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
+/// SK-7.21 SK-6.5 A method the drive has not got, and a home that is not found, are errors; the axis is in its mode after.
 #[test]
 fn an_unknown_method_and_a_home_not_found_are_errors() {
     let ecm = enabled("slaves=drive", &Config::drives(1));
@@ -153,7 +153,7 @@ fn an_unknown_method_and_a_home_not_found_are_errors() {
     assert!(matches!(error, EcmError::SdoAborted { code: AbortCode::NO_OBJECT, .. }), "{error}");
 }
 
-/// API-31 SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
+/// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
 #[test]
 fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
     let tap = Tap::open("slaves=drive");
@@ -202,7 +202,7 @@ fn homing_is_aborted_by_another_thread() {
     assert!(ecm.snapshot().unwrap().drive(1).unwrap().statusword.is_enabled());
 }
 
-/// API-30 SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
+/// SK-3.17 SK-3.18 Inputs are those of now, whatever was answered before; output k is wired to input k.
 #[test]
 fn io_reads_present_inputs_and_writes_outputs() {
     for keys in ["slaves=io,drive", "slaves=io,drive&fw=1.5", "slaves=io,drive&slot=16"] {
@@ -219,7 +219,7 @@ fn io_reads_present_inputs_and_writes_outputs() {
     }
 }
 
-/// API-30 SK-8.2 SK-8.3 SK-5.21 The board's own IO, in PreOP, in OP and behind a deep FIFO.
+/// SK-8.2 SK-8.3 SK-5.21 The board's own IO, in PreOP, in OP and behind a deep FIFO.
 #[test]
 fn the_boards_own_io_works_in_preop_in_op_and_behind_a_deep_fifo() {
     let file = script("local", "inputs 0x15\nat 3s inputs 0x2A\n");

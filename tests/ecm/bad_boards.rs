@@ -190,43 +190,43 @@ fn in_the_middle_of_each_call(misfortune: Misfortune) {
     assert!(errors > 20, "only {errors} calls noticed");
 }
 
-/// API-24 API-17 A board that is reset by somebody.
+/// API-17 A board that is reset by somebody.
 #[test]
 fn a_board_that_is_reset() {
     in_the_middle_of_each_call(Misfortune::Reset);
 }
 
-/// API-24 API-17 A board that is unplugged.
+/// API-17 A board that is unplugged.
 #[test]
 fn a_board_that_is_unplugged() {
     in_the_middle_of_each_call(Misfortune::Unplugged);
 }
 
-/// API-24 API-6 A board that makes no reports any more.
+/// A board that makes no reports any more.
 #[test]
 fn a_board_that_falls_silent() {
     in_the_middle_of_each_call(Misfortune::Silent);
 }
 
-/// API-24 API-6 A line that turns a bit of every report over.
+/// A line that turns a bit of every report over.
 #[test]
 fn a_board_that_is_not_understood() {
     in_the_middle_of_each_call(Misfortune::Garbled);
 }
 
-/// API-24 API-6 Command frames that never arrive.
+/// Command frames that never arrive.
 #[test]
 fn a_board_that_hears_nothing() {
     in_the_middle_of_each_call(Misfortune::Deaf);
 }
 
-/// API-24 API-6 A board that accepts no frame.
+/// A board that accepts no frame.
 #[test]
 fn a_board_that_accepts_nothing() {
     in_the_middle_of_each_call(Misfortune::Stuck);
 }
 
-/// API-24 SK-4.59 SK-4.61 What befalls the network: a cable that is cut before the first or a later slave, a slave without
+/// SK-4.59 SK-4.61 What befalls the network: a cable that is cut before the first or a later slave, a slave without
 /// power, one that is mute, a board that takes nothing out of its FIFO. Calls that go on through it end within their limits.
 #[test]
 fn a_network_in_trouble() {

@@ -185,7 +185,7 @@ fn every_call_on_a_closed_link_says_so() {
     each_call(State::Closed);
 }
 
-/// API-23 API-25 The axis homes, in a call of another thread.
+/// API-23 The axis homes, in a call of another thread.
 #[test]
 fn every_call_while_an_axis_homes_works_or_says_why_not() {
     let slow = Homing { switch_speed: Some(1), limit: 60 * SECOND, ..Homing::method(17) };

@@ -14,7 +14,7 @@ fn again(uri: &str) -> (Ecm, Duration) {
     Ecm::open_when_there(uri, Options::default(), MINUTE).unwrap()
 }
 
-/// API-18 SK-4.43 SK-4.44 After a reset the board is in PreOP again and knows nothing of its configuration; opening takes
+/// SK-4.43 SK-4.44 After a reset the board is in PreOP again and knows nothing of its configuration; opening takes
 /// as long as the board boots, of its own time.
 #[test]
 fn a_reset_board_comes_back() {
@@ -36,7 +36,7 @@ fn a_reset_board_comes_back() {
     }
 }
 
-/// API-18 API-9 An axis that moves is ramped to a standstill before the board is reset.
+/// API-9 An axis that moves is ramped to a standstill before the board is reset.
 #[test]
 fn a_moving_axis_is_stopped_before_the_board_is_reset() {
     let tap = Tap::open("slaves=drive");
@@ -80,7 +80,7 @@ fn a_board_that_was_reset_by_others_stays_lost() {
     assert!(again(&uri("slaves=drive&name=foreign-reset")).0.state().is_ok());
 }
 
-/// API-19 What will not come by waiting is said at once, and what does not come is said after the limit.
+/// What will not come by waiting is said at once, and what does not come is said after the limit.
 #[test]
 fn waiting_for_a_board_that_does_not_come() {
     let wrong = Ecm::open_when_there("sim:?slaves=lathe", Options::default(), MINUTE).map(|_| ());
@@ -95,7 +95,7 @@ fn waiting_for_a_board_that_does_not_come() {
     assert!(waited >= limit && seen.contains("it finds no slave"), "{waited:?} {seen}");
 }
 
-/// API-21 SK-1.15 SK-1.16 The switches act from the next boot on, not before: then a frame that is wrong counts as one.
+/// SK-1.15 SK-1.16 The switches act from the next boot on, not before: then a frame that is wrong counts as one.
 #[test]
 fn crc_switches_act_after_a_boot() {
     let keys = "slaves=drive&name=switches";
@@ -128,7 +128,7 @@ fn crc_switches_act_after_a_boot() {
     assert!(tap.take().is_empty());
 }
 
-/// API-22 SK-5.18 SK-5.22 A cleared FIFO is empty: what was ahead never runs, and the axis stands where it was. The stream
+/// SK-5.18 SK-5.22 A cleared FIFO is empty: what was ahead never runs, and the axis stands where it was. The stream
 /// is over: its next targets begin somewhere else.
 #[test]
 fn a_cleared_fifo_stops_the_axis() {
@@ -165,7 +165,7 @@ fn a_cleared_fifo_stops_the_axis() {
     stream.step().unwrap();
 }
 
-/// API-22 API-15 Cleared by another thread: the stream ends with its next call, and no target has gone out with the clear.
+/// API-15 Cleared by another thread: the stream ends with its next call, and no target has gone out with the clear.
 #[test]
 fn a_fifo_that_another_thread_clears() {
     let tap = Tap::open("slaves=drive");
@@ -194,7 +194,7 @@ fn a_fifo_that_another_thread_clears() {
     assert!(frames[clear..].iter().all(|frame| RawSlot { index: 0, ..frame.slot(SIZE, 1) }.is_zero()));
 }
 
-/// API-22 API-2 Entries that were dropped are no underruns, and hide none of the stream that comes after.
+/// Entries that were dropped are no underruns, and hide none of the stream that comes after.
 #[test]
 fn underruns_after_a_clear_count() {
     let tap = Tap::open("slaves=drive&queue=64");
@@ -214,7 +214,7 @@ fn underruns_after_a_clear_count() {
     assert!(gaps.abs_diff(30) <= 1, "{gaps} gaps");
 }
 
-/// API-22 API-2 SK-5.12 SK-5.13 A stream with a prefill begins when that many frames are there: no axis moves before, no
+/// SK-5.12 SK-5.13 A stream with a prefill begins when that many frames are there: no axis moves before, no
 /// gap comes after though the program is late, and waiting is no underrun.
 #[test]
 fn a_prefilled_stream_begins_with_its_reserve() {
@@ -247,7 +247,7 @@ fn a_prefilled_stream_begins_with_its_reserve() {
     }
 }
 
-/// API-22 API-9 A stream that ends while the board still collects drops what is there: no axis moves.
+/// API-9 A stream that ends while the board still collects drops what is there: no axis moves.
 #[test]
 fn a_prefill_that_is_not_reached_is_dropped() {
     let tap = Tap::open("slaves=drive");
@@ -269,7 +269,7 @@ fn a_prefill_that_is_not_reached_is_dropped() {
     ecm.servo_off(&[1]).unwrap();
 }
 
-/// API-6 A reset that the board does not hear ends with its limit.
+/// A reset that the board does not hear ends with its limit.
 #[test]
 fn a_reset_that_is_not_heard() {
     let file = script("board-deaf", "at 1s silent\n");

@@ -135,7 +135,7 @@ fn the_end_of_a_stream_does_not_move_a_board_that_ran_dry() {
     assert!(tap.take().is_empty());
 }
 
-/// API-9 API-6 SK-4.59 Closing ends within 2 s whatever the board does: full, silent, cut.
+/// API-9 SK-4.59 Closing ends within 2 s whatever the board does: full, silent, cut.
 #[test]
 fn closing_is_bounded() {
     for (name, text) in [("full", "at 1s full\n"), ("silent", "at 1s silent\n"), ("cut", "at 1s cut 1\n")] {

@@ -22,7 +22,7 @@ fn count(tap: &Tap, slot: usize, id: CommandId) -> usize {
     tap.take_slots(slot).iter().filter(|slot| slot.id == id.code()).count()
 }
 
-/// API-44 Homing that is aborted while its objects are written does not begin; the program's own function may do it.
+/// Homing that is aborted while its objects are written does not begin; the program's own function may do it.
 #[test]
 fn homing_that_is_aborted_while_it_is_prepared_does_not_begin() {
     let tap = Tap::open("slaves=drive");
@@ -38,7 +38,7 @@ fn homing_that_is_aborted_while_it_is_prepared_does_not_begin() {
     assert_eq!(ecm.sdo_read::<u8>(1, ObjectAddress::new(0x6060, 0)), Ok(8));
 }
 
-/// API-44 The program's own function is called without a lock: it may abort the homing, and use the board.
+/// The program's own function is called without a lock: it may abort the homing, and use the board.
 #[test]
 fn progress_may_use_the_board() {
     let tap = Tap::open("slaves=drive");
@@ -55,7 +55,7 @@ fn progress_may_use_the_board() {
     assert_eq!(ended, Err(EcmError::HomingFailed { slave: 1, why: "it was aborted" }));
 }
 
-/// API-44 A function that takes its time stops no stream of another thread, and that ends as it should.
+/// A function that takes its time stops no stream of another thread, and that ends as it should.
 #[test]
 fn slow_progress_stops_no_stream() {
     let tap = Tap::open("slaves=drive*2");
@@ -88,7 +88,7 @@ fn slow_progress_stops_no_stream() {
     ecm.stream(4).unwrap().finish().unwrap();
 }
 
-/// API-45 SK-7.3 An axis that does not come on in time is told to stay off, and the error says so; those that were on stay
+/// SK-7.3 An axis that does not come on in time is told to stay off, and the error says so; those that were on stay
 /// on. An alarm of one sends nothing to the others.
 #[test]
 fn what_does_not_come_on_stays_off() {
@@ -124,7 +124,7 @@ fn what_does_not_come_on_stays_off() {
     assert!(is_on(1) && !is_on(3));
 }
 
-/// API-46 `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: a stream's next target stands there.
+/// `servo_on` and `clear_alarm` put nothing into the slot of an axis that is on: a stream's next target stands there.
 #[test]
 fn a_streaming_axis_keeps_its_slot() {
     let tap = Tap::open("slaves=drive*2");
@@ -161,7 +161,7 @@ fn a_streaming_axis_keeps_its_slot() {
     );
 }
 
-/// API-47 A stream that does not step: snapshots and targets go by what the board reports now.
+/// A stream that does not step: snapshots and targets go by what the board reports now.
 #[test]
 fn a_stream_that_waits_sees_what_happens() {
     let file = script("ends-waits", "at 3s alarm 1 0x7500\n");
@@ -180,7 +180,7 @@ fn a_stream_that_waits_sees_what_happens() {
     assert!(stream.snapshot().unwrap().meta.sequence > seen + 900);
 }
 
-/// API-6 Limits of any length are limits: nothing overflows, in any call.
+/// Limits of any length are limits: nothing overflows, in any call.
 #[test]
 fn a_limit_of_any_length_does_not_overflow() {
     let endless = Options {
@@ -255,7 +255,7 @@ fn a_velocity_that_never_arrived_is_not_ramped() {
     assert!(!sent.is_empty() && sent.iter().all(|velocity| *velocity == 0), "{sent:?}");
 }
 
-/// API-9 API-48 An encoder that flickers is no motion: closing ends, and the axis is off.
+/// API-9 An encoder that flickers is no motion: closing ends, and the axis is off.
 #[test]
 fn a_flickering_encoder_does_not_keep_closing_from_ending() {
     let tap = Tap::open("slaves=drive");
@@ -271,7 +271,7 @@ fn a_flickering_encoder_does_not_keep_closing_from_ending() {
     assert!(count(&tap, 1, CommandId::ServoOff) > 0);
 }
 
-/// API-48 An axis that does not come to rest is switched off all the same, and the error says that it moved.
+/// An axis that does not come to rest is switched off all the same, and the error says that it moved.
 #[test]
 fn an_axis_that_does_not_come_to_rest_is_switched_off() {
     let tap = Tap::open("slaves=drive");
@@ -288,7 +288,7 @@ fn an_axis_that_does_not_come_to_rest_is_switched_off() {
     assert!(count(&tap, 1, CommandId::ServoOff) > 0);
 }
 
-/// API-49 A stream whose frames ahead could not end within the limit of closing is refused, with what is allowed; at the
+/// A stream whose frames ahead could not end within the limit of closing is refused, with what is allowed; at the
 /// limit it ends. A ramp has several frames, however long the cycle.
 #[test]
 fn a_stream_is_no_deeper_than_closing_can_wait_for() {
@@ -318,7 +318,7 @@ fn a_stream_is_no_deeper_than_closing_can_wait_for() {
     }
 }
 
-/// API-9 API-50 A stream that cannot have the board when it ends is over all the same: the next one begins.
+/// API-9 A stream that cannot have the board when it ends is over all the same: the next one begins.
 #[test]
 fn a_stream_that_ended_is_over() {
     let tap = Tap::open("slaves=drive");

@@ -25,13 +25,13 @@ fn scripted(link: &str, script: &str) -> String {
     format!("{link}&script=examples/scripts/{script}.ecmscript")
 }
 
-/// API-32 SK-5.11 Two axes go where they are sent.
+/// SK-5.11 Two axes go where they are sent.
 #[test]
 fn two_axes() {
     prints_its_snapshot("two_axes", &[&format!("{DRIVES}&fw=1.5&slot=16")]);
 }
 
-/// API-32 SK-4.10 What goes wrong is said with the next step to do.
+/// SK-4.10 What goes wrong is said with the next step to do.
 #[test]
 fn two_axes_on_a_board_of_three() {
     let ended = run("two_axes", Some("sim:?slaves=drive*3&clock=virtual"));
@@ -39,7 +39,7 @@ fn two_axes_on_a_board_of_three() {
     assert!(ended.stderr.ends_with("correct `slaves`, or check cables and power\n"), "{}", ended.stderr);
 }
 
-/// API-32 The shortest program moves an axis, and ends with words where it cannot.
+/// The shortest program moves an axis, and ends with words where it cannot.
 #[test]
 fn move_axis() {
     let link = "sim:?slaves=drive&clock=virtual";
@@ -55,7 +55,7 @@ fn move_axis() {
     assert!(ended.stderr.starts_with("Error: no board at `sim:") && ended.stderr.ends_with("`slaves=`\n"), "{ended:?}");
 }
 
-/// API-32 TCP-1 The same program moves the axis of a board that is served, and does it again where it left off.
+/// The same program moves the axis of a board that is served, and does it again where it left off.
 #[test]
 fn move_axis_of_a_served_board() {
     use ecmsk::link::{self, Share};
@@ -92,13 +92,13 @@ fn readme_shows_the_shortest_program() {
     assert!(!read("docs/GUIDE.md").contains("```rust,"), "every program of the guide runs");
 }
 
-/// API-32 API-20 SK-7.19 SK-7.24 Both axes home at once, move, and a homing fails: the same on both firmwares.
+/// SK-7.19 SK-7.24 Both axes home at once, move, and a homing fails: the same on both firmwares.
 #[test]
 fn homing() {
     prints_its_snapshot("homing", &[&format!("{DRIVES}&fw=1.5")]);
 }
 
-/// API-32 API-29 SK-7.11 An alarm on the way is cleared and overcome; one that stays ends the program with its words.
+/// SK-7.11 An alarm on the way is cleared and overcome; one that stays ends the program with its words.
 #[test]
 fn alarm_recovery() {
     prints_its_snapshot("alarm_recovery", &[&format!("{DRIVES}&fw=1.5&slot=16")]);
@@ -115,7 +115,7 @@ fn alarm_recovery() {
     );
 }
 
-/// API-32 API-30 The same lines as the program in C prints.
+/// The same lines as the program in C prints.
 #[test]
 fn io() {
     let link = scripted("sim:?slaves=io&clock=virtual", "local_inputs");
@@ -124,19 +124,19 @@ fn io() {
     }
 }
 
-/// API-32 API-10 SK-4.26 SK-4.27 One drive by velocity, one by torque.
+/// API-10 SK-4.26 SK-4.27 One drive by velocity, one by torque.
 #[test]
 fn csv_cst() {
     prints_its_snapshot("csv_cst", &[&format!("{DRIVES}&fw=1.5")]);
 }
 
-/// API-32 SK-3.22 SK-3.23 Both channels of a pulse module, with outputs and inputs of each.
+/// SK-3.22 SK-3.23 Both channels of a pulse module, with outputs and inputs of each.
 #[test]
 fn hsp() {
     prints_its_snapshot("hsp", &["sim:?slaves=hsp2&slot=16&clock=virtual&fw=1.5"]);
 }
 
-/// API-32 API-23 A panel: buttons at wrong moments say why they do not go; an alarm while jogging.
+/// API-23 A panel: buttons at wrong moments say why they do not go; an alarm while jogging.
 #[test]
 fn operator_panel() {
     prints_its_snapshot("operator_panel", &[&format!("{DRIVES}&fw=1.5")]);
@@ -149,7 +149,7 @@ const ELSEWHERE: [&str; 2] = ["spi_board", "xf_two_axes"];
 /// The lines of a program; one for a chip has to say more.
 const LINES: [(&str, usize); 3] = [("xf_", 120), ("spi_board", 120), ("", 70)];
 
-/// API-32 Every program of the folder is one of these, and is short.
+/// Every program of the folder is one of these, and is short.
 #[test]
 fn no_example_is_left_out() {
     let tests = fs::read_to_string(root().join("tests/ecm/example.rs")).expect("this file");

@@ -27,7 +27,7 @@ fn away(ecm: &Ecm, slaves: &[u8]) {
     }
 }
 
-/// API-20 SK-7.27 Several GO_HOME stand in one frame and in no other, on either firmware; each axis is home and takes
+/// SK-7.27 Several GO_HOME stand in one frame and in no other, on either firmware; each axis is home and takes
 /// targets again, though one is there sooner than another.
 #[test]
 fn several_axes_home_from_one_frame() {
@@ -75,7 +75,7 @@ fn several_axes_home_from_one_frame() {
     }
 }
 
-/// API-20 One that fails ends the homing of all: when the call is back no axis homes, and all are in their mode.
+/// One that fails ends the homing of all: when the call is back no axis homes, and all are in their mode.
 #[test]
 fn a_homing_that_fails_ends_the_homing_of_all_axes() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5"] {
@@ -99,7 +99,7 @@ fn a_homing_that_fails_ends_the_homing_of_all_axes() {
     }
 }
 
-/// API-20 An alarm of one axis ends all, too, and is the error.
+/// An alarm of one axis ends all, too, and is the error.
 #[test]
 fn an_alarm_of_one_axis_ends_the_homing_of_all() {
     let file = script("homing-alarm", "at 1s alarm 1 0x7500\n");
@@ -112,7 +112,7 @@ fn an_alarm_of_one_axis_ends_the_homing_of_all() {
     ecm.home_all(&[homed(1, 0), homed(2, 0)], |_| {}).unwrap();
 }
 
-/// API-20 What does not go sends nothing: a slave named twice, one that is no axis, one that is off.
+/// What does not go sends nothing: a slave named twice, one that is no axis, one that is off.
 #[test]
 fn an_invalid_list_of_axes_sends_nothing() {
     let tap = Tap::open("slaves=drive*2,io");
@@ -135,7 +135,7 @@ fn an_invalid_list_of_axes_sends_nothing() {
     ecm.stream(4).unwrap().csp(1, 0).unwrap();
 }
 
-/// API-6 API-20 The longest limit holds for all, and an axis that is not home by then ends it.
+/// The longest limit holds for all, and an axis that is not home by then ends it.
 #[test]
 fn the_longest_limit_holds() {
     let ecm = enable(open("slaves=drive*2"), &Config::drives(2));
@@ -148,7 +148,7 @@ fn the_longest_limit_holds() {
     assert_eq!(modes(&ecm, &[1, 2]), [8, 8]);
 }
 
-/// API-20 A mode that cannot be set back is an error, of the slave that it is; the others are in theirs.
+/// A mode that cannot be set back is an error, of the slave that it is; the others are in theirs.
 #[test]
 fn a_mode_that_stays_is_told() {
     let file = script("homing-stays", "at 1s sdo-abort 1 0x6060:0 0x08000022 for 20s\n");
@@ -159,7 +159,7 @@ fn a_mode_that_stays_is_told() {
     assert_eq!(modes(&ecm, &[2]), [8]);
 }
 
-/// API-14 API-20 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
+/// API-14 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
 #[test]
 fn homing_beside_a_stream() {
     let tap = Tap::open("slaves=drive*2");

@@ -186,7 +186,7 @@ fn a_cut_behind_a_slave_stops_those_behind_it() {
     assert!(!is_on(&ecm, 2));
 }
 
-/// API-16 SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
+/// SK-4.61 A slave that loses its power is lost alone: the others do as they are told.
 #[test]
 fn one_slave_without_power_stops_alone() {
     let file = script("safety-lose", "at 1s lose 1\n");

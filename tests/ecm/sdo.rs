@@ -36,7 +36,7 @@ fn values_of_all_types_are_read_and_written_in_every_state() {
     }
 }
 
-/// API-8 SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
+/// SK-6.11 Data2 is zero-extended: signed values come back as they are, what is too wide for the type is an error.
 #[test]
 fn signed_values_come_back_and_values_too_wide_are_errors() {
     assert_eq!((i8::from_raw(0xFF), i8::from_raw(0x100), u8::from_raw(0xFF)), (Some(-1), None, Some(255)));
@@ -50,7 +50,7 @@ fn signed_values_come_back_and_values_too_wide_are_errors() {
     assert_eq!(error, EcmError::SdoTooWide { slave: 1, object: WINDOW, value: 0x1_0000, bits: 16 });
 }
 
-/// API-8 SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
+/// SK-6.14 SK-6.12 SK-6.7 An abort is an error with its code and the code's text.
 #[test]
 fn an_abort_is_an_error_with_its_code_and_text() {
     let ecm = open("slaves=drive");
@@ -76,7 +76,7 @@ fn an_abort_is_an_error_with_its_code_and_text() {
     assert!(ecm.sdo_read::<u32>(1, WINDOW).is_ok());
 }
 
-/// API-7 SK-6.10 A request that the slot shows already is asked for after another object was read, and only then.
+/// SK-6.10 A request that the slot shows already is asked for after another object was read, and only then.
 #[test]
 fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     let tap = Tap::open("slaves=drive*2");
@@ -105,7 +105,7 @@ fn the_answer_that_stays_is_not_taken_for_a_new_one() {
     assert_eq!(sent()[1], read(1, DEVICE_TYPE));
 }
 
-/// API-7 SK-6.10 A value that changes is read anew each time, also when the answers of another program's session are there.
+/// SK-6.10 A value that changes is read anew each time, also when the answers of another program's session are there.
 #[test]
 fn every_read_is_fresh() {
     let keys = "slaves=drive&name=fresh";
@@ -131,7 +131,7 @@ fn every_read_is_fresh() {
     assert_eq!(sent[0], SdoCommand::Read { slave: 1, object: DEVICE_TYPE }, "the slot showed it from before");
 }
 
-/// API-6 SK-6.3 One that meets a transfer under way runs next, and the right answer is found.
+/// SK-6.3 One that meets a transfer under way runs next, and the right answer is found.
 #[test]
 fn an_sdo_of_a_slow_slave_is_repeated_up_to_its_limit() {
     let file = script("slow", "sdo-delay 1 400ms\n");

@@ -11,7 +11,7 @@ use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// API-5 SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
+/// SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
 #[test]
 fn configure_and_reach_op() {
     for keys in ["slaves=drive*2,io", "slaves=drive*2,io&fw=1.5", "slaves=drive*2,io&slot=16"] {
@@ -31,7 +31,7 @@ fn configure_and_reach_op() {
     assert_eq!((second.meta.at.0 - first.meta.at.0, second.meta.sequence - first.meta.sequence), (500_000, 1));
 }
 
-/// API-4 A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
+/// A wrong configuration is refused before a byte is sent, with the slave and what is allowed.
 #[test]
 fn a_wrong_configuration_sends_nothing() {
     let tap = Tap::open("slaves=drive");
@@ -69,7 +69,7 @@ fn another_number_of_slaves_is_an_error() {
     ecm.configure(&Config::drives(2)).unwrap();
 }
 
-/// API-5 SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
+/// SK-4.55 SK-4.58 A change that gets stuck says where and, as far as the wire shows it, on which slave.
 #[test]
 fn a_stuck_change_says_where_and_on_whom() {
     // Declared as drives, and the second one is an IO slave.
@@ -152,7 +152,7 @@ fn a_board_in_op_is_attached_to() {
     assert!(still.drive(1).unwrap().statusword.is_enabled());
 }
 
-/// API-16 SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
+/// SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
 #[test]
 fn a_change_of_byte_1_is_an_event_and_no_error() {
     let tap = Tap::open("slaves=drive");
@@ -172,7 +172,7 @@ fn a_change_of_byte_1_is_an_event_and_no_error() {
     ecm.servo_off(&[1]).unwrap();
 }
 
-/// API-16 SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
+/// SK-1.20 SK-1.21 CRC 0 counts as absent, anything else must match; the strict option checks always.
 #[test]
 fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
     let bent = |byte: u8, strict_crc| {
@@ -201,7 +201,7 @@ fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
     assert!(matches!(error, EcmError::NoReport { bad_crc, .. } if bad_crc > 900), "{error}");
 }
 
-/// API-28 SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
+/// SK-1.13 Where the link does not say how wide slots are the CRC of its reports does.
 #[test]
 fn the_slot_size_is_found() {
     for (keys, size) in [("slaves=drive", SlotSize::Bytes12), ("slaves=drive&slot=16", SlotSize::Bytes16)] {
@@ -216,7 +216,7 @@ fn the_slot_size_is_found() {
     Tap::without_slot("slaves=drive").ecm(given).unwrap();
 }
 
-/// API-6 LIB-37 Every read and write has a limit, whatever is done, even where the link's own default waits for ever.
+/// LIB-37 Every read and write has a limit, whatever is done, even where the link's own default waits for ever.
 #[test]
 fn every_wait_has_a_limit() {
     let tap = Tap::open("slaves=drive,io");
@@ -240,7 +240,7 @@ fn every_wait_has_a_limit() {
     assert!(longest <= Some(SECOND), "{longest:?}");
 }
 
-/// API-6 LIB-37 SK-9.12 A board that says nothing ends every call with an error that says what to do.
+/// LIB-37 SK-9.12 A board that says nothing ends every call with an error that says what to do.
 #[test]
 fn a_silent_board_ends_calls() {
     let file = script("silent", "at 50ms silent\n");
@@ -256,7 +256,7 @@ fn a_silent_board_ends_calls() {
     silent(ecm.local_inputs().map(|_| ()));
 }
 
-/// API-16 SK-9.11 Reports that were lost are told, and nothing goes wrong with the rest.
+/// SK-9.11 Reports that were lost are told, and nothing goes wrong with the rest.
 #[test]
 fn lost_reports_are_told() {
     let tap = Tap::open("slaves=drive&queue=4");
@@ -269,7 +269,7 @@ fn lost_reports_are_told() {
     assert!(now.meta.dropped >= 45);
 }
 
-/// API-16 A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
+/// A line that loses, doubles, bends and delays frames in both directions: all calls do their work.
 #[test]
 fn a_bad_line_is_lived_with() {
     for seed in 1..4 {

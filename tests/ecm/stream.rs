@@ -10,7 +10,7 @@ use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, News, Options, Scale, Slave
 use ecmsk::link::{self, Link, LinkError, Share, Wait};
 use ecmsk::sk::{AxisTarget, CommandId, Frame, MasterCommand, MasterState};
 
-/// API-1 API-12 SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
+/// SK-5.11 At least one CSP frame a cycle, several at first, paused when `depth` frames are ahead: the axis follows
 /// without a gap and nothing is lost.
 #[test]
 fn a_stream_keeps_its_depth_and_the_axis_follows() {
@@ -35,7 +35,7 @@ fn a_stream_keeps_its_depth_and_the_axis_follows() {
     }
 }
 
-/// API-2 SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
+/// SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
 #[test]
 fn underruns_are_the_cycles_without_an_entry() {
     let tap = Tap::open("slaves=drive&queue=64");
@@ -62,7 +62,7 @@ fn underruns_are_the_cycles_without_an_entry() {
     assert!(stream.snapshot().unwrap().board.fifo_free <= 153, "{:?}", stream.snapshot().unwrap().board);
 }
 
-/// API-1 API-6 SK-5.11 A board that takes nothing out makes the stream wait, with a limit; it never overfills.
+/// SK-5.11 A board that takes nothing out makes the stream wait, with a limit; it never overfills.
 #[test]
 fn a_full_board_is_waited_for_and_never_overfilled() {
     let file = script("full", "at 1s full for 500ms\nat 3s full\n");
@@ -85,7 +85,7 @@ fn a_full_board_is_waited_for_and_never_overfilled() {
     assert_eq!(tap.stats().board.unwrap().full, 0);
 }
 
-/// API-16 SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
+/// SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
 #[test]
 fn any_increase_of_the_full_count_is_a_loss() {
     let tap = Tap::open("slaves=drive");
@@ -110,7 +110,7 @@ fn any_increase_of_the_full_count_is_a_loss() {
     assert_eq!(lost, [lost_at(0, 1), lost_at(1, 127), lost_at(127, 65_500), lost_at(65_500, 3)]);
 }
 
-/// API-16 SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
+/// SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
 #[test]
 fn losses_show_in_the_stream() {
     let tap = Tap::open("slaves=drive&fw=1.5");
@@ -157,7 +157,7 @@ fn the_guard_refuses_what_is_too_far() {
     ecm.stream(4).unwrap().csp(1, 9_999).unwrap();
 }
 
-/// API-26 Units: 90 degrees of a 17-bit encoder are 32768 counts.
+/// Units: 90 degrees of a 17-bit encoder are 32768 counts.
 #[test]
 fn a_target_in_units_is_converted_to_counts() {
     let tap = Tap::open("slaves=drive");
@@ -254,7 +254,7 @@ fn every_frame_carries_its_crc() {
     assert_eq!(tap.stats().board.unwrap().crc, 1);
 }
 
-/// API-11 A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
+/// A stream of 40 axes allocates nothing: targets, steps, reading what the axes say.
 #[test]
 fn a_stream_allocates_nothing() {
     let ecm = enabled("slaves=drive*40", &Config::drives(40));
@@ -314,7 +314,7 @@ fn other_threads_ride_along() {
     assert_eq!(tap.stats().board.unwrap().rejected_total(), 0);
 }
 
-/// API-6 SK-9.12 Reports that stop end the stream's wait with an error.
+/// SK-9.12 Reports that stop end the stream's wait with an error.
 #[test]
 fn a_cut_cable_ends_the_wait() {
     let file = script("cut", "at 1s cut 1\n");
@@ -337,7 +337,7 @@ fn a_cut_cable_ends_the_wait() {
     assert!(error.to_string().ends_with("check the cable to the first slave and the board's power"), "{error}");
 }
 
-/// API-25 SK-5.25 A stream ends with an error when the network leaves OP.
+/// SK-5.25 A stream ends with an error when the network leaves OP.
 #[test]
 fn leaving_op_ends_the_stream() {
     let ecm = enabled("slaves=drive", &Config::drives(1));

@@ -10,7 +10,7 @@ use ecmsk::sk::CommandId;
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// API-12 A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
+/// A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
 /// not sent it.
 #[test]
 fn a_target_waits_for_its_step() {
@@ -28,7 +28,7 @@ fn a_target_waits_for_its_step() {
     assert!(tap.take_slots(1).iter().all(|slot| slot.data1 != 500));
 }
 
-/// API-13 The guard goes by the newest report, whoever has read it.
+/// The guard goes by the newest report, whoever has read it.
 #[test]
 fn the_guard_goes_by_the_newest_report() {
     let tap = Tap::open("slaves=drive");
@@ -88,7 +88,7 @@ fn an_axis_with_an_alarm_is_left_out() {
     assert_eq!(frame.slot(SIZE, 2).data1, 7);
 }
 
-/// API-11 On the real clock a stream of 40 axes allocates nothing either.
+/// On the real clock a stream of 40 axes allocates nothing either.
 #[test]
 fn a_stream_on_the_real_clock_allocates_nothing() {
     let ecm = enable(Ecm::open("sim:?slaves=drive*40&clock=real").unwrap(), &Config::drives(40));
@@ -106,7 +106,7 @@ fn a_stream_on_the_real_clock_allocates_nothing() {
     assert_eq!(stream.stats().unwrap().losses, 0);
 }
 
-/// API-1 SK-5.11 A stream of any depth, against a board that pauses and goes on: it never overfills.
+/// SK-5.11 A stream of any depth, against a board that pauses and goes on: it never overfills.
 #[test]
 fn credit_never_overfills() {
     for depth in [1, 2, 16, 149, 150] {

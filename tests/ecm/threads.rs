@@ -113,7 +113,7 @@ fn a_stream_that_sleeps_holds_nobody_up() {
     });
 }
 
-/// API-25 A link that is closed in one thread ends at once what waits in others: a report, a state, an SDO.
+/// A link that is closed in one thread ends at once what waits in others: a report, a state, an SDO.
 #[test]
 fn closing_ends_what_waits() {
     let file = script("threads-silent", "at 600ms silent\n");
@@ -149,7 +149,7 @@ fn closing_ends_what_waits() {
     }
 }
 
-/// API-25 SK-4.50 A network that one thread takes out of OP ends the other's stream, with the state that it found.
+/// SK-4.50 A network that one thread takes out of OP ends the other's stream, with the state that it found.
 #[test]
 fn leaving_op_ends_the_stream_of_another_thread() {
     let ecm = enabled("slaves=drive", &Config::drives(1));

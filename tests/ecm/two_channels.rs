@@ -27,7 +27,7 @@ fn board(keys: &str, axis: Axis) -> (std::sync::Arc<Tap>, Ecm) {
     (tap, ecm)
 }
 
-/// API-36 SK-3.13 `csp` moves the first axis of an HSP; the second one and the outputs stay, with a target before it and
+/// SK-3.13 `csp` moves the first axis of an HSP; the second one and the outputs stay, with a target before it and
 /// without.
 #[test]
 fn one_axis_of_two_moves() {
@@ -57,7 +57,7 @@ fn one_axis_of_two_moves() {
     move_first(&mut stream, 400);
 }
 
-/// API-36 The same with `csv`.
+/// The same with `csv`.
 #[test]
 fn one_velocity_of_two_changes() {
     let (_tap, ecm) = board("slaves=hsp2", Axis::CSV);
@@ -76,7 +76,7 @@ fn one_velocity_of_two_changes() {
     assert_eq!((now.first.inputs, now.second.inputs), (1, 2), "{now:?}");
 }
 
-/// API-43 SK-7.15 The second channel trips: the stream takes no target for the slave any more, and after `clear_alarm` and
+/// SK-7.15 The second channel trips: the stream takes no target for the slave any more, and after `clear_alarm` and
 /// `servo_on`, which wait for both channels, nothing moves before there is one.
 #[test]
 fn a_second_channel_that_trips_stops_both() {
@@ -132,7 +132,7 @@ fn the_channel_that_goes_on_is_stopped() {
     }
 }
 
-/// API-43 API-29 An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` says if it stays.
+/// An alarm of the second channel alone: `servo_on` refuses, `clear_alarm` says if it stays.
 #[test]
 fn an_alarm_of_the_second_channel_is_told() {
     let file = script("two-alarm", "at 2s alarm 1.2 0x7500 stays\n");
@@ -146,7 +146,7 @@ fn an_alarm_of_the_second_channel_is_told() {
     assert_eq!(ecm.clear_alarm(&[1]), Err(EcmError::Alarm { slave: 1, code: 0 }));
 }
 
-/// API-43 Other transfers get through beside a stream that asks for the second channel.
+/// Other transfers get through beside a stream that asks for the second channel.
 #[test]
 fn sdo_beside_a_stream_of_two_channels() {
     let slaves = vec![Slave::Hsp(Axis::CSP), Slave::Drive(Axis::CSP)];

@@ -142,7 +142,7 @@ fn outputs_ahead_allocate_nothing() {
     assert!(host.counters().cleared > 0);
 }
 
-/// LINK-11 SK-9.8 Writing to and reading from a board that a link has opened allocate nothing, with the slaves behind a chip
+/// SK-9.8 Writing to and reading from a board that a link has opened allocate nothing, with the slaves behind a chip
 /// either: the way to OP, targets, and the way back.
 #[test]
 fn a_board_of_a_link_allocates_nothing() {

@@ -30,7 +30,7 @@ fn go(host: &mut Host, state: MasterState) {
     }
 }
 
-/// NIC-2.18 Neither a change of state of 40 drives, nor an SDO that ends, is aborted, has no answer or is given up, nor an emergency, nor a cable
+/// Neither a change of state of 40 drives, nor an SDO that ends, is aborted, has no answer or is given up, nor an emergency, nor a cable
 /// that is cut and slaves that were without power, and their way back allocate anything, on one card or in a ring.
 #[test]
 fn what_a_program_causes_allocates_nothing() {

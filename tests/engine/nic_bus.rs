@@ -113,7 +113,7 @@ fn no_target_is_left_out_when_frames_are_lost() {
     }
 }
 
-/// NIC-2.2 The report of a cycle shows what the command of that cycle was, as on a simulated network.
+/// The report of a cycle shows what the command of that cycle was, as on a simulated network.
 #[test]
 fn an_answer_belongs_to_the_outputs_of_its_own_cycle() {
     let indices = |host: &mut Host| {
@@ -169,7 +169,7 @@ impl Slave for Fixed {
     }
 }
 
-/// NIC-2.10 A slave whose process data are fixed is used if they are those that are wanted, with whatever code it aborts their writing,
+/// A slave whose process data are fixed is used if they are those that are wanted, with whatever code it aborts their writing,
 /// and refused with the object that is not and the code.
 #[test]
 fn fixed_process_data_are_checked_instead_of_written() {
@@ -221,7 +221,7 @@ fn fixed_process_data_are_checked_instead_of_written() {
     }
 }
 
-/// NIC-2.19 A slave that answers is never said not to answer: it refuses without a reason, or an SDO to it has no answer in time.
+/// A slave that answers is never said not to answer: it refuses without a reason, or an SDO to it has no answer in time.
 #[test]
 fn a_slave_that_answers_is_never_said_not_to() {
     let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
@@ -297,7 +297,7 @@ impl NicWires for SharedWires {
     }
 }
 
-/// NIC-2.20 Another master that comes while the board runs is told once, with its address. What is lost on a cable is not said to be lost at
+/// Another master that comes while the board runs is told once, with its address. What is lost on a cable is not said to be lost at
 /// a chip.
 #[test]
 fn another_master_is_named() {
@@ -364,7 +364,7 @@ fn of_several_slaves_that_refuse_the_first_is_named() {
     }
 }
 
-/// NIC-2.12 A cycle of 40 drives in CSP allocates nothing, on one card or in a ring, whole or broken, and neither does a frame that is lost.
+/// A cycle of 40 drives in CSP allocates nothing, on one card or in a ring, whole or broken, and neither does a frame that is lost.
 #[test]
 fn cycles_allocate_nothing() {
     let drives = || crate::probe::drives(40);
@@ -492,7 +492,7 @@ fn missed(puppet: &Puppet, last: i32) -> u64 {
     (1..=last).filter(|n| !targets.contains(&(n * 10))).count() as u64
 }
 
-/// NIC-2.17 A slave that leaves OP while others are lost in that state already, as no frame has come for so long, is named with all that it
+/// A slave that leaves OP while others are lost in that state already, as no frame has come for so long, is named with all that it
 /// has missed, although these add to the working counter and have its AL status.
 #[test]
 fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
@@ -512,7 +512,7 @@ fn what_a_slave_misses_that_falls_behind_lost_ones_is_counted() {
     assert_eq!(host.counters().for_lost - for_lost, 1, "the slave is named for it");
 }
 
-/// NIC-2.17 What a slave misses that is silent for some cycles while others are lost counts as sets that were lost, or as lost with it if it
+/// What a slave misses that is silent for some cycles while others are lost counts as sets that were lost, or as lost with it if it
 /// is named. What comes before and behind it does not.
 #[test]
 fn what_a_slave_misses_beside_lost_ones_is_counted() {
@@ -531,7 +531,7 @@ fn what_a_slave_misses_beside_lost_ones_is_counted() {
     }
 }
 
-/// NIC-2.17 A slave that leaves OP, still takes part in cycles, and has the AL status of lost ones is seen when the states are read the next
+/// A slave that leaves OP, still takes part in cycles, and has the AL status of lost ones is seen when the states are read the next
 /// time: what was sent since they were known counts as lost with it.
 #[test]
 fn what_a_slave_misses_that_nobody_sees_fall_is_counted() {

@@ -138,7 +138,7 @@ fn fixed(code: u32) -> OddSlave {
     })
 }
 
-/// NIC-2.10 Fixed process data are used if they are the wanted ones, with whatever code their writing is aborted; otherwise the message
+/// Fixed process data are used if they are the wanted ones, with whatever code their writing is aborted; otherwise the message
 /// names object and code.
 #[test]
 fn fixed_process_data() {
@@ -168,7 +168,7 @@ fn fixed_process_data() {
     }
 }
 
-/// NIC-2.19 What a slave refuses is told with its AL status code in words; a slave that answers is never said not to.
+/// What a slave refuses is told with its AL status code in words; a slave that answers is never said not to.
 #[test]
 fn refusals_are_in_words() {
     for code in [0x0016, 0x001A, 0x001D, 0x001E, 0x002C, 0x002D, 0x0030, 0x0032, 0x0035, 0x0070] {
@@ -180,7 +180,7 @@ fn refusals_are_in_words() {
     assert!(said.contains("AL status 0x0016 ("), "{said}");
 }
 
-/// NIC-2.19 NIC-2.22 A slave that answers, whatever of it does not, is never said not to answer or to have no power.
+/// A slave that answers, whatever of it does not, is never said not to answer or to have no power.
 #[test]
 fn whoever_answers_is_not_said_not_to() {
     type Change = fn(&mut OddSlave);

@@ -137,7 +137,7 @@ fn a_second_cut_costs_slaves() {
     assert_eq!(bench.host.board.engine().lost(), SlaveSet::EMPTY);
 }
 
-/// NIC-3.4 The network comes to OP in a ring that is broken from the start, whichever card is dead.
+/// The network comes to OP in a ring that is broken from the start, whichever card is dead.
 #[test]
 fn a_broken_ring_starts() {
     for (place, cut, state) in CUTS {

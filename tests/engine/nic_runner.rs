@@ -127,7 +127,7 @@ impl Runner {
     }
 }
 
-/// NIC-2.19 Slaves that their watchdog has taken out of OP since this machine stood still are told so, with how long that was, and not the
+/// Slaves that their watchdog has taken out of OP since this machine stood still are told so, with how long that was, and not the
 /// cable; a board whose frames were lost says nothing of this machine.
 #[test]
 fn a_machine_that_stood_still_is_named() {
@@ -155,7 +155,7 @@ fn a_machine_that_stood_still_is_named() {
     }
 }
 
-/// NIC-2.16 A runner that has left out cycles below OP, where they are others than those of OP, keeps step with SYNC0 in OP all the same:
+/// A runner that has left out cycles below OP, where they are others than those of OP, keeps step with SYNC0 in OP all the same:
 /// sets that are late by less than half a cycle come before the pulse, each before its own, and none is overwritten.
 #[test]
 fn cycles_that_are_left_out_below_op_change_nothing_in_op() {

@@ -131,7 +131,7 @@ fn board(kinds: &[(usize, usize, u16)]) -> (Host, SimHandle, Vec<Terminals>) {
     (host, handle, all)
 }
 
-/// NIC-2.14 A module without CANopen has the process data that its EEPROM describes, of any length, with one direction alone, and with
+/// A module without CANopen has the process data that its EEPROM describes, of any length, with one direction alone, and with
 /// or without a state machine of its own. The low 16 bits of each direction are those of IO_WR and IO_RD.
 #[test]
 fn terminals_without_objects_are_used_as_their_eeprom_says() {
@@ -165,7 +165,7 @@ fn terminals_without_objects_are_used_as_their_eeprom_says() {
     }
 }
 
-/// NIC-2.14 MASTER-3.7 A coupler without a state machine and without process data, in front of all others, keeps nobody from OP.
+/// MASTER-3.7 A coupler without a state machine and without process data, in front of all others, keeps nobody from OP.
 #[test]
 fn a_coupler_in_front_keeps_nobody_from_op() {
     let handle = SimHandle::default();
@@ -194,7 +194,7 @@ fn a_coupler_in_front_keeps_nobody_from_op() {
     host.go(MasterState::PreOp).go(MasterState::Op);
 }
 
-/// NIC-2.14 A terminal that is lost is named, its outputs are off, and SET_STATE brings it back.
+/// A terminal that is lost is named, its outputs are off, and SET_STATE brings it back.
 #[test]
 fn a_terminal_that_is_lost_comes_back() {
     let (mut host, handle, terminals) = board(&[(8, 8, 0)]);
@@ -248,7 +248,7 @@ impl Slave for FixedModule {
     }
 }
 
-/// NIC-2.15 An IO module with CANopen that cannot map what the board maps has the PDOs that its EEPROM assigns, which are assigned
+/// An IO module with CANopen that cannot map what the board maps has the PDOs that its EEPROM assigns, which are assigned
 /// again if the board's try has taken them away.
 #[test]
 fn modules_that_map_nothing_else_keep_their_own_process_data() {

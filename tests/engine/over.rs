@@ -342,7 +342,7 @@ fn all_that_a_program_sees_is_the_same_behind_an_ecm_xf() {
     assert!(others.is_empty(), "{others:?}");
 }
 
-/// NIC-2.5 What a program sees of a board over a simulated network it sees with the slaves at the end of a wire, as slave
+/// What a program sees of a board over a simulated network it sees with the slaves at the end of a wire, as slave
 /// controllers that our own master reaches.
 #[test]
 fn all_that_a_program_sees_is_the_same_on_a_network_card() {

@@ -55,7 +55,7 @@ fn repeats_at(clock_hz: u32, needs: &Needs, drives: usize, size: DataSize, idle_
     motion.windows(2).filter(|pair| pair[0] == pair[1]).count()
 }
 
-/// TOOL-178, XF-19.5 With INT0 and without, in small and large networks, at the clock that there is and at the least one.
+/// XF-19.5 With INT0 and without, in small and large networks, at the clock that there is and at the least one.
 #[test]
 fn what_migrate_names_holds() {
     assert_eq!(INT0_IDLE_NS, Timing::default().packet_ns);
@@ -75,7 +75,7 @@ fn what_migrate_names_holds() {
     }
 }
 
-/// TOOL-178 With half of the least clock, of which the bus does not know, outputs are repeated: what is named is no figure that
+/// With half of the least clock, of which the bus does not know, outputs are repeated: what is named is no figure that
 /// anything would pass.
 #[test]
 fn half_of_the_least_clock_repeats_outputs() {
@@ -86,7 +86,7 @@ fn half_of_the_least_clock_repeats_outputs() {
     assert!(found > 20, "{found} with {packets:?}");
 }
 
-/// TOOL-178 Two exchanges under way, each with one set.
+/// Two exchanges under way, each with one set.
 #[test]
 fn two_exchanges_under_way_hold() {
     for (cycle_us, clock_hz) in [(500, 24_000_000), (1000, 12_000_000)] {

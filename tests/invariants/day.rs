@@ -130,7 +130,7 @@ fn a_long_day() {
     });
 }
 
-/// NIC-2.7: the same over slave controllers and our master. What an SDO has allocated is given back.
+/// The same over slave controllers and our master. What an SDO has allocated is given back.
 #[test]
 fn a_long_day_on_a_network_card() {
     let over_wires = |drives| -> Box<dyn Fieldbus> {

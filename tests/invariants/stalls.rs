@@ -215,7 +215,7 @@ fn check(axis: &Led, accepted: &[SlaveCommand], braked: &[SlaveCommand], at: &st
     }
 }
 
-/// API-10 API-47: brakes of programs that stand still at any moment, and boards whose runner does.
+/// API-10: brakes of programs that stand still at any moment, and boards whose runner does.
 #[test]
 fn a_process_that_stands_still() {
     let (schedules, all) = run_all("a_process_that_stands_still", SCHEDULES, schedule);

@@ -20,7 +20,7 @@ fn schedule(seed: u64) -> followed::Done {
     followed::schedule(seed, &How::random(seed))
 }
 
-/// NIC-2.3 NIC-2.6: whatever goes wrong on the cable, every CSP accepted reaches its slave once and in order or is counted,
+/// NIC-2.3: whatever goes wrong on the cable, every CSP accepted reaches its slave once and in order or is counted,
 /// nothing jumps or comes on by itself, and a SET_STATE brings the board back.
 #[test]
 fn random_schedules_on_a_network_card() {

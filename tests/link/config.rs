@@ -51,7 +51,7 @@ fn from_file(path: &Path, link: &str) -> Configured {
     Configured { link: link.to_owned(), source: Source::File(path.to_path_buf()) }
 }
 
-/// LINK-1 No link configured means a real board, never a simulated one.
+/// No link configured means a real board, never a simulated one.
 #[test]
 fn nothing_configured_means_usb() {
     for machine in [Machine::unix(), Machine::windows()] {
@@ -63,7 +63,7 @@ fn nothing_configured_means_usb() {
     assert_eq!(find(&nothing).expect("a link").link, "usb:");
 }
 
-/// LINK-1 The first place that names a link wins.
+/// The first place that names a link wins.
 #[test]
 fn the_first_place_that_names_a_link_wins() {
     let mut machine = Machine::unix();
@@ -92,7 +92,7 @@ fn on_windows_the_folders_are_those_of_windows() {
     assert_eq!(other.find().source, Source::Default);
 }
 
-/// LINK-1 The user's folder is that of XDG, or .config.
+/// The user's folder is that of XDG, or .config.
 #[test]
 fn the_users_folder_is_xdgs_or_dot_config() {
     for xdg in [None, Some(PathBuf::from("relative")), Some(PathBuf::new())] {
@@ -124,7 +124,7 @@ fn a_file_may_have_comments_and_any_line_ends() {
     }
 }
 
-/// LINK-2 A wrong file is an error that names the file, the line and what is allowed.
+/// A wrong file is an error that names the file, the line and what is allowed.
 #[test]
 fn a_wrong_file_is_an_error_that_names_file_line_and_what_is_allowed() {
     for (text, line, says) in [
@@ -156,7 +156,7 @@ fn a_wrong_file_is_an_error_that_names_file_line_and_what_is_allowed() {
     }
 }
 
-/// LINK-2 What the error tells the reader to write is a file that works.
+/// What the error tells the reader to write is a file that works.
 #[test]
 fn the_example_in_the_error_works() {
     let machine = Machine::unix();
@@ -168,7 +168,7 @@ fn the_example_in_the_error_works() {
     LinkUri::parse(&machine.find().link).expect("a link");
 }
 
-/// LINK-2 A file that cannot be read is an error.
+/// A file that cannot be read is an error.
 #[test]
 fn a_file_that_cannot_be_read_is_an_error() {
     let machine = Machine::unix();

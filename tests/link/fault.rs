@@ -86,7 +86,7 @@ fn a_share_of_writes_is_dropped_by_the_seed() {
     assert_ne!(run(2), first);
 }
 
-/// LINK-7 Dropped reports leave gaps, and the same ones every time.
+/// Dropped reports leave gaps, and the same ones every time.
 #[test]
 fn dropped_reports_leave_gaps_and_the_same_ones_every_time() {
     let run = |options: &str| sequences(&*open(options), 500);
@@ -118,7 +118,7 @@ fn a_read_of_which_every_report_is_dropped_ends_at_its_limit_or_says_why() {
     assert_eq!(link.stats().read_errors, 3);
 }
 
-/// LINK-7 One bit of a corrupt report is turned over.
+/// One bit of a corrupt report is turned over.
 #[test]
 fn one_bit_of_a_corrupt_report_is_flipped() {
     let (good, bad) = (open("fault.seed=1"), open("fault.corrupt.read=1"));
@@ -147,7 +147,7 @@ fn one_bit_of_a_corrupt_command_is_flipped() {
     assert!(board(&*link).rejected_total() > 0, "some bit met the id of a slot: {:?}", board(&*link));
 }
 
-/// LINK-7 Duplicates arrive twice.
+/// Duplicates arrive twice.
 #[test]
 fn a_duplicated_frame_arrives_twice() {
     let link = open("fault.duplicate=1");
@@ -178,7 +178,7 @@ fn a_delayed_write_takes_longer_or_reaches_its_limit() {
     assert_eq!(link.stats().faults.write.delayed, 3);
 }
 
-/// LINK-7 A delayed report comes later, in its turn.
+/// A delayed report comes later, in its turn.
 #[test]
 fn a_delayed_report_comes_later_and_in_its_turn() {
     let link = open("fault.delay.read=1&fault.delay_ms=100");
@@ -204,7 +204,7 @@ fn a_delayed_report_comes_to_a_program_that_polls() {
     assert!(polls.is_some_and(|polls| polls > 5), "{polls:?}");
 }
 
-/// LINK-7 After so many frames the board is lost until it is opened again.
+/// After so many frames the board is lost until it is opened again.
 #[test]
 fn after_disconnect_after_frames_the_board_is_lost_until_it_is_opened_again() {
     let uri = "name=lost-after&fault.disconnect_after=5";
@@ -390,7 +390,7 @@ mod needs_cxx {
     }
 }
 
-/// LINK-7 Nothing of a fault reaches the model itself.
+/// Nothing of a fault reaches the model itself.
 #[test]
 fn faults_of_the_link_do_not_change_the_board() {
     let link = open("fault.drop.read=0.5");

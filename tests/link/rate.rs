@@ -25,7 +25,7 @@ fn read(link: &dyn Link) -> u64 {
     meta.at.0 - link.info().opened_at.0
 }
 
-/// LINK-5 No machine is too fast: in that much real time no more board time has passed than the rate lets pass.
+/// No machine is too fast: in that much real time no more board time has passed than the rate lets pass.
 #[test]
 fn board_time_passes_at_the_rate() {
     for (rate, share) in [("0.1", 10), ("0.5", 2)] {

@@ -15,7 +15,7 @@ use support::recording::{
     Echo, Memory, URI, blocks, frame, frames, meta, options, read_file, record_to, recording_of, u16_at, u32_at, u64_at,
 };
 
-/// LINK-8 pcapng: section header, interface, one enhanced packet a frame, interface statistics.
+/// Pcapng: section header, interface, one enhanced packet a frame, interface statistics.
 #[test]
 fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     let memory = Memory::default();
@@ -76,7 +76,7 @@ fn the_file_is_pcapng_of_usbmon_in_nanoseconds() {
     assert_eq!((u64_at(&counts[&4], 0), u64_at(&counts[&5], 0)), (2, 0), "frames there were, frames missing");
 }
 
-/// LINK-8 What is recorded is read back: frames, directions, times, what the link was.
+/// What is recorded is read back: frames, directions, times, what the link was.
 #[test]
 fn a_recording_is_read_back() {
     let bytes = recording_of(300);

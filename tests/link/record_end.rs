@@ -29,7 +29,7 @@ fn up_to(bytes: &[u8], n: usize) -> &[u8] {
     &bytes[..length]
 }
 
-/// TOOL-142 A recording without its end was not ended, wherever it was cut; one with it was. A file of several openings says
+/// A recording without its end was not ended, wherever it was cut; one with it was. A file of several openings says
 /// how many of them were not.
 #[test]
 fn a_recording_without_its_end_says_so() {
@@ -55,7 +55,7 @@ fn a_recording_without_its_end_says_so() {
     }
 }
 
-/// TOOL-142 Of what others have written nothing is concluded: a recording that another program has written anew has another
+/// Of what others have written nothing is concluded: a recording that another program has written anew has another
 /// application in its header, a capture has its own.
 #[test]
 fn recordings_of_other_programs_are_not_called_incomplete() {
@@ -70,7 +70,7 @@ fn recordings_of_other_programs_are_not_called_incomplete() {
     assert_eq!(lacks(&capture), Lacks::default());
 }
 
-/// TOOL-142 While it grows a recording is not ended; closed it is.
+/// While it grows a recording is not ended; closed it is.
 #[test]
 fn a_recording_that_grows_is_not_ended() {
     let memory = Memory::default();
@@ -82,7 +82,7 @@ fn a_recording_that_grows_is_not_ended() {
     assert!(lacks(&memory.bytes()).is_nothing());
 }
 
-/// TOOL-143 A real file on a real full disk: the process may write no longer file. The recorder says so on standard error
+/// A real file on a real full disk: the process may write no longer file. The recorder says so on standard error
 /// when it begins and at the end, and the file says how many frames are missing and why.
 #[cfg(unix)]
 #[test]
@@ -142,7 +142,7 @@ fn a_full_disk_is_told_at_once_and_at_the_end() {
     }
 }
 
-/// TOOL-144 A recording that was there is kept beside a new one, as `FILE.1`; the one that was kept before goes. A file in
+/// A recording that was there is kept beside a new one, as `FILE.1`; the one that was kept before goes. A file in
 /// that place that is no recording stays, and then nothing is recorded.
 #[test]
 fn a_recording_that_was_there_is_kept() {
@@ -177,7 +177,7 @@ fn a_recording_that_was_there_is_kept() {
     assert_eq!(std::fs::read(&kept).unwrap(), b"a letter");
 }
 
-/// TOOL-144 Room for a recording is there, or is made of a recording if that is wanted, and of nothing else.
+/// Room for a recording is there, or is made of a recording if that is wanted, and of nothing else.
 #[test]
 fn only_a_recording_is_removed_for_a_new_one() {
     let dir = tempfile::tempdir().unwrap();

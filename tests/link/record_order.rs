@@ -63,7 +63,7 @@ fn recorded(path: &Path, clock: Clock, calls: &[(bool, u64)], one_by_one: bool) 
     read_file(path).into_iter().map(|recorded: Recorded| (recorded.dir, recorded.at_ns)).collect()
 }
 
-/// TOOL-140 On the real clock a recording has its frames in the order of their times, however late the thread that moved one
+/// On the real clock a recording has its frames in the order of their times, however late the thread that moved one
 /// comes with it: a command stands before its answer, a report before the commands that were sent after it was made. Two of
 /// the same moment: the report first. On a virtual clock it has them in the order of the calls.
 #[test]
@@ -122,7 +122,7 @@ fn sections(path: &Path) -> Vec<(u64, Vec<u64>)> {
     sections
 }
 
-/// TOOL-141 A board that a program opens again goes on in its recording where it was, by its own clock: `rate=` makes no gap
+/// A board that a program opens again goes on in its recording where it was, by its own clock: `rate=` makes no gap
 /// of the time that the wall's clock was ahead.
 #[test]
 fn times_continue_by_the_boards_clock_when_it_is_opened_again() {
@@ -143,7 +143,7 @@ fn times_continue_by_the_boards_clock_when_it_is_opened_again() {
     assert_eq!(sections[0].1.len(), 15);
 }
 
-/// TOOL-141 A board that began anew, as one without a name does, follows in the recording too: no time is there twice.
+/// A board that began anew, as one without a name does, follows in the recording too: no time is there twice.
 #[test]
 fn times_of_a_new_board_follow_those_recorded_before() {
     let folder = tempfile::tempdir().unwrap();

@@ -18,7 +18,7 @@ fn error_code(slot: &RawSlot) -> u16 {
     slot.data2_high()
 }
 
-/// LINK-6 An alarm comes in the cycle after its time.
+/// An alarm comes in the cycle after its time.
 #[test]
 fn an_alarm_comes_in_the_cycle_after_its_time() {
     let mut client = Client::stepped("alarm", "at 2.5s alarm 1 0x7500 # communication\n");
@@ -29,7 +29,7 @@ fn an_alarm_comes_in_the_cycle_after_its_time() {
     assert_eq!(error_code(&client.slot(2)), 0);
 }
 
-/// LINK-5 LINK-6 The same script gives the same bytes.
+/// The same script gives the same bytes.
 #[test]
 fn the_same_script_gives_the_same_bytes() {
     let run = |name| {
@@ -109,7 +109,7 @@ fn a_silent_board_goes_on_without_reports() {
     );
 }
 
-/// LINK-6 SK-9.12 In OP a cut before the first slave is silence until it heals; SK-9.8 below OP reports go on.
+/// SK-9.12 In OP a cut before the first slave is silence until it heals; SK-9.8 below OP reports go on.
 #[test]
 fn a_cut_before_the_first_slave_heals_by_itself() {
     let cuts = "at 100ms cut 1 for 50ms\nat 2100ms cut 1 for 50ms\nat 2200ms cut 1\nat 2220ms heal";
@@ -160,7 +160,7 @@ fn read_sdo(client: &mut Client, index: u16) -> (Result<u32, AbortCode>, u64) {
     }
 }
 
-/// LINK-6 SK-6.1 A transfer takes as long as the slave does.
+/// SK-6.1 A transfer takes as long as the slave does.
 #[test]
 fn sdo_transfers_are_slow_or_aborted() {
     let text = "sdo-delay 1 200ms for 1s\nsdo-abort 1 0x6098:0 0x06020000\nat 2s sdo-abort 1 0x08000000 for 1s";
@@ -262,7 +262,7 @@ fn a_script_in_rust_does_what_the_handles_do() {
 }
 
 /// ECAT-15.24 On a board a line that waits for a master is refused.
-/// LINK-6 A wrong script is found before anything moves: the board is not opened, and its name stays free.
+/// A wrong script is found before anything moves: the board is not opened, and its name stays free.
 #[test]
 fn a_wrong_file_opens_nothing() {
     let open = |path: &std::path::Path| {
@@ -315,7 +315,7 @@ mod needs_cxx {
     use super::*;
     use support::{Language, compile, root};
 
-    /// LINK-6 An unmodified program meets the alarm of a script file.
+    /// An unmodified program meets the alarm of a script file.
     #[test]
     fn an_unmodified_program_meets_an_alarm() {
         let program = compile(&root().join("examples/cpp/two_axes_12b.cpp"), Language::Cpp("c++17"));

@@ -48,7 +48,7 @@ fn changes(client: &mut Client, slave: usize, until_ms: u64) -> Vec<(u64, u16)> 
     }
 }
 
-/// LINK-6 `io`: the inputs are forced at their time, and wired to the outputs again at the end. A frame shows what was
+/// `io`: the inputs are forced at their time, and wired to the outputs again at the end. A frame shows what was
 /// measured in the cycle before.
 #[test]
 fn inputs_are_forced_and_wired_again() {
@@ -95,7 +95,7 @@ fn inputs_of_a_channel_are_forced() {
     assert_eq!(seen, [[0, 0], [0, 0x0F0F], [0, 0], [3, 0]]);
 }
 
-/// LINK-6 SK-4.61 SK-4.62 `lose`: the slave is lost, those behind it stay; after the end SET_STATE brings it back.
+/// SK-4.61 SK-4.62 `lose`: the slave is lost, those behind it stay; after the end SET_STATE brings it back.
 #[test]
 fn power_is_lost_and_comes_back() {
     let mut client =
@@ -119,7 +119,7 @@ fn power_is_lost_and_comes_back() {
     client.until("OP", |c| c.answer().state == StateByte::reached(MasterState::Op));
 }
 
-/// LINK-6 `jam`: the shaft stands, and a following error comes when targets move on; free again, the drive moves.
+/// `jam`: the shaft stands, and a following error comes when targets move on; free again, the drive moves.
 #[test]
 fn a_jam_brings_a_following_error() {
     let mut client = Client::stepped("jam", "at 3s jam 1 for 1s");
@@ -211,7 +211,7 @@ mod needs_cxx {
     use support::script_client::file;
     use support::{Language, compile, root};
 
-    /// LINK-6 An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
+    /// An unmodified C program meets them all: it sees inputs change, a following error, a homing error and a lost slave,
     /// and comes out of each as the guides say.
     #[test]
     fn an_unmodified_program_recovers_from_every_scripted_fault_of_a_slave() {

@@ -63,7 +63,7 @@ fn a_byte_order_mark_is_accepted_and_utf_16_is_refused_by_name() {
     }
 }
 
-/// LINK-6 What is wrong is told with its place and what is allowed.
+/// What is wrong is told with its place and what is allowed.
 #[test]
 fn an_invalid_line_is_reported_with_its_position_and_what_is_allowed() {
     const VERBS: &str = "alarm, cut, heal, noise, mute, refuse, sdo-delay, sdo-abort, lose, find, stick, jam, \

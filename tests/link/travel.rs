@@ -57,7 +57,7 @@ fn the_normal_form_of_a_travel() {
     }
 }
 
-/// LINK-4 What is wrong is told with what is allowed.
+/// What is wrong is told with what is allowed.
 #[test]
 fn an_invalid_travel_is_reported_with_what_is_allowed() {
     const PARTS: &str = "allowed: start@N, limits@N..P|N..|..P|none, home@A..B|A..|..B|none, index@N|none, stops@A..B, \
@@ -141,7 +141,7 @@ fn home(client: &mut Client, slave: usize, method: u32) -> Option<i32> {
     panic!("slave {slave}, method {method}: no end; {:?}", drive(client));
 }
 
-/// LINK-4 The axes have the travel that the link says: where they stand, where home is, what is not there.
+/// The axes have the travel that the link says: where they stand, where home is, what is not there.
 #[test]
 fn axes_have_the_travel_that_the_link_says() {
     let list = "drive:start@-30000:limits@-60000..70000:home@-20000..20000:index@5000,drive:limits@none:home@none:\
@@ -179,7 +179,7 @@ fn axes_have_the_travel_that_the_link_says() {
     }
 }
 
-/// LINK-4 The limits that a link says are kept in CSP, with bit 11, and let the axis come back; those that every axis has, without
+/// The limits that a link says are kept in CSP, with bit 11, and let the axis come back; those that every axis has, without
 /// being said, are for homing.
 #[test]
 fn limits_that_are_said_stop_a_motion() {

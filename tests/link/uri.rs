@@ -159,7 +159,7 @@ fn keys_of_the_real_clock_are_refused_on_a_virtual_one() {
     }
 }
 
-/// LINK-3 What the help says is what the parser takes.
+/// What the help says is what the parser takes.
 #[test]
 fn the_table_the_parser_and_the_help_agree() {
     let help = help();
@@ -240,7 +240,7 @@ fn scheme_path_and_keys_are_given_out_decoded() {
     assert_eq!("sim:".parse::<LinkUri>(), LinkUri::parse("sim:"));
 }
 
-/// LINK-4 Slaves of two kinds stand in their order.
+/// Slaves of two kinds stand in their order.
 #[test]
 fn slaves_of_two_kinds_stand_in_order() {
     use SlaveModel::{Drive, Hsp, Hsp2, Io, Step};
@@ -282,7 +282,7 @@ fn unknown_kinds_of_slaves_are_refused_by_name() {
     }
 }
 
-/// LINK-3 An error names key and value, and says what is allowed.
+/// An error names key and value, and says what is allowed.
 #[test]
 fn an_error_names_key_value_and_what_is_allowed() {
     refused("", &["no scheme", "sim:", "usb:"]);
@@ -427,7 +427,7 @@ fn control_characters_in_a_value_are_shown_by_their_codes() {
     }
 }
 
-/// LINK-4 A kind that is nearly one is guessed.
+/// A kind that is nearly one is guessed.
 #[test]
 fn a_misspelt_kind_of_slave_gets_a_suggestion() {
     for (list, near) in [("Drive*2", "did you mean `drive`?"), ("drve", "did you mean `drive`?"), ("hps2", "`hsp2`?")] {

@@ -27,7 +27,7 @@ fn write(rig: &mut Rig, slave: u8, index: u16, value: &[u8]) -> JobId {
     rig.master.download(slave, ObjectAddress::new(index, 0), SdoScope::Entry, value, SECOND)
 }
 
-/// MASTER-1.5 A change of state of any slaves allocates nothing, up or down, all at once or two beside each other, with clocks and without,
+/// A change of state of any slaves allocates nothing, up or down, all at once or two beside each other, with clocks and without,
 /// if frames are lost, if a slave refuses, and if it is given up.
 #[test]
 fn changes_of_state_allocate_nothing() {
@@ -76,7 +76,7 @@ fn changes_of_state_allocate_nothing() {
     }
 }
 
-/// MASTER-1.5 Neither does the transfer of up to 4 bytes, nor an upload of which so many are told, however long it is; nor if it is aborted, has
+/// Neither does the transfer of up to 4 bytes, nor an upload of which so many are told, however long it is; nor if it is aborted, has
 /// no answer, loses frames or is given up; nor do several beside each other and beside cycles.
 #[test]
 fn transfers_allocate_nothing() {
@@ -141,7 +141,7 @@ fn transfers_allocate_nothing() {
     });
 }
 
-/// MASTER-1.5 Neither do the watch over slaves and their mailboxes, an emergency, a cable that is cut, a slave that was without power, and the way
+/// Neither do the watch over slaves and their mailboxes, an emergency, a cable that is cut, a slave that was without power, and the way
 /// of all back to OP.
 #[test]
 fn what_happens_unasked_allocates_nothing() {

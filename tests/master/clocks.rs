@@ -150,7 +150,7 @@ fn a_clock_that_is_far_away_is_set_anew() {
     assert!(spread(&mut rig) < 10 * US, "{}", spread(&mut rig));
 }
 
-/// MASTER-6.5 The next deadline keeps the frames at their phase of the reference clock, however that drifts.
+/// The next deadline keeps the frames at their phase of the reference clock, however that drifts.
 #[test]
 fn cycles_keep_step_with_the_reference() {
     for (drift, local, phase_ns) in [(100_000, 123_456_789, 0), (-80_000, 5, 400 * US), (0, u64::MAX - 9, 999 * US)] {
@@ -177,7 +177,7 @@ fn cycles_keep_step_with_the_reference() {
     }
 }
 
-/// MASTER-6.6 A reference clock of 32 bits is extended when it wraps.
+/// A reference clock of 32 bits is extended when it wraps.
 #[test]
 fn a_clock_of_32_bits_is_extended() {
     let features = EscSettings::default().features.without(Features::CLOCK_64_BITS);

@@ -14,7 +14,7 @@ use support::lying_wire::{Answer, Lies};
 
 use super::rig::{CYCLE, Faults, MS, Rig, SECOND, kinds};
 
-/// MASTER-1.1 MASTER-1.2 Frames that are lost, late or doubled are counted and sent again; the scan and the way to OP succeed
+/// Frames that are lost, late or doubled are counted and sent again; the scan and the way to OP succeed
 /// all the same.
 #[test]
 fn slaves_reach_op_though_frames_are_lost() {
@@ -68,7 +68,7 @@ fn nothing_is_written_twice() {
     }
 }
 
-/// MASTER-1.4 Frames of another master are counted and told of, and disturb nothing; neither do others that are none of ours.
+/// Frames of another master are counted and told of, and disturb nothing; neither do others that are none of ours.
 #[test]
 fn another_master_is_noticed() {
     let mut rig = Rig::in_op(&["drive"]);
@@ -88,7 +88,7 @@ fn another_master_is_noticed() {
     assert!(rig.last.all_in_op);
 }
 
-/// MASTER-4.4 A cycle whose frames are lost says so, and names no slave; the inputs stay as they were.
+/// A cycle whose frames are lost says so, and names no slave; the inputs stay as they were.
 #[test]
 fn a_lost_cycle_is_no_lost_slave() {
     let mut rig = Rig::in_op(&["drive", "io"]);

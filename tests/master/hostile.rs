@@ -78,7 +78,7 @@ fn use_everything(rig: &mut Rig, dice: &mut Dice) {
     }
 }
 
-/// MASTER-8.1 Slaves that answer anything, with right and with wrong headers, cause no panic, and everything ends.
+/// Slaves that answer anything, with right and with wrong headers, cause no panic, and everything ends.
 #[test]
 fn nothing_panics_and_everything_ends() {
     for seed in 0..60 {

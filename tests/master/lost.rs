@@ -54,7 +54,7 @@ fn a_cut_cable_is_repaired() {
     assert!(rig.last.all_in_op && rig.last.working_counter == 15);
 }
 
-/// MASTER-7.2 A slave that was without power for however long gets its address back and is configured again while the others
+/// A slave that was without power for however long gets its address back and is configured again while the others
 /// stay in OP.
 #[test]
 fn a_slave_that_lost_power_is_configured_again() {
@@ -83,7 +83,7 @@ fn a_slave_that_lost_power_is_configured_again() {
     }
 }
 
-/// MASTER-7.2 A slave in the middle takes those behind it along; each is known by its identity and gets its own address.
+/// A slave in the middle takes those behind it along; each is known by its identity and gets its own address.
 #[test]
 fn all_slaves_behind_one_without_power_come_back() {
     let kinds = ["io", "drive", "hsp", "io", "step"];
@@ -130,7 +130,7 @@ fn a_silent_slave_is_found() {
     assert!(rig.master.missing().is_empty() && rig.last.all_in_op);
 }
 
-/// MASTER-7.4 Without the cable to the first slave everything ends, and goes on when it is back.
+/// Without the cable to the first slave everything ends, and goes on when it is back.
 #[test]
 fn the_first_cable_is_cut() {
     let kinds = ["drive", "io"];
@@ -146,7 +146,7 @@ fn the_first_cable_is_cut() {
     assert!(rig.last.all_in_op && rig.master.missing().is_empty());
 }
 
-/// MASTER-7.4 However many frames were lost while the cable was cut, each cycle is sent and answered from then on.
+/// However many frames were lost while the cable was cut, each cycle is sent and answered from then on.
 #[test]
 fn cycles_go_on_at_once_when_the_cable_is_back() {
     let mut rig = Rig::in_op(&["drive"]);

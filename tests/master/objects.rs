@@ -47,7 +47,7 @@ fn a_late_first_answer_is_none_to_another_request() {
     assert_eq!(rig.upload(1, 0x1000, 0), Err(SdoError::Abort(AbortCode::NO_OBJECT)));
 }
 
-/// MASTER-1.5 MASTER-5.1 An upload of a number reads the whole value, however it comes, and tells its first 4 bytes; those that it lacks
+/// MASTER-5.1 An upload of a number reads the whole value, however it comes, and tells its first 4 bytes; those that it lacks
 /// are 0. A download of up to 4 bytes brings just these.
 #[test]
 fn a_number_is_the_beginning_of_a_value() {
@@ -81,7 +81,7 @@ fn an_abort_has_its_code() {
     assert_eq!(rig.download(1, BLOB.index, BLOB.sub, &far[1..]), Ok(()));
 }
 
-/// MASTER-5.3 A slave that gives no answer, has no mailbox or is not there is not waited for longer than was said.
+/// A slave that gives no answer, has no mailbox or is not there is not waited for longer than was said.
 #[test]
 fn every_transfer_ends() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -101,7 +101,7 @@ fn every_transfer_ends() {
     assert_eq!(rig.upload(9, 0x1000, 0), Err(MailboxError::NoMailbox.into()));
 }
 
-/// MASTER-5.4 Transfers of several slaves run side by side, beside changes of state; one slave has one at a time.
+/// Transfers of several slaves run side by side, beside changes of state; one slave has one at a time.
 #[test]
 fn transfers_run_side_by_side() {
     let mut rig = Rig::of(Chain::line((0..3).map(|n| Blob::of(500 + n).slave())));
@@ -189,7 +189,7 @@ fn objects_are_read_as_a_whole() {
     assert_eq!(rig.wait(id), JobDone::Upload(Ok(mapping.to_vec())));
 }
 
-/// MASTER-5.6 A transfer that was given up leaves the mailbox to the next one.
+/// A transfer that was given up leaves the mailbox to the next one.
 #[test]
 fn a_transfer_can_be_given_up() {
     let writes = Arc::default();

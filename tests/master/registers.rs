@@ -88,7 +88,7 @@ fn error_counters_are_read_and_cleared() {
     assert_eq!(rig.last.working_counter, rig.last.expected_working_counter);
 }
 
-/// MASTER-9.2 A datagram of any command goes out once, and what came back is its answer, with its working counter.
+/// A datagram of any command goes out once, and what came back is its answer, with its working counter.
 #[test]
 fn datagrams_of_any_command_go_out() {
     let mut rig = Rig::scanned(&["drive", "io", "drive"]);
@@ -108,7 +108,7 @@ fn datagrams_of_any_command_go_out() {
     assert_eq!(datagram(&mut rig, Command::Brd, 0, &long), Err(DatagramError::TooLong(long.len())));
 }
 
-/// MASTER-9.2 A datagram whose frame is lost is not sent again.
+/// A datagram whose frame is lost is not sent again.
 #[test]
 fn a_lost_datagram_is_not_sent_again() {
     let mut rig = Rig::scanned(&["io"]);
@@ -169,7 +169,7 @@ fn eeprom_words_are_written() {
     assert_eq!(write_words(&mut rig, 0, 0, &[7]), Err(SiiError::NoSlave(0)));
 }
 
-/// MASTER-9.4 An EEPROM is one sequence's at a time, and a change of state and an access to it exclude each other.
+/// An EEPROM is one sequence's at a time, and a change of state and an access to it exclude each other.
 #[test]
 fn an_eeprom_is_one_sequences_at_a_time() {
     let settings = EscSettings { eeprom_ns: 10 * MS, state_change_ns: 50 * MS, ..EscSettings::default() };
@@ -193,7 +193,7 @@ fn an_eeprom_is_one_sequences_at_a_time() {
     assert_eq!(rig.wait(up), JobDone::State(Ok(())));
 }
 
-/// MASTER-9.4 An EEPROM that the slave's own controller was left with is taken from it.
+/// An EEPROM that the slave's own controller was left with is taken from it.
 #[test]
 fn an_eeprom_that_was_offered_is_taken() {
     let mut rig = Rig::scanned(&["io"]);
@@ -204,7 +204,7 @@ fn an_eeprom_that_was_offered_is_taken() {
 
 const ALARM: Fault = Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3210, resettable: true } };
 
-/// MASTER-9.5 Mail that is kept stays in the mailbox, is seen there, and is read with its header; the emergency in it is an event
+/// Mail that is kept stays in the mailbox, is seen there, and is read with its header; the emergency in it is an event
 /// then. Another request takes it, too.
 #[test]
 fn mail_is_kept_for_a_user() {
@@ -231,7 +231,7 @@ fn mail_is_kept_for_a_user() {
     assert_eq!(rig.wait(id), JobDone::Mail(Err(MailboxError::NoMailbox)));
 }
 
-/// MASTER-9.6 States that a slave has left by itself are known once they were read.
+/// States that a slave has left by itself are known once they were read.
 #[test]
 fn states_are_read_when_they_are_wanted() {
     let mut rig = Rig::scanned(&["io", "io"]);
@@ -243,7 +243,7 @@ fn states_are_read_when_they_are_wanted() {
     assert_eq!(present, [true, false]);
 }
 
-/// MASTER-9.7 Process data and mailboxes lie where a user says, and work there.
+/// Process data and mailboxes lie where a user says, and work there.
 #[test]
 fn sync_managers_lie_where_a_user_says() {
     let mut rig = Rig::scanned(&["io", "io"]);
@@ -278,7 +278,7 @@ fn lrw_is_switched_off_and_on() {
     }
 }
 
-/// MASTER-6.7 The clocks of slaves whose crystals are wrong follow the master's clock if that leads, and do not if a slave's does.
+/// The clocks of slaves whose crystals are wrong follow the master's clock if that leads, and do not if a slave's does.
 #[test]
 fn clocks_follow_the_master_if_it_leads() {
     let away = |reference| {

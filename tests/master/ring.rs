@@ -39,7 +39,7 @@ fn registers(chain: &Chain) -> Vec<(Vec<u8>, Vec<u8>)> {
     (0..chain.len()).map(of).collect()
 }
 
-/// MASTER-2.7 The delays in a ring are those of the same slaves in a line, and every port is as it was. If a cable is cut no port is closed:
+/// The delays in a ring are those of the same slaves in a line, and every port is as it was. If a cable is cut no port is closed:
 /// the slaves behind the gap would be gone.
 #[test]
 fn delays_in_a_ring_are_those_of_a_line() {

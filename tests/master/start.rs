@@ -30,7 +30,7 @@ fn the_scan_reads_who_slaves_are() {
     }
 }
 
-/// MASTER-2.2 A network without slaves, or without a cable, has none.
+/// A network without slaves, or without a cable, has none.
 #[test]
 fn no_slaves_are_found_where_there_are_none() {
     assert_eq!(Rig::line(&[]).scan(), 0);
@@ -41,7 +41,7 @@ fn no_slaves_are_found_where_there_are_none() {
     assert_eq!(rig.scan(), 1);
 }
 
-/// MASTER-2.6 A second master that has joined sends nothing by itself, and whatever the two read in turns they read.
+/// A second master that has joined sends nothing by itself, and whatever the two read in turns they read.
 #[test]
 fn a_network_is_joined() {
     let mut rig = Rig::scanned(&["drive", "io"]);
@@ -164,7 +164,7 @@ fn single_slaves_change_their_state_beside_others_in_op() {
     assert_eq!(rig.master.take_event(), None);
 }
 
-/// MASTER-3.4 A change of state ends when its time is up: a slave that gets no outputs does not enter OP.
+/// A change of state ends when its time is up: a slave that gets no outputs does not enter OP.
 #[test]
 fn a_change_of_state_ends_when_its_time_is_up() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -178,7 +178,7 @@ fn a_change_of_state_ends_when_its_time_is_up() {
     assert!((100 * MS..110 * MS).contains(&(rig.net.now - begin)));
 }
 
-/// MASTER-3.5 A slave that leaves its state is told of with its AL status code: here its outputs have stopped.
+/// A slave that leaves its state is told of with its AL status code: here its outputs have stopped.
 #[test]
 fn a_slave_that_leaves_its_state_is_told_of() {
     let mut rig = Rig::in_op(&["drive", "drive"]);
@@ -194,7 +194,7 @@ fn a_slave_that_leaves_its_state_is_told_of() {
     rig.reach(AlState::Op);
 }
 
-/// MASTER-4.2 Process data that no slave can have are refused before anything is sent.
+/// Process data that no slave can have are refused before anything is sent.
 #[test]
 fn process_data_that_cannot_be_are_refused() {
     let mut rig = Rig::scanned(&["drive"]);
@@ -231,7 +231,7 @@ fn slaves_without_lrw_share_lrd_and_lwr() {
     }
 }
 
-/// MASTER-4.6 A cycle allocates nothing, with 40 slaves, and neither does an object that is written beside it once that has begun.
+/// A cycle allocates nothing, with 40 slaves, and neither does an object that is written beside it once that has begun.
 #[test]
 fn a_cycle_allocates_nothing() {
     let kinds = kinds(40);
@@ -251,7 +251,7 @@ fn a_cycle_allocates_nothing() {
     assert_eq!((rig.last.working_counter, rig.last.expected_working_counter), (120, 120));
 }
 
-/// MASTER-4.3 Slaves that fit into one datagram share one; others get further datagrams, and none is cut in two.
+/// Slaves that fit into one datagram share one; others get further datagrams, and none is cut in two.
 #[test]
 fn process_data_are_cut_at_slaves() {
     let mut rig = Rig::of(Chain::line((0..5).map(|_| Blob::default().slave())));

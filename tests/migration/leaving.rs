@@ -35,7 +35,7 @@ fn leave(machine: &mut Machine, waiting: i32) -> (i32, Controlword, usize) {
     (last, off.next_back().map_or(Controlword::default(), |axis| axis.controlword), left_out)
 }
 
-/// XF-20.16 NIC-2.11 SV_OFF behind the end of a motion, and SET_STATE to a lower state at once: on every bus the targets are sent and the
+/// XF-20.16 SV_OFF behind the end of a motion, and SET_STATE to a lower state at once: on every bus the targets are sent and the
 /// axis is switched off before OP is left, as far as the time goes that a board takes for the change.
 #[test]
 fn what_waits_is_sent_before_op_is_left() {
@@ -49,7 +49,7 @@ fn what_waits_is_sent_before_op_is_left() {
     }
 }
 
-/// XF-20.16 NIC-2.11 What waits longer than that is cleared, and counted: a FIFO that is full does not keep the network in OP. Behind a
+/// XF-20.16 What waits longer than that is cleared, and counted: a FIFO that is full does not keep the network in OP. Behind a
 /// chip it is not known what still reaches slaves on their way out of OP: that is executed, and counts as lost for them.
 #[test]
 fn what_waits_for_too_long_is_counted() {

@@ -101,7 +101,7 @@ fn recordings_on_both_models() {
     }
 }
 
-/// XF-20.14 TOOL-193 What was otherwise on the recorded board is found on both models: a drive that had an alarm there. The model does
+/// XF-20.14 What was otherwise on the recorded board is found on both models: a drive that had an alarm there. The model does
 /// not show it, and is not waited for for ever.
 #[test]
 fn what_was_otherwise_is_found_on_both_models() {

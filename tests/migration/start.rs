@@ -39,7 +39,7 @@ fn the_way_to_op_takes_longer() {
     }
 }
 
-/// XF-20.9 TOOL-201 What `migrate` tells of the way to OP is what the model of a chip takes, but for a tenth.
+/// XF-20.9 What `migrate` tells of the way to OP is what the model of a chip takes, but for a tenth.
 #[test]
 fn the_estimate_is_what_the_model_takes() {
     for (drives, none) in [(2, 0), (8, 0), (40, 0), (6, 2), (8, 8), (39, 1)] {

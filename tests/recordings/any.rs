@@ -67,13 +67,11 @@ fn any_device() -> impl Strategy<Value = Option<Address>> {
 }
 
 proptest! {
-    /// WIRE-107
     #[test]
     fn no_packets_make_the_reader_panic(file in any_packets(), only in any_device()) {
         exhaust(&file, only);
     }
 
-    /// WIRE-107
     #[test]
     fn no_damage_makes_the_reader_panic(
         file in any_file(),

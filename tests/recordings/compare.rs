@@ -20,7 +20,7 @@ fn first(a: &Run, b: &Run) -> (u64, Deviation, String) {
     (first.command, first.what[0].clone(), first.to_string())
 }
 
-/// TOOL-55 A run is equal to itself, command for command, with an answer to nearly each.
+/// A run is equal to itself, command for command, with an answer to nearly each.
 #[test]
 fn a_run_is_equal_to_itself() {
     let run = Program::default().record();
@@ -33,7 +33,7 @@ fn a_run_is_equal_to_itself() {
     assert_eq!((found.ends_early, found.differing_answers), (None, 0));
 }
 
-/// TOOL-56 Slower writes, more polls and more reports are no difference.
+/// Slower writes, more polls and more reports are no difference.
 #[test]
 fn timing_is_no_difference() {
     let a = Program::default().record();
@@ -47,7 +47,7 @@ fn timing_is_no_difference() {
     }
 }
 
-/// TOOL-56 Answers are found at any cycle: it is what SET_DC says.
+/// Answers are found at any cycle: it is what SET_DC says.
 #[test]
 fn other_cycles() {
     for cycle_us in [250, 2000] {
@@ -57,7 +57,7 @@ fn other_cycles() {
     }
 }
 
-/// TOOL-57 A command that is another one is the difference, named by its number, slave and both targets.
+/// A command that is another one is the difference, named by its number, slave and both targets.
 #[test]
 fn another_target() {
     let a = Program::default().record();
@@ -73,7 +73,7 @@ fn another_target() {
     assert_eq!(found.counts[0].commands, found.counts[1].commands, "what follows is counted");
 }
 
-/// TOOL-58 A fault on one board is found at the command in whose cycle it came, with both statuswords; that the program
+/// A fault on one board is found at the command in whose cycle it came, with both statuswords; that the program
 /// ended by it is told too.
 #[test]
 fn a_fault_of_one_board() {
@@ -166,7 +166,7 @@ fn what(a: &Board, b: &Board, options: &Options) -> Option<(u64, Vec<Deviation>)
     compare(a.frames.clone(), b.frames.clone(), SIZE, options).first.map(|first| (first.command, first.what))
 }
 
-/// TOOL-59 Positions may be as far apart as allowed, and bits of a statusword that are masked out do not count.
+/// Positions may be as far apart as allowed, and bits of a statusword that are masked out do not count.
 #[test]
 fn tolerance_and_mask() {
     let run = |position, statusword| {
@@ -187,7 +187,7 @@ fn tolerance_and_mask() {
     assert_eq!((masked(0xFFFF), masked(0x006F)), (Some(2), None));
 }
 
-/// TOOL-58 What the board had answered when the program moved on counts, not what it had said on the way there.
+/// What the board had answered when the program moved on counts, not what it had said on the way there.
 #[test]
 fn the_last_answer_counts() {
     let run = |on_the_way: &[u16]| {
@@ -207,7 +207,7 @@ fn the_last_answer_counts() {
     assert_eq!(late.0, 2);
 }
 
-/// TOOL-189 Where an axis stands in the end counts, though both runs have shown both places shortly before: at the end of the run, and
+/// Where an axis stands in the end counts, though both runs have shown both places shortly before: at the end of the run, and
 /// of OP.
 #[test]
 fn the_last_position_counts() {
@@ -235,7 +235,7 @@ fn the_last_position_counts() {
     }
 }
 
-/// TOOL-58 Outside OP slaves' slots are what they were (SK-4), and do not count; the state does.
+/// Outside OP slaves' slots are what they were (SK-4), and do not count; the state does.
 #[test]
 fn slaves_count_in_op_alone() {
     let run = |state, position| {
@@ -252,7 +252,7 @@ fn slaves_count_in_op_alone() {
     assert_eq!((command, found), (2, vec![Deviation::State { states }]));
 }
 
-/// TOOL-58 A fault that one board had on the way is told though it is gone when the program moves on.
+/// A fault that one board had on the way is told though it is gone when the program moves on.
 #[test]
 fn a_fault_on_the_way() {
     let run = |on_the_way: &[(u16, u16)]| {
@@ -271,7 +271,7 @@ fn a_fault_on_the_way() {
     assert_eq!(what(&fault, &run(&[(0x0218, 0x7500)]), &Options::default()), None, "the code may come later");
 }
 
-/// TOOL-58 A command is answered when it has been executed and not when it was sent: commands that wait in the FIFO are
+/// A command is answered when it has been executed and not when it was sent: commands that wait in the FIFO are
 /// not the answer's.
 #[test]
 fn answers_belong_to_the_command_executed() {
@@ -293,7 +293,7 @@ fn answers_belong_to_the_command_executed() {
     }
 }
 
-/// TOOL-58 An SDO has one answer, whichever report brings it; that it never comes is a difference too.
+/// An SDO has one answer, whichever report brings it; that it never comes is a difference too.
 #[test]
 fn sdo_answers() {
     let run = |waits: usize, value: Option<u32>| {
@@ -320,7 +320,7 @@ fn sdo_answers() {
     assert!(matches!(none[..], [Deviation::NoSdoAnswer { side: Side::B, .. }]), "{none:?}");
 }
 
-/// TOOL-58 That commands were lost in one run is a difference.
+/// That commands were lost in one run is a difference.
 #[test]
 fn lost_commands() {
     let run = |lost: u16| {
@@ -336,7 +336,7 @@ fn lost_commands() {
     assert_eq!(found[0], Deviation::Lost { side: Side::B });
 }
 
-/// TOOL-56 What is said again and again until it is so counts once, if asked.
+/// What is said again and again until it is so counts once, if asked.
 #[test]
 fn repeats() {
     let a = Program::default().record();
@@ -347,7 +347,7 @@ fn repeats() {
     assert!(found.counts[1].repeats >= 6, "{found}");
 }
 
-/// TOOL-57 A run that ends is told with the command that it does not have.
+/// A run that ends is told with the command that it does not have.
 #[test]
 fn an_early_end() {
     let a = Program::default().record();
@@ -361,7 +361,7 @@ fn an_early_end() {
     }
 }
 
-/// TOOL-55 CRCs and filler bytes are no part of a command.
+/// CRCs and filler bytes are no part of a command.
 #[test]
 fn crcs_do_not_count() {
     let a = Board::op();
@@ -371,7 +371,7 @@ fn crcs_do_not_count() {
     assert_eq!(what(&a, &b, &Options::default()), None);
 }
 
-/// TOOL-55 What cannot be compared is an error that says what to do.
+/// What cannot be compared is an error that says what to do.
 #[test]
 fn what_cannot_be_compared() {
     let run = Program::default().record();
@@ -434,7 +434,7 @@ mod any_frames {
     }
 
     proptest! {
-        /// TOOL-55 Whatever frames there are, a run is equal to itself, and two runs differ the same way from either side.
+        /// Whatever frames there are, a run is equal to itself, and two runs differ the same way from either side.
         #[test]
         fn compare_takes_any_frames(
             a in runs(),

@@ -78,7 +78,7 @@ fn shows(frame: &mut Frame, slave: usize, change: impl FnOnce(&mut DriveResponse
     put(frame, slave, shown.encode());
 }
 
-/// TOOL-186 The same program on a board and behind a chip: equal, with the latency as a number, at any cycle and with any count of
+/// The same program on a board and behind a chip: equal, with the latency as a number, at any cycle and with any count of
 /// outputs ahead; and so is the other way round, with the sign turned.
 #[test]
 fn a_chip_answers_later_and_that_is_all() {
@@ -101,7 +101,7 @@ fn a_chip_answers_later_and_that_is_all() {
     }
 }
 
-/// TOOL-189 Commands that are not the same are a difference whatever the latency: one that is lost, sent twice, another one, or two
+/// Commands that are not the same are a difference whatever the latency: one that is lost, sent twice, another one, or two
 /// in another order.
 #[test]
 fn a_command_lost_doubled_changed_or_in_another_order() {
@@ -133,7 +133,7 @@ fn a_command_lost_doubled_changed_or_in_another_order() {
     }
 }
 
-/// TOOL-189 That the board has lost commands or refused them is a difference.
+/// That the board has lost commands or refused them is a difference.
 #[test]
 fn commands_that_the_board_has_lost() {
     for of in [0, 1] {
@@ -148,7 +148,7 @@ fn commands_that_the_board_has_lost() {
     }
 }
 
-/// TOOL-189 An axis that stands elsewhere is a difference, by one count too: at the end of the run, when OP is left and no answer
+/// An axis that stands elsewhere is a difference, by one count too: at the end of the run, when OP is left and no answer
 /// shows it any more, and between two motions.
 #[test]
 fn another_position_where_an_axis_stands() {
@@ -166,7 +166,7 @@ fn another_position_where_an_axis_stands() {
     }
 }
 
-/// TOOL-189 A wrong value in a motion is a difference, in a single answer too, and by one count.
+/// A wrong value in a motion is a difference, in a single answer too, and by one count.
 #[test]
 fn a_wrong_position_on_the_way() {
     let moves = |frame: &Frame| (100..5900).contains(&drive(frame, 2).position);
@@ -181,7 +181,7 @@ fn a_wrong_position_on_the_way() {
     }
 }
 
-/// TOOL-189 A fault that only one run has is a difference, in a single report too, standing and on the way.
+/// A fault that only one run has is a difference, in a single report too, standing and on the way.
 #[test]
 fn an_alarm_of_one_run() {
     for at in reports(&CHIP).into_iter().skip(60).step_by(11) {
@@ -201,7 +201,7 @@ fn an_alarm_of_one_run() {
     }
 }
 
-/// TOOL-58 TOOL-189 Whether an axis that moves has reached the target of a cycle (bit 10) depends on the moment: it may be so at other
+/// Whether an axis that moves has reached the target of a cycle (bit 10) depends on the moment: it may be so at other
 /// places of the way, and is a difference where one run never shows it.
 #[test]
 fn a_bit_of_the_moment() {
@@ -225,7 +225,7 @@ fn a_bit_of_the_moment() {
     }
 }
 
-/// TOOL-188 A command that is answered much later than others is one that is too late, be it one alone.
+/// A command that is answered much later than others is one that is too late, be it one alone.
 #[test]
 fn one_late_command() {
     let allowed = |cycles| with(&Options { latency_cycles: Some(cycles), ..Options::default() }, &BOARD, &CHIP);
@@ -237,7 +237,7 @@ fn one_late_command() {
     assert!(what(&found).iter().any(is_it), "{found}");
 }
 
-/// TOOL-189 A state that never comes is a difference: of the network, of a drive, and of inputs.
+/// A state that never comes is a difference: of the network, of a drive, and of inputs.
 #[test]
 fn a_state_that_never_comes() {
     let found = changed(|frames| {
@@ -267,7 +267,7 @@ fn a_state_that_never_comes() {
     assert!(matches!(what(&found)[0], Deviation::Inputs { slave: 3, .. }), "{found}");
 }
 
-/// TOOL-189 Another answer to an SDO, or none, is a difference.
+/// Another answer to an SDO, or none, is a difference.
 #[test]
 fn another_answer_to_an_sdo() {
     let sdo = SIZE.sdo_slot();
@@ -294,7 +294,7 @@ fn with_pauses(scheme: &'static str) -> Frames {
     frames(&Program { scheme, pauses: PAUSES, ..Program::default() })
 }
 
-/// TOOL-187 Cycles that one run alone has in a motion are gaps of that run, told as numbers, and no difference: on a board and behind
+/// Cycles that one run alone has in a motion are gaps of that run, told as numbers, and no difference: on a board and behind
 /// a chip, in the one run and in the other.
 #[test]
 fn gaps_are_counted() {
@@ -314,7 +314,7 @@ fn gaps_are_counted() {
     assert!(found.is_equal(), "{found}");
 }
 
-/// TOOL-187 TOOL-189 While an axis is behind a gap it may be no further away than it moves in so many cycles, and when it stands
+/// While an axis is behind a gap it may be no further away than it moves in so many cycles, and when it stands
 /// it is where it was in the other run.
 #[test]
 fn a_gap_hides_nothing() {
@@ -338,7 +338,7 @@ fn a_gap_hides_nothing() {
     assert!(matches!(what(&found)[0], Deviation::Position { slave: 1, .. }), "{found}");
 }
 
-/// TOOL-188 A latency that is longer than allowed is a difference, where it begins, and one that is not is none; with 0 cycles
+/// A latency that is longer than allowed is a difference, where it begins, and one that is not is none; with 0 cycles
 /// answers count as they were when the program moved on.
 #[test]
 fn a_latency_that_is_too_long() {

@@ -50,7 +50,7 @@ fn frame(n: u8) -> [u8; 512] {
     *numbered(n).bytes()
 }
 
-/// WIRE-100 A frame to the board counts when the host hands it over, a report when it has come, whichever system captured
+/// A frame to the board counts when the host hands it over, a report when it has come, whichever system captured
 /// them, and in whichever order transfers that are under way together end.
 #[test]
 fn frames_are_read_from_every_kind_of_file() {
@@ -72,7 +72,7 @@ fn frames_are_read_from_every_kind_of_file() {
     }
 }
 
-/// WIRE-102 A frame that the host took back never was at the board. One that was moved all the same was, and so were
+/// A frame that the host took back never was at the board. One that was moved all the same was, and so were
 /// those whose end the capture lacks.
 #[test]
 fn frames_taken_back_are_none() {
@@ -104,7 +104,7 @@ fn frames_taken_back_are_none() {
     }
 }
 
-/// WIRE-102 What else passes on a bus is left out and counted: other kinds of transfers, other lengths, reads without a
+/// What else passes on a bus is left out and counted: other kinds of transfers, other lengths, reads without a
 /// report, devices that say that they are something else.
 #[test]
 fn other_traffic_is_left_out() {
@@ -140,7 +140,7 @@ fn found(traffic: &Traffic) -> Result<Option<u8>, RecordError> {
     board_in(&kept(&traffic.events).file).map(|address| address.map(|address| address.device))
 }
 
-/// WIRE-101 The board is the device with its ids and frames both ways; without descriptors, that with frames both ways;
+/// The board is the device with its ids and frames both ways; without descriptors, that with frames both ways;
 /// else that with frames at all.
 #[test]
 fn the_board_is_found() {
@@ -155,7 +155,7 @@ fn the_board_is_found() {
     assert_eq!(found(&traffic), Ok(Some(6)), "another device");
 }
 
-/// WIRE-101 Several devices that may be the board are listed, and one of them can be chosen, whatever its descriptor says.
+/// Several devices that may be the board are listed, and one of them can be chosen, whatever its descriptor says.
 #[test]
 fn several_boards_are_listed() {
     let mut traffic = Traffic::default();
@@ -177,7 +177,7 @@ fn several_boards_are_listed() {
     assert!(matches!(error, RecordError::NoSuchDevice { .. }) && error.to_string().contains("--device"), "{error}");
 }
 
-/// WIRE-101 A capture without a board is an error that says what is in it.
+/// A capture without a board is an error that says what is in it.
 #[test]
 fn no_board_is_an_error() {
     let mut traffic = Traffic::default();
@@ -193,7 +193,7 @@ fn no_board_is_an_error() {
     assert!(matches!(error(&pcapng(&[], USBPCAP)), RecordError::NoBoard { .. }));
 }
 
-/// WIRE-106 Packets that were cut are told, with what to do.
+/// Packets that were cut are told, with what to do.
 #[test]
 fn cut_packets_are_an_error() {
     let mut traffic = Traffic::default();
@@ -209,7 +209,7 @@ fn cut_packets_are_an_error() {
     }
 }
 
-/// WIRE-100 Of a pipe that was opened before the capture began USBPcap knows neither device nor endpoint: where the bytes
+/// Of a pipe that was opened before the capture began USBPcap knows neither device nor endpoint: where the bytes
 /// are shows which way they went.
 #[test]
 fn usbpcap_may_not_know_the_endpoint() {
@@ -222,7 +222,7 @@ fn usbpcap_may_not_know_the_endpoint() {
     assert_eq!(brief(&read(&file)), [(Dir::Write, 1), (Dir::Read, 2)]);
 }
 
-/// WIRE-106 A frame whose end never comes holds the rest back no longer than the file lasts, and not more than some.
+/// A frame whose end never comes holds the rest back no longer than the file lasts, and not more than some.
 #[test]
 fn a_lost_end_does_not_hold_a_long_capture_back() {
     let mut traffic = Traffic::default();

@@ -35,7 +35,7 @@ fn reports(half: impl Iterator<Item = TimedFrame>) -> Vec<(i64, Vec<u8>)> {
     reports.map(|observed| (observed.at_ns, observed.frame.bytes().to_vec())).collect()
 }
 
-/// WIRE-104 LINK-9 A recording of the model, replayed: the same reports at the same nanoseconds, with the slaves behind a chip,
+/// A recording of the model, replayed: the same reports at the same nanoseconds, with the slaves behind a chip,
 /// too. The model is the recording's own unless another one is named.
 #[test]
 fn a_recording_of_the_model_is_its_replay() {
@@ -60,7 +60,7 @@ fn a_recording_of_the_model_is_its_replay() {
     }
 }
 
-/// LINK-9 A model whose slaves are behind an ECM-XF can be recorded, and be the one that is told what was recorded: each axis
+/// A model whose slaves are behind an ECM-XF can be recorded, and be the one that is told what was recorded: each axis
 /// ends in the same place. It takes longer to OP than slaves of its own do, so that what was sent to those comes too soon.
 #[test]
 fn a_model_behind_a_chip_is_replayed() {
@@ -83,7 +83,7 @@ fn a_model_behind_a_chip_is_replayed() {
     assert!(found.answers > 0 && !found.is_equal(), "{found}");
 }
 
-/// WIRE-104 Of a capture the computer's clock is put beside the model's: reports come at the same moments of a cycle.
+/// Of a capture the computer's clock is put beside the model's: reports come at the same moments of a cycle.
 #[test]
 fn a_capture_is_replayed_cycle_by_cycle() {
     let run = Program { cycle_us: 500, ..Program::default() }.record();
@@ -99,7 +99,7 @@ fn a_capture_is_replayed_cycle_by_cycle() {
     }
 }
 
-/// WIRE-104 Reports reach the computer some time after their cycle, one more and the other less: the earliest tell.
+/// Reports reach the computer some time after their cycle, one more and the other less: the earliest tell.
 #[test]
 fn late_reports_are_no_difference() {
     // No command is on its way while a report is: they come 50 us after the end of a cycle, and later.
@@ -122,7 +122,7 @@ fn late_reports_are_no_difference() {
     assert!(found.is_equal() && found.answers > 250, "{found}");
 }
 
-/// WIRE-105 Where the board did otherwise, the first difference says in which slot and what.
+/// Where the board did otherwise, the first difference says in which slot and what.
 #[test]
 fn what_the_board_does_otherwise_is_found() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
@@ -147,7 +147,7 @@ fn from_state(traffic: &Traffic, state: MasterState) -> Traffic {
     Traffic { events: traffic.events[at..].to_vec(), ..Traffic::default() }
 }
 
-/// WIRE-106 A capture that begins in OP has nothing to bring the model there: an error, or, where the program goes back to
+/// A capture that begins in OP has nothing to bring the model there: an error, or, where the program goes back to
 /// PreOP, a replay from there.
 #[test]
 fn a_capture_that_begins_in_the_middle() {
@@ -188,7 +188,7 @@ fn a_capture_that_begins_in_the_middle() {
     assert!(found.counts[0].commands >= 304, "{found}");
 }
 
-/// WIRE-106 What cannot be replayed says why, and what to do.
+/// What cannot be replayed says why, and what to do.
 #[test]
 fn what_cannot_be_replayed() {
     let run = Program { short: true, ..Program::default() }.record();
@@ -219,7 +219,7 @@ fn what_cannot_be_replayed() {
     assert!(error.to_string().contains("while the program runs"), "{error}");
 }
 
-/// WIRE-106 A capture that is cut off is replayed as far as it goes.
+/// A capture that is cut off is replayed as far as it goes.
 #[test]
 fn a_capture_that_is_cut_off() {
     let run = Program::default().record();

@@ -208,7 +208,7 @@ fn tool(arguments: &[&str]) -> String {
     said
 }
 
-/// WIRE-100, WIRE-101 What usbmon captures is read: the board, its slot size, what it was told and what it said.
+/// What usbmon captures is read: the board, its slot size, what it was told and what it said.
 #[test]
 fn a_capture_of_usbmon_is_read() {
     for (size, file) in [(SlotSize::Bytes12, "usbmon_12.pcap"), (SlotSize::Bytes16, "usbmon_16.pcap")] {
@@ -221,7 +221,7 @@ fn a_capture_of_usbmon_is_read() {
     }
 }
 
-/// WIRE-100, WIRE-102 The link `usb:` keeps eight reads waiting, and takes them back when it is closed. What usbmon captures of
+/// The link `usb:` keeps eight reads waiting, and takes them back when it is closed. What usbmon captures of
 /// it are the frames that the link has recorded, none more, none less, and in their order.
 #[test]
 fn a_capture_has_the_frames_of_the_link() {

@@ -25,7 +25,6 @@ fn a_host_attaches_and_detaches_as_often_as_it_likes() {
     }
 }
 
-/// WIRE-8
 #[test]
 fn a_server_that_is_killed_takes_its_boards_away() {
     let served = Served::start(&["sim:?slaves=io"], &[]);
@@ -41,7 +40,6 @@ fn a_server_that_is_killed_takes_its_boards_away() {
     detach_all();
 }
 
-/// WIRE-8
 #[test]
 fn a_board_that_is_reset_goes_and_can_be_attached_again() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);

@@ -35,7 +35,7 @@ fn hidraw_writes_513_bytes_and_reads_512() {
     detach_all();
 }
 
-/// WIRE-2 What is written arrives, all of it, once, in order, whole.
+/// What is written arrives, all of it, once, in order, whole.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     let file = "/tmp/frames.pcapng";
@@ -59,7 +59,7 @@ fn no_frame_is_lost_or_doubled() {
     assert!(arrived == sent, "other frames than were sent, or in another order");
 }
 
-/// WIRE-5 A reader that comes and goes has the kernel take its transfers back, in the middle of the reports.
+/// A reader that comes and goes has the kernel take its transfers back, in the middle of the reports.
 #[test]
 fn readers_come_and_go() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -74,7 +74,7 @@ fn readers_come_and_go() {
     detach_all();
 }
 
-/// WIRE-5, WIRE-9, SK-9.7 A short report hangs the board until it is attached again: no report comes, the kernel gives its next write up
+/// SK-9.7 A short report hangs the board until it is attached again: no report comes, the kernel gives its next write up
 /// and takes it back.
 #[test]
 fn a_short_packet_hangs_the_board() {

@@ -7,7 +7,6 @@ use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use super::hidraw::Hidraw;
 use support::served::{Board, PATIENCE, Served, until};
 
-/// WIRE-8, WIRE-13
 #[test]
 fn a_board_is_attached_at_once_and_again_after_a_reset() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);

@@ -17,7 +17,7 @@ fn objects(arguments: &[&str]) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
 }
 
-/// TOOL-96, TOOL-97, WIRE-17 What sysfs says of a board is what the kernel shows elsewhere, and the link of the list opens
+/// What sysfs says of a board is what the kernel shows elsewhere, and the link of the list opens
 /// it.
 #[test]
 fn a_board_is_found_by_sysfs() {
@@ -49,7 +49,7 @@ fn a_board_is_found_by_sysfs() {
     until("none is left", || Machine::here().usb_devices().is_empty().then_some(()));
 }
 
-/// TOOL-98, TOOL-102 A board that a program has, by libusb or by hidraw, is told with that program.
+/// A board that a program has, by libusb or by hidraw, is told with that program.
 #[test]
 fn who_has_a_board_is_named() {
     let _served = Served::start(&["sim:"], &[]);
@@ -74,7 +74,7 @@ fn who_has_a_board_is_named() {
     detach_all();
 }
 
-/// TOOL-100, TOOL-101, TOOL-105 Of a machine with a board nothing of USB is wrong, and limits and timers are known.
+/// Of a machine with a board nothing of USB is wrong, and limits and timers are known.
 #[test]
 fn the_guest_is_checked() {
     let _served = Served::start(&["sim:"], &[]);

@@ -32,7 +32,7 @@ fn path(frames: &[Frame]) -> Vec<[u32; 2]> {
     path
 }
 
-/// WIRE-2, SK-9.5 An unchanged program behind a real kernel: what it sends arrives, none lost or doubled, in order; the
+/// SK-9.5 An unchanged program behind a real kernel: what it sends arrives, none lost or doubled, in order; the
 /// commands are those that it sends to a simulated board in its own process.
 #[test]
 fn an_unchanged_program_moves_two_axes() {

@@ -4,7 +4,7 @@ use std::fs;
 
 use support::served::{Served, attach, detach_all, usbip};
 
-/// WIRE-1, SK-9.1 Debian's `usbip list` shows the board's pair.
+/// SK-9.1 Debian's `usbip list` shows the board's pair.
 #[test]
 fn usbip_lists_the_boards() {
     let _served = Served::start(&["sim:?name=a", "sim:?name=b"], &[]);
@@ -34,7 +34,7 @@ fn the_kernel_sees_the_board() {
     detach_all();
 }
 
-/// WIRE-16, SK-9.5 The kernel's HID code finds reports of 512 bytes without an id.
+/// SK-9.5 The kernel's HID code finds reports of 512 bytes without an id.
 #[test]
 fn the_kernel_takes_the_report_descriptor() {
     let _served = Served::start(&["sim:"], &["--serial", "XYZ", "--name", "Other", "--manufacturer", ""]);
@@ -48,7 +48,6 @@ fn the_kernel_takes_the_report_descriptor() {
     detach_all();
 }
 
-/// WIRE-1
 #[test]
 fn two_boards_are_two_devices() {
     let _served = Served::start(&["sim:?name=a", "sim:?name=b"], &[]);

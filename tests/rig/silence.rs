@@ -11,7 +11,7 @@ use super::rogue::{Answer, Manners, Rogue};
 
 const A_MINUTE: Duration = Duration::from_secs(60);
 
-/// WIRE-91 A minute of NAK both ways, of the guest's time: calls without a limit go on waiting and get what comes then, the
+/// A minute of NAK both ways, of the guest's time: calls without a limit go on waiting and get what comes then, the
 /// first report of all; those with one end by it and have moved nothing; the board is not lost.
 #[test]
 fn a_board_may_answer_nak_for_a_minute() {

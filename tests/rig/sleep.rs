@@ -15,7 +15,7 @@ const STATE: &str = "/sys/power/state";
 /// How long it stays there, s.
 const DELAY: &str = "/sys/module/suspend/parameters/pm_test_delay";
 
-/// WIRE-93 Programs are frozen, devices put to sleep as far as the virtual controller lets them, and all is woken: the link
+/// Programs are frozen, devices put to sleep as far as the virtual controller lets them, and all is woken: the link
 /// goes on. A board that lost its configuration, as one that was without power meanwhile, is lost, and can be opened again.
 #[test]
 fn a_system_that_sleeps_wakes_with_its_board() {

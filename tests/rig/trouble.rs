@@ -48,7 +48,7 @@ fn warnings() -> Vec<String> {
     HEARD.lock().expect("no panic there").clone()
 }
 
-/// WIRE-82 A device that ends reports by empty transfers, or sends short ones: they are skipped and counted.
+/// A device that ends reports by empty transfers, or sends short ones: they are skipped and counted.
 #[test]
 fn empty_and_short_reports_are_skipped_and_counted() {
     let sends = reports(&[512, 0, 512, 64, 0, 512]);
@@ -63,7 +63,7 @@ fn empty_and_short_reports_are_skipped_and_counted() {
     rogue.pull();
 }
 
-/// WIRE-90 From open to the last report nothing is asked for on endpoint 0, and no halt is cleared.
+/// From open to the last report nothing is asked for on endpoint 0, and no halt is cleared.
 #[test]
 fn nothing_but_reports_moves() {
     let rogue = Rogue::plug_in_and_wait(Manners { sends: reports(&[512; 20]), ..Manners::default() });
@@ -81,7 +81,7 @@ fn nothing_but_reports_moves() {
     rogue.pull();
 }
 
-/// WIRE-83 STALL on the way to the host: reads and writes end, with what to do; it can be opened again.
+/// STALL on the way to the host: reads and writes end, with what to do; it can be opened again.
 #[test]
 fn a_board_that_refuses_to_send_is_lost() {
     let mut sends = reports(&[512]);
@@ -102,7 +102,7 @@ fn a_board_that_refuses_to_send_is_lost() {
     rogue.pull();
 }
 
-/// WIRE-83 STALL on the way to the board: that write fails, the next one may pass.
+/// STALL on the way to the board: that write fails, the next one may pass.
 #[test]
 fn a_frame_that_the_board_refuses_is_an_error_of_that_write() {
     let takes = |frame: &[u8]| if frame[0] == 0x66 { Answer::Stall } else { Answer::Data(Vec::new()) };
@@ -117,7 +117,7 @@ fn a_frame_that_the_board_refuses_is_an_error_of_that_write() {
     rogue.pull();
 }
 
-/// WIRE-87 Devices whose descriptors lie are no boards, and harm nobody.
+/// Devices whose descriptors lie are no boards, and harm nobody.
 #[test]
 fn descriptors_that_lie_are_refused() {
     let good = Descriptors::new(&Identity::default()).expect("it has").get(CONFIGURATION, 0).expect("one").to_vec();
@@ -190,7 +190,7 @@ fn a_slow_bus_and_autosuspend_are_named() {
     assert!(error.to_string().contains("it did not run at high speed"), "{error}");
 }
 
-/// WIRE-84 The cable is pulled at moments of the first 100 ms after open has begun: whatever is under way ends.
+/// The cable is pulled at moments of the first 100 ms after open has begun: whatever is under way ends.
 #[test]
 fn a_cable_pulled_early_ends_what_is_under_way() {
     for after in [0, 1, 2, 3, 5, 7, 10, 15, 20, 30, 45, 70, 100] {
@@ -258,7 +258,7 @@ fn a_slot_size_that_is_not_the_boards_is_named() {
     }
 }
 
-/// WIRE-88 A board that was reset is waited for; how long it took is told. It is at another address then.
+/// A board that was reset is waited for; how long it took is told. It is at another address then.
 #[test]
 fn the_return_of_a_board_is_waited_for() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);

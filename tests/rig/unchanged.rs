@@ -207,7 +207,7 @@ fn tells(frame: &Frame, size: SlotSize) -> bool {
 /// The program there that is none for this board: a host of a chip ECM-XF.
 const OF_ANOTHER_BOARD: &str = "xf_client";
 
-/// WIRE-62, WIRE-89 No program is left out.
+/// No program is left out.
 #[test]
 fn all_programs_are_in_the_list() {
     let entries = fs::read_dir(EXAMPLES).expect("the programs are there");
@@ -220,7 +220,7 @@ fn all_programs_are_in_the_list() {
     assert_eq!(there, listed);
 }
 
-/// WIRE-89, WIRE-18, SK-9.7 Every program on a board on USB: each of its frames arrives whole, none lost or doubled, in order,
+/// SK-9.7 Every program on a board on USB: each of its frames arrives whole, none lost or doubled, in order,
 /// and they are the commands that a board in its own process gets.
 #[test]
 fn every_program_on_usb() {
@@ -236,7 +236,7 @@ fn every_program_on_usb() {
     }
 }
 
-/// WIRE-62 Every program on a board on SPI: each of its commands arrives whole, none lost or doubled, in order, and they are
+/// Every program on a board on SPI: each of its commands arrives whole, none lost or doubled, in order, and they are
 /// those that a board in its own process gets.
 #[test]
 fn every_program_on_spi() {

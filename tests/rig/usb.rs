@@ -12,7 +12,7 @@ use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
 use super::links::{frame, open, reads_end, refused, state};
 use support::served::{Board, PATIENCE, Served, attach, detach_all, recorded, until};
 
-/// WIRE-19, SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
+/// SK-9.8 Reports come unasked; the network is brought to OP, by the native API too.
 #[test]
 fn a_board_on_usb_is_a_link() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -49,7 +49,7 @@ fn a_thread_may_be_cancelled() {
     detach_all();
 }
 
-/// WIRE-18 Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
+/// Frames arrive once, whole and in order, whatever is read meanwhile; 512 bytes always.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fusb.pcapng"], &[]);
@@ -82,7 +82,7 @@ fn no_frame_is_lost_or_doubled() {
     assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
 }
 
-/// WIRE-19 Nobody reads: the newest reports are kept, the others counted; a program that reads gets them oldest first.
+/// Nobody reads: the newest reports are kept, the others counted; a program that reads gets them oldest first.
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
     let _served = Served::start(&["sim:?slaves=io"], &[]);
@@ -98,7 +98,7 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     detach_all();
 }
 
-/// WIRE-21 While it is open the board is the link's alone; the kernel's driver has it before and after. Nothing stays open,
+/// While it is open the board is the link's alone; the kernel's driver has it before and after. Nothing stays open,
 /// no thread goes on.
 #[test]
 fn the_kernels_driver_gets_the_board_back() {
@@ -124,7 +124,7 @@ fn the_kernels_driver_gets_the_board_back() {
     detach_all();
 }
 
-/// WIRE-17, SK-9.2, SK-9.17 Without a board the error says what to look at. Two boards and no choice is an error that lists
+/// SK-9.2, SK-9.17 Without a board the error says what to look at. Two boards and no choice is an error that lists
 /// both; they are told apart by serial number and place.
 #[test]
 fn one_of_two_boards_is_chosen() {
@@ -150,7 +150,7 @@ fn one_of_two_boards_is_chosen() {
     detach_all();
 }
 
-/// WIRE-20, SK-9.13
+/// SK-9.13
 #[test]
 fn every_wait_ends_when_the_board_goes() {
     let served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -171,7 +171,7 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// WIRE-20, SK-9.13 A read waits until a report comes or the link is closed; with a limit no longer than that.
+/// SK-9.13 A read waits until a report comes or the link is closed; with a limit no longer than that.
 #[test]
 fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let _served = Served::start(&["sim:?slaves=io&fault.drop.read=1"], &[]);
@@ -181,7 +181,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     detach_all();
 }
 
-/// WIRE-18 A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
+/// A board that is busy holds the frame; a write that reaches its limit has moved no byte, and the board never sees it.
 #[test]
 fn a_frame_that_the_board_does_not_take_is_taken_back() {
     let file = "/tmp/busy.pcapng";
@@ -200,7 +200,7 @@ fn a_frame_that_the_board_does_not_take_is_taken_back() {
     assert_eq!(recorded(file, Dir::Write).len(), 0);
 }
 
-/// WIRE-18 A write that may not wait gives the board the time of the wire: it is taken whole, or not at all.
+/// A write that may not wait gives the board the time of the wire: it is taken whole, or not at all.
 #[test]
 fn a_write_that_may_not_wait_is_taken_or_not() {
     let served = Served::start(&["sim:?slaves=io&record=%2Ftmp%2Fnow.pcapng"], &[]);
@@ -224,7 +224,7 @@ fn a_write_that_may_not_wait_is_taken_or_not() {
     assert!(arrived == sent, "{} of {}", arrived.len(), sent.len());
 }
 
-/// WIRE-22 SW_RESET takes the board away; it is opened again at its new address.
+/// SW_RESET takes the board away; it is opened again at its new address.
 #[test]
 fn a_board_that_was_reset_is_opened_again() {
     let served = Served::start(&["sim:?slaves=io"], &["--attach"]);

@@ -79,7 +79,7 @@ fn use_everything(client: &mut Client) {
     }
 }
 
-/// LINK-9, LINK-16 A program for the board, on every chip that can be modelled, over either network, on either clock.
+/// A program for the board, on every chip that can be modelled, over either network, on either clock.
 #[test]
 fn a_program_runs_behind_every_chip() {
     let chips = [
@@ -101,7 +101,7 @@ fn a_program_runs_behind_every_chip() {
     }
 }
 
-/// LINK-9 Through a server, with the server's network as that of `sim:`.
+/// Through a server, with the server's network as that of `sim:`.
 #[test]
 fn a_server_shares_it() {
     let (server, _) = support::tcp::serve("xf-sim:?slaves=drive*2,io&clock=virtual");
@@ -111,7 +111,7 @@ fn a_server_shares_it() {
     use_everything(&mut client);
 }
 
-/// LINK-9 The native API, on either clock: its axis ends where it is told to, and closing switches it off.
+/// The native API, on either clock: its axis ends where it is told to, and closing switches it off.
 #[test]
 fn the_native_api_runs_on_it() {
     for clock in ["virtual", "real"] {
@@ -135,7 +135,7 @@ fn the_native_api_runs_on_it() {
     }
 }
 
-/// API-20 A homing that the drive refuses fails, behind a chip too, where the board shows its effect before the answer to
+/// A homing that the drive refuses fails, behind a chip too, where the board shows its effect before the answer to
 /// GO_HOME: as the first one, behind one that was well, and behind one that failed. One that is well is well after each.
 #[test]
 fn a_homing_that_is_refused_fails_behind_a_chip() {
@@ -154,7 +154,7 @@ fn a_homing_that_is_refused_fails_behind_a_chip() {
     }
 }
 
-/// LINK-9 LINK-6 The words of a script are those of `sim:`: an alarm that is cleared, a slave that is gone for a time, a cable
+/// The words of a script are those of `sim:`: an alarm that is cleared, a slave that is gone for a time, a cable
 /// that is cut before the first slave and plugged again.
 #[test]
 fn scripts_act_behind_the_chip() {
@@ -182,7 +182,7 @@ fn scripts_act_behind_the_chip() {
     use_everything(&mut client);
 }
 
-/// LINK-9 A closed board is found again as it was, with what is in the chip; on the real clock it has gone on meanwhile.
+/// A closed board is found again as it was, with what is in the chip; on the real clock it has gone on meanwhile.
 #[test]
 fn a_closed_board_is_found_again_behind_its_chip() {
     for (clock, passes_ms) in [("virtual", 0), ("real", 50)] {
@@ -200,7 +200,7 @@ fn a_closed_board_is_found_again_behind_its_chip() {
     }
 }
 
-/// LINK-9 Other keys of the chip are another board: a name has one set of them.
+/// Other keys of the chip are another board: a name has one set of them.
 #[test]
 fn the_keys_of_the_chip_tell_boards_apart() {
     let uri = "xf-sim:?clock=virtual&name=chips";
@@ -214,7 +214,7 @@ fn the_keys_of_the_chip_tell_boards_apart() {
     opened(uri, Share::ByName);
 }
 
-/// LINK-9 SK-4.33 After SW_RESET the link is dead, and the board is there again when it has booted: the chip has gone on.
+/// SK-4.33 After SW_RESET the link is dead, and the board is there again when it has booted: the chip has gone on.
 #[test]
 fn a_reset_board_comes_back_behind_its_chip() {
     let uri = "xf-sim:?slaves=drive*2,io&clock=virtual";
@@ -230,7 +230,7 @@ fn a_reset_board_comes_back_behind_its_chip() {
     use_everything(&mut again);
 }
 
-/// LINK-9 SK-9.16 Without a slave it is refused as a board of `sim:` is.
+/// SK-9.16 Without a slave it is refused as a board of `sim:` is.
 #[test]
 fn a_board_without_slaves_behind_its_chip_does_not_open() {
     let said = |scheme: &str| {
@@ -242,7 +242,7 @@ fn a_board_without_slaves_behind_its_chip_does_not_open() {
     assert_eq!(said("xf-sim"), said("sim"));
 }
 
-/// LINK-10 The same link is a board or the chip itself, as it is opened: `record=` has frames of the one and exchanges of the
+/// The same link is a board or the chip itself, as it is opened: `record=` has frames of the one and exchanges of the
 /// other, and keys of a board do not disturb a host of the chip.
 #[test]
 fn the_same_link_is_the_chip_itself() {

@@ -102,7 +102,7 @@ fn start(client: &mut Client, mode: Mode) {
     client.until("servo on", |client| drive(client).statusword.is_enabled());
 }
 
-/// LINK-9 On a real clock each target of a stream reaches the drive, and the board's own cycle is that of the chip.
+/// On a real clock each target of a stream reaches the drive, and the board's own cycle is that of the chip.
 #[test]
 fn a_stream_arrives() {
     let chip = Lasting::new(1, SimHandle::default());
@@ -142,14 +142,14 @@ fn closing_stops_the_axes() {
     assert_eq!(again.link.stats().board.expect("a model").executed, 0);
 }
 
-/// LINK-13 A chip whose network has no slave is no board; the message says where to look.
+/// A chip whose network has no slave is no board; the message says where to look.
 #[test]
 fn a_network_without_a_slave_is_no_board() {
     let error = Lasting::new(0, SimHandle::default()).open().err().expect("no board").to_string();
     assert!(error.contains("finds no slave") && error.contains("ecmsk xf scan"), "{error}");
 }
 
-/// LINK-14 A chip that is reset is a board whose slaves are lost; the next SET_STATE brings them back.
+/// A chip that is reset is a board whose slaves are lost; the next SET_STATE brings them back.
 #[test]
 fn a_chip_that_is_reset_comes_back() {
     let chip = Lasting::new(1, SimHandle::default());
@@ -163,7 +163,7 @@ fn a_chip_that_is_reset_comes_back() {
     client.until("servo on", |client| drive(client).statusword.is_enabled());
 }
 
-/// LINK-15 The board's local inputs and outputs are at the pins of the chip that the link names; a line that is not wired
+/// The board's local inputs and outputs are at the pins of the chip that the link names; a line that is not wired
 /// reads 0.
 #[test]
 fn local_io_is_at_the_chips_pins() {

@@ -18,7 +18,7 @@ fn options() -> RunOptions {
     RunOptions::default()
 }
 
-/// LINK-5 SK-9.8 One thread that makes the same calls sees the same bytes at the same times, every time.
+/// SK-9.8 One thread that makes the same calls sees the same bytes at the same times, every time.
 #[test]
 fn the_same_calls_give_the_same_bytes() {
     let run = || {

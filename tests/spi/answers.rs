@@ -17,7 +17,7 @@ fn head(report: &Frame, slot: usize) -> (u8, u8) {
     (slot.id, slot.index)
 }
 
-/// WIRE-120, SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
+/// SK-3.1 The id and the index of a command stay in every report from its first one on, and with them the whole
 /// FIFO is free: a program may wait for both.
 #[test]
 fn the_id_and_index_of_a_command_stay_in_every_report() {
@@ -38,7 +38,7 @@ fn the_id_and_index_of_a_command_stay_in_every_report() {
     }
 }
 
-/// WIRE-120 Positions and statuswords are those of the cycle, whatever command is shown.
+/// Positions and statuswords are those of the cycle, whatever command is shown.
 #[test]
 fn values_are_those_of_the_cycle() {
     let mut bench = Bench::on(Setup::default());
@@ -48,7 +48,7 @@ fn values_are_those_of_the_cycle() {
     assert_eq!(head(&bench.report, 1).0, CommandId::Csp.code());
 }
 
-/// WIRE-120 A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
+/// A GET_STATUS of the program's own is executed too: then the slot shows it, six reports later at the most.
 #[test]
 fn the_programs_own_get_status_is_shown() {
     for answers in BOTH {
@@ -63,7 +63,7 @@ fn the_programs_own_get_status_is_shown() {
     }
 }
 
-/// WIRE-120, SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
+/// SK-4.23 A command that the board rejects leaves no id of an earlier one, and is counted.
 #[test]
 fn a_rejected_command_is_not_shown_as_answered() {
     for answers in BOTH {
@@ -81,7 +81,7 @@ fn a_rejected_command_is_not_shown_as_answered() {
     }
 }
 
-/// WIRE-120, WIRE-44 What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
+/// What a clear has dropped was not executed: the id of what was stays, and nothing is counted.
 #[test]
 fn a_command_dropped_by_a_clear_is_not_shown_as_answered() {
     let mut bench = Bench::on(Setup::default());
@@ -97,7 +97,7 @@ fn a_command_dropped_by_a_clear_is_not_shown_as_answered() {
     assert_eq!(bench.pacer.counts().unanswered, 0);
 }
 
-/// WIRE-120, SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
+/// SK-2.1 Outside OP slot 0 shows the program's last command in the same way, and in OP what OP has.
 #[test]
 fn the_boards_own_slot_outside_op() {
     let mut bench = Bench::new(Setup::default());
@@ -131,7 +131,7 @@ fn first_outputs(link: &dyn Link, slots: usize, report: &mut Frame) {
     panic!("no report shows them: {report:?}");
 }
 
-/// WIRE-120, SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
+/// SK-3.7, SK-3.8 An IO slave over a whole link: IO_WR's answer stays the outputs, IO_RD's the inputs of the cycle,
 /// both with the whole FIFO free and with a right CRC.
 #[test]
 fn an_io_slave_is_read_and_written_over_the_whole_link() {
@@ -184,7 +184,7 @@ fn garble(held: &Held) -> Arc<AtomicU32> {
     left
 }
 
-/// WIRE-120 Outputs that were written in a cycle without a report are shown as written, with their index; IO_WR to a slave
+/// Outputs that were written in a cycle without a report are shown as written, with their index; IO_WR to a slave
 /// that is not there never is.
 #[test]
 fn outputs_that_no_report_has_shown() {

@@ -21,7 +21,7 @@ fn exchange(spi_board: &mut SpiBoard, frame: &Frame) -> Frame {
     answer
 }
 
-/// WIRE-40, SK-10.3 The answer comes in an exchange after the command's, never in the same.
+/// SK-10.3 The answer comes in an exchange after the command's, never in the same.
 #[test]
 fn an_answer_belongs_to_an_earlier_exchange() {
     let mut spi_board = spi_board("slaves=drive");
@@ -125,7 +125,7 @@ impl Link for Cycles {
     }
 }
 
-/// WIRE-124 The free count in OP is that after the exchange before, whether a cycle has passed or not: who writes as much as it
+/// The free count in OP is that after the exchange before, whether a cycle has passed or not: who writes as much as it
 /// allows loses no frame, however many exchanges a cycle has.
 #[test]
 fn the_free_count_is_that_after_the_exchange_before() {
@@ -171,7 +171,7 @@ fn the_free_count_is_that_after_the_exchange_before() {
     }
 }
 
-/// WIRE-124 A frame that is on its way in the machine while a report is made is counted all the same: the count that the host is
+/// A frame that is on its way in the machine while a report is made is counted all the same: the count that the host is
 /// told never leaves room for more than there is.
 #[test]
 fn a_frame_that_comes_late_is_counted() {
@@ -195,7 +195,7 @@ fn a_frame_that_comes_late_is_counted() {
     assert!(free < 5 && told.full_count == 0, "{told:?}");
 }
 
-/// WIRE-40, SK-10.3 Fewer bytes than a frame are none; more are answered by zeros.
+/// SK-10.3 Fewer bytes than a frame are none; more are answered by zeros.
 #[test]
 fn an_exchange_is_a_whole_frame() {
     let mut spi_board = spi_board("slaves=drive");
@@ -212,7 +212,7 @@ fn an_exchange_is_a_whole_frame() {
     assert_eq!(answer.check_crc(SlotSize::Bytes16, CrcPolicy::Strict), Ok(()));
 }
 
-/// WIRE-40, SK-10.5 While the board starts up BUSY is high; a host that does not look at it gets zeros and is not heard.
+/// SK-10.5 While the board starts up BUSY is high; a host that does not look at it gets zeros and is not heard.
 /// SK-10.9 RESETN does what SW_RESET does.
 #[test]
 fn busy_is_high_while_the_board_starts_up() {

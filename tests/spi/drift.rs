@@ -16,7 +16,7 @@ fn stream(bench: &mut Bench, count: u32) {
     bench.until(|bench| bench.held.is_empty() && bench.free == 160);
 }
 
-/// WIRE-43, SK-5.4, SK-5.6 A host whose clock is faster passes exchanges over, one whose clock is slower makes some more;
+/// SK-5.4, SK-5.6 A host whose clock is faster passes exchanges over, one whose clock is slower makes some more;
 /// the FIFO stays nearly empty, each frame is executed once and in order, and the axes never stand still between two.
 #[test]
 fn clocks_that_differ_never_fill_the_fifo_nor_lose_a_frame() {
@@ -37,7 +37,7 @@ fn clocks_that_differ_never_fill_the_fifo_nor_lose_a_frame() {
     }
 }
 
-/// WIRE-43 A machine that is late at times, while the program is ahead: after the first time the frames that it needs are in
+/// A machine that is late at times, while the program is ahead: after the first time the frames that it needs are in
 /// the board before, and the axes do not stand still again. A program that is not ahead waits no longer for its answers.
 #[test]
 fn a_machine_that_is_late_at_times_keeps_more_entries_in_the_fifo() {
@@ -64,7 +64,7 @@ fn a_machine_that_is_late_at_times_keeps_more_entries_in_the_fifo() {
     }
 }
 
-/// WIRE-43 A network that is silent, so that the board takes nothing out, stops the host's frames before the FIFO is full:
+/// A network that is silent, so that the board takes nothing out, stops the host's frames before the FIFO is full:
 /// they wait in the link.
 #[test]
 fn a_board_that_takes_nothing_out_gets_no_frame_that_it_cannot_keep() {

@@ -57,7 +57,7 @@ impl Example {
     }
 }
 
-/// WIRE-125, WIRE-124 A program moves an axis by a path, paced by the free count alone, and not one of its frames is lost.
+/// A program moves an axis by a path, paced by the free count alone, and not one of its frames is lost.
 #[test]
 fn a_program_feeds_the_board_through_two_pipes() {
     const TARGETS: i32 = 2000;
@@ -98,7 +98,7 @@ fn a_program_feeds_the_board_through_two_pipes() {
     assert!(said.ends_with("while BUSY was high\n"), "{said}");
 }
 
-/// WIRE-125, SK-10.5 After SW_RESET the same wires answer zeros until the board has started up, and it is in PreOP then.
+/// SK-10.5 After SW_RESET the same wires answer zeros until the board has started up, and it is in PreOP then.
 #[test]
 fn the_example_finds_its_board_again_after_a_reset() {
     let mut example = Example::start("sim:?slaves=drive&queue=1&name=spi-example-reset");
@@ -117,7 +117,7 @@ fn the_example_finds_its_board_again_after_a_reset() {
     assert!(!said.contains(" 0 of them"), "{said}");
 }
 
-/// WIRE-125, SK-10.9 With a folder it has BUSY and RESETN as a GPIO's files: the board is held in reset while RESETN is low, BUSY is
+/// SK-10.9 With a folder it has BUSY and RESETN as a GPIO's files: the board is held in reset while RESETN is low, BUSY is
 /// high until it has started, and it is in PreOP then.
 #[test]
 fn the_example_has_busy_and_resetn() {

@@ -45,7 +45,7 @@ fn shift(bits: usize, late: bool) -> impl FnMut(&[u8], &mut [u8]) + Send + 'stat
     }
 }
 
-/// WIRE-47 MISO that never changes.
+/// MISO that never changes.
 #[test]
 fn a_stuck_miso_is_named() {
     let held = Held::board(BOARD).tamper(|_, answer| answer.fill(0xFF));
@@ -56,14 +56,14 @@ fn a_stuck_miso_is_named() {
     }
 }
 
-/// WIRE-47 MISO joined to MOSI.
+/// MISO joined to MOSI.
 #[test]
 fn miso_joined_to_mosi_is_named() {
     let held = Held::board(BOARD).tamper(|question, answer| answer.copy_from_slice(question));
     says(&refused(&held, LINK), &["MISO repeats what MOSI says", "connect each to its own pin"]);
 }
 
-/// WIRE-47 Answers that come too late or too early, with a board that fills the CRC.
+/// Answers that come too late or too early, with a board that fills the CRC.
 #[test]
 fn answers_shifted_by_bits_or_bytes_are_named() {
     for bits in [1, 2, 7] {
@@ -80,7 +80,7 @@ fn answers_shifted_by_bits_or_bytes_are_named() {
     says(&refused(&held, LINK), &["1 byte(s) too early", "chip select"]);
 }
 
-/// WIRE-47 Noise.
+/// Noise.
 #[test]
 fn noise_is_named() {
     let mut noise = 1_u32;
@@ -93,7 +93,7 @@ fn noise_is_named() {
     says(&refused(&held, LINK), &["neither a right CRC nor the form of a frame", "slower speed=", "slot= and mode="]);
 }
 
-/// WIRE-47, SK-10.13 A slot size that is not the board's is found out, and the right one proposed, both ways round.
+/// SK-10.13 A slot size that is not the board's is found out, and the right one proposed, both ways round.
 #[test]
 fn another_slot_size_is_found_and_the_right_one_proposed() {
     let held = Held::board("sim:?queue=1&slot=16");
@@ -103,7 +103,7 @@ fn another_slot_size_is_found_and_the_right_one_proposed() {
     assert!(held.open(LINK).is_ok());
 }
 
-/// WIRE-47 The same without a CRC in the answers: the form tells.
+/// The same without a CRC in the answers: the form tells.
 #[test]
 fn without_a_crc_faults_are_found_by_the_form_of_slots() {
     fn no_crc(answer: &mut [u8]) {
@@ -123,7 +123,7 @@ fn without_a_crc_faults_are_found_by_the_form_of_slots() {
     says(&refused(&held, LINK), &["1 bit(s) too late"]);
 }
 
-/// WIRE-48, SK-10.4 BUSY that never falls or never rises, when the link is opened.
+/// SK-10.4 BUSY that never falls or never rises, when the link is opened.
 #[test]
 fn a_stuck_busy_is_named() {
     let held = Held::board(BOARD).busy(Busy::High);
@@ -133,7 +133,7 @@ fn a_stuck_busy_is_named() {
     says(&refused(&held, LINK), &["BUSY does not go high", "busy=", "leave busy= out"]);
 }
 
-/// WIRE-47, WIRE-48 A wire that comes off later ends every call with the same words; answers that are none are not handed
+/// A wire that comes off later ends every call with the same words; answers that are none are not handed
 /// on, and a few of them end nothing.
 #[test]
 fn a_wire_that_comes_off_ends_every_call_with_its_name() {
@@ -163,7 +163,7 @@ fn a_wire_that_comes_off_ends_every_call_with_its_name() {
     }
 }
 
-/// WIRE-47 A bad answer now and then is left out and counted; its number is missing.
+/// A bad answer now and then is left out and counted; its number is missing.
 #[test]
 fn an_occasional_bad_answer_is_left_out_and_counted() {
     let held = Held::board(BOARD);
@@ -194,7 +194,7 @@ fn an_occasional_bad_answer_is_left_out_and_counted() {
     assert!(last.unwrap() + 1 >= link.stats().read + invalid_answers);
 }
 
-/// WIRE-47 What is none has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it because of
+/// What is none has a right CRC once in 256 times: a board without a CRC is not taken for one that fills it because of
 /// that, and its next answers are answers. With a CRC in each, each another one, it counts as one that does.
 #[test]
 fn a_crc_that_is_right_by_chance_does_not_make_a_board_with_crcs() {

@@ -41,7 +41,7 @@ fn on(link: &dyn Link, slaves: usize) {
     until(link, |report| all_on(report, slaves) && master(report).fifo_free == 160);
 }
 
-/// WIRE-42, WIRE-44, SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every frame that was
+/// SK-10.3, SK-10.4 The examples' loop over a link with BUSY and over one without: every frame that was
 /// written went out once and in order, untouched, and every entry was executed; a report a cycle, each with a right CRC.
 #[test]
 fn every_frame_written_goes_out_once_and_in_order() {
@@ -79,7 +79,7 @@ fn every_frame_written_goes_out_once_and_in_order() {
     }
 }
 
-/// WIRE-42 The native API streams over it, with a prefill and without.
+/// The native API streams over it, with a prefill and without.
 #[test]
 fn the_native_api_streams() {
     for keys in ["", "?prefill=8"] {
@@ -109,7 +109,7 @@ fn the_native_api_streams() {
     }
 }
 
-/// WIRE-42 Frames of the host go out untouched, those of the link's own with a right CRC: a board that checks takes both.
+/// Frames of the host go out untouched, those of the link's own with a right CRC: a board that checks takes both.
 /// SK-1.16 The switch of SET_EX holds after the next boot.
 #[test]
 fn a_board_that_checks_crcs_takes_the_links_own_frames() {
@@ -153,7 +153,7 @@ fn come_back(held: &Held, open: impl Fn() -> Result<Arc<dyn Link>, LinkError>) -
     held.open(LINK).unwrap()
 }
 
-/// WIRE-49, SK-4.33 SW_RESET takes the board away, as on USB; it can be opened again when it has started up.
+/// SK-4.33 SW_RESET takes the board away, as on USB; it can be opened again when it has started up.
 #[test]
 fn sw_reset_takes_the_board_away() {
     let opened = || link::open("sim:?queue=1&slaves=drive&name=resets", Share::ByName);
@@ -183,7 +183,7 @@ fn wrong_reset(crc: Option<u8>) -> Frame {
     frame
 }
 
-/// WIRE-121, SK-1.24 A board that checks CRCs refuses a SW_RESET with a wrong one: it is not lost, and reports go on.
+/// SK-1.24 A board that checks CRCs refuses a SW_RESET with a wrong one: it is not lost, and reports go on.
 #[test]
 fn a_sw_reset_that_the_board_refuses_ends_nothing() {
     for busy in [Busy::True, Busy::None] {
@@ -204,7 +204,7 @@ fn a_sw_reset_that_the_board_refuses_ends_nothing() {
     }
 }
 
-/// WIRE-121, WIRE-49 A board that does not check CRCs is lost by any SW_RESET, with BUSY and without.
+/// A board that does not check CRCs is lost by any SW_RESET, with BUSY and without.
 #[test]
 fn a_sw_reset_without_a_right_crc_takes_the_board_away() {
     for busy in [Busy::True, Busy::None] {
@@ -229,7 +229,7 @@ fn is_reset(link: &dyn Link) -> bool {
     }
 }
 
-/// WIRE-50 What was written goes out before the link is closed, however much it is; what a program wrote with a prefill that
+/// What was written goes out before the link is closed, however much it is; what a program wrote with a prefill that
 /// was never reached is executed all the same.
 #[test]
 fn closing_sends_what_was_written() {
@@ -262,7 +262,7 @@ impl Drop for Hold {
     }
 }
 
-/// WIRE-50 Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left alone.
+/// Waits end at once by closing and by cancelling, and by their limit; the frame of a read is left alone.
 #[test]
 fn waits_end_by_closing_cancelling_and_their_limit() {
     let sim = link::open("sim:?queue=1&slaves=drive", Share::ByName).unwrap();
@@ -327,7 +327,7 @@ fn waits_end_by_closing_cancelling_and_their_limit() {
     closer.join().unwrap();
 }
 
-/// WIRE-51 The newest `queue=` reports are kept, the others counted; each has a number and a time.
+/// The newest `queue=` reports are kept, the others counted; each has a number and a time.
 #[test]
 fn the_newest_reports_are_kept() {
     let held = Held::board("sim:?queue=1&slaves=drive");
@@ -349,7 +349,7 @@ fn the_newest_reports_are_kept() {
     assert_eq!(link.stats().read, 12);
 }
 
-/// WIRE-44 SET_FIFO clear and leaving OP act at once, ahead of the frames that the link still holds: they are dropped with
+/// SET_FIFO clear and leaving OP act at once, ahead of the frames that the link still holds: they are dropped with
 /// those in the board, and counted.
 #[test]
 fn a_clear_overtakes_what_is_held() {
@@ -366,7 +366,7 @@ fn a_clear_overtakes_what_is_held() {
     until(&link, |report| state(report) == Some(MasterState::PreOp));
 }
 
-/// WIRE-41, SK-10.6, SK-10.7 A cycle that the wires are too slow for is refused before its frame is sent.
+/// SK-10.6, SK-10.7 A cycle that the wires are too slow for is refused before its frame is sent.
 #[test]
 fn a_cycle_that_the_wires_are_too_slow_for_is_refused() {
     let held = Held::board("sim:?queue=1&slaves=drive").busy(Busy::None);
@@ -390,7 +390,7 @@ fn a_cycle_that_the_wires_are_too_slow_for_is_refused() {
     link.write(&to(MasterState::SafeOp), PATIENCE).unwrap();
 }
 
-/// SK-10.9, WIRE-49 With a line for RESETN the board is reset when the link is opened: low for more than 32 us.
+/// SK-10.9 With a line for RESETN the board is reset when the link is opened: low for more than 32 us.
 #[test]
 fn the_board_is_reset_when_it_is_opened() {
     let held = Held::board("sim:?queue=1&slaves=drive");
@@ -411,7 +411,7 @@ fn slots_of_16_bytes_are_exchanged_in_512_bytes() {
     assert_eq!(report.check_crc(SlotSize::Bytes16, CrcPolicy::Strict), Ok(()));
 }
 
-/// WIRE-51 Reader and writer are two threads, and neither waits for the other; neither allocates.
+/// Reader and writer are two threads, and neither waits for the other; neither allocates.
 #[test]
 fn reader_and_writer_do_not_wait_for_each_other_nor_allocate() {
     let held = Held::board("sim:?queue=1&slaves=drive");

@@ -6,7 +6,7 @@ use ecmsk::sk::{CommandId, FifoAction, MasterCommand, MasterState};
 use super::bench::{Answers, Bench, Setup};
 use super::frames::{all, board, state, target};
 
-/// WIRE-42, WIRE-44 The examples' loop, write two and read until the mark, drives all axes of a full network: each frame is
+/// The examples' loop, write two and read until the mark, drives all axes of a full network: each frame is
 /// executed once, in order and without a gap, and none is lost.
 #[test]
 fn two_writes_then_reads_until_the_mark() {
@@ -27,7 +27,7 @@ fn two_writes_then_reads_until_the_mark() {
     }
 }
 
-/// WIRE-44 The free count is 160 less the program's own entries, in the board or in the link: the link's are not seen, and
+/// The free count is 160 less the program's own entries, in the board or in the link: the link's are not seen, and
 /// what is shown as free was free.
 #[test]
 fn the_free_count_is_the_programs() {
@@ -55,7 +55,7 @@ fn the_free_count_is_the_programs() {
     }
 }
 
-/// WIRE-42 One report a cycle whether the program writes or not, in OP and before it, and one exchange for each.
+/// One report a cycle whether the program writes or not, in OP and before it, and one exchange for each.
 #[test]
 fn there_is_one_report_and_one_exchange_per_cycle() {
     let mut bench = Bench::new(Setup::default());
@@ -79,7 +79,7 @@ fn there_is_one_report_and_one_exchange_per_cycle() {
     }
 }
 
-/// WIRE-45 A host that starves puts one cycle without a target between two, each time; nothing is lost or doubled.
+/// A host that starves puts one cycle without a target between two, each time; nothing is lost or doubled.
 #[test]
 fn a_host_that_starves_makes_gaps_and_loses_nothing() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -102,7 +102,7 @@ fn a_host_that_starves_makes_gaps_and_loses_nothing() {
     }
 }
 
-/// WIRE-44, SK-5.9 A program that sets a threshold fills the FIFO up to it as fast as the wires go, and keeps that level.
+/// SK-5.9 A program that sets a threshold fills the FIFO up to it as fast as the wires go, and keeps that level.
 #[test]
 fn a_program_that_prefills_by_itself_keeps_its_level() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -129,7 +129,7 @@ fn a_program_that_prefills_by_itself_keeps_its_level() {
     }
 }
 
-/// WIRE-44, SK-5.8 SET_FIFO clear drops what is in the board; the pacer begins anew.
+/// SK-5.8 SET_FIFO clear drops what is in the board; the pacer begins anew.
 #[test]
 fn after_a_clear_the_level_is_low_again() {
     let mut bench = Bench::on(Setup::default());

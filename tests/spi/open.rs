@@ -12,7 +12,7 @@ fn fails(uri: &str, parts: &[&str]) -> LinkError {
     error
 }
 
-/// WIRE-40, SK-10.1 Defaults and normal forms of the keys.
+/// SK-10.1 Defaults and normal forms of the keys.
 #[test]
 fn keys_have_these_defaults_and_normal_forms() {
     let normal = |text: &str| LinkUri::parse(text).unwrap().to_string();
@@ -52,7 +52,7 @@ fn keys_have_these_defaults_and_normal_forms() {
     fails("spi:/dev/spidev0.0?slaves=drive", &["`slaves`", "speed", "prefill"]);
 }
 
-/// WIRE-41 What cannot go together is refused before anything is opened.
+/// What cannot go together is refused before anything is opened.
 #[test]
 fn keys_that_exclude_each_other_are_refused() {
     fails("spi:", &["as its place", "spi:/dev/spidev0.0"]);
@@ -65,7 +65,7 @@ fn keys_that_exclude_each_other_are_refused() {
     );
 }
 
-/// WIRE-52 A device that is not there, and one that is another, are named.
+/// A device that is not there, and one that is another, are named.
 #[test]
 fn a_missing_or_wrong_device_is_named() {
     let missing =
@@ -76,7 +76,7 @@ fn a_missing_or_wrong_device_is_named() {
     assert!(matches!(another, LinkError::NoBoard { .. }), "{another:?}");
 }
 
-/// WIRE-52 Who has the device open is told to a second one.
+/// Who has the device open is told to a second one.
 #[test]
 fn a_device_in_use_is_named_with_its_user() {
     let file = tempfile::NamedTempFile::new().unwrap();

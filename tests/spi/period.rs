@@ -3,7 +3,7 @@
 use super::bench::{Answers, Bench, Setup};
 use super::frames::target;
 
-/// WIRE-41, SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, not even those that are made
+/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, not even those that are made
 /// beyond one a cycle; motion is whole all the same.
 #[test]
 fn exchanges_are_800_us_apart() {

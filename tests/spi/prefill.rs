@@ -31,7 +31,7 @@ fn late_at_times(setup: Setup, away: u64) -> usize {
     bench.check(COUNT)
 }
 
-/// WIRE-46 With a prefill a host may be away for nearly so many cycles and the axes never stand still; without one they do.
+/// With a prefill a host may be away for nearly so many cycles and the axes never stand still; without one they do.
 /// SK-5.9 The prefill is the FIFO's threshold.
 #[test]
 fn a_prefill_bridges_what_the_host_misses() {
@@ -43,7 +43,7 @@ fn a_prefill_bridges_what_the_host_misses() {
     }
 }
 
-/// WIRE-46 A program that waits for its two frames before it writes more is slowed down, not stopped.
+/// A program that waits for its two frames before it writes more is slowed down, not stopped.
 #[test]
 fn a_program_that_writes_less_than_the_prefill_goes_on() {
     for answers in [Answers::Newest, Answers::Older] {
@@ -57,7 +57,7 @@ fn a_program_that_writes_less_than_the_prefill_goes_on() {
     }
 }
 
-/// WIRE-46 The first motion waits for the prefill; what is no motion does not.
+/// The first motion waits for the prefill; what is no motion does not.
 #[test]
 fn the_first_motion_waits_for_the_prefill() {
     let mut bench = Bench::on(Setup { prefill: 30, ..Setup::default() });

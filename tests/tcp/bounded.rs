@@ -49,7 +49,7 @@ fn stops(server: Server) {
     stopped.recv_timeout(LIMIT).expect("the server stops");
 }
 
-/// TCP-26 More than a day is refused, with the bound; the client may go on.
+/// More than a day is refused, with the bound; the client may go on.
 #[test]
 fn more_than_a_day_of_virtual_time_is_refused() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
@@ -70,7 +70,7 @@ fn more_than_a_day_of_virtual_time_is_refused() {
     }
 }
 
-/// TCP-26 While a day passes for the writer others come, it may cancel, it is gone when it goes, and the server can be stopped.
+/// While a day passes for the writer others come, it may cancel, it is gone when it goes, and the server can be stopped.
 #[test]
 fn while_a_day_passes_others_connect_and_the_call_can_be_cancelled() {
     let (server, _) = serve("sim:?slaves=drive&clock=virtual");
@@ -87,7 +87,7 @@ fn while_a_day_passes_others_connect_and_the_call_can_be_cancelled() {
     assert_eq!(raw.answer().expect("good-bye").0, BYE);
 }
 
-/// TCP-26 A day that passes on a link of this process ends when another thread closes it.
+/// A day that passes on a link of this process ends when another thread closes it.
 #[test]
 fn closing_the_link_ends_a_day_that_passes() {
     let link = link::open("sim:?slaves=drive&clock=virtual", Share::ByName).unwrap();
@@ -132,7 +132,7 @@ fn stuck() -> (Arc<Stuck>, Server) {
     (Arc::clone(&stuck), serve_link(stuck, options().0))
 }
 
-/// TCP-26 While a call of one client is stuck in the link others are taken in: no call into a link is made under a lock that they
+/// While a call of one client is stuck in the link others are taken in: no call into a link is made under a lock that they
 /// need.
 #[test]
 fn a_stuck_call_keeps_nobody_out() {
@@ -148,7 +148,7 @@ fn a_stuck_call_keeps_nobody_out() {
     stops(server);
 }
 
-/// TCP-26 A read that waits for centuries of the board's time is done in steps, too.
+/// A read that waits for centuries of the board's time is done in steps, too.
 #[test]
 fn a_read_that_waits_for_centuries_can_be_ended() {
     let (_link, server) = stuck();

@@ -12,7 +12,7 @@ use ecmsk::link::{self, Dir, Link, LinkError, ReadMeta, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};
 use support::tcp::{LIMIT, Puppet, SIZE, connect, frame, options, own, refused, serve, serve_link, until, uri};
 
-/// TCP-1 TCP-3 Frames move whole and untouched, a write is done when the board has the frame, reports are numbered from
+/// Frames move whole and untouched, a write is done when the board has the frame, reports are numbered from
 /// where the client came, and what the link says of the board is the board's.
 #[test]
 fn frames_move_untouched() {
@@ -36,7 +36,6 @@ fn frames_move_untouched() {
         let meta = link.read(&mut report, Wait::For(LIMIT)).unwrap();
         assert_eq!((report.clone(), meta.sequence, meta.dropped), (frame(byte), number as u64, 0));
     }
-    // TCP-29
     assert_eq!(link.stats().reports_dropped, 0, "what the server's link has dropped before is not this client's");
     puppet.drop_reports(2);
     assert_eq!(link.stats().reports_dropped, 2, "the server's link has dropped as many since");
@@ -44,7 +43,7 @@ fn frames_move_untouched() {
     assert_eq!((link.stats().written, link.stats().read), (1, 2));
 }
 
-/// TCP-7 TCP-19 On virtual time a served board gives the same bytes at the same times as one in the process.
+/// On virtual time a served board gives the same bytes at the same times as one in the process.
 #[test]
 fn virtual_time_is_the_same_over_the_network() {
     let board = "sim:?slaves=drive*2&clock=virtual";
@@ -76,13 +75,13 @@ fn virtual_time_is_the_same_over_the_network() {
     for (there, here) in run(Arc::clone(&there)).into_iter().zip(run(Arc::clone(&here))) {
         assert_eq!(there, here);
     }
-    // TCP-19 TCP-29 The board here has made a report before it was opened; what the client sees counts since it came.
+    // The board here has made a report before it was opened; what the client sees counts since it came.
     let mut expected = here.stats();
     let counted = expected.board.as_mut().expect("the board's counters");
     assert_eq!((before.frames, before.reports), (0, 1), "the report of the boot");
     counted.reports -= before.reports;
     assert_eq!(there.stats(), expected);
-    // TCP-29 Whoever comes later has counted nothing yet, of the board's counters either.
+    // Whoever comes later has counted nothing yet, of the board's counters either.
     let later = connect(&server, "role=reader");
     let counted = later.stats().board.expect("the board's counters");
     assert_eq!(counted, Counters::default(), "time stands still while nobody lets it pass");
@@ -91,7 +90,7 @@ fn virtual_time_is_the_same_over_the_network() {
     assert!(mine.frames == 1 && all.frames > 1, "{mine:?} {all:?}");
 }
 
-/// TCP-7 Readers of a board on virtual time see what its writer reads, and cannot let time pass.
+/// Readers of a board on virtual time see what its writer reads, and cannot let time pass.
 #[test]
 fn readers_cannot_let_virtual_time_pass() {
     let (server, _) = serve("sim:?slaves=drive*2&clock=virtual");
@@ -108,7 +107,7 @@ fn readers_cannot_let_virtual_time_pass() {
     }
 }
 
-/// TCP-2 Several clients read, one writes; a second writer is told who that is, and may come when it is gone.
+/// Several clients read, one writes; a second writer is told who that is, and may come when it is gone.
 #[test]
 fn one_writer_and_several_readers() {
     let (server, told) = serve("sim:?slaves=drive*2");
@@ -137,7 +136,7 @@ fn one_writer_and_several_readers() {
     next.write(&Frame::new(), Wait::For(LIMIT)).unwrap();
 }
 
-/// TCP-3 The limit of a write, and cancelling it, hold on the server's link: the board does not get the frame then.
+/// The limit of a write, and cancelling it, hold on the server's link: the board does not get the frame then.
 #[test]
 fn a_write_that_is_not_taken_ends() {
     let puppet = Puppet::new();
@@ -162,7 +161,7 @@ fn a_write_that_is_not_taken_ends() {
     assert_eq!(puppet.taken(), [frame(3)]);
 }
 
-/// TCP-3 Reads and writes of several threads at once do not disturb each other, and closing ends them all.
+/// Reads and writes of several threads at once do not disturb each other, and closing ends them all.
 #[test]
 fn closing_ends_every_wait() {
     let puppet = Puppet::new();
@@ -194,7 +193,7 @@ fn closing_ends_every_wait() {
     assert_eq!(puppet.taken(), []);
 }
 
-/// TCP-6 A server that is stopped says so, and gives the board back.
+/// A server that is stopped says so, and gives the board back.
 #[test]
 fn a_stopped_server_says_so() {
     let puppet = Puppet::new();
@@ -211,7 +210,7 @@ fn a_stopped_server_says_so() {
     assert!(gone.contains("nobody listens") && gone.contains("ecmsk serve tcp"), "{gone}");
 }
 
-/// TCP-8 When the board behind the server is lost every client gets the reason, and the server opens it again.
+/// When the board behind the server is lost every client gets the reason, and the server opens it again.
 #[test]
 fn a_reset_board_comes_back() {
     for clock in ["real", "virtual"] {
@@ -237,7 +236,7 @@ fn a_reset_board_comes_back() {
     }
 }
 
-/// TCP-1 The native API does on a served board what it does on one of its own, on either clock.
+/// The native API does on a served board what it does on one of its own, on either clock.
 #[test]
 fn a_program_moves_an_axis() {
     for clock in ["real", "virtual"] {
@@ -264,7 +263,7 @@ fn a_program_moves_an_axis() {
     }
 }
 
-/// TCP-11 A reader that does not read loses the oldest reports, which are counted, and slows nobody.
+/// A reader that does not read loses the oldest reports, which are counted, and slows nobody.
 #[test]
 fn a_slow_reader_loses_the_oldest_reports() {
     let puppet = Puppet::new();
@@ -289,7 +288,7 @@ fn a_slow_reader_loses_the_oldest_reports() {
     assert_eq!(last.sequence, 199, "the newest are kept");
 }
 
-/// TCP-18 A reader with `reconnect_ms` goes on when its server is back, and its numbers do, too; a writer has no such key.
+/// A reader with `reconnect_ms` goes on when its server is back, and its numbers do, too; a writer has no such key.
 #[test]
 fn a_reader_connects_again() {
     let puppet = Puppet::new();
@@ -326,7 +325,7 @@ fn a_reader_connects_again() {
     assert!(matches!(&writer, LinkError::Uri(_)) && writer.to_string().contains("role=reader"), "{writer}");
 }
 
-/// TCP-31 Alarms, and changes of state that failed, are in the server's log in words and with their times.
+/// Alarms, and changes of state that failed, are in the server's log in words and with their times.
 #[test]
 fn alarms_are_in_the_log() {
     let folder = tempfile::tempdir().unwrap();
@@ -345,7 +344,7 @@ fn alarms_are_in_the_log() {
     }
 }
 
-/// TCP-17 A client's reads and writes allocate nothing once the link is open, in either time.
+/// A client's reads and writes allocate nothing once the link is open, in either time.
 #[test]
 fn a_clients_calls_allocate_nothing() {
     for clock in ["real", "virtual"] {

@@ -106,7 +106,7 @@ fn a_second_request_under_way_ends_it() {
     assert_eq!(puppet.taken(), [frame(9)]);
 }
 
-/// TCP-12 TCP-4 Half a frame is none: the board gets nothing of it.
+/// TCP-12 Half a frame is none: the board gets nothing of it.
 #[test]
 fn a_frame_received_in_part_does_not_reach_the_board() {
     let (puppet, server, _told, link) = served();
@@ -170,7 +170,7 @@ fn keep_alive_on_both_sides() {
     assert!(matches!(&lost, LinkError::Lost { reason, .. } if reason.contains("no word")), "{lost:?}");
 }
 
-/// TCP-4 A connection that ends in the middle of a write leaves it open whether the board has the frame, and says so; no
+/// A connection that ends in the middle of a write leaves it open whether the board has the frame, and says so; no
 /// frame is sent twice. A server that says good-bye first has not taken it.
 #[test]
 fn a_connection_that_ends_during_a_write_is_unsure() {
@@ -286,7 +286,7 @@ fn the_limit_of_clients_is_kept() {
     assert_eq!(links[0].check(), Ok(()));
 }
 
-/// TCP-11 A client that never reads is no burden: the board's reports go to the others, and its answers end it.
+/// A client that never reads is no burden: the board's reports go to the others, and its answers end it.
 #[test]
 fn a_client_that_never_reads_delays_nobody() {
     let (puppet, server, told, link) = served();
@@ -311,7 +311,7 @@ fn a_client_that_never_reads_delays_nobody() {
     works(&link);
 }
 
-/// TCP-14 Without a secret nobody from outside is served.
+/// Without a secret nobody from outside is served.
 #[test]
 fn a_place_others_can_reach_needs_a_secret() {
     for listen in ["0.0.0.0:0", "[::]:0"] {
@@ -326,7 +326,7 @@ fn a_place_others_can_reach_needs_a_secret() {
     assert!(matches!(error, ServeError::Listen { .. }) && error.to_string().contains("--listen"), "{error}");
 }
 
-/// TCP-1 Places that are none.
+/// Places that are none.
 #[test]
 fn invalid_addresses_are_refused() {
     for place in ["", "host:1", "//host:", "//:1", "//host:0", "//host:65536", "//host:+1", "//::1:4711", "//[::1:5"] {

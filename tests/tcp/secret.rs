@@ -43,7 +43,7 @@ fn key(path: &Path) -> String {
     format!("secret_file={}", path.display())
 }
 
-/// TCP-15 TCP-14 With the secret a client is let in, from outside too, and frames move both ways.
+/// With the secret a client is let in, from outside too, and frames move both ways.
 #[test]
 fn a_client_with_the_secret_is_let_in() {
     let folder = tempfile::tempdir().unwrap();
@@ -72,7 +72,7 @@ fn a_client_with_the_secret_is_let_in() {
     assert_eq!((last.sequence, report), (199, frame(99)));
 }
 
-/// TCP-15 Another secret, none, or one too many: each end says what is wrong, and nothing of the board is shown.
+/// Another secret, none, or one too many: each end says what is wrong, and nothing of the board is shown.
 #[test]
 fn a_client_with_another_secret_or_none_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,7 +115,7 @@ fn a_client_without_valid_tls_is_disconnected() {
     told.wait("said nothing for 200ms");
 }
 
-/// TCP-15 On the cable there is neither the secret nor a frame to be seen.
+/// On the cable there is neither the secret nor a frame to be seen.
 #[test]
 fn neither_the_secret_nor_a_frame_is_visible_on_the_cable() {
     let folder = tempfile::tempdir().unwrap();
@@ -139,7 +139,7 @@ fn neither_the_secret_nor_a_frame_is_visible_on_the_cable() {
     }
 }
 
-/// TCP-16 TOOL-136 A secret that others may read, one that is too short or can be guessed, what is no file and one that is not
+/// TOOL-136 A secret that others may read, one that is too short or can be guessed, what is no file and one that is not
 /// there: each says what to do.
 #[test]
 fn invalid_secrets_are_refused_with_what_to_do() {

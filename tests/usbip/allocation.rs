@@ -5,7 +5,6 @@ use ecmsk::sk::Frame;
 use super::board::{Board, transfer};
 use support::usbip_client::{IN, OUT};
 
-/// WIRE-12
 #[test]
 fn after_the_first_rounds_a_report_and_a_frame_allocate_nothing() {
     let mut board = Board::new();

@@ -34,7 +34,6 @@ fn ports_that_are_free_are_told_from_others() {
     assert_eq!(free_ports("").count() + free_ports("hs\nhs x 004\nhs 1\n\n").count(), 0);
 }
 
-/// WIRE-13
 #[test]
 fn without_the_kernels_controller_the_error_says_how_to_get_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -50,7 +49,6 @@ fn without_the_kernels_controller_the_error_says_how_to_get_it() {
     assert!(error.to_string().contains("usbip detach"), "{error}");
 }
 
-/// WIRE-13
 #[test]
 fn the_controller_gets_a_free_port_the_device_and_its_speed() {
     let vhci = controller(STATUS);
@@ -61,7 +59,7 @@ fn the_controller_gets_a_free_port_the_device_and_its_speed() {
     assert_eq!((fields[0], fields[2], fields[3], fields.len()), ("1", "65537", "3", 4), "{order}");
 }
 
-/// WIRE-8 The folder lets go of the board at once: nobody holds the socket's other end. Who detaches by hand wants it so.
+/// The folder lets go of the board at once: nobody holds the socket's other end. Who detaches by hand wants it so.
 #[test]
 fn the_controller_gets_the_board_again_when_its_link_is_back() {
     let vhci = controller(STATUS);

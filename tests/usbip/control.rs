@@ -9,7 +9,6 @@ fn ok(bytes: &[u8]) -> Result<Vec<u8>, i32> {
     Ok(bytes.to_vec())
 }
 
-/// WIRE-6
 #[test]
 fn descriptors_come_as_long_as_the_host_wants_them() {
     let mut board = Board::attached();
@@ -39,7 +38,6 @@ fn the_interface_has_its_own_descriptors() {
     assert_eq!(board.control([0x81, 6, 0, 0x22, 1, 0, 0x5A, 0], &[]), STALL, "of interface 1");
 }
 
-/// WIRE-6
 #[test]
 fn the_configuration_is_chosen_and_told() {
     let mut board = Board::attached();
@@ -73,7 +71,6 @@ fn idle_is_kept() {
     assert_eq!(board.control([0xA1, 2, 0, 0, 0, 0, 1, 0], &[]), ok(&[125]));
 }
 
-/// WIRE-6
 #[test]
 fn the_newest_report_can_be_asked_for() {
     let mut board = Board::new();
@@ -91,7 +88,7 @@ fn the_newest_report_can_be_asked_for() {
     assert_eq!(board.control(get(3, 0, 512), &[]), STALL, "nor a feature report");
 }
 
-/// WIRE-6, SK-9.7 A whole report by SET_REPORT is a command frame; a shorter one is refused and hangs nothing.
+/// SK-9.7 A whole report by SET_REPORT is a command frame; a shorter one is refused and hangs nothing.
 #[test]
 fn a_report_may_come_by_endpoint_0() {
     let mut board = Board::new();
@@ -114,7 +111,6 @@ fn a_report_may_come_by_endpoint_0() {
     assert_eq!(unconfigured.control(set(2, 512), &[1; 512]), STALL);
 }
 
-/// WIRE-6
 #[test]
 fn an_endpoint_is_halted_and_freed() {
     let mut board = Board::new();
@@ -151,7 +147,6 @@ fn an_endpoint_is_halted_and_freed() {
     assert_eq!(board.control([0x02, 3, 1, 0, 0x81, 0, 0, 0], &[]), STALL);
 }
 
-/// WIRE-6
 #[test]
 fn what_is_unknown_is_refused_and_counted() {
     let mut board = Board::new();

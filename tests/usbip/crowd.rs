@@ -15,7 +15,6 @@ fn works(server: &ecmsk::port::usbip::Server) {
     assert_eq!(client.reply(), Reply::done(given, 512));
 }
 
-/// WIRE-10
 #[test]
 fn who_speaks_another_protocol_is_sent_away() {
     let (_, server, heard) = serve(options());
@@ -38,7 +37,6 @@ fn who_speaks_another_protocol_is_sent_away() {
     works(&server);
 }
 
-/// WIRE-10
 #[test]
 fn nonsense_in_the_traffic_ends_it() {
     let (_, server, heard) = serve(options());
@@ -63,7 +61,6 @@ fn nonsense_in_the_traffic_ends_it() {
     works(&server);
 }
 
-/// WIRE-10
 #[test]
 fn who_goes_in_the_middle_of_a_message_has_gone() {
     let (puppet, server, _) = serve(options());
@@ -81,7 +78,6 @@ fn who_goes_in_the_middle_of_a_message_has_gone() {
     assert_eq!(puppet.written(), [7], "no part of a frame");
 }
 
-/// WIRE-11
 #[test]
 fn a_thousand_connections_one_after_the_other() {
     let (_, server, _) = serve(options());
@@ -96,7 +92,7 @@ fn a_thousand_connections_one_after_the_other() {
     works(&server);
 }
 
-/// WIRE-11 The oldest of those who ask for nothing makes room.
+/// The oldest of those who ask for nothing makes room.
 #[test]
 fn clients_that_ask_for_nothing_do_not_keep_others_away() {
     let (_, server, _) = serve(Options { clients: 4, request_timeout: Duration::from_secs(3600), ..options() });
@@ -106,7 +102,6 @@ fn clients_that_ask_for_nothing_do_not_keep_others_away() {
     assert_eq!(idle[99].import("8-8"), Err(4), "the youngest is heard still");
 }
 
-/// WIRE-11
 #[test]
 fn a_client_that_asks_for_nothing_is_sent_away_after_a_while() {
     let (_, server, heard) = serve(Options { request_timeout: Duration::from_millis(20), ..options() });
@@ -116,7 +111,7 @@ fn a_client_that_asks_for_nothing_is_sent_away_after_a_while() {
     heard.until("it says so", |event| matches!(event, Event::ClientRejected { .. }));
 }
 
-/// WIRE-11 What such a client asks for is not piled up: the server reads no more until it has sent what it owes.
+/// What such a client asks for is not piled up: the server reads no more until it has sent what it owes.
 #[test]
 fn a_host_that_never_reads_loses_the_board() {
     let (_, server, heard) = serve(Options {
@@ -131,7 +126,6 @@ fn a_host_that_never_reads_loses_the_board() {
     works(&server);
 }
 
-/// WIRE-11
 #[test]
 fn a_host_with_too_many_transfers_is_sent_away() {
     let (_, server, heard) = serve(options());

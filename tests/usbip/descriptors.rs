@@ -79,7 +79,6 @@ fn texts_are_utf_16_and_what_is_empty_is_not_there() {
     assert_eq!(named.get(1, 0).unwrap()[14..17], [1, 0, 3]);
 }
 
-/// WIRE-16
 #[test]
 fn what_is_not_known_of_the_board_can_be_set() {
     let other = with(|identity| {

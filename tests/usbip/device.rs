@@ -5,7 +5,6 @@ use ecmsk::port::usbip::device::{TRANSFERS_AT_ONCE, TooMany};
 use super::board::{Board, transfer};
 use support::usbip_client::{IN, OUT, Reply};
 
-/// WIRE-6
 #[test]
 fn before_it_is_configured_its_endpoints_stall() {
     let mut board = Board::attached();
@@ -15,7 +14,6 @@ fn before_it_is_configured_its_endpoints_stall() {
     assert_eq!((board.device.wants_report(), board.next_frame()), (false, None));
 }
 
-/// WIRE-6
 #[test]
 fn other_endpoints_stall() {
     let mut board = Board::new();
@@ -25,7 +23,7 @@ fn other_endpoints_stall() {
     }
 }
 
-/// WIRE-3, SK-9.3, SK-9.5 A read is held while there is no report, and gets all 512 bytes of the next one.
+/// SK-9.3, SK-9.5 A read is held while there is no report, and gets all 512 bytes of the next one.
 #[test]
 fn a_read_waits_for_a_report() {
     let mut board = Board::new();
@@ -42,7 +40,7 @@ fn a_read_waits_for_a_report() {
     assert_eq!(board.device.counters().reports, 2);
 }
 
-/// WIRE-2 One at a time asks the board for a report, or they would overtake each other.
+/// One at a time asks the board for a report, or they would overtake each other.
 #[test]
 fn the_board_is_asked_once_at_a_time() {
     let mut board = Board::new();
@@ -61,7 +59,6 @@ fn the_board_is_asked_once_at_a_time() {
     assert_eq!(board.reports().len(), 3);
 }
 
-/// WIRE-3
 #[test]
 fn a_report_nobody_waits_for_any_more_is_kept_until_a_newer_one_comes() {
     let mut board = Board::new();
@@ -77,7 +74,6 @@ fn a_report_nobody_waits_for_any_more_is_kept_until_a_newer_one_comes() {
     assert_eq!((counters.reports, counters.superseded), (1, 1));
 }
 
-/// WIRE-2
 #[test]
 fn a_large_read_gets_several_reports_and_a_small_one_none() {
     let mut board = Board::new();
@@ -103,7 +99,6 @@ fn a_large_read_gets_several_reports_and_a_small_one_none() {
     assert_eq!((counters.reports, counters.overflows), (3, 4));
 }
 
-/// WIRE-4
 #[test]
 fn a_frame_is_held_until_the_board_has_taken_it() {
     let mut board = Board::new();
@@ -124,7 +119,6 @@ fn a_frame_is_held_until_the_board_has_taken_it() {
     assert_eq!((board.next_frame(), board.device.counters().frames), (None, 2));
 }
 
-/// WIRE-2
 #[test]
 fn a_large_write_is_several_frames() {
     let mut board = Board::new();
@@ -137,7 +131,7 @@ fn a_large_write_is_several_frames() {
     assert!(!board.device.hangs());
 }
 
-/// WIRE-9, SK-9.7 A short OUT packet hangs the board until it is powered off: the packet itself is taken, no frame and no report
+/// SK-9.7 A short OUT packet hangs the board until it is powered off: the packet itself is taken, no frame and no report
 /// moves after it; endpoint 0 goes on.
 #[test]
 fn a_short_packet_hangs_the_board() {
@@ -180,7 +174,6 @@ fn frames_before_a_short_packet_are_taken() {
     assert_eq!((board.device.hangs(), board.next_frame()), (true, None));
 }
 
-/// WIRE-11
 #[test]
 fn a_host_has_so_many_transfers_at_a_time() {
     let mut board = Board::new();

@@ -32,7 +32,7 @@ fn state(report: &[u8]) -> StateByte {
     MasterResponse::decode(&Frame::from_prefix(report).slot(SIZE, 0)).state
 }
 
-/// WIRE-1, SK-9.1 The list and the import show the board's pair, at high speed.
+/// SK-9.1 The list and the import show the board's pair, at high speed.
 #[test]
 fn boards_are_listed_and_given_away() {
     let (left, right, heard) = (Puppet::default(), Puppet::default(), Heard::default());
@@ -60,7 +60,7 @@ fn without_a_serial_number_a_board_has_its_bus_id() {
     assert_eq!((status, &serial[..]), (0, &[8, 3, b'1', 0, b'-', 0, b'1', 0][..]));
 }
 
-/// WIRE-123 A listener that never returns is called by a thread of its own: hosts get their board and move frames, a lost board
+/// A listener that never returns is called by a thread of its own: hosts get their board and move frames, a lost board
 /// leaves its host and comes back, and the server stops.
 #[test]
 fn a_stuck_listener_stops_nothing() {
@@ -88,7 +88,6 @@ fn a_stuck_listener_stops_nothing() {
     drop(goes_on);
 }
 
-/// WIRE-2
 #[test]
 fn frames_and_reports_move_in_order() {
     let (puppet, server, _) = serve(options());
@@ -104,7 +103,7 @@ fn frames_and_reports_move_in_order() {
     assert!(puppet.frames().iter().all(|frame| frame.bytes()[511] == frame.bytes()[0]), "whole");
 }
 
-/// WIRE-2 A report that is there already may be handed on by another thread than one that was waited for: none overtakes
+/// A report that is there already may be handed on by another thread than one that was waited for: none overtakes
 /// another.
 #[test]
 fn reports_keep_their_order_whoever_moves_them() {
@@ -123,7 +122,6 @@ fn reports_keep_their_order_whoever_moves_them() {
     }
 }
 
-/// WIRE-4
 #[test]
 fn while_the_board_is_busy_a_frame_is_held() {
     let (puppet, server, _) = serve(options());
@@ -140,7 +138,6 @@ fn while_the_board_is_busy_a_frame_is_held() {
     assert_eq!(client.reply(), Reply::done(held, 512));
 }
 
-/// WIRE-5
 #[test]
 fn a_frame_that_is_held_can_be_taken_back() {
     let (puppet, server, _) = serve(options());
@@ -156,7 +153,7 @@ fn a_frame_that_is_held_can_be_taken_back() {
     assert_eq!(puppet.written(), [2]);
 }
 
-/// WIRE-5 However the race between the board and the host's wish ends, the host's view is the board's: a frame is either taken
+/// However the race between the board and the host's wish ends, the host's view is the board's: a frame is either taken
 /// and answered, or taken back and never seen by the board.
 #[test]
 fn a_frame_is_taken_or_taken_back_and_never_both() {
@@ -185,7 +182,6 @@ fn a_frame_is_taken_or_taken_back_and_never_both() {
     assert_eq!(puppet.written(), taken);
 }
 
-/// WIRE-3, WIRE-5
 #[test]
 fn a_read_that_waits_can_be_taken_back_and_no_report_is_lost_by_it() {
     let (puppet, server, _) = serve(options());
@@ -224,7 +220,7 @@ fn a_host_that_goes_leaves_the_board_to_the_next() {
     assert_eq!(puppet.opened(), 1, "the board stays on");
 }
 
-/// WIRE-9, SK-9.7 Detached and attached again is this board's way of being powered off.
+/// SK-9.7 Detached and attached again is this board's way of being powered off.
 #[test]
 fn a_board_that_hangs_runs_again_when_it_is_attached_again() {
     let (puppet, server, heard) = serve(options());
@@ -242,7 +238,6 @@ fn a_board_that_hangs_runs_again_when_it_is_attached_again() {
     assert_eq!(puppet.written(), [3]);
 }
 
-/// WIRE-8
 #[test]
 fn a_lost_board_is_detached_and_can_be_attached_when_it_is_back() {
     let (puppet, server, heard) = serve(options());
@@ -265,7 +260,6 @@ fn a_lost_board_is_detached_and_can_be_attached_when_it_is_back() {
     assert_eq!(puppet.opened(), 2);
 }
 
-/// WIRE-8
 #[test]
 fn a_board_that_is_lost_while_nobody_has_it_is_noticed() {
     let (puppet, server, heard) = serve(options());
@@ -294,7 +288,6 @@ fn the_end_of_the_server_detaches_everybody_and_closes_the_links() {
     TcpListener::bind(address).expect("the port is free again");
 }
 
-/// WIRE-15
 #[test]
 fn what_cannot_be_served_is_said_at_the_start() {
     let start = |boards| Server::start(options(), boards, Heard::default().listener()).map(|_| ());
@@ -348,7 +341,7 @@ fn a_simulated_board_runs_behind_it() {
     assert!(in_op.take(50).all(|report| state(&report) == StateByte::reached(MasterState::Op)));
 }
 
-/// WIRE-8 SW_RESET takes the board from the host; it can be attached again.
+/// SW_RESET takes the board from the host; it can be attached again.
 #[test]
 fn after_a_reset_the_board_is_attached_again() {
     let (server, heard) = sim("sim:?slaves=io&queue=1&name=usbip-reset");

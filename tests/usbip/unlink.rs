@@ -4,7 +4,6 @@
 use super::board::Board;
 use support::usbip_client::Reply;
 
-/// WIRE-5
 #[test]
 fn a_read_that_waits_is_taken_back() {
     let mut board = Board::new();
@@ -19,7 +18,6 @@ fn a_read_that_waits_is_taken_back() {
     assert_eq!((got, board.device.wants_report()), (vec![1, 3], false));
 }
 
-/// WIRE-5
 #[test]
 fn a_read_that_has_its_report_comes_first() {
     let mut board = Board::new();
@@ -31,7 +29,6 @@ fn a_read_that_has_its_report_comes_first() {
     assert_eq!(replies[1].0, Reply::too_late(2));
 }
 
-/// WIRE-5
 #[test]
 fn an_unknown_transfer_is_gone_already() {
     let mut board = Board::new();
@@ -39,7 +36,6 @@ fn an_unknown_transfer_is_gone_already() {
     assert_eq!(board.replies(), [Reply::too_late(2)]);
 }
 
-/// WIRE-5
 #[test]
 fn a_frame_in_the_queue_is_taken_back() {
     let mut board = Board::new();
@@ -54,7 +50,6 @@ fn a_frame_in_the_queue_is_taken_back() {
     assert_eq!(board.device.counters().writes_unlinked, 1);
 }
 
-/// WIRE-5
 #[test]
 fn a_frame_that_the_board_is_being_given_is_taken_back_if_it_does_not_take_it() {
     let mut board = Board::new();
@@ -68,7 +63,6 @@ fn a_frame_that_the_board_is_being_given_is_taken_back_if_it_does_not_take_it() 
     assert_eq!((board.next_frame(), board.device.counters().writes_unlinked), (Some(2), 1));
 }
 
-/// WIRE-5
 #[test]
 fn a_frame_that_the_board_took_after_all_was_not_taken_back() {
     let mut board = Board::new();
@@ -81,7 +75,7 @@ fn a_frame_that_the_board_took_after_all_was_not_taken_back() {
     assert_eq!((counters.frames, counters.writes_unlinked), (1, 0));
 }
 
-/// WIRE-5 Another wish for it while nobody knows yet takes nothing back.
+/// Another wish for it while nobody knows yet takes nothing back.
 #[test]
 fn a_frame_under_way_is_not_taken_from_the_board() {
     let mut board = Board::new();
@@ -96,7 +90,6 @@ fn a_frame_under_way_is_not_taken_from_the_board() {
     assert_eq!(board.next_frame(), Some(2));
 }
 
-/// WIRE-5
 #[test]
 fn of_a_transfer_of_several_frames_the_rest_is_taken_back() {
     let mut board = Board::new();

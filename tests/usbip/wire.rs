@@ -60,7 +60,6 @@ fn an_unlink_names_its_victim() {
     assert_eq!(Command::parse(&client::unlink(9, 8)), Ok(expected));
 }
 
-/// WIRE-10
 #[test]
 fn what_no_client_sends_is_named() {
     let with = |at: usize, value: u32| {
@@ -92,7 +91,7 @@ fn an_answer_has_its_place_for_each_number() {
     assert!(unlink[8..20].iter().chain(&unlink[24..48]).all(|byte| *byte == 0));
 }
 
-/// WIRE-1, SK-9.1 High speed, and the pair.
+/// SK-9.1 High speed, and the pair.
 #[test]
 fn a_list_shows_each_device_with_its_interface() {
     let mut bytes = Vec::new();
@@ -110,7 +109,6 @@ fn a_list_shows_each_device_with_its_interface() {
     assert_eq!(device[..316], device[316..632]);
 }
 
-/// WIRE-1
 #[test]
 fn an_import_gives_the_device_or_the_reason() {
     let mut bytes = Vec::new();

@@ -51,7 +51,7 @@ crate::for_each_width! {
         }
     }
 
-    /// TCP-1, WIN-13 A board that a machine in the network serves: its threads and sockets go with the link.
+    /// WIN-13 A board that a machine in the network serves: its threads and sockets go with the link.
     #[test]
     fn a_board_in_the_network(width: Width) {
         let (server, _) = serve("sim:?slaves=drive*2");

@@ -154,7 +154,7 @@ crate::for_each_width! {
         assert!(said.contains(&takes), "{said}");
     }
 
-    /// WIN-65, TCP-1 A board that the tool serves under Windows is one for the tool of this system; Ctrl-C ends it in order.
+    /// WIN-65 A board that the tool serves under Windows is one for the tool of this system; Ctrl-C ends it in order.
     #[test]
     fn a_served_board_and_its_end(width: Width) {
         let folder = folder(width, "tool-serve");
@@ -170,7 +170,7 @@ crate::for_each_width! {
         assert!(code == Some(0) && err.contains("stopped by Ctrl-C"), "{code:?} {err}");
     }
 
-    /// WIN-66, TOOL-16 Ctrl-C in a move brakes the axis before the tool ends by 130: it has not gone where it was sent, and
+    /// WIN-66 Ctrl-C in a move brakes the axis before the tool ends by 130: it has not gone where it was sent, and
     /// its last targets come to rest.
     #[test]
     fn ctrl_c_brakes_a_move(width: Width) {

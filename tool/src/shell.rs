@@ -121,7 +121,7 @@ pub fn complete(line: &str) -> (usize, Vec<String>) {
 mod tests {
     use super::*;
 
-    /// TOOL-31 Tab completes verbs, their verbs and their options.
+    /// Tab completes verbs, their verbs and their options.
     #[test]
     fn tab_completes_verbs_their_verbs_and_their_options() {
         assert_eq!(complete("mo"), (0, vec!["move ".to_owned()]));

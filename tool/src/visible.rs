@@ -95,7 +95,7 @@ impl<W: Write> Write for Visible<W> {
 mod tests {
     use super::*;
 
-    /// TOOL-160 Every control character is shown by its code; all other text is unchanged.
+    /// Every control character is shown by its code; all other text is unchanged.
     #[test]
     fn control_characters_are_shown_by_their_codes() {
         for (text, shown) in [
@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// TOOL-160 JSON stays valid and keeps its meaning.
+    /// JSON stays valid and keeps its meaning.
     #[test]
     fn json_with_control_characters_keeps_its_meaning() {
         let text: String = (0..0x300).chain(0x2000..0x2100).filter_map(char::from_u32).collect();
@@ -121,7 +121,7 @@ mod tests {
         assert_eq!(before, after);
     }
 
-    /// TOOL-160 Bytes that are written in pieces come out as those written at once; what is not UTF-8 is shown as
+    /// Bytes that are written in pieces come out as those written at once; what is not UTF-8 is shown as
     /// well.
     #[test]
     fn bytes_written_in_pieces_come_out_as_in_one_piece() {

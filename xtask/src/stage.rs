@@ -178,7 +178,7 @@ mod tests {
         assert!(!file.contains('@') && !file.contains(env!("CARGO_MANIFEST_DIR")), "{file}");
     }
 
-    /// DIST-9 The library has nothing for a debugger and is small; its debug file has it, and belongs to it.
+    /// The library has nothing for a debugger and is small; its debug file has it, and belongs to it.
     #[test]
     fn what_a_debugger_wants_is_a_file_of_its_own() {
         let folder = tempfile::tempdir().unwrap();

@@ -144,7 +144,6 @@ pub(crate) const fn next_step(error: &WireError) -> &'static str {
 mod tests {
     use super::*;
 
-    /// WIRE-52
     #[test]
     fn wires_that_cannot_be_used_are_told_with_the_next_step() {
         let said = |error| refused("spi:/dev/spidev0.0", error);

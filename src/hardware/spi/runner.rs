@@ -267,7 +267,7 @@ mod tests {
         }
     }
 
-    /// WIRE-51 The link's thread allocates nothing, from its first exchange to its last: frames of the host and its own,
+    /// The link's thread allocates nothing, from its first exchange to its last: frames of the host and its own,
     /// answers, some of them none, reports that are read and reports that nobody reads.
     #[test]
     fn the_links_thread_allocates_nothing() {

@@ -112,7 +112,7 @@ mod tests {
         UsbOptions { serial: serial.map(str::to_owned), path: path.map(str::to_owned), ..ANY }
     }
 
-    /// WIRE-17, SK-9.2 A device that has the board's vendor and product id but not its HID interface is no board.
+    /// SK-9.2 A device that has the board's vendor and product id but not its HID interface is no board.
     #[test]
     fn a_device_with_the_boards_ids_is_no_board() {
         let other = || Facts {
@@ -126,7 +126,7 @@ mod tests {
         assert!(why.contains("1-1 (Relay): its HID interface has no interrupt endpoints of 512 bytes"), "{why}");
     }
 
-    /// WIRE-17 If several boards fit the link, it does not open, and the error lists them; `serial=` and `path=` choose one.
+    /// If several boards fit the link, it does not open, and the error lists them; `serial=` and `path=` choose one.
     #[test]
     fn of_several_boards_the_link_has_to_name_one() {
         let both = || [board("1-1", "7"), board("1-2.3", "8")];
@@ -151,7 +151,7 @@ mod tests {
         assert!(why.ends_with("a hub with a power supply of its own"), "{why}");
     }
 
-    /// WIRE-17, SK-9.17 Without a board the error says what to look at.
+    /// SK-9.17 Without a board the error says what to look at.
     #[test]
     fn without_a_board_the_error_says_what_to_do() {
         assert!(

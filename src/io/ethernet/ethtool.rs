@@ -69,7 +69,7 @@ fn ask<const N: usize>(socket: &impl AsRawFd, interface: &str, command: u32) -> 
 mod tests {
     use super::*;
 
-    /// NIC-4.2 Interfaces that do not answer, or that there cannot be, have no settings; the loopback interface answers some.
+    /// Interfaces that do not answer, or that there cannot be, have no settings; the loopback interface answers some.
     #[test]
     fn who_does_not_answer_has_no_settings() {
         for name in ["", "no_such_card", "a_name_that_is_longer_than_any"] {

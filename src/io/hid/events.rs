@@ -201,7 +201,7 @@ impl Shared {
 mod tests {
     use super::*;
 
-    /// WIRE-19 However few transfers wait for reports, they are looked after before they are used up at the shortest cycle.
+    /// However few transfers wait for reports, they are looked after before they are used up at the shortest cycle.
     #[test]
     fn transfers_are_looked_after_in_time() {
         let cycle = Duration::from_micros(250);

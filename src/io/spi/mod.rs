@@ -174,7 +174,6 @@ mod tests {
 
     use super::*;
 
-    /// WIRE-52
     #[test]
     fn what_the_system_says_is_told_apart() {
         let of = |kind: ErrorKind| WireError::of("/dev/x", &Error::from(kind), || "there is /dev/y".to_owned());

@@ -67,7 +67,7 @@ mod tests {
     use super::super::Verdict;
     use super::*;
 
-    /// TOOL-106 Timers as coarse as a kernel's tick are wrong.
+    /// Timers as coarse as a kernel's tick are wrong.
     #[test]
     fn timers() {
         assert_eq!(timer(Duration::from_nanos(1)).verdict, Verdict::Fine);
@@ -77,7 +77,7 @@ mod tests {
         assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
-    /// TOOL-106 What a lateness means is said in cycles; half a cycle of 1 ms is too much.
+    /// What a lateness means is said in cycles; half a cycle of 1 ms is too much.
     #[test]
     fn what_a_lateness_means() {
         let us = Duration::from_micros;

@@ -139,7 +139,7 @@ impl Machine {
 mod tests {
     use super::*;
 
-    /// TOOL-97 What a device says of itself controls no terminal, and what is endless is cut.
+    /// What a device says of itself controls no terminal, and what is endless is cut.
     #[test]
     fn texts_from_outside_are_shown_harmlessly() {
         let folder = tempfile::tempdir().expect("a folder");

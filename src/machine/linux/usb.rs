@@ -1,5 +1,5 @@
 //! Devices on USB that may be a board, read from sysfs, so that they are also seen by users who may not open them and in builds
-//! without libusb. The same devices count as boards as for the link `usb:` (WIRE-17).
+//! without libusb. The same devices count as boards as for the link `usb:`.
 
 mod descriptors;
 

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// TOOL-179 A pause of writes that is longer than the usual one is a stall if the program had more to say.
+/// A pause of writes that is longer than the usual one is a stall if the program had more to say.
 #[test]
 fn late_writes() {
     let stall = |run: &Run| run.found().timing.stall(MS);
@@ -52,7 +52,7 @@ fn late_writes() {
     assert_eq!(run.found().timing.gaps, 0);
 }
 
-/// TOOL-179 Cycles in which the FIFO was empty while an axis was on its way are counted; where no sets wait none would lie in a
+/// Cycles in which the FIFO was empty while an axis was on its way are counted; where no sets wait none would lie in a
 /// chip, so that the pause is no stall of more cycles than there were sets.
 #[test]
 fn repeated_outputs() {
@@ -72,7 +72,7 @@ fn repeated_outputs() {
     assert_eq!((stall.whole_ns, stall.sets), (8 * MS, 1));
 }
 
-/// TOOL-179 Silence in both directions is a stall while sets wait, as far as it is longer than a cycle.
+/// Silence in both directions is a stall while sets wait, as far as it is longer than a cycle.
 #[test]
 fn silence() {
     let mut run = Run::in_op(1, 1000);
@@ -91,7 +91,7 @@ fn silence() {
     assert_eq!((stall.ns, stall.seen_by), (14 * MS, SeenBy::Silence));
 }
 
-/// TOOL-180 `ahead=` is the stall, from the default on up to what the chip holds.
+/// `ahead=` is the stall, from the default on up to what the chip holds.
 #[test]
 fn sets_ahead() {
     let stalled = |drives, ms: i64| {

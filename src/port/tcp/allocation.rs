@@ -14,7 +14,7 @@ use crate::sk::Frame;
 use crate::tcp::wire::{MESSAGE_MAX, Message, Role};
 use crate::tcp::{Channel, Inbox, PROOF_LEN};
 
-/// TCP-17 Frames and reports through a server, with a client that reads and one that does not, allocate nothing.
+/// Frames and reports through a server, with a client that reads and one that does not, allocate nothing.
 #[test]
 fn a_cycle_allocates_nothing() {
     let link = crate::open::open("sim:?clock=virtual&name=allocation", Share::ByName).unwrap();

@@ -11,7 +11,7 @@ use crate::link::{self, LinkError, Share};
 use crate::tcp::wire::{GREETING_LEN, Greeting, Message, Welcome};
 use crate::tcp::{Channel, Inbox, Out, Secret, ServerTls, client_session, first_message};
 
-/// TCP-15 Somebody in between, who ends the client's TLS session and begins one with the server, gets neither in: what the
+/// Somebody in between, who ends the client's TLS session and begins one with the server, gets neither in: what the
 /// client proves is worth nothing in another session.
 #[test]
 fn somebody_in_between_gets_nothing() {
@@ -63,7 +63,7 @@ fn somebody_in_between_gets_nothing() {
     link::open(&straight, Share::ByName).unwrap();
 }
 
-/// TCP-15 Somebody who only pretends to be the server, and welcomes everybody, gets no client: it cannot prove what it does
+/// Somebody who only pretends to be the server, and welcomes everybody, gets no client: it cannot prove what it does
 /// not know, and the client's own proof sent back is none.
 #[test]
 fn somebody_who_pretends_gets_no_client() {

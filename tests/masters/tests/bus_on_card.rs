@@ -29,7 +29,7 @@ mod needs_network_namespace {
         result.err().expect("it is refused").to_string()
     }
 
-    /// BUS-1.1, BUS-1.2 Over a card: who is there, what each look left, objects, files, clocks; no slave is above PreOP.
+    /// Over a card: who is there, what each look left, objects, files, clocks; no slave is above PreOP.
     #[test]
     fn a_network_at_the_end_of_a_card() {
         let rig = Rig::with_drift("drive*2,io", "bus", 50);
@@ -58,7 +58,7 @@ mod needs_network_namespace {
         );
     }
 
-    /// BUS-4.3 An EEPROM that was written is what the next look finds, once the slave was switched off and on.
+    /// An EEPROM that was written is what the next look finds, once the slave was switched off and on.
     #[test]
     fn an_eeprom_stays_written() {
         let rig = Rig::new("io*2", "bus_sii");
@@ -92,8 +92,8 @@ mod needs_network_namespace {
         assert_eq!((near.slave, near.port, far.slave, far.port), (2, 1, 3, 0));
     }
 
-    /// BUS-1.3, NIC-1.3 A card that a board has is no network, and the other way round. NIC-4.1 The list knows it.
-    /// BUS-1.4 A cable that is cut ends what was going on.
+    /// A card that a board has is no network, and the other way round. The list knows it.
+    /// A cable that is cut ends what was going on.
     #[test]
     fn a_card_is_for_one_alone() {
         let rig = Rig::new("io", "bus_claim");
@@ -125,7 +125,7 @@ mod needs_network_namespace {
         assert_eq!(card().as_deref(), Some("it is switched off"));
     }
 
-    /// NIC-4.3 Frames are measured to the slaves and back, and change nothing; without slaves none comes back. NIC-4.2 What the
+    /// Frames are measured to the slaves and back, and change nothing; without slaves none comes back. What the
     /// card's driver says is judged.
     #[test]
     fn round_trips_are_measured() {

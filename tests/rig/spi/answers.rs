@@ -55,7 +55,7 @@ impl Host {
     }
 }
 
-/// WIRE-61, SK-10.3 Frames of 504 and of 512 bytes: every exchange gives the board a command and the host an answer.
+/// SK-10.3 Frames of 504 and of 512 bytes: every exchange gives the board a command and the host an answer.
 #[test]
 fn the_model_answers() {
     for (size, link) in [(SlotSize::Bytes12, "sim:?slaves=io"), (SlotSize::Bytes16, "sim:?slaves=io&slot=16")] {
@@ -72,7 +72,7 @@ fn the_model_answers() {
     }
 }
 
-/// WIRE-61, SK-10.4, SK-10.5, SK-10.9 A pulse on RESET of more than 32 us boots the board; BUSY is high until it is back.
+/// SK-10.4, SK-10.5, SK-10.9 A pulse on RESET of more than 32 us boots the board; BUSY is high until it is back.
 #[test]
 fn a_reset_boots_the_model() {
     let model = Model::start("sim:?slaves=io");

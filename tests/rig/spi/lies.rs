@@ -73,7 +73,7 @@ fn reason(board: &str, busy: Busy, miso: Miso, link: &str) -> String {
     }
 }
 
-/// WIRE-67 BUSY that is stuck, either way.
+/// BUSY that is stuck, either way.
 #[test]
 fn busy_is_stuck() {
     let high = reason(BOARD, Busy::Stuck(true), straight, LINK);
@@ -86,7 +86,7 @@ fn busy_is_stuck() {
     model.stop();
 }
 
-/// WIRE-67 MISO that says nothing, or what MOSI says.
+/// MISO that says nothing, or what MOSI says.
 #[test]
 fn miso_is_no_answer() {
     for (miso, expected) in [
@@ -102,7 +102,7 @@ fn miso_is_no_answer() {
     assert!(error.contains("MISO is high all the time"), "nothing there: {error}");
 }
 
-/// WIRE-67 Answers that have slipped.
+/// Answers that have slipped.
 #[test]
 fn answers_have_slipped() {
     for (miso, expected) in [
@@ -115,7 +115,7 @@ fn answers_have_slipped() {
     }
 }
 
-/// WIRE-67 A slot size that is not the board's: the right one is proposed.
+/// A slot size that is not the board's: the right one is proposed.
 #[test]
 fn the_slot_size_is_proposed() {
     for (board, link) in [(12, 16), (16, 12)] {
@@ -124,7 +124,7 @@ fn the_slot_size_is_proposed() {
     }
 }
 
-/// WIRE-67 In the traffic: an answer that is none is left out and its number with it, many of them are the end.
+/// In the traffic: an answer that is none is left out and its number with it, many of them are the end.
 #[test]
 fn wires_begin_to_lie() {
     for (miso, expected) in [
@@ -153,7 +153,7 @@ fn wires_begin_to_lie() {
     assert_eq!(gap.dropped, 0, "nobody was late: {gap:?}");
 }
 
-/// WIRE-67 BUSY that stays high in the traffic ends it.
+/// BUSY that stays high in the traffic ends it.
 #[test]
 fn the_board_hangs() {
     let model = Model::start(BOARD);

@@ -24,7 +24,7 @@ pub fn until_lost(board: &dyn Link) -> LinkError {
     error
 }
 
-/// WIRE-63, SK-10.1, SK-10.2, SK-10.3 Reports come unasked; the network is brought to OP, by the native API too. On the
+/// SK-10.1, SK-10.2, SK-10.3 Reports come unasked; the network is brought to OP, by the native API too. On the
 /// wires it is one exchange of the whole frame at a time, mode 0, 8 bits, 24 MHz, none while BUSY is high.
 #[test]
 fn a_board_on_spi_is_a_link() {
@@ -55,7 +55,7 @@ fn a_board_on_spi_is_a_link() {
     assert_eq!(shapes, [(504, 24_000_000, 0, 8, 1)]);
 }
 
-/// WIRE-63, SK-10.1 Speed and mode are those of the link.
+/// SK-10.1 Speed and mode are those of the link.
 #[test]
 fn speed_and_mode_are_set() {
     for (keys, speed_hz, mode) in [("speed=6M&mode=1", 6_000_000, 1), ("speed=10M&mode=3", 10_000_000, 3)] {
@@ -67,7 +67,7 @@ fn speed_and_mode_are_set() {
     }
 }
 
-/// WIRE-62 Frames arrive once, whole and in order, whatever is read meanwhile, on both slot sizes.
+/// Frames arrive once, whole and in order, whatever is read meanwhile, on both slot sizes.
 #[test]
 fn no_frame_is_lost_or_doubled() {
     for size in SlotSize::ALL {
@@ -105,7 +105,7 @@ fn no_frame_is_lost_or_doubled() {
     }
 }
 
-/// WIRE-63, SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, however much is to be sent.
+/// SK-10.6 Without BUSY no exchange begins sooner than 800 us after the one before, however much is to be sent.
 #[test]
 fn without_busy_exchanges_keep_their_distance() {
     let model = Model::on(BOARD, Busy::Stuck(false), model::straight);
@@ -120,7 +120,6 @@ fn without_busy_exchanges_keep_their_distance() {
     assert!(least >= 800_000, "{least} ns");
 }
 
-/// WIRE-64
 #[test]
 fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     let model = Model::start(BOARD);
@@ -135,7 +134,7 @@ fn a_read_ends_by_its_limit_by_cancel_and_by_close() {
     assert!(matches!(board.write(&Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// WIRE-64 A board that loses its power pulls nothing any more: every wait ends, and every later call.
+/// A board that loses its power pulls nothing any more: every wait ends, and every later call.
 #[test]
 fn every_wait_ends_when_the_board_goes() {
     let model = Model::start(BOARD);
@@ -153,7 +152,7 @@ fn every_wait_ends_when_the_board_goes() {
     assert!(matches!(board.read(&mut Frame::new(), Wait::Forever), Err(LinkError::Closed)));
 }
 
-/// WIRE-65 Whoever opens it meanwhile is told that it is in use, another process too; a line that another program has
+/// Whoever opens it meanwhile is told that it is in use, another process too; a line that another program has
 /// is named; afterwards nothing of it is left, no file and no thread.
 #[test]
 fn nobody_else_gets_it_and_nothing_is_left() {
@@ -192,7 +191,7 @@ fn nobody_else_gets_it_and_nothing_is_left() {
     drop(model);
 }
 
-/// WIRE-65 A user who may not use the device or the line is told which, and what to do.
+/// A user who may not use the device or the line is told which, and what to do.
 #[test]
 fn permission_is_asked_for() {
     let _model = Model::start(BOARD);
@@ -218,7 +217,7 @@ fn permission_is_asked_for() {
     allow(super::CHIP, 0o600);
 }
 
-/// WIRE-65 What is not there is named, with what is there instead.
+/// What is not there is named, with what is there instead.
 #[test]
 fn what_is_missing_is_named() {
     let error = refused("spi:/dev/spidev7.0").to_string();
@@ -231,7 +230,7 @@ fn what_is_missing_is_named() {
     assert!(error.contains("none of its lines has that name"), "{error}");
 }
 
-/// WIRE-66, SK-10.9 With a line for RESETN the board is reset when the link is opened: a pulse of more than 32 us, and it
+/// SK-10.9 With a line for RESETN the board is reset when the link is opened: a pulse of more than 32 us, and it
 /// is waited for until it has booted.
 #[test]
 fn opening_resets_the_board() {
@@ -255,7 +254,7 @@ fn opening_resets_the_board() {
     assert!(resets[1].at_ns - resets[0].at_ns > 32_000, "{resets:?}");
 }
 
-/// WIRE-66 SW_RESET ends the link with that reason; it is opened again when the board has booted.
+/// SW_RESET ends the link with that reason; it is opened again when the board has booted.
 #[test]
 fn a_board_that_was_reset_is_opened_again() {
     let model = Model::start(BOARD);

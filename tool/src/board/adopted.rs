@@ -88,7 +88,7 @@ mod tests {
         board.close(done)
     }
 
-    /// TOOL-26 A network that was found running is moved only with the cycle and the mode that it has.
+    /// A network that was found running is moved only with the cycle and the mode that it has.
     #[test]
     fn a_running_network_is_moved_only_with_its_own_cycle_and_mode() {
         lines(&["--cycle-us", "2000", "--slaves", "drive,drive:csv"], &["state op", "servo on all"]).unwrap();
@@ -108,7 +108,7 @@ mod tests {
         lines(&[], &["state preop", "state op", "servo on all", "move 1=200 2=5"]).unwrap();
     }
 
-    /// TOOL-26 A measured cycle is rounded to a possible one.
+    /// A measured cycle is rounded to a possible one.
     #[test]
     fn a_measured_cycle_is_rounded_to_one_that_the_board_has() {
         assert_eq!([100.0, 240.0, 510.0, 1990.0, 4100.0].map(nearest), [250, 250, 500, 2000, 4000]);

@@ -180,7 +180,7 @@ impl Scales {
 mod tests {
     use super::*;
 
-    /// TOOL-2 Kinds with modes and counts, in either order.
+    /// Kinds with modes and counts, in either order.
     #[test]
     fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);
@@ -201,7 +201,7 @@ mod tests {
         }
     }
 
-    /// TOOL-3 A scale is a number or a fraction, of all axes or of one.
+    /// A scale is a number or a fraction, of all axes or of one.
     #[test]
     fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
         let scales = Scales::parse("2=131072/4,5000").unwrap();

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
     use ecmsk::machine::findings::Verdict;
 
-    /// NIC-4.3 Frames that take half a cycle are advice, lost ones are wrong, and so is a card that does not open.
+    /// Frames that take half a cycle are advice, lost ones are wrong, and so is a card that does not open.
     #[test]
     fn round_trips_are_judged() {
         let us = Duration::from_micros;

@@ -220,7 +220,7 @@ mod tests {
         (terminal.backend().buffer().clone(), last)
     }
 
-    /// TOOL-66 Of forty slaves a small terminal shows a part; the table can be scrolled to any other, and no further.
+    /// Of forty slaves a small terminal shows a part; the table can be scrolled to any other, and no further.
     #[test]
     fn forty_slaves_scroll() {
         let view = forty();
@@ -245,7 +245,7 @@ mod tests {
         }
     }
 
-    /// TOOL-66 An alarm and an axis that is on are highlighted; narrow terminals keep the most important columns.
+    /// An alarm and an axis that is on are highlighted; narrow terminals keep the most important columns.
     #[test]
     fn an_alarm_and_an_axis_that_is_on_are_highlighted() {
         let view = forty();

@@ -98,7 +98,7 @@ fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
 mod tests {
     use super::*;
 
-    /// TOOL-162 Of an element with very many attributes those are left that are read, in their lines; other elements, comments and
+    /// Of an element with very many attributes those are left that are read, in their lines; other elements, comments and
     /// texts stay as they are.
     #[test]
     fn attributes_that_nobody_reads_are_taken_out() {

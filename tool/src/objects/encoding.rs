@@ -70,7 +70,7 @@ mod tests {
         text.encode_utf16().flat_map(to_bytes).collect()
     }
 
-    /// TOOL-162 A byte order mark goes before the declaration, the declaration before UTF-8; a declaration of UTF-16 that can be
+    /// A byte order mark goes before the declaration, the declaration before UTF-8; a declaration of UTF-16 that can be
     /// read byte by byte is none.
     #[test]
     fn a_text_is_read_in_its_encoding() {
@@ -99,7 +99,7 @@ mod tests {
         assert!(cp1252.ends_with("<a>\u{20AC}</a>"));
     }
 
-    /// TOOL-162 What has not the encoding that it says is refused with what to do.
+    /// What has not the encoding that it says is refused with what to do.
     #[test]
     fn a_wrong_encoding_is_told() {
         let unknown = decoded(b"<?xml version=\"1.0\" encoding=\"klingon\"?><a/>").unwrap_err().to_string();

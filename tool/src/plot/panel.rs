@@ -189,7 +189,7 @@ mod tests {
         assert_eq!(within(&[(0.0, 1.0)], &(0.0..10.0)), [vec![(0.0, 1.0)]]);
     }
 
-    /// TOOL-145 A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
+    /// A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
     #[test]
     fn marks_of_an_axis_show_different_numbers() {
         for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {

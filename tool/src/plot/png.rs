@@ -322,7 +322,7 @@ mod tests {
         points
     }
 
-    /// TOOL-174 The picture is the same whatever the bands are, even if the end of a band cuts a letter.
+    /// The picture is the same whatever the bands are, even if the end of a band cuts a letter.
     #[test]
     fn a_picture_is_the_same_whatever_bands_it_is_drawn_in() {
         let sheet = sheet(1);
@@ -334,7 +334,7 @@ mod tests {
         }
     }
 
-    /// TOOL-174 A picture takes as much memory as a band of it, however high it is.
+    /// A picture takes as much memory as a band of it, however high it is.
     #[test]
     fn a_picture_takes_as_much_memory_as_one_band_however_high_it_is() {
         let sheet = sheet(3);

@@ -183,7 +183,7 @@ impl fmt::Display for Object {
 mod tests {
     use super::*;
 
-    /// TOOL-9 An object by number or by name, decimal or with 0x; a wrong name is told with what is near.
+    /// An object by number or by name, decimal or with 0x; a wrong name is told with what is near.
     #[test]
     fn an_object_is_named_by_number_or_by_name() {
         let statusword = Object::parse("statusword").unwrap();
@@ -197,7 +197,7 @@ mod tests {
         assert!(Object::parse("statuswrod").unwrap_err().contains("did you mean `statusword`?"));
     }
 
-    /// TOOL-9 A value is checked against its type; 0x means the bits of a signed one.
+    /// A value is checked against its type; 0x means the bits of a signed one.
     #[test]
     fn a_value_is_checked_against_its_type() {
         let takes = |of: Type, text| of.takes(Value::parse(text).unwrap());

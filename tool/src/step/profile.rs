@@ -183,7 +183,7 @@ mod tests {
     }
 
     proptest! {
-        /// TOOL-15 A move keeps its limits and arrives, for distances from one count to the range of 32 bits.
+        /// A move keeps its limits and arrives, for distances from one count to the range of 32 bits.
         #[test]
         fn a_move_keeps_its_limits_and_arrives(length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits()) {
             let profile = Profile::rest_to_rest(length, limits).unwrap();
@@ -192,7 +192,7 @@ mod tests {
             prop_assert!(end.velocity.abs() <= limits.velocity * 1e-6);
         }
 
-        /// TOOL-16 From every point of a move braking keeps the limits, within any time.
+        /// From every point of a move braking keeps the limits, within any time.
         #[test]
         fn braking_from_any_point_keeps_the_limits_within_any_time(
             length in (0.0..9.63_f64).prop_map(|l| 10_f64.powf(l).round()), limits in limits(), part in 0.0..1.0,

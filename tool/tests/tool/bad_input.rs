@@ -4,7 +4,7 @@
 use crate::common::board::{BOARD, script, text};
 use crate::common::run;
 
-/// TOOL-25 A wrong option is a wrong command line.
+/// A wrong option is a wrong command line.
 #[test]
 fn a_wrong_option_is_a_wrong_command_line() {
     for (words, why) in [
@@ -37,7 +37,7 @@ fn a_wrong_option_is_a_wrong_command_line() {
     }
 }
 
-/// TOOL-2 A network that is not as said: too many slaves, too few, another kind, none at all, another cycle.
+/// A network that is not as said: too many slaves, too few, another kind, none at all, another cycle.
 #[test]
 fn a_network_other_than_described_is_refused() {
     let state = |link: &str, slaves: &str| run(["state", "op", "--link", link, "--slaves", slaves]);
@@ -73,7 +73,7 @@ fn a_network_other_than_described_is_refused() {
     ran.expect_failure(1, &["the network has no axis"], "correct --slaves");
 }
 
-/// TOOL-12 Slaves that are not there, or of another kind, are told before anything is sent.
+/// Slaves that are not there, or of another kind, are told before anything is sent.
 #[test]
 fn a_slave_that_is_not_there_or_of_another_kind_is_refused_before_anything_is_sent() {
     for (words, why) in [
@@ -92,7 +92,7 @@ fn a_slave_that_is_not_there_or_of_another_kind_is_refused_before_anything_is_se
     }
 }
 
-/// TOOL-110 An SDO goes to slaves nobody has said anything of. One that is not there does not answer, and that is what is
+/// An SDO goes to slaves nobody has said anything of. One that is not there does not answer, and that is what is
 /// told, as far as it is known what the network is; a slave that is there and aborts is told with its code.
 #[test]
 fn an_sdo_of_a_slave_that_is_not_there_says_so() {
@@ -108,7 +108,7 @@ fn an_sdo_of_a_slave_that_is_not_there_says_so() {
     assert!(ran.err.contains("was aborted with 0x06020000"), "{}", ran.err);
 }
 
-/// TOOL-112 Where nobody has named a link, the error says where one was looked for, and what keeps the default from opening.
+/// Where nobody has named a link, the error says where one was looked for, and what keeps the default from opening.
 #[test]
 fn without_a_named_link_the_error_says_where_one_was_looked_for() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -129,7 +129,7 @@ fn without_a_named_link_the_error_says_where_one_was_looked_for() {
     }
 }
 
-/// TOOL-4 In Init there are no SDOs; `--up` goes to PreOP and no further.
+/// In Init there are no SDOs; `--up` goes to PreOP and no further.
 #[test]
 fn in_init_there_are_no_sdos_and_up_goes_to_preop() {
     let ran = script(BOARD, "state init\nsdo read 1 0x1000\n");
@@ -145,7 +145,7 @@ fn in_init_there_are_no_sdos_and_up_goes_to_preop() {
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), "Init\n131474 (0x00020192)\n"), "{ran:?}");
 }
 
-/// TOOL-22 An axis with an alarm is not switched on, homed or moved, also not with `--up`; the error says how to go on, and
+/// An axis with an alarm is not switched on, homed or moved, also not with `--up`; the error says how to go on, and
 /// that is so.
 #[test]
 fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
@@ -164,7 +164,7 @@ fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
     assert!(ran.err.contains(":3: axis 1 has alarm 0x7500"), "{ran:?}");
 }
 
-/// TOOL-13 A homing that fails says why, and the axis takes targets again.
+/// A homing that fails says why, and the axis takes targets again.
 #[test]
 fn a_homing_that_fails_says_why_and_the_axis_takes_targets_again() {
     let ran = script(BOARD, "state op\nservo on 1\nhome 1 --method 50\n");
@@ -179,7 +179,7 @@ fn a_homing_that_fails_says_why_and_the_axis_takes_targets_again() {
     assert!(ran.err.contains(":3: homing of slave 1 failed: the drive reports a homing error"), "{ran:?}");
 }
 
-/// TOOL-8, TOOL-10 A change of state that fails says where it ended; SDOs still find out why, and the state stays as it is.
+/// A change of state that fails says where it ended; SDOs still find out why, and the state stays as it is.
 #[test]
 fn a_change_of_state_that_fails_says_where_it_ended() {
     let events = text("refuse.ecmscript", "refuse 1 op 0x001B\n");

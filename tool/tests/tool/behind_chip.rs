@@ -11,7 +11,7 @@ fn say(arguments: &[&str], scheme: &str) -> [String; 2] {
     [ran.out.replace(&link, "LINK"), ran.said().replace(&link, "LINK")]
 }
 
-/// LINK-9 Verbs that ask, change and move print what they print with `sim:`.
+/// Verbs that ask, change and move print what they print with `sim:`.
 #[test]
 fn verbs_print_the_same_behind_a_chip() {
     for arguments in [
@@ -30,7 +30,7 @@ fn verbs_print_the_same_behind_a_chip() {
     }
 }
 
-/// LINK-9 `monitor` knows the slaves of the link.
+/// `monitor` knows the slaves of the link.
 #[test]
 fn monitor_knows_the_slaves_behind_a_chip() {
     let [shown, _] = say(&["monitor", "--once"], "xf-sim");

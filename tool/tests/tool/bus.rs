@@ -12,7 +12,7 @@ const NETWORK: &str = "sim:?slaves=drive*2,dp3cl,io";
 /// A file without an end.
 const ENDLESS: &str = "/dev/zero";
 
-/// BUS-2.1, BUS-2.2, BUS-6.1 `scan` and `dc`, in words and as JSON.
+/// `scan` and `dc`, in words and as JSON.
 #[test]
 fn scan_and_dc_show_slaves_and_clocks() {
     support::snapshot(
@@ -28,7 +28,7 @@ fn scan_and_dc_show_slaves_and_clocks() {
     );
 }
 
-/// BUS-3.1, BUS-3.3, BUS-5.1, BUS-8.2 Objects and files of a slave.
+/// BUS-3.1, BUS-5.1, BUS-8.2 Objects and files of a slave.
 #[test]
 fn sdo_and_foe_show_and_write() {
     let missing = file("bus_none").display().to_string();
@@ -64,7 +64,7 @@ fn sdo_and_foe_show_and_write() {
     assert_eq!(std::fs::read(file("bus_read.csv")).expect("it is written"), b"firmware of a simulated drive\n");
 }
 
-/// BUS-4.1, BUS-4.2, BUS-4.3 EEPROMs are read and written; a file that is not fit is refused before anything is opened or written.
+/// BUS-4.1 EEPROMs are read and written; a file that is not fit is refused before anything is opened or written.
 #[test]
 fn sii_reads_checks_and_writes() {
     let good = file("bus_good.bin");
@@ -108,7 +108,7 @@ fn sii_reads_checks_and_writes() {
     assert!(insisted.code == Some(0) && insisted.out.contains("words written and read back"), "{insisted:?}");
 }
 
-/// BUS-7.1, BUS-7.2, BUS-7.3 `errors` names the cable, watched or not; what is right has the exit code 0.
+/// BUS-7.1, BUS-7.2 `errors` names the cable, watched or not; what is right has the exit code 0.
 #[test]
 fn errors_name_the_bad_cable() {
     let noise = text("bus_noise", "noise 3 40\n");
@@ -131,7 +131,7 @@ fn errors_name_the_bad_cable() {
     assert_eq!((&trouble["bad"], &trouble["far"]["slave"]), (&"cable".into(), &3.into()), "{trouble}");
 }
 
-/// BUS-1.1 Without a link the error shows one and nothing is simulated; a board, a wrong link and a card that there is not are told.
+/// Without a link the error shows one and nothing is simulated; a board, a wrong link and a card that there is not are told.
 #[test]
 fn a_network_is_named_or_there_is_none() {
     for verb in [&["scan"][..], &["dc"], &["errors"], &["sdo", "list", "1"], &["sii", "read", "1"]] {
@@ -151,7 +151,7 @@ fn a_network_is_named_or_there_is_none() {
     }
 }
 
-/// BUS-3.3 What is wrong with a value shows before a network is opened.
+/// What is wrong with a value shows before a network is opened.
 #[test]
 fn a_wrong_value_opens_no_network() {
     for (words, why) in [
@@ -168,7 +168,7 @@ fn a_wrong_value_opens_no_network() {
     }
 }
 
-/// BUS-1.4 A cable that is cut in the middle of a dump ends it with the slave, after what was read.
+/// A cable that is cut in the middle of a dump ends it with the slave, after what was read.
 #[test]
 fn a_cut_cable_ends_a_dump() {
     let cut = text("bus_cut_dump", "at 35ms cut 2\n");

@@ -56,7 +56,7 @@ fn tool(verb: &str, file: &Path, options: &[&str]) -> Ran {
     run([&[verb, file.to_str().expect("UTF-8")], options].concat())
 }
 
-/// WIRE-100, WIRE-101 A capture of a real kernel, in slots of either size: the board is found by its descriptor, its frames are
+/// A capture of a real kernel, in slots of either size: the board is found by its descriptor, its frames are
 /// shown, and it is the same whichever system the file is of.
 #[test]
 fn a_capture_is_dumped() {
@@ -79,7 +79,7 @@ fn a_capture_is_dumped() {
     }
 }
 
-/// WIRE-100 A capture is plotted, and compared with itself as another system would have saved it.
+/// A capture is plotted, and compared with itself as another system would have saved it.
 #[test]
 fn a_capture_is_plotted_and_compared() {
     let files = Files::new();
@@ -96,7 +96,7 @@ fn a_capture_is_plotted_and_compared() {
     }
 }
 
-/// WIRE-104 The model answers as it answered the program through the kernel's USB code.
+/// The model answers as it answered the program through the kernel's USB code.
 #[test]
 fn a_capture_of_the_model_is_its_replay() {
     for slot in [12, 16] {
@@ -111,7 +111,7 @@ fn a_capture_of_the_model_is_its_replay() {
     }
 }
 
-/// TOOL-193 A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
+/// A capture of a board is played to one behind a chip as its program would have gone on there: the same, later. At the
 /// recorded times the commands come before OP.
 #[test]
 fn a_capture_is_played_to_a_model_behind_a_chip() {
@@ -138,7 +138,7 @@ fn a_capture_is_played_to_a_model_behind_a_chip() {
     tool("replay", &capture.file, &["--pace", "soon"]).expect_misuse(&["--pace", "answers"]);
 }
 
-/// WIRE-103 Without any CRC the slots tell the size.
+/// Without any CRC the slots tell the size.
 #[test]
 fn without_crc_the_slots_tell_the_size() {
     for slot in [12, 16] {
@@ -169,7 +169,7 @@ fn two_boards() -> Vec<Event> {
     both
 }
 
-/// WIRE-101 Of several boards one is chosen; `dump` shows all, one after the other.
+/// Of several boards one is chosen; `dump` shows all, one after the other.
 #[test]
 fn of_several_boards_in_a_capture_one_is_chosen() {
     let both = two_boards();
@@ -206,7 +206,7 @@ fn of_several_boards_in_a_capture_one_is_chosen() {
     tool("replay", &file, &["--link", MODEL, "--device", "five"]).expect_misuse(&["five", "1.5"]);
 }
 
-/// WIRE-105 Exit codes, words, JSON and picture of a board that does otherwise than the model.
+/// Exit codes, words, JSON and picture of a board that does otherwise than the model.
 #[test]
 fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     let run = Program { script: "at 600ms alarm 2 0x7500 stays".into(), ..Program::default() }.record();
@@ -246,7 +246,7 @@ fn replay_shows_what_a_board_does_otherwise_than_the_model() {
     assert!(found.contains("\nequal: 304 commands"), "{found}");
 }
 
-/// WIRE-106 What cannot be replayed is 2, with the next step; what was left out is said.
+/// What cannot be replayed is 2, with the next step; what was left out is said.
 #[test]
 fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     let files = Files::new();
@@ -292,7 +292,7 @@ fn a_capture_that_cannot_be_replayed_is_exit_code_2_with_the_next_step() {
     }
 }
 
-/// WIRE-102 A frame that the board did not take is no frame, and a note says so.
+/// A frame that the board did not take is no frame, and a note says so.
 #[test]
 fn a_frame_that_the_board_did_not_take_is_left_out_with_a_note() {
     let mut traffic = captured(&Program { short: true, ..Program::default() }.record().file);

@@ -150,7 +150,7 @@ $2
             kept.len() == now.len() && kept.iter().zip(&now).all(|(kept, now)| (kept - now).abs() <= ROUNDED)
         }
 
-        /// NIC-1.7, TOOL-185 The picture of docs/NIC.md is what the tool draws of that program now, but for what is in real time: the
+        /// The picture of docs/NIC.md is what the tool draws of that program now, but for what is in real time: the
         /// kept run is homed, goes round the square and has its alarm on the second side.
         #[test]
         fn the_picture_of_nic_is_what_the_demo_draws() {

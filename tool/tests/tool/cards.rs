@@ -46,7 +46,7 @@ fn rows(tree: &FakeMachine) -> Vec<Value> {
     json_lines(&tree.run(&["list", "--json"]).out)
 }
 
-/// NIC-4.1 Each card of Ethernet with its link and why it is not fit; in words and as JSON. The exit code is that of the boards.
+/// Each card of Ethernet with its link and why it is not fit; in words and as JSON. The exit code is that of the boards.
 #[test]
 fn cards_are_listed_with_what_they_lack() {
     let tree = several();
@@ -68,7 +68,7 @@ fn cards_are_listed_with_what_they_lack() {
     assert_eq!(tree.run(&["list"]).code, Some(0));
 }
 
-/// NIC-4.1 A card on which slaves are looked for is refused as by `nic:`, behind the list.
+/// A card on which slaves are looked for is refused as by `nic:`, behind the list.
 #[test]
 fn slaves_are_looked_for_on_request() {
     let ran = several().run(&["list", "--scan", "no_card"]);
@@ -76,7 +76,7 @@ fn slaves_are_looked_for_on_request() {
     assert!(ran.out.contains("nic:eth1") && ran.err.contains("no network interface no_card"), "{ran:?}");
 }
 
-/// NIC-4.2 `doctor` on a link `nic:` says what stands between the card and the cycle; on other links it says nothing of it.
+/// `doctor` on a link `nic:` says what stands between the card and the cycle; on other links it says nothing of it.
 #[test]
 fn doctor_judges_a_card_and_the_machine() {
     let tree = several();
@@ -137,7 +137,7 @@ fn doctor_judges_a_card_and_the_machine() {
     assert!(json_lines(&others.out).iter().all(|line| line["check"] != "card-fit"), "{others:?}");
 }
 
-/// NIC-4.2 Files of a card that are missing, nonsense or endless do no harm.
+/// Files of a card that are missing, nonsense or endless do no harm.
 #[test]
 fn files_of_any_kind_do_no_harm() {
     let tree = several();

@@ -49,7 +49,7 @@ fn the_version_is_that_of_the_package() {
     assert_eq!(run(["--version"]).expect_quiet(), format!("ecmsk {}\n", env!("CARGO_PKG_VERSION")));
 }
 
-/// TOOL-203 What people look for under a name that it does not have here is answered with what there is, a word that is no verb
+/// What people look for under a name that it does not have here is answered with what there is, a word that is no verb
 /// with those that there are.
 #[test]
 fn what_is_looked_for_elsewhere_is_shown() {
@@ -69,7 +69,7 @@ fn what_is_looked_for_elsewhere_is_shown() {
     assert!(named.out.contains("sim:?slaves=io, from --link"), "{named:?}");
 }
 
-/// TOOL-203 A place to listen without a port is answered with one.
+/// A place to listen without a port is answered with one.
 #[test]
 fn a_port_that_is_missing_is_named() {
     for (verb, port) in [("tcp", 4711), ("usbip", 3240)] {
@@ -79,7 +79,7 @@ fn a_port_that_is_missing_is_named() {
     }
 }
 
-/// TOOL-203 A missing recording is told before a standard output that is no terminal; the help of the shell shows what a line is.
+/// A missing recording is told before a standard output that is no terminal; the help of the shell shows what a line is.
 #[test]
 fn a_recording_that_is_missing_is_told_first() {
     run(["monitor", "--recording", "nofile"]).expect_failure(1, &["nofile"], "check the path");
@@ -101,7 +101,7 @@ fn a_wrong_command_line_is_exit_code_2_with_the_next_step() {
     assert_eq!(run(["link"]).code, Some(2));
 }
 
-/// LINK-3 `ecmsk link help` is the library's own table: every key that an error may name stands in it.
+/// `ecmsk link help` is the library's own table: every key that an error may name stands in it.
 #[test]
 fn link_help_lists_every_key_that_an_error_may_name() {
     let help = run(["link", "help"]).expect_quiet();

@@ -14,7 +14,7 @@ fn compare(a: &Run, b: &Run, options: &[&str]) -> Ran {
     run([&["compare", a.path(), b.path()], options].concat())
 }
 
-/// TOOL-60 Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and a wrong command line is 2 too.
+/// Exit codes are those of diff: 0 equal, 1 different, 2 not compared, and a wrong command line is 2 too.
 #[test]
 fn exit_codes_are_those_of_diff() {
     let a = Program::default().record();
@@ -39,7 +39,7 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the recordings are equal, 1 they differ, 2 they could not be compared"), "{help}");
 }
 
-/// TOOL-61 The words: both files and what is in them, the commands before, the difference, what comes after.
+/// The words: both files and what is in them, the commands before, the difference, what comes after.
 #[test]
 fn the_output_names_both_files_the_commands_before_and_the_difference() {
     let a = Program::default().record();
@@ -77,7 +77,7 @@ fn the_output_names_both_files_the_commands_before_and_the_difference() {
     assert!(dump[place..].lines().nth(1).expect("a line").contains(&number), "{number}");
 }
 
-/// TOOL-62 The same as one JSON object, with numbers for programs.
+/// The same as one JSON object, with numbers for programs.
 #[test]
 fn json_has_the_comparison_as_one_object() {
     let a = Program::default().record();
@@ -99,7 +99,7 @@ fn json_has_the_comparison_as_one_object() {
     assert_eq!((&equal["equal"], &equal["first"], &equal["ends_early"]), (&true.into(), &Value::Null, &Value::Null));
 }
 
-/// TOOL-186 TOOL-188 A board whose slaves are behind a chip answers later: said in words and as numbers, and the exit code is 0,
+/// A board whose slaves are behind a chip answers later: said in words and as numbers, and the exit code is 0,
 /// unless it is later than allowed.
 #[test]
 fn the_latency_of_a_chip_is_told() {
@@ -127,7 +127,7 @@ fn the_latency_of_a_chip_is_told() {
     compare(&a, &b, &["--latency", "soon"]).expect_misuse(&["--latency"]);
 }
 
-/// TOOL-188 Where one command alone tells the latency it counts as well: one more than allowed is a difference, whose message says
+/// Where one command alone tells the latency it counts as well: one more than allowed is a difference, whose message says
 /// where.
 #[test]
 fn one_command_tells_a_latency_that_is_too_long() {
@@ -142,7 +142,7 @@ fn one_command_tells_a_latency_that_is_too_long() {
     compare(&a, &b, &["--latency", &usual.to_string()]).expect_quiet();
 }
 
-/// TOOL-187 Gaps are told with their cycles.
+/// Gaps are told with their cycles.
 #[test]
 fn gaps_are_told() {
     let a = Program::default().record();
@@ -155,7 +155,7 @@ fn gaps_are_told() {
     assert_eq!(found["a"]["gaps"]["count"], 0);
 }
 
-/// TOOL-63 The picture: positions of both over the commands, their difference, a mark where it begins.
+/// The picture: positions of both over the commands, their difference, a mark where it begins.
 #[test]
 fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     let a = Program::default().record();
@@ -192,7 +192,7 @@ fn the_picture_shows_both_positions_and_marks_where_they_differ() {
     assert!(Path::new(a.path()).exists());
 }
 
-/// TOOL-61 A recording that is cut off is compared as far as it goes, and a note says so.
+/// A recording that is cut off is compared as far as it goes, and a note says so.
 #[test]
 fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     let a = Program::default().record();
@@ -205,7 +205,7 @@ fn a_recording_that_is_cut_off_is_compared_as_far_as_it_goes() {
     assert!(ran.out.contains("B ends early: "), "{}", ran.out);
 }
 
-/// TOOL-60 Where positions alone differ, and by no more than noise, the tolerance is named with which the recordings are equal; where
+/// Where positions alone differ, and by no more than noise, the tolerance is named with which the recordings are equal; where
 /// something else differs, or more, none is.
 #[test]
 fn the_tolerance_that_would_settle_it_is_named() {

@@ -12,7 +12,7 @@ fn object(ran: &Ran) -> Value {
     serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {ran:?}"))
 }
 
-/// TOOL-166 `home`, `move` and `info` speak the units that --counts-per-unit says.
+/// `home`, `move` and `info` speak the units that --counts-per-unit says.
 #[test]
 fn home_move_and_info_use_the_units_of_counts_per_unit() {
     let units = ["--counts-per-unit", "1=1000,2=-500", "--link", BOARD, "--up"];
@@ -29,7 +29,7 @@ fn home_move_and_info_use_the_units_of_counts_per_unit() {
     assert!(ran.out.contains("Operation enabled (0x1637), at 2.5 (2500 counts)\n"), "{ran:?}");
 }
 
-/// TOOL-166 Without units a position is a whole number of counts: half a count is refused and not rounded.
+/// Without units a position is a whole number of counts: half a count is refused and not rounded.
 #[test]
 fn half_a_count_is_refused() {
     for words in [&["move", "1=2.5"] as &[_], &["move", "1=0.5", "--relative"], &["home", "1", "--offset", "0.5"]] {
@@ -39,7 +39,7 @@ fn half_a_count_is_refused() {
     assert_eq!(run(["move", "1=3.0", "--link", BOARD, "--up"]).out, "axis 1: at 3\n");
 }
 
-/// TOOL-167 `info --json` has the slaves in every state: what they are, and in OP what they say.
+/// `info --json` has the slaves in every state: what they are, and in OP what they say.
 #[test]
 fn info_as_json_has_the_slaves_in_every_state() {
     let slaves = |ran: &Ran| object(ran)["slaves"].as_array().expect("a list").clone();
@@ -56,7 +56,7 @@ fn info_as_json_has_the_slaves_in_every_state() {
     assert_eq!(told[0]["position_counts"], 0);
 }
 
-/// TOOL-168 An index without 0x is no decimal number by mistake: what was meant is asked.
+/// An index without 0x is no decimal number by mistake: what was meant is asked.
 #[test]
 fn an_index_without_0x_is_questioned() {
     for (written, meant) in [("6041", "`0x6041`"), ("609A:1", "`0x609A:1`"), ("1018:4", "`0x1018:4`")] {
@@ -66,7 +66,7 @@ fn an_index_without_0x_is_questioned() {
     assert_eq!(run(["sdo", "read", "1", "0x6098", "--link", BOARD]).out, "35 (0x23)\n");
 }
 
-/// TOOL-169 What may stand behind `expect` and the other verbs of verbs is told.
+/// What may stand behind `expect` and the other verbs of verbs is told.
 #[test]
 fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     for (line, wrong) in [("expect", "a word is missing"), ("expect foo 1", "`foo 1` is unknown")] {
@@ -85,7 +85,7 @@ fn an_unknown_word_behind_a_verb_lists_the_allowed_ones() {
     }
 }
 
-/// TOOL-170 With --json the last line on standard error is an object of the error and the exit code, also for a command line
+/// With --json the last line on standard error is an object of the error and the exit code, also for a command line
 /// that is wrong; standard output has results alone.
 #[test]
 fn with_json_an_error_is_an_object_on_standard_error() {
@@ -108,7 +108,7 @@ fn with_json_an_error_is_an_object_on_standard_error() {
     assert!(ran.err.starts_with("error: no "), "{ran:?}");
 }
 
-/// TOOL-171 The tool finds the `ecmsk.toml` of the folder that it is started in, before those elsewhere, and says so; the
+/// The tool finds the `ecmsk.toml` of the folder that it is started in, before those elsewhere, and says so; the
 /// option and the variable come first.
 #[test]
 fn the_ecmsk_toml_of_the_working_directory_names_the_link() {

@@ -40,7 +40,7 @@ fn wrongs(tree: &FakeMachine, link: &str) -> Vec<String> {
     findings.iter().map(|finding| finding["check"].as_str().expect("a text").to_owned()).collect()
 }
 
-/// TOOL-100, TOOL-23 A machine where nothing is wrong, and one where everything is; in words and as JSON. The exit code says
+/// A machine where nothing is wrong, and one where everything is; in words and as JSON. The exit code says
 /// which.
 #[test]
 fn the_exit_code_says_whether_anything_is_wrong_with_the_machine() {
@@ -85,7 +85,7 @@ fn bad() -> FakeMachine {
     bad
 }
 
-/// TOOL-100 What docs/TOOL.md shows of it is what it prints.
+/// What docs/TOOL.md shows of it is what it prints.
 #[test]
 fn doctor_prints_what_tool_md_shows() {
     let printed = report(&bad(), USB, &[]).out;
@@ -96,7 +96,7 @@ fn doctor_prints_what_tool_md_shows() {
     }
 }
 
-/// TOOL-100 The last line counts: what is wrong, and what could be better.
+/// The last line counts: what is wrong, and what could be better.
 #[test]
 fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     let tree = FakeMachine::good();
@@ -113,7 +113,7 @@ fn the_last_line_counts_what_is_wrong_and_what_could_be_better() {
     assert_eq!(last(&tree), (Some(1), Some("2 to put right, 1 could be better".into())));
 }
 
-/// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105 One thing that is changed on a good machine: the finding that sees it,
+/// One thing that is changed on a good machine: the finding that sees it,
 /// what is found and what to do. Everything else stays right.
 #[test]
 fn each_thing_that_is_wrong_is_found_by_its_own_check() {
@@ -227,7 +227,7 @@ fn each_thing_that_is_wrong_is_found_by_its_own_check() {
     }
 }
 
-/// TOOL-101, TOOL-102, TOOL-103, TOOL-104, TOOL-105, XF-16.9 What looks wrong and is not.
+/// XF-16.9 What looks wrong and is not.
 #[test]
 fn what_only_looks_wrong_is_not_reported() {
     type Change = fn(&FakeMachine);
@@ -265,7 +265,7 @@ fn what_only_looks_wrong_is_not_reported() {
     assert!(named["next"].as_str().is_some_and(|next| next.contains("dtparam=spi=on")), "{named}");
 }
 
-/// TOOL-101 A board behind a hub: with a power supply it is right, without one it could be better.
+/// A board behind a hub: with a power supply it is right, without one it could be better.
 #[test]
 fn a_board_behind_a_hub_without_power_supply_could_be_better() {
     for (attributes, state, found) in
@@ -280,7 +280,7 @@ fn a_board_behind_a_hub_without_power_supply_could_be_better() {
     }
 }
 
-/// TOOL-101 Without a board the link usb: has something wrong, another link has not; devices with its ids are named.
+/// Without a board the link usb: has something wrong, another link has not; devices with its ids are named.
 #[test]
 fn without_a_board_only_a_usb_link_is_wrong() {
     let tree = FakeMachine::bare();
@@ -292,7 +292,7 @@ fn without_a_board_only_a_usb_link_is_wrong() {
     assert!(finding["next"].as_str().is_some_and(|next| next.starts_with("plug it in, set CONFIG0 to USB")));
 }
 
-/// TOOL-101 A board that is off is told, and is no second one to choose from: the link passes over it.
+/// A board that is off is told, and is no second one to choose from: the link passes over it.
 #[test]
 fn a_board_that_is_not_switched_on_is_passed_over() {
     let tree = FakeMachine::good();
@@ -302,7 +302,7 @@ fn a_board_that_is_not_switched_on_is_passed_over() {
     assert_eq!(wrongs(&tree, USB), ["usb-configuration"]);
 }
 
-/// TOOL-102 Processes that this user may not look into are counted, so that nobody takes silence for an answer.
+/// Processes that this user may not look into are counted, so that nobody takes silence for an answer.
 #[test]
 fn processes_that_this_user_may_not_inspect_are_counted() {
     let tree = FakeMachine::good();
@@ -315,7 +315,7 @@ fn processes_that_this_user_may_not_inspect_are_counted() {
     fs::set_permissions(tree.path("/proc/9/fd"), fs::Permissions::from_mode(0o755)).expect("our own folder");
 }
 
-/// TOOL-105 What a capability allows is allowed whatever the limit says.
+/// What a capability allows is allowed whatever the limit says.
 #[test]
 fn a_capability_allows_what_a_limit_forbids() {
     let tree = FakeMachine::good();
@@ -330,7 +330,7 @@ fn a_capability_allows_what_a_limit_forbids() {
     assert_eq!(both(&tree), ["advice", "ok"]);
 }
 
-/// TOOL-107 The link that would be used, who named it, and where else was looked.
+/// The link that would be used, who named it, and where else was looked.
 #[test]
 fn the_link_that_would_be_used_is_shown_with_its_source() {
     let tree = FakeMachine::good();
@@ -363,7 +363,7 @@ fn the_link_that_would_be_used_is_shown_with_its_source() {
     assert!(wrong["found"].as_str().is_some_and(|text| text.contains("unknown scheme `simm`")), "{wrong}");
 }
 
-/// TOOL-107 A link that this build cannot open is wrong, and how to build one that can is said; versions are told.
+/// A link that this build cannot open is wrong, and how to build one that can is said; versions are told.
 #[test]
 fn a_link_that_this_build_cannot_open_is_wrong() {
     let tree = FakeMachine::good();
@@ -385,7 +385,7 @@ fn a_link_that_this_build_cannot_open_is_wrong() {
     assert!(found.ends_with("; Linux 6.1.0-test"), "{found}");
 }
 
-/// TOOL-106 How late threads are woken up is measured, and told in figures; `--quick` leaves it out.
+/// How late threads are woken up is measured, and told in figures; `--quick` leaves it out.
 #[test]
 fn the_lateness_of_threads_is_measured_unless_quick() {
     let tree = FakeMachine::good();
@@ -398,7 +398,7 @@ fn the_lateness_of_threads_is_measured_unless_quick() {
     assert!(tree.doctor(SIM).iter().all(|finding| finding["check"] != "wake-up"));
 }
 
-/// TOOL-100 On the machine that it runs on there is a report, too.
+/// On the machine that it runs on there is a report, too.
 #[test]
 fn doctor_reports_on_the_machine_it_runs_on() {
     let ran = run(["doctor", "--quick", "--json"]);

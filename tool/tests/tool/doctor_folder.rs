@@ -42,7 +42,7 @@ fn program(machine: u16) -> Vec<u8> {
     Pe::program(machine).text(b"NEXTWUSBLib.dll\0").bytes()
 }
 
-/// TOOL-130 Where all fits nothing is wrong, and it says which library the program takes, whose that is, its width and its
+/// Where all fits nothing is wrong, and it says which library the program takes, whose that is, its width and its
 /// version.
 #[test]
 fn a_folder_in_which_everything_fits_has_nothing_wrong() {
@@ -64,7 +64,7 @@ fn a_folder_in_which_everything_fits_has_nothing_wrong() {
     assert!(ran.out.ends_with("nothing is wrong, 0 could be better\n"), "{}", ran.out);
 }
 
-/// TOOL-131 A library of the wrong width is wrong, with Windows' words for it and the one to put there; a missing one and a
+/// A library of the wrong width is wrong, with Windows' words for it and the one to put there; a missing one and a
 /// broken one are, too. What does not use the library is let be.
 #[test]
 fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
@@ -113,7 +113,7 @@ fn a_library_of_the_wrong_width_missing_or_broken_is_wrong() {
     assert_eq!((arm.0.code, told(&arm.1, "program", "press.exe").0), (Some(1), "wrong"));
 }
 
-/// TOOL-132 A .NET program has the width that its CLI header says, on a 64-bit Windows; this project's assemblies look into
+/// A .NET program has the width that its CLI header says, on a 64-bit Windows; this project's assemblies look into
 /// the folders for the widths, a DllImport of the program's own does not.
 #[test]
 fn a_dotnet_program_has_the_width_of_its_cli_header() {
@@ -168,7 +168,7 @@ fn a_dotnet_program_has_the_width_of_its_cli_header() {
     assert!(told(&findings, "library", "x86\\NEXTWUSBLib.dll").1.contains("in a folder for the other width"));
 }
 
-/// TOOL-133 An `ecmsk.toml` that is wrong is told with file, line and key; so are links that are none, and those that
+/// An `ecmsk.toml` that is wrong is told with file, line and key; so are links that are none, and those that
 /// Windows does not have.
 #[test]
 fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
@@ -200,7 +200,7 @@ fn a_wrong_ecmsk_toml_is_named_with_file_line_and_key() {
     assert!(state == "ok" && found.contains("usb:"), "{found}");
 }
 
-/// TOOL-134 No folder, a file, and a folder without a program are failures with a next step.
+/// No folder, a file, and a folder without a program are failures with a next step.
 #[test]
 fn a_folder_without_a_program_is_a_failure_with_a_next_step() {
     let there = folder(&[("readme.txt", b"text".to_vec())]);
@@ -214,7 +214,7 @@ fn a_folder_without_a_program_is_a_failure_with_a_next_step() {
     }
 }
 
-/// TOOL-135 Files that are cut off, or that lie about themselves, are told as broken or for what they say; nothing ends
+/// Files that are cut off, or that lie about themselves, are told as broken or for what they say; nothing ends
 /// the tool.
 #[test]
 fn files_that_lie_about_themselves_do_not_end_the_tool() {

@@ -241,7 +241,7 @@ fn a_recording_without_frames_has_nothing_to_show() {
     assert_eq!(recorded.dump(&[]).expect_quiet(), "");
 }
 
-/// TOOL-141 A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time is
+/// A process that opens a board again goes on in the same file: one dump, each opening shows its link, and no time is
 /// there twice.
 #[test]
 fn a_recording_of_several_openings_is_one_dump_with_each_link() {

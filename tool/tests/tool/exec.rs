@@ -134,7 +134,7 @@ fn the_exit_code_is_that_of_the_program_or_128_plus_the_signal() {
     }
 }
 
-/// TOOL-203 127 for what is not there, 126 for what cannot be executed, each with what to do.
+/// 127 for what is not there, 126 for what cannot be executed, each with what to do.
 #[test]
 fn programs_that_do_not_start() {
     let place = ExecFolder::new();

@@ -54,7 +54,7 @@ fn the_option_library_names_a_file_or_a_folder() {
     }
 }
 
-/// DIST-5 Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them, then where Debian has the
+/// Without --library: beside the tool, then in ../lib, as `cargo xtask stage` installs them, then where Debian has the
 /// libraries of this architecture.
 #[test]
 fn the_library_is_looked_for_beside_the_tool() {

@@ -3,7 +3,7 @@
 
 use crate::common::exec::ExecFolder;
 
-/// TOOL-153 Each reason once, what was counted at the end, of all processes of the program; what is not understood is
+/// Each reason once, what was counted at the end, of all processes of the program; what is not understood is
 /// passed over. The exit code is the program's.
 #[test]
 fn what_the_library_tells_is_said_once() {
@@ -55,7 +55,7 @@ fn a_recording_that_lacks_frames_is_an_exit_code() {
     assert_eq!(place.run(&[], &format!("{lacks} exit 6")).code, Some(6));
 }
 
-/// TOOL-153 Somebody who does not read standard error keeps neither the program nor the tool.
+/// Somebody who does not read standard error keeps neither the program nor the tool.
 #[test]
 fn a_standard_error_that_nobody_reads_delays_neither_program_nor_tool() {
     use std::io::Write;
@@ -102,13 +102,13 @@ mod needs_cxx {
         }
     }
 
-    /// TOOL-153 Nothing is said of a program whose commands are all executed.
+    /// Nothing is said of a program whose commands are all executed.
     #[test]
     fn a_program_without_trouble_is_quiet() {
         assert_eq!(exec(&[], TWO, &["2", "300"]).expect_quiet(), "done\n");
     }
 
-    /// TOOL-153 Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason
+    /// Two axes on a network of one: thousands of commands are rejected, which the program does not see. The reason
     /// is said once, the count at the end; the exit code stays the program's.
     #[test]
     fn rejected_commands_are_told_once_and_counted_at_the_end() {
@@ -119,7 +119,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 3, "{}", ran.err);
     }
 
-    /// TOOL-153 A program for slots of another size than the board's is told so.
+    /// A program for slots of another size than the board's is told so.
     #[test]
     fn a_program_for_another_slot_size_is_told_so() {
         let ran = exec(&[], &format!("{TWO}&slot=16"), &["2", "3"]);
@@ -127,7 +127,7 @@ mod needs_cxx {
         has(&ran, &["warning: the program writes frames of 504 bytes, the board's are 512 (16-byte slots); "]);
     }
 
-    /// TOOL-153 Why there is no board: without one, and with one that another program has.
+    /// Why there is no board: without one, and with one that another program has.
     #[test]
     fn why_a_program_got_no_board_is_told() {
         let ran = exec(&[], "tcp://127.0.0.1:9", &["1"]);
@@ -152,7 +152,7 @@ mod needs_cxx {
         has(&ran, &[&format!("{failed}see whether SET_AXIS declares each slave")]);
     }
 
-    /// TOOL-153 A FIFO that is full and one that runs empty on the way; reports that nobody reads.
+    /// A FIFO that is full and one that runs empty on the way; reports that nobody reads.
     #[test]
     fn a_full_fifo_an_empty_fifo_and_unread_reports_are_told() {
         let ran = exec(&[], TWO, &["2", "500", "flood"]);
@@ -162,7 +162,7 @@ mod needs_cxx {
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
     }
 
-    /// TOOL-153 A program that is killed has a summary too.
+    /// A program that is killed has a summary too.
     #[test]
     fn a_program_that_is_killed() {
         let ran = exec(&[], ONE, &["2", "200", "killed"]);
@@ -176,7 +176,7 @@ mod needs_cxx {
         (ran, file)
     }
 
-    /// TOOL-156 `summary` says of a recording what `exec` said of the program, as far as frames show it.
+    /// `summary` says of a recording what `exec` said of the program, as far as frames show it.
     #[test]
     fn the_summary_of_a_recording() {
         let folder = tempfile::tempdir().expect("a folder");

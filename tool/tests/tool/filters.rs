@@ -40,7 +40,7 @@ fn slots(frame: &Value) -> Vec<u64> {
     frame["slots"].as_array().expect("slots").iter().map(|slot| slot["slot"].as_u64().expect("a number")).collect()
 }
 
-/// TOOL-50 Slots by number, range and word; the SDO slot is the last of either frame.
+/// Slots by number, range and word; the SDO slot is the last of either frame.
 #[test]
 fn dump_by_slot() {
     for (size, sdo) in [(SlotSize::Bytes12, 41), (SlotSize::Bytes16, 31)] {
@@ -59,7 +59,7 @@ fn dump_by_slot() {
     }
 }
 
-/// TOOL-51 Commands by name: the frames that ask for them, the reports that answer them, and of those only these slots.
+/// Commands by name: the frames that ask for them, the reports that answer them, and of those only these slots.
 #[test]
 fn dump_by_command() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -87,7 +87,7 @@ fn dump_by_command() {
     assert_eq!(second.last().expect("frames")["slots"][0]["kind_from"], "given");
 }
 
-/// TOOL-52 Times of the recording with their unit, both ends included; an empty output is told.
+/// Times of the recording with their unit, both ends included; an empty output is told.
 #[test]
 fn dump_by_time() {
     let recorded = mixed(SlotSize::Bytes12);
@@ -112,7 +112,7 @@ fn dump_by_time() {
     run(["dump", "--hex", "--from", "1"]).expect_misuse(&["--from", "--hex"]);
 }
 
-/// TOOL-53 A plot of ranges of axes and of commands; where nothing is left there is an error and no plot.
+/// A plot of ranges of axes and of commands; where nothing is left there is an error and no plot.
 #[test]
 fn plot_by_axis_and_command() {
     let (run, _) = two_axes();
@@ -129,7 +129,7 @@ fn plot_by_axis_and_command() {
     assert!(!recorded.file.with_extension("svg").exists());
 }
 
-/// TOOL-53 Only the stretches where a slot has the command: before and after there is no line.
+/// Only the stretches where a slot has the command: before and after there is no line.
 #[test]
 fn plot_of_a_command() {
     let mut board = FakeBoard::new(SlotSize::Bytes12, 1);

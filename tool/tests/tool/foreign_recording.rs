@@ -40,7 +40,7 @@ fn renamed(recording: &Path, link: &str, file: &Path) {
     fs::write(file, bytes).expect("a file");
 }
 
-/// TOOL-160 Text of a recording, and the name of its file, are shown and do nothing: in words, in errors and notes, in
+/// Text of a recording, and the name of its file, are shown and do nothing: in words, in errors and notes, in
 /// pictures. JSON has them as they are.
 #[test]
 fn text_of_a_recording_is_shown() {
@@ -105,7 +105,7 @@ fn with_times(recording: &Path, name: &str, change: impl Fn(usize, u64) -> u64) 
     file
 }
 
-/// TOOL-145 A bit that has flipped in the time of a frame, and a clock that was set, are said and are no time that passes:
+/// A bit that has flipped in the time of a frame, and a clock that was set, are said and are no time that passes:
 /// `replay` ends, and the model answers as before.
 #[test]
 fn replay_ends_whatever_the_times_are() {
@@ -132,7 +132,7 @@ fn replay_ends_whatever_the_times_are() {
     assert!(about.contains("0.") && !about.contains("600"), "{about}");
 }
 
-/// TOOL-161 What a recording's link names is not opened unasked: a pipe that nobody writes to would wait, a file of the
+/// What a recording's link names is not opened unasked: a pipe that nobody writes to would wait, a file of the
 /// system would be shown.
 #[test]
 fn replay_opens_no_file_unasked() {

@@ -47,7 +47,7 @@ fn several() -> FakeMachine {
     tree
 }
 
-/// TOOL-96, TOOL-98, TOOL-23 Every board with its link, what keeps it from being opened, and what to do; other devices with
+/// Every board with its link, what keeps it from being opened, and what to do; other devices with
 /// the reason why they are none. In words and as JSON.
 #[test]
 fn boards_of_every_kind() {
@@ -61,7 +61,7 @@ fn boards_of_every_kind() {
     support::snapshot("tool_list", &format!("{}\n{json}", text.out));
 }
 
-/// TOOL-96 What docs/TOOL.md shows of it is what it prints.
+/// What docs/TOOL.md shows of it is what it prints.
 #[test]
 fn list_prints_what_tool_md_shows() {
     let printed = several().run(&["list"]).out;
@@ -72,7 +72,7 @@ fn list_prints_what_tool_md_shows() {
     }
 }
 
-/// TOOL-96 What it prints as a link is one.
+/// What it prints as a link is one.
 #[test]
 fn every_link_that_is_listed_can_be_parsed() {
     let links: Vec<String> = json_lines(&several().run(&["list", "--json"]).out)
@@ -93,7 +93,7 @@ fn every_link_that_is_listed_can_be_parsed() {
     }
 }
 
-/// TOOL-96 The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
+/// The exit code is 0 when each board that is there can be opened; an SPI device counts if there is no board on USB.
 #[test]
 fn the_exit_code_is_0_if_every_board_can_be_opened() {
     let tree = FakeMachine::bare();
@@ -121,7 +121,7 @@ fn the_exit_code_is_0_if_every_board_can_be_opened() {
     assert_eq!(tree.run(&["list"]).code, Some(1));
 }
 
-/// TOOL-98 Each thing that keeps a board from being opened, with what to do.
+/// Each thing that keeps a board from being opened, with what to do.
 #[test]
 fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     type Change = fn(&FakeMachine);
@@ -163,7 +163,7 @@ fn each_thing_that_keeps_a_board_from_being_opened_is_named() {
     }
 }
 
-/// TOOL-97 A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
+/// A device whose files are missing or nonsense is shown as far as it is known; what it says controls no terminal.
 #[test]
 fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     let tree = FakeMachine::bare();
@@ -178,7 +178,7 @@ fn a_device_with_nonsense_in_its_files_is_shown_as_far_as_it_is_known() {
     assert_eq!(tree.run(&["list", "--json"]).out, "");
 }
 
-/// TOOL-96 On the machine that it runs on the list can be read, too, whatever is there.
+/// On the machine that it runs on the list can be read, too, whatever is there.
 #[test]
 fn list_works_on_the_machine_it_runs_on() {
     let ran = crate::common::run(["list", "--json"]);

@@ -8,7 +8,7 @@ use std::os::unix::fs::PermissionsExt;
 use crate::common::machine::FakeMachine;
 use crate::common::{Ran, json_lines, run};
 
-/// TOOL-108 The rule is written where udev looks, once; what is there already is left.
+/// The rule is written where udev looks, once; what is there already is left.
 #[test]
 fn the_udev_rule_is_written_once_where_udev_looks() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -31,7 +31,7 @@ fn the_udev_rule_is_written_once_where_udev_looks() {
     run(["doctor", "--write-udev-rule", "--json"]).expect_misuse(&["--json"]);
 }
 
-/// TOOL-108 Who may not write it gets lines to type, which do.
+/// Who may not write it gets lines to type, which do.
 #[test]
 fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     let kept = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -50,7 +50,7 @@ fn a_user_who_may_not_write_the_rule_gets_working_commands() {
     assert!(said.starts_with("udevadm control --reload\nudevadm trigger --subsystem-match=usb"), "{said}");
 }
 
-/// TOOL-108 The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
+/// The rule: one line for the device, one for hidraw, by the board's ids; before the file that acts on uaccess.
 #[test]
 fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     let rule = fs::read_to_string(support::root().join("share/udev/60-ecmsk.rules")).expect("the rule");
@@ -67,7 +67,7 @@ fn the_rule_matches_the_board_by_its_ids_before_uaccess_is_acted_on() {
     }
 }
 
-/// TOOL-97 Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
+/// Files that are missing, empty, nonsense, endless, not for this user, or no files: each time a report, and never a
 /// panic.
 #[test]
 fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
@@ -107,7 +107,7 @@ fn files_of_any_kind_in_sysfs_never_cause_a_panic() {
     }
 }
 
-/// TOOL-97 A pipe that nobody writes to is not waited for.
+/// A pipe that nobody writes to is not waited for.
 #[test]
 fn a_pipe_in_place_of_a_file_is_not_waited_for() {
     let tree = FakeMachine::good();

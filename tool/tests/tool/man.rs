@@ -14,7 +14,7 @@ fn verbs(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// TOOL-75 A page for the tool and one for each verb, with its options and its examples line by line.
+/// A page for the tool and one for each verb, with its options and its examples line by line.
 #[test]
 fn a_page_for_each_verb() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -44,7 +44,7 @@ fn a_page_for_each_verb() {
     }
 }
 
-/// TOOL-75 What is no verb, and where nothing can be written.
+/// What is no verb, and where nothing can be written.
 #[test]
 fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "frobnicate"]).expect_failure(1, &["no verb `frobnicate`"], "`ecmsk --help` lists");
@@ -53,7 +53,7 @@ fn an_unknown_verb_or_an_unwritable_folder_is_an_error() {
     run(["man", "dump", "--out", "x"]).expect_misuse(&["--out"]);
 }
 
-/// TOOL-75 A line that begins with a dot is a request that formatters know; all other dots are text.
+/// A line that begins with a dot is a request that formatters know; all other dots are text.
 #[test]
 fn pages_are_well_formed() {
     const REQUESTS: [&str; 13] =

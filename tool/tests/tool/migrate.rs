@@ -67,7 +67,7 @@ fn verdict<'a>(found: &'a Value, name: &str) -> &'a Value {
     &uses.iter().find(|used| used["name"] == name).unwrap_or_else(|| panic!("no {name}: {found}"))["verdict"]
 }
 
-/// TOOL-176, TOOL-181, TOOL-182 A program of two drives and an IO slave, in words and as JSON.
+/// A program of two drives and an IO slave, in words and as JSON.
 #[test]
 fn a_program_in_words_and_as_json() {
     let program = Program::default().record();
@@ -83,7 +83,7 @@ fn a_program_in_words_and_as_json() {
     support::snapshot("tool_migrate", &format!("{}\n{pretty}\n", shown(&[])));
 }
 
-/// TOOL-177 What runs, what differs and what does not: the program's circumstances decide, and each row has its sentence.
+/// What runs, what differs and what does not: the program's circumstances decide, and each row has its sentence.
 #[test]
 fn what_differs_is_named_with_its_row() {
     let files = Files::new();
@@ -121,7 +121,7 @@ fn what_differs_is_named_with_its_row() {
     }
 }
 
-/// TOOL-181 Exit codes are those of diff: 0 it runs as it is, 1 with differences or not, 2 it could not be said.
+/// Exit codes are those of diff: 0 it runs as it is, 1 with differences or not, 2 it could not be said.
 #[test]
 fn exit_codes_are_those_of_diff() {
     let files = Files::new();
@@ -149,7 +149,7 @@ fn exit_codes_are_those_of_diff() {
     assert!(help.contains("0 the program runs on an ECM-XF as it is, 1 it runs with differences or not, 2"), "{help}");
 }
 
-/// TOOL-176, TOOL-181 A program that never reached OP was not seen to do what it is for: what it used is told, and the code is 2.
+/// A program that never reached OP was not seen to do what it is for: what it used is told, and the code is 2.
 #[test]
 fn a_program_that_was_never_in_op() {
     let files = Files::new();
@@ -167,7 +167,7 @@ fn a_program_that_was_never_in_op() {
     assert!(!plot.exists());
 }
 
-/// TOOL-181 What is no recording of a board, and what cannot be written, is an error with the next step.
+/// What is no recording of a board, and what cannot be written, is an error with the next step.
 #[test]
 fn bad_input() {
     let files = Files::new();
@@ -200,7 +200,7 @@ fn bad_input() {
     }
 }
 
-/// TOOL-179, TOOL-180 A host that stood still while its targets waited wants as many sets in the chip; in virtual time nothing is
+/// A host that stood still while its targets waited wants as many sets in the chip; in virtual time nothing is
 /// concluded.
 #[test]
 fn a_stall_wants_sets_ahead() {
@@ -226,7 +226,7 @@ fn a_stall_wants_sets_ahead() {
     assert!(migrate(&recorded, &[]).out.contains("in virtual time no PC is late"));
 }
 
-/// TOOL-183 The picture: the FIFO's level and the pauses, each with what `ahead=` covers, and gaps in a motion.
+/// The picture: the FIFO's level and the pauses, each with what `ahead=` covers, and gaps in a motion.
 #[test]
 fn the_picture_shows_level_pauses_and_ahead() {
     let files = Files::new();
@@ -248,7 +248,7 @@ fn the_picture_shows_level_pauses_and_ahead() {
     assert_eq!(found["host"]["gaps"], 1);
 }
 
-/// TOOL-176 Captures of a real system's USB are read as by the other verbs, whatever their slot size.
+/// Captures of a real system's USB are read as by the other verbs, whatever their slot size.
 #[test]
 fn captures_are_read() {
     for slot in [12, 16] {
@@ -266,7 +266,7 @@ fn captures_are_read() {
     }
 }
 
-/// TOOL-178 A cycle that the chip cannot hold is told with the sum and what would do; a slower clock wants larger packets.
+/// A cycle that the chip cannot hold is told with the sum and what would do; a slower clock wants larger packets.
 #[test]
 fn a_cycle_and_a_clock() {
     let files = Files::new();
@@ -289,7 +289,7 @@ fn a_cycle_and_a_clock() {
     }
 }
 
-/// TOOL-178 Who looks for INT0 on a line that has it gets no advice to wire it; where it is missing it is one.
+/// Who looks for INT0 on a line that has it gets no advice to wire it; where it is missing it is one.
 #[test]
 fn int0_is_advised_where_it_is_not_wired() {
     let program = Program::default().record();
@@ -301,7 +301,7 @@ fn int0_is_advised_where_it_is_not_wired() {
     assert!(line("no INT0 ").contains("INT0 (int0=)"), "{}", ran.out);
 }
 
-/// TOOL-201 A program that gives up by the clock fails behind a chip: the time to OP is told beside that of the board, with its row, and
+/// A program that gives up by the clock fails behind a chip: the time to OP is told beside that of the board, with its row, and
 /// never `as it is`.
 #[test]
 fn the_way_to_op_is_told() {
@@ -322,7 +322,7 @@ fn the_way_to_op_is_told() {
     assert_eq!(verdict(&found, "SET_STATE OP")["row"], "start");
 }
 
-/// TOOL-176 Commands and polls are counted as `compare` counts them.
+/// Commands and polls are counted as `compare` counts them.
 #[test]
 fn commands_are_counted_as_compare_does() {
     let run = Program { polls: 3, ..Program::default() }.record();
@@ -335,7 +335,7 @@ fn commands_are_counted_as_compare_does() {
     assert_eq!(counts(migrate(&run.file, &[]).out), counts(compared));
 }
 
-/// TOOL-179 What of a pause counts as a stall is told with the pause, the usual one and the sets that waited.
+/// What of a pause counts as a stall is told with the pause, the usual one and the sets that waited.
 #[test]
 fn a_stall_is_told_with_what_it_is_of() {
     let files = Files::new();
@@ -350,7 +350,7 @@ fn a_stall_is_told_with_what_it_is_of() {
     assert!(text.contains(&words) && text.contains(" in a motion, less the usual one of "), "{text}");
 }
 
-/// TOOL-182 The links of the result are ones.
+/// The links of the result are ones.
 #[test]
 fn the_links_can_be_opened() {
     let program = Program::default().record();
@@ -361,7 +361,7 @@ fn the_links_can_be_opened() {
     }
 }
 
-/// TOOL-184 Each row that `migrate` names is one of the table in docs/MIGRATION.md, and each of the table is named there, with
+/// Each row that `migrate` names is one of the table in docs/MIGRATION.md, and each of the table is named there, with
 /// what differs, how much, why, and a test.
 #[test]
 fn every_row_is_in_the_page() {
@@ -381,7 +381,7 @@ fn every_row_is_in_the_page() {
     }
 }
 
-/// TOOL-182 The lines to replay and to run the program have the slaves of the recording's link, with all that it says of them.
+/// The lines to replay and to run the program have the slaves of the recording's link, with all that it says of them.
 #[test]
 fn the_links_have_the_slaves_of_the_recording() {
     let files = Files::new();

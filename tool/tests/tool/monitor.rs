@@ -64,7 +64,7 @@ fn monitor(file: &std::path::Path, options: &[&str]) -> Ran {
     run([&["monitor", "--recording", path], options].concat())
 }
 
-/// TOOL-65 The table: board, FIFO, SDO, and every slave as what it is.
+/// The table: board, FIFO, SDO, and every slave as what it is.
 #[test]
 fn the_table_shows_board_fifo_sdo_and_every_slave() {
     let (folder, file) = everything(true);
@@ -73,7 +73,7 @@ fn the_table_shows_board_fifo_sdo_and_every_slave() {
     support::snapshot("monitor_once", &text);
 }
 
-/// TOOL-65 Without SET_AXIS kinds are guessed and say so; --slaves tells what they are.
+/// Without SET_AXIS kinds are guessed and say so; --slaves tells what they are.
 #[test]
 fn without_set_axis_kinds_are_guessed_and_marked() {
     let (_folder, file) = everything(false);
@@ -85,7 +85,7 @@ fn without_set_axis_kinds_are_guessed_and_marked() {
     assert!(!told.contains("\n    2 "), "{told}");
 }
 
-/// TOOL-67 One object each interval of the recording's time: rates, speeds, and slots as `dump --json` has them.
+/// One object each interval of the recording's time: rates, speeds, and slots as `dump --json` has them.
 #[test]
 fn json_has_one_object_for_each_interval() {
     let (_folder, file) = everything(true);
@@ -106,7 +106,7 @@ fn json_has_one_object_for_each_interval() {
     );
 }
 
-/// TOOL-68 A board is looked at and nothing is sent: it counts no frame, and stays in the state it was in.
+/// A board is looked at and nothing is sent: it counts no frame, and stays in the state it was in.
 #[test]
 fn nothing_is_sent() {
     for clock in ["real", "virtual"] {
@@ -129,7 +129,7 @@ fn nothing_is_sent() {
     );
 }
 
-/// TOOL-68 A board that falls silent is told, and one that is gone ends it.
+/// A board that falls silent is told, and one that is gone ends it.
 #[test]
 fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     let link = "sim:?slaves=drive&fault.disconnect_ms=300";
@@ -138,7 +138,7 @@ fn a_silent_board_is_shown_and_a_lost_one_ends_the_monitor() {
     assert!(json_lines(&ran.out).iter().all(|view| view["slots"][0]["state"] == "PreOP"), "{}", ran.out);
 }
 
-/// TOOL-65 What there is nothing to see of, and what to do.
+/// What there is nothing to see of, and what to do.
 #[test]
 fn a_source_that_cannot_be_watched_is_an_error_with_the_next_step() {
     let board = FakeBoard::new(SlotSize::Bytes12, 1);

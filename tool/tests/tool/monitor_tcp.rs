@@ -10,7 +10,7 @@ use ecmsk::sk::{Frame, MasterCommand, SlotSize};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// TOOL-7, TOOL-8 So are the verbs that only show something. TOOL-68 Beside a writer the monitor reads, whatever role its link names, and sends nothing.
+/// So are the verbs that only show something. Beside a writer the monitor reads, whatever role its link names, and sends nothing.
 #[test]
 fn a_monitor_is_a_reader() {
     let mut command = ecmsk(["serve", "tcp", "--link", "sim:?slaves=drive*2", "--listen", "127.0.0.1:0"]);

@@ -155,7 +155,7 @@ fn started_as(owner: Owner) -> Terminal {
     terminal
 }
 
-/// TOOL-69 q and Ctrl-C end it with 0, and the terminal is as it was.
+/// Q and Ctrl-C end it with 0, and the terminal is as it was.
 #[test]
 fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     for key in [b"q" as &[u8], b"\x03", b"Q"] {
@@ -165,7 +165,7 @@ fn q_and_ctrl_c_end_the_monitor_and_restore_the_terminal() {
     }
 }
 
-/// TOOL-69 After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code tells the signal.
+/// After SIGTERM, SIGINT and SIGHUP the terminal is as it was, and the exit code tells the signal.
 #[test]
 fn signals_end_the_monitor_and_restore_the_terminal() {
     for (signal, code) in [(Signal::TERM, 143), (Signal::INT, 130), (Signal::HUP, 129)] {
@@ -189,7 +189,7 @@ fn ends(tool: &mut Child) -> Option<i32> {
     panic!("it goes on");
 }
 
-/// TOOL-137 It ends when its terminal is closed, also where no signal tells it so: nobody is there any more.
+/// It ends when its terminal is closed, also where no signal tells it so: nobody is there any more.
 #[test]
 fn a_closed_terminal_ends_the_monitor() {
     for owner in [Owner::Tool, Owner::Nobody] {
@@ -198,7 +198,7 @@ fn a_closed_terminal_ends_the_monitor() {
     }
 }
 
-/// TOOL-137 SIGTERM ends it though the terminal takes no output, and its modes are as they were.
+/// SIGTERM ends it though the terminal takes no output, and its modes are as they were.
 #[test]
 fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     let mut terminal = started();
@@ -210,14 +210,14 @@ fn sigterm_ends_the_monitor_on_a_terminal_that_takes_no_output() {
     assert_eq!(tcgetattr(&terminal.line).expect("settings").local_modes, terminal.before.local_modes);
 }
 
-/// TOOL-69 --seconds ends it by itself.
+/// --seconds ends it by itself.
 #[test]
 fn the_monitor_ends_after_the_given_seconds() {
     let terminal = Terminal::start(&[BOARD, &["--seconds", "0.3"]].concat());
     assert_eq!(terminal.ended(), Some(0));
 }
 
-/// TOOL-66 The table is live, and keys scroll through forty slaves; a board that is gone leaves its last values.
+/// The table is live, and keys scroll through forty slaves; a board that is gone leaves its last values.
 #[test]
 fn keys_scroll_through_forty_slaves() {
     let mut terminal = started();

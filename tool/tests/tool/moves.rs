@@ -64,7 +64,7 @@ fn the_guard_holds_for_each_move_of_a_script() {
     assert!(error(&ran).contains(":4: move: axis 1 is at 900, and 1901 is 1001 counts away"), "{}", ran.err);
 }
 
-/// TOOL-202 A move that takes more than a minute says so before its first progress; without a terminal it goes on, with
+/// A move that takes more than a minute says so before its first progress; without a terminal it goes on, with
 /// and without `--yes`, and shorter ones say nothing.
 #[test]
 fn a_long_move_says_its_time_first() {
@@ -84,7 +84,7 @@ fn a_long_move_says_its_time_first() {
     assert!(ran.code == Some(0) && ran.err.contains("note: this move takes 1 min 10 s, "), "{ran:?}");
 }
 
-/// TOOL-3 Units that are given axis by axis are given for each axis of a move: one that would move in counts unasked is
+/// Units that are given axis by axis are given for each axis of a move: one that would move in counts unasked is
 /// refused before anything is sent, and so is a unit for an axis that one move alone does not name.
 #[test]
 fn units_are_for_the_axes_of_the_move() {
@@ -128,7 +128,7 @@ fn units_are_for_the_axes_of_the_move() {
     assert_eq!(ran.out, "axis 1: at 5 (500 counts)\n", "{ran:?}");
 }
 
-/// TOOL-14 An axis that its drive holds back ends the move: the others are braked, the error says that an internal limit is
+/// An axis that its drive holds back ends the move: the others are braked, the error says that an internal limit is
 /// active, and the axis comes back.
 #[test]
 fn a_drive_that_holds_an_axis_back_ends_the_move() {

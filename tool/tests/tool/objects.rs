@@ -140,7 +140,7 @@ fn a_program_writes_manufacturer_objects_of_a_drive() {
     );
 }
 
-/// TOOL-159 `objects from-drive` prints what can be read of a drive, and a simulated drive with that file answers the same.
+/// `objects from-drive` prints what can be read of a drive, and a simulated drive with that file answers the same.
 #[test]
 fn a_simulated_drive_with_the_objects_of_a_drive_answers_the_same() {
     let file = text("original.objects", OBJECTS);
@@ -193,7 +193,7 @@ const ESI: &str = r##"<?xml version="1.0"?>
 </Devices></Descriptions></EtherCATInfo>
 "##;
 
-/// TOOL-162 `objects from-esi` prints the objects of a device of an ESI file: plain ones, records, arrays, with types,
+/// `objects from-esi` prints the objects of a device of an ESI file: plain ones, records, arrays, with types,
 /// access and defaults, as a link takes them.
 #[test]
 fn from_an_esi_file() {
@@ -220,7 +220,7 @@ fn from_an_esi_file() {
     }
 }
 
-/// TOOL-162 A sub-index that a type names again is one object, as it was named first: a small file makes no large list.
+/// A sub-index that a type names again is one object, as it was named first: a small file makes no large list.
 #[test]
 fn a_sub_index_counts_once() {
     let elements = ESI.lines().find(|line| line.contains("<Name>Elements</Name>")).unwrap();
@@ -234,7 +234,7 @@ fn a_sub_index_counts_once() {
     assert_eq!((first, second), ("0x2200:1 u16 rw 0x64 Gains: Elements 1", "0x2200:2 u16 rw 0xC8 Gains: Elements 2"));
 }
 
-/// TOOL-162 What is no ESI file, has no dictionary or another device says so, with the next step.
+/// What is no ESI file, has no dictionary or another device says so, with the next step.
 #[test]
 fn a_file_that_is_no_esi_file_is_refused_with_the_next_step() {
     for (name, content, device, words) in [
@@ -287,7 +287,7 @@ fn encoded(encoding: &str) -> String {
     .replace("\\u{B5}", "\u{B5}")
 }
 
-/// TOOL-162 ESI files are read in the encoding that they have or declare; texts are whole; what the dictionary or the PDOs of the
+/// ESI files are read in the encoding that they have or declare; texts are whole; what the dictionary or the PDOs of the
 /// device say can be mapped is marked.
 #[test]
 fn esi_files_in_other_encodings_with_long_texts() {
@@ -329,7 +329,7 @@ fn esi_files_in_other_encodings_with_long_texts() {
     );
 }
 
-/// TOOL-162 An element with very many attributes is read as any other; one that stands twice among them is refused with its line.
+/// An element with very many attributes is read as any other; one that stands twice among them is refused with its line.
 #[test]
 fn very_many_attributes_are_read() {
     let many: String = (0..80_000).map(|n| format!(" a{n}=\"{n}\"")).collect();

@@ -10,7 +10,7 @@ use crate::common::run;
 use crate::common::svg::{ALARM, COLOURS, FIFO, Plot};
 use ecmsk::sk::{FifoAction, MasterCommand, MasterState, SlaveKind, SlotSize};
 
-/// TOOL-146 Positions stand where the reports have them, targets in the cycle in which the board executed them, eight cycles
+/// Positions stand where the reports have them, targets in the cycle in which the board executed them, eight cycles
 /// after they were sent; the legend says so.
 #[test]
 fn targets_and_positions() {
@@ -387,7 +387,7 @@ fn a_fifo_clear_is_found_whatever_else_the_frame_holds() {
     assert_eq!(Recorded::new(&board).plot(&[]).panel_names().len(), 3);
 }
 
-/// TOOL-111 An axis that the network does not have is an error, and the text names those that there are, whether they were
+/// An axis that the network does not have is an error, and the text names those that there are, whether they were
 /// moved or not: also in a recording of the native API, whose frames count in all slots.
 #[test]
 fn an_axis_that_the_network_lacks_is_an_error_with_those_it_has() {

@@ -36,7 +36,7 @@ fn run(cycles: i32, faulted: std::ops::Range<i32>) -> (Recorded, (f64, f64)) {
     (Recorded::of_link(&run, "xf-sim:?slaves=drive"), times)
 }
 
-/// TOOL-185 The longer of both runs is seen to its end, whichever is the first one, and an alarm of the other run is marked as one of
+/// The longer of both runs is seen to its end, whichever is the first one, and an alarm of the other run is marked as one of
 /// the first is, with the name of the run beside it.
 #[test]
 fn both_runs_are_seen_to_their_ends_with_their_alarms() {

@@ -136,7 +136,7 @@ fn targets_that_are_ignored_are_not_drawn() {
     assert!(greatest < 2_500.0, "{greatest}: 5000 was never executed");
 }
 
-/// TOOL-199 Homing gives positions another zero: the line is broken there, and the vertical axis is that of what follows.
+/// Homing gives positions another zero: the line is broken there, and the vertical axis is that of what follows.
 #[test]
 fn another_zero_breaks_the_line_and_sets_the_scale() {
     let mut run = FakeBoard::starting(SlotSize::Bytes12, 1, SlaveKind::Drive);
@@ -185,7 +185,7 @@ fn another_zero_breaks_the_line_and_sets_the_scale() {
     assert_eq!(lines.len(), 2, "in one column of pixels, and yet two");
 }
 
-/// TOOL-200 Of more than four axes every second line is dashed, and the common diagrams have the numbers of the axes at the ends of
+/// Of more than four axes every second line is dashed, and the common diagrams have the numbers of the axes at the ends of
 /// the lines.
 #[test]
 fn many_axes_are_told_apart() {

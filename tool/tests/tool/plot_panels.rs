@@ -37,7 +37,7 @@ fn with_io() -> (FakeBoard, [f64; 3]) {
     (run, times)
 }
 
-/// TOOL-148 An IO slave has no position: its inputs and outputs are shown, inputs when they were reported, outputs when their
+/// An IO slave has no position: its inputs and outputs are shown, inputs when they were reported, outputs when their
 /// command was executed, and bits that are always 0 are left out. It is shown by itself if anything was ever 1, and if it is
 /// asked for.
 #[test]
@@ -61,7 +61,7 @@ fn an_io_slave_shows_inputs_when_reported_and_outputs_when_executed() {
     }
 }
 
-/// TOOL-148 A silent IO slave has no panel by itself, and a list of commands leaves its axis as it is.
+/// A silent IO slave has no panel by itself, and a list of commands leaves its axis as it is.
 #[test]
 fn an_io_slave_without_changes_has_no_panel() {
     let mut run = FakeBoard::of_kinds(SlotSize::Bytes12, &[SlaveKind::Drive, SlaveKind::Io]);
@@ -82,7 +82,7 @@ fn an_io_slave_without_changes_has_no_panel() {
     recorded.try_plot(&["--xy", "1,2"]).expect_failure(1, &["slave 2 is IO and has no position"], "as in --xy 1,2");
 }
 
-/// TOOL-149 The velocity is that of the positions, a second, and behind it that of the targets; it is shown if it is asked for.
+/// The velocity is that of the positions, a second, and behind it that of the targets; it is shown if it is asked for.
 #[test]
 fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     let (run, cycles) = two_axes();
@@ -99,7 +99,7 @@ fn the_velocity_of_positions_and_targets_is_shown_if_asked_for() {
     assert!(!recorded.plot(&[]).panel_names().iter().any(|name| name.starts_with("Velocity")));
 }
 
-/// TOOL-149 A drive that goes by CSV shows its velocity by itself, and what was asked for in the cycle in which it was executed.
+/// A drive that goes by CSV shows its velocity by itself, and what was asked for in the cycle in which it was executed.
 #[test]
 fn a_drive_in_csv_shows_its_velocity() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 1);
@@ -122,7 +122,7 @@ fn a_drive_in_csv_shows_its_velocity() {
     assert!(plot.panel_names().contains(&"Velocity (counts/s; pale: of the targets)"));
 }
 
-/// TOOL-150 The plane: what was commanded and what was gone, the first axis from left to right, both to the same scale.
+/// The plane: what was commanded and what was gone, the first axis from left to right, both to the same scale.
 #[test]
 fn the_plane_shows_two_axes_to_the_same_scale() {
     let mut run = FakeBoard::new(SlotSize::Bytes12, 3);
@@ -168,7 +168,7 @@ fn the_plane_shows_two_axes_to_the_same_scale() {
     }
 }
 
-/// TOOL-151 Positions, differences and velocities are in units if the counts of one are said, of all axes or of some.
+/// Positions, differences and velocities are in units if the counts of one are said, of all axes or of some.
 #[test]
 fn values_are_in_units_if_counts_per_unit_are_given() {
     let (run, cycles) = two_axes();
@@ -189,7 +189,7 @@ fn values_are_in_units_if_counts_per_unit_are_given() {
     recorded.try_plot(&["--counts-per-unit", "0"]).expect_misuse(&["--counts-per-unit"]);
 }
 
-/// TOOL-152 A title stands in the place of the link, whatever is in it.
+/// A title stands in the place of the link, whatever is in it.
 #[test]
 fn a_title_replaces_the_link() {
     let (run, _) = two_axes();
@@ -198,7 +198,7 @@ fn a_title_replaces_the_link() {
     assert!(!plot.texts().iter().any(|text| text.starts_with("sim:")));
 }
 
-/// TOOL-152 The diagrams asked for are shown and no others.
+/// The diagrams asked for are shown and no others.
 #[test]
 fn only_the_panels_asked_for_are_shown() {
     let (run, _) = two_axes();

@@ -11,7 +11,7 @@ fn rgb(colour: &str) -> [u8; 3] {
     [1, 3, 5].map(|i| u8::from_str_radix(&colour[i..i + 2], 16).expect("a colour"))
 }
 
-/// TOOL-157 `-o x.png` writes a PNG: twice as many points each way as the page has pixels, with the same lines in it, at the
+/// `-o x.png` writes a PNG: twice as many points each way as the page has pixels, with the same lines in it, at the
 /// same places, and letters.
 #[test]
 fn a_png_shows_what_the_svg_shows() {
@@ -45,7 +45,7 @@ fn a_png_shows_what_the_svg_shows() {
     assert_eq!(dark(800, 20, 2300, 70), 0, "nothing stands beside it");
 }
 
-/// TOOL-157 Another ending is refused, by `plot` and by `compare --plot`, with what to do, and nothing is written.
+/// Another ending is refused, by `plot` and by `compare --plot`, with what to do, and nothing is written.
 #[test]
 fn an_unknown_ending_of_the_picture_is_refused() {
     let (board, _) = two_axes();

@@ -36,7 +36,7 @@ mod needs_cxx {
         support::kept(&root().join("docs/two_axes.svg"), &plot(folder.path(), &["two_axes.pcapng"]));
     }
 
-    /// TOOL-185 XF-19.1 So is the one of the same program on a board behind an ECM-XF, drawn beside it, with both to the same
+    /// XF-19.1 So is the one of the same program on a board behind an ECM-XF, drawn beside it, with both to the same
     /// OP.
     #[test]
     fn the_picture_of_both_boards_is_what_the_demo_draws() {

@@ -20,7 +20,7 @@ fn cut_after(run: &Run, frames: usize) -> PathBuf {
     cut
 }
 
-/// TOOL-139 A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in what they
+/// A recording that was not ended says so in `dump`, `plot`, `compare`, `replay` and `monitor`, and in what they
 /// print as JSON; that it is equal as far as it goes is no success, unless that was asked for.
 #[test]
 fn every_verb_says_that_a_recording_was_not_ended() {
@@ -64,7 +64,7 @@ fn every_verb_says_that_a_recording_was_not_ended() {
     assert!(ran.code == Some(1) && ran.err.starts_with("note: B: ") && ran.out.contains("B ends early"), "{ran:?}");
 }
 
-/// TOOL-139 A file that was cut after its first command is no run that the model answers as the board did.
+/// A file that was cut after its first command is no run that the model answers as the board did.
 #[test]
 fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     let whole = Program::default().record();
@@ -76,7 +76,7 @@ fn a_recording_cut_after_its_first_command_is_not_replayed_as_equal() {
     }
 }
 
-/// TOOL-138 TOOL-144 `exec` with a program whose recording is not whole: killed, without its end, or on a disk that is full.
+/// TOOL-138 `exec` with a program whose recording is not whole: killed, without its end, or on a disk that is full.
 /// It says what is missing; where the program itself ended with 0 the code is 124. A recording that is there is not
 /// replaced unasked.
 #[test]

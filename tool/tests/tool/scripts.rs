@@ -25,7 +25,7 @@ servo off all
 state preop
 ";
 
-/// TOOL-30, TOOL-33, TOOL-34 A script does its steps in order; the same as JSON says of which line each object is.
+/// A script does its steps in order; the same as JSON says of which line each object is.
 #[test]
 fn a_script_does_its_steps_in_order() {
     let file = text("day.ecm", DAY);
@@ -36,7 +36,7 @@ fn a_script_does_its_steps_in_order() {
     support::snapshot("tool_run", &all);
 }
 
-/// TOOL-30 Every wrong line is told, with file and line and what may be written, and nothing at all is sent.
+/// Every wrong line is told, with file and line and what may be written, and nothing at all is sent.
 #[test]
 fn every_wrong_line_is_told_and_nothing_is_sent() {
     let wrong = "\
@@ -75,7 +75,7 @@ quit
     support::snapshot("tool_run_wrong", &transcript_entry(&["run", "-", "--link", BOARD], &ran));
 }
 
-/// TOOL-33 The first step that fails ends the script: it is told with its line, and what came before holds.
+/// The first step that fails ends the script: it is told with its line, and what came before holds.
 #[test]
 fn a_step_that_fails_ends_a_script() {
     let file = file("fails");
@@ -99,7 +99,7 @@ fn a_step_that_fails_ends_a_script() {
     }
 }
 
-/// TOOL-30 A script that cannot be read is told.
+/// A script that cannot be read is told.
 #[test]
 fn a_script_that_cannot_be_read_is_an_error() {
     run(["run", "/no/such/script", "--link", BOARD]).expect_failure(
@@ -115,7 +115,7 @@ fn a_script_that_cannot_be_read_is_an_error() {
     run(["run", "--link", BOARD]).expect_misuse(&["<SCRIPT>"]);
 }
 
-/// TOOL-21 Moves of one session follow each other without drift: each begins where the last one was told to end.
+/// Moves of one session follow each other without drift: each begins where the last one was told to end.
 #[test]
 fn relative_moves_do_not_drift() {
     let file = file("drift");
@@ -129,7 +129,7 @@ fn relative_moves_do_not_drift() {
     assert_eq!(RecordedTraffic::read(&file).targets(1).last(), Some(&50_040));
 }
 
-/// TOOL-3, TOOL-20 In units; a relative target that leaves the 32 bits is refused before a frame of it is sent.
+/// TOOL-20 In units; a relative target that leaves the 32 bits is refused before a frame of it is sent.
 #[test]
 fn targets_are_in_units_and_stay_within_32_bits() {
     let board = "sim:?slaves=drive:start@2147483000&clock=virtual";
@@ -169,7 +169,7 @@ fn shell(lines: &str) -> Ran {
     run_with_input(&["shell", "--link", BOARD], lines)
 }
 
-/// TOOL-32 Without a terminal the first line that fails ends the shell: it is told with its number, nothing behind it is
+/// Without a terminal the first line that fails ends the shell: it is told with its number, nothing behind it is
 /// done, and the exit code is 1.
 #[test]
 fn a_shell_without_a_terminal_ends_at_an_error() {
@@ -185,7 +185,7 @@ fn a_shell_without_a_terminal_ends_at_an_error() {
     }
 }
 
-/// TOOL-32 The shell reads lines without a terminal, too: results only; with `--keep-going` errors do not end it, each is
+/// The shell reads lines without a terminal, too: results only; with `--keep-going` errors do not end it, each is
 /// told with its line, and the exit code says whether there were any.
 #[test]
 fn a_shell_without_a_terminal_prints_results_only() {

@@ -7,7 +7,7 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "ethercat"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// TOOL-190 A list of slaves that is wrong is a wrong command line; no slave, a script that happens to a board, and an interface
+/// A list of slaves that is wrong is a wrong command line; no slave, a script that happens to a board, and an interface
 /// that is missing or no Ethernet are failures with the next step.
 #[test]
 fn what_serve_ethercat_refuses() {
@@ -50,7 +50,7 @@ fn what_serve_ethercat_refuses() {
     }
 }
 
-/// TOOL-192 The page has the whole program, so that whoever has the page alone can run it.
+/// The page has the whole program, so that whoever has the page alone can run it.
 #[test]
 fn the_page_has_the_master_of_the_example() {
     let read = |file| std::fs::read_to_string(support::root().join(file)).expect("a file");
@@ -77,7 +77,7 @@ mod needs_network_namespace {
     }
 
     /// ECAT-15.21 A second server on an interface is refused, as a master of ours is. ECAT-15.23 A server whose interface is deleted
-    /// ends with exit code 1 and says so. TOOL-190 The recording is one of Ethernet frames, which verbs for those of boards say.
+    /// ends with exit code 1 and says so. The recording is one of Ethernet frames, which verbs for those of boards say.
     #[test]
     fn an_interface_has_one_server_which_ends_with_it() {
         let recording = support::out_dir().join("served_alone.pcapng");
@@ -124,8 +124,8 @@ mod needs_pysoem {
     use super::IN_NAMESPACE;
     use crate::common::ecmsk;
 
-    /// TOOL-191 What is served on standard output, what happens to slaves on standard error; a signal ends it, and the recording is
-    /// whole then. TOOL-192 examples/python/own_master.py moves two DP3CL.
+    /// What is served on standard output, what happens to slaves on standard error; a signal ends it, and the recording is
+    /// whole then. examples/python/own_master.py moves two DP3CL.
     #[test]
     fn a_master_of_40_lines_moves_two_dp3cl() {
         let recording = support::out_dir().join("own_master.pcapng");
@@ -169,7 +169,7 @@ mod needs_pysoem {
         );
     }
 
-    /// TOOL-190 A program that may not use raw frames is told which capability it lacks, and how it gets it.
+    /// A program that may not use raw frames is told which capability it lacks, and how it gets it.
     #[test]
     fn the_capability_is_asked_for_by_name() {
         let tool = ecmsk([] as [&str; 0]);

@@ -51,7 +51,7 @@ fn run(arguments: &[&str]) -> Ran {
     ecmsk([&["serve", "usbip"][..], arguments].concat()).output().expect("the tool starts").into()
 }
 
-/// WIRE-14, WIRE-15 Where, what, who comes and goes, and an end in order; the link keeps one report.
+/// Where, what, who comes and goes, and an end in order; the link keeps one report.
 #[test]
 fn serve_usbip_says_what_it_serves_and_who_attaches() {
     for (signal, name) in [(Signal::INT, "SIGINT"), (Signal::TERM, "SIGTERM")] {
@@ -72,7 +72,7 @@ fn serve_usbip_says_what_it_serves_and_who_attaches() {
     }
 }
 
-/// WIRE-16 What is set is shown.
+/// What is set is shown.
 #[test]
 fn the_device_has_the_serial_number_and_names_that_were_set() {
     let options = "--vendor 1234 --product 0xabcd --release 0203 --serial S1 --name N --interval 4";
@@ -89,7 +89,7 @@ fn the_device_has_the_serial_number_and_names_that_were_set() {
     serving.end_by(Signal::TERM);
 }
 
-/// WIRE-2 The recording of its link has the frames of the host.
+/// The recording of its link has the frames of the host.
 #[test]
 fn what_a_host_sends_is_recorded() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -106,7 +106,7 @@ fn what_a_host_sends_is_recorded() {
     assert_eq!(frames.count(), 20);
 }
 
-/// WIRE-14 Whoever reaches it can use the boards: without a word that everybody may, such an address is refused with the next
+/// Whoever reaches it can use the boards: without a word that everybody may, such an address is refused with the next
 /// step, and nothing listens.
 #[test]
 fn listening_to_others_is_refused() {
@@ -120,7 +120,7 @@ fn listening_to_others_is_refused() {
     run(&["--link", "sim:", "--listen", "127.0.0.2:0", "--link", "sim:"]).expect_failure(1, &["in use"], "name=");
 }
 
-/// WIRE-14 Whoever reaches it can use the boards: that is said.
+/// Whoever reaches it can use the boards: that is said.
 #[test]
 fn listening_to_others_is_warned_of() {
     let mut child = ecmsk(["serve", "usbip", "--link", "sim:", "--listen", "0.0.0.0:0", "--insecure-anyone"])
@@ -135,7 +135,7 @@ fn listening_to_others_is_warned_of() {
     child.wait().expect("it ends");
 }
 
-/// WIRE-13, WIRE-15, TOOL-113 What cannot be is said with the next step.
+/// What cannot be is said with the next step.
 #[test]
 fn a_board_that_cannot_be_served_is_an_error_with_the_next_step() {
     let listen = ["--listen", "127.0.0.1:0"];

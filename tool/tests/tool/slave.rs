@@ -2,7 +2,7 @@
 
 use crate::common::ecmsk;
 
-/// ECAT-15.15, TOOL-196 The ESI file of each kind says what its EEPROM says: identity, process data, sync managers.
+/// ECAT-15.15 The ESI file of each kind says what its EEPROM says: identity, process data, sync managers.
 #[test]
 fn the_esi_file_says_what_the_eeprom_says() {
     for kind in ["drive", "step", "dp3cl", "io", "hsp", "hsp2"] {
@@ -38,7 +38,7 @@ fn the_esi_file_says_what_the_eeprom_says() {
     }
 }
 
-/// TOOL-196 A list is no kind; a file that cannot be written is a failure with the next step.
+/// A list is no kind; a file that cannot be written is a failure with the next step.
 #[test]
 fn what_slave_refuses() {
     let run = |arguments: &[&str]| ecmsk([&["slave"][..], arguments].concat()).output().expect("the tool starts");

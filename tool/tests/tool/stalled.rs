@@ -123,7 +123,7 @@ fn at_once<T: Send>(cases: impl IntoIterator<Item = T>, run: impl Fn(T) + Sync) 
     thread::scope(|scope| cases.into_iter().for_each(|case| _ = scope.spawn(move || run(case))));
 }
 
-/// TOOL-16 TOOL-25 A move whose words nobody takes goes on, brakes when Ctrl-C comes, and the tool has closed the board and ends by
+/// A move whose words nobody takes goes on, brakes when Ctrl-C comes, and the tool has closed the board and ends by
 /// itself: with lines and with JSON, on a pipe and on a terminal.
 #[test]
 fn a_move_obeys_ctrl_c() {
@@ -144,7 +144,7 @@ fn a_move_obeys_ctrl_c() {
     });
 }
 
-/// TOOL-18 TOOL-25 The same with an axis that looks for its home.
+/// The same with an axis that looks for its home.
 #[test]
 fn homing_obeys_ctrl_c() {
     at_once(ALL, |stalled| {
@@ -162,7 +162,7 @@ fn homing_obeys_ctrl_c() {
     });
 }
 
-/// TOOL-25 A result waits for its reader, with the axes at a standstill: a reader that is slow gets it whole, and the tool ends well.
+/// A result waits for its reader, with the axes at a standstill: a reader that is slow gets it whole, and the tool ends well.
 #[test]
 fn a_result_waits_for_its_reader() {
     let (server, _told) = serve("sim:?slaves=drive");

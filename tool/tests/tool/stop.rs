@@ -69,7 +69,7 @@ fn steps(targets: &[i32]) -> (Vec<i32>, Vec<i32>) {
     (steps, changes)
 }
 
-/// TOOL-16, TOOL-25 Ctrl-C in a move brakes both axes on their line with the move's own acceleration; they stay on, in OP.
+/// Ctrl-C in a move brakes both axes on their line with the move's own acceleration; they stay on, in OP.
 /// The exit code is 130, of SIGTERM 143.
 #[test]
 fn ctrl_c_brakes_a_move() {
@@ -110,7 +110,7 @@ fn ctrl_c_brakes_a_move() {
     }
 }
 
-/// TOOL-16 A move that would brake for longer than that brakes harder: it is at rest within 1.5 s.
+/// A move that would brake for longer than that brakes harder: it is at rest within 1.5 s.
 #[test]
 fn a_slow_brake_is_cut_short() {
     let (board, file) = recorded("slow", "slaves=drive");
@@ -155,7 +155,7 @@ fn a_move_that_stands_still_goes_on_from_rest() {
     assert!(tape.positions(1).iter().all(|at| *at <= END + 2), "the drive makes up for its lag");
 }
 
-/// TOOL-17 A second Ctrl-C ends the program at once.
+/// A second Ctrl-C ends the program at once.
 #[test]
 fn a_second_ctrl_c_leaves() {
     let (board, _) = recorded("twice", "slaves=drive");
@@ -172,7 +172,7 @@ fn a_second_ctrl_c_leaves() {
     assert!(!said.contains("stopped by"), "it had no time to say so: {said}");
 }
 
-/// TOOL-18 Ctrl-C ends homing with ABORT_HOME; the axis stands and stays on.
+/// Ctrl-C ends homing with ABORT_HOME; the axis stands and stays on.
 #[test]
 fn ctrl_c_aborts_homing() {
     let (board, file) = recorded("home", "slaves=drive*2");
@@ -190,7 +190,7 @@ fn ctrl_c_aborts_homing() {
     assert!(tape.is_on(2) && !tape.is_on(1));
 }
 
-/// TOOL-19 Ctrl-C ends what waits: a change of state that hangs, an SDO without answer, `wait`.
+/// Ctrl-C ends what waits: a change of state that hangs, an SDO without answer, `wait`.
 #[test]
 fn ctrl_c_ends_every_wait() {
     let events = text("hangs.ecmscript", "sdo-delay 1 1000s\nmute 1\n");
@@ -218,7 +218,7 @@ fn waiting_script(line: &[&str]) -> Work {
     Work::start(&["run", &script, line[2], line[3]])
 }
 
-/// TOOL-19 A board that is gone silent ends a move by itself, with what to do.
+/// A board that is gone silent ends a move by itself, with what to do.
 #[test]
 fn a_silent_board_ends_a_move_with_the_next_step() {
     let events = text("silent.ecmscript", "at 900ms silent\n");

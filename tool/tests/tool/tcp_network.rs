@@ -15,7 +15,7 @@ fn known(slaves: &str, counts_per_unit: &str) -> Option<KnownNetwork> {
     Some(KnownNetwork { slaves: slaves.to_owned(), counts_per_unit: counts_per_unit.to_owned() })
 }
 
-/// TCP-27 Clients are told the slaves: those of a simulated board, those that a client has configured with their modes, and what
+/// Clients are told the slaves: those of a simulated board, those that a client has configured with their modes, and what
 /// the server was told, which counts more; a server of a server hands it on. Of a board that nobody knows nothing is said.
 #[test]
 fn clients_know_what_the_server_knows() {
@@ -63,7 +63,7 @@ impl Drop for Serving {
     }
 }
 
-/// TCP-27 The tool shows kinds over the network without being told them, and moves in the units that the server was told.
+/// The tool shows kinds over the network without being told them, and moves in the units that the server was told.
 #[test]
 fn the_tool_shows_kinds_and_units() {
     let mut command = ecmsk(["serve", "tcp", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2,io"]);
@@ -82,7 +82,7 @@ fn the_tool_shows_kinds_and_units() {
     assert!((at(0) - 2500).abs() < 64 && (at(1) - 30).abs() < 64, "{moved}");
 }
 
-/// TOOL-165 `serve` takes the board of ECMSK_LINK where no --link is given, on TCP and on USB/IP; without any it serves nothing.
+/// `serve` takes the board of ECMSK_LINK where no --link is given, on TCP and on USB/IP; without any it serves nothing.
 #[test]
 fn the_board_of_the_environment_is_served() {
     for port in ["tcp", "usbip"] {

@@ -55,7 +55,7 @@ impl Drop for Serving {
     }
 }
 
-/// TCP-20 The tool says where it listens and what it serves, who comes and goes, and ends by SIGINT and SIGTERM: clients
+/// The tool says where it listens and what it serves, who comes and goes, and ends by SIGINT and SIGTERM: clients
 /// are told.
 #[test]
 fn the_tool_serves_until_it_is_stopped() {
@@ -75,7 +75,7 @@ fn the_tool_serves_until_it_is_stopped() {
     }
 }
 
-/// TCP-14 TCP-20 What cannot be served ends with 1 and says what to do.
+/// What cannot be served ends with 1 and says what to do.
 #[test]
 fn a_link_or_address_that_cannot_be_served_is_an_error() {
     let serve = |arguments: &[&str]| -> Ran {
@@ -105,7 +105,7 @@ fn in_op(uri: &str) -> Ecm {
     ecm
 }
 
-/// TCP-4 A server that is killed while axes move: every call ends, at once and with an error.
+/// A server that is killed while axes move: every call ends, at once and with an error.
 #[test]
 fn killing_the_server_ends_every_call_of_its_clients() {
     let mut serving = Serving::start("");

@@ -106,7 +106,7 @@ fn a_pipe_that_is_read_again_gets_the_newest_lines_and_the_number_of_missing_one
     assert!(text.contains("axes stand still after") && text.contains("stopped by SIGTERM"), "{text}");
 }
 
-/// TCP-25 WIRE-14 Standard output too may take nothing: the server serves, and ends by SIGTERM.
+/// TCP-25 Standard output too may take nothing: the server serves, and ends by SIGTERM.
 #[test]
 fn a_standard_output_that_nobody_reads_stops_nothing() {
     for port in ["tcp", "usbip"] {
@@ -122,7 +122,7 @@ fn a_standard_output_that_nobody_reads_stops_nothing() {
     }
 }
 
-/// WIRE-14 `ecmsk serve usbip` too ends by SIGTERM when nobody reads what it says.
+/// `ecmsk serve usbip` too ends by SIGTERM when nobody reads what it says.
 #[test]
 fn usbip_ends_with_a_full_pipe() {
     let arguments = ["serve", "usbip", "--listen", "127.0.0.1:0", "--link", "sim:?slaves=drive*2"];

@@ -161,7 +161,7 @@ impl Terminal {
     }
 }
 
-/// TOOL-31 Tab completes, arrow up brings back, Ctrl-C while nothing runs says how to leave, quit leaves.
+/// Tab completes, arrow up brings back, Ctrl-C while nothing runs says how to leave, quit leaves.
 #[test]
 fn the_shell_completes_recalls_lines_and_quits() {
     let mut terminal = Terminal::start(&["shell", "--link", "sim:?slaves=drive&clock=virtual"]);
@@ -189,7 +189,7 @@ fn the_shell_completes_recalls_lines_and_quits() {
     assert_eq!(terminal.end().0, Some(0));
 }
 
-/// TOOL-16, TOOL-24 In a terminal progress is one line that changes. Ctrl-C ends the step and the shell goes on; SIGTERM at
+/// In a terminal progress is one line that changes. Ctrl-C ends the step and the shell goes on; SIGTERM at
 /// the prompt closes the board, and the terminal is as it was.
 #[test]
 fn signals_end_a_step_or_the_shell_and_restore_the_terminal() {
@@ -214,7 +214,7 @@ fn signals_end_a_step_or_the_shell_and_restore_the_terminal() {
     assert_eq!(on, off, "bracketed paste is off again");
 }
 
-/// TOOL-202 At a terminal a move that takes more than a minute is asked for: no, the end of the input and Ctrl-C let nothing
+/// At a terminal a move that takes more than a minute is asked for: no, the end of the input and Ctrl-C let nothing
 /// move, `--yes` does not ask, and in the shell the next line is the next line.
 #[test]
 fn a_long_move_is_asked_for_at_a_terminal() {
@@ -261,7 +261,7 @@ fn a_long_move_is_asked_for_at_a_terminal() {
     assert!(code == Some(0) && screen.matches("[y/N]").count() == 1, "{screen}");
 }
 
-/// TOOL-137 The shell ends when its terminal is closed: at the prompt, and while a step runs; also where no signal tells it.
+/// The shell ends when its terminal is closed: at the prompt, and while a step runs; also where no signal tells it.
 #[test]
 fn a_closed_terminal_ends_the_shell() {
     for owner in [Owner::Tool, Owner::Nobody] {
@@ -279,7 +279,7 @@ fn a_closed_terminal_ends_the_shell() {
     }
 }
 
-/// TOOL-172 `doctor` colours its states on a terminal, and not where nobody wants that.
+/// `doctor` colours its states on a terminal, and not where nobody wants that.
 #[test]
 fn doctor_uses_colours_on_a_terminal_only() {
     let green = "\x1b[32mok    \x1b[0m  versions ";

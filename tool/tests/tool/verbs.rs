@@ -11,7 +11,7 @@ fn recorded(name: &str, slaves: &str) -> (String, std::path::PathBuf) {
     (format!("sim:?slaves={slaves}&clock=virtual&record={}", file.display()), file)
 }
 
-/// TOOL-7, TOOL-8, TOOL-23 `info` and `state`, in words and as JSON; info asks the slaves who they are if told to.
+/// `info` and `state`, in words and as JSON; info asks the slaves who they are if told to.
 #[test]
 fn info_and_state_show_board_and_slaves() {
     let step = "sim:?slaves=step,hsp2&clock=virtual&slot=16&fw=1.5";
@@ -39,7 +39,7 @@ fn a_network_of_one_slave_is_told_in_the_singular() {
     assert_eq!(one.lines().last(), Some("found       1 slave"), "{one}");
 }
 
-/// TOOL-9, TOOL-10, TOOL-11 Objects by number and name, abort codes in words; inputs and outputs.
+/// Objects by number and name, abort codes in words; inputs and outputs.
 #[test]
 fn sdo_and_io_read_and_write() {
     support::snapshot(
@@ -67,7 +67,7 @@ fn sdo_and_io_read_and_write() {
     );
 }
 
-/// TOOL-4, TOOL-12, TOOL-13, TOOL-14 Axes go on, home and move in one command each with `--up`; without it nothing is
+/// Axes go on, home and move in one command each with `--up`; without it nothing is
 /// sent and the error is the line to type.
 #[test]
 fn servo_home_and_move_bring_the_network_up_only_with_up() {
@@ -102,7 +102,7 @@ fn servo_home_and_move_bring_the_network_up_only_with_up() {
     );
 }
 
-/// TOOL-1 Without `--link` the board is the one that the library would take.
+/// Without `--link` the board is the one that the library would take.
 #[test]
 fn without_a_link_the_board_is_the_one_of_the_library() {
     let ran = crate::common::ecmsk(["state"]).env("ECMSK_LINK", BOARD).output().expect("it starts");
@@ -119,7 +119,7 @@ fn without_a_link_the_board_is_the_one_of_the_library() {
     ran.expect_failure(1, &words, "`ecmsk link help`");
 }
 
-/// TOOL-5 `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.
+/// `--up` switches on the axes that a verb names, and no other; a verb that has none switches on none.
 #[test]
 fn up_switches_on_what_is_named() {
     let (board, file) = recorded("up-move", "drive*3,io");
@@ -133,7 +133,7 @@ fn up_switches_on_what_is_named() {
     assert_eq!(RecordedTraffic::read(&file).state(), Some(MasterState::PreOp));
 }
 
-/// TOOL-4 A verb that may not bring the network up sends nothing at all.
+/// A verb that may not bring the network up sends nothing at all.
 #[test]
 fn nothing_is_sent_without_up() {
     let (board, file) = recorded("not-up", "drive*2,io");
@@ -147,7 +147,7 @@ fn nothing_is_sent_without_up() {
     assert_eq!(RecordedTraffic::read(&file).written.len(), 0);
 }
 
-/// TOOL-6 By default the axes stay on; `--close servo-off` switches them off.
+/// By default the axes stay on; `--close servo-off` switches them off.
 #[test]
 fn axes_stay_on_unless_close_says_servo_off() {
     let (board, file) = recorded("close", "drive");
@@ -160,7 +160,7 @@ fn axes_stay_on_unless_close_says_servo_off() {
     }
 }
 
-/// TOOL-14 All axes begin and end in the same frame, on a straight line, whatever their distances are.
+/// All axes begin and end in the same frame, on a straight line, whatever their distances are.
 #[test]
 fn axes_move_on_a_straight_line() {
     let (board, file) = recorded("line", "drive*3");
@@ -178,7 +178,7 @@ fn axes_move_on_a_straight_line() {
     assert!(steps.contains(&50), "it reaches its speed");
 }
 
-/// TOOL-15 Speed, acceleration and jerk of what is sent are those that were asked for.
+/// Speed, acceleration and jerk of what is sent are those that were asked for.
 #[test]
 fn a_move_keeps_its_limits() {
     let (board, file) = recorded("limits", "drive");
@@ -202,7 +202,7 @@ fn a_move_keeps_its_limits() {
     assert!((1.99..=2.01).contains(&seconds), "{seconds}");
 }
 
-/// TOOL-14 An HSP moves its first channel, the second one stays where it is.
+/// An HSP moves its first channel, the second one stays where it is.
 #[test]
 fn the_second_channel_of_an_hsp_stays() {
     let file = file("hsp2");
@@ -215,7 +215,7 @@ fn the_second_channel_of_an_hsp_stays() {
     assert_eq!((last.first.position, last.second.position), (6000, 5000));
 }
 
-/// TOOL-22 An alarm on the way ends the move: the other axis comes to a standstill, and the error says what to do.
+/// An alarm on the way ends the move: the other axis comes to a standstill, and the error says what to do.
 #[test]
 fn an_alarm_during_a_move_stops_the_other_axis() {
     let events = text("alarm.ecmscript", "at 900ms alarm 2 0x7500\n");
@@ -233,7 +233,7 @@ fn an_alarm_during_a_move_stops_the_other_axis() {
     assert!(tape.is_on(1) && !tape.is_on(2));
 }
 
-/// TOOL-24 Progress is told once a second after the first one, on standard error; as JSON on standard output.
+/// Progress is told once a second after the first one, on standard error; as JSON on standard output.
 #[test]
 fn progress_is_told_once_a_second() {
     let line = ["move", "1=35000", "--up", "--link", BOARD];
@@ -248,7 +248,7 @@ fn progress_is_told_once_a_second() {
     assert!(!ran.err.contains("progress"), "{}", ran.err);
 }
 
-/// TOOL-14 TOOL-15 However hard a move ends, it ends at its target and is commanded to go no further.
+/// However hard a move ends, it ends at its target and is commanded to go no further.
 #[test]
 fn a_hard_move_ends_at_its_target() {
     for (velocity, acceleration, jerk) in

@@ -7,7 +7,7 @@ use support::recorded::Program;
 
 const LINK: &str = "sim:?slaves=drive&clock=virtual";
 
-/// TOOL-163 `--slot-size` is the size and `--slots` are slots in every verb.
+/// `--slot-size` is the size and `--slots` are slots in every verb.
 #[test]
 fn slot_size_and_slots_mean_the_same_in_every_verb() {
     let program = Program { short: true, ..Program::default() }.record();
@@ -27,7 +27,7 @@ fn slot_size_and_slots_mean_the_same_in_every_verb() {
     }
 }
 
-/// TOOL-163 `--slot` is understood where it can be but one of them, and the hint says how it is written; where it may be either it
+/// `--slot` is understood where it can be but one of them, and the hint says how it is written; where it may be either it
 /// is an error that names both.
 #[test]
 fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
@@ -58,7 +58,7 @@ fn the_former_option_slot_is_accepted_where_it_is_unambiguous() {
     run(["monitor", "--recording", file, "--once", "--slot", "3"]).expect_misuse(&["allowed: 12, 16"]);
 }
 
-/// TOOL-164 Verbs that talk to a board record it as `exec` does, scripts and the shell too; a recording that is there is replaced
+/// Verbs that talk to a board record it as `exec` does, scripts and the shell too; a recording that is there is replaced
 /// only if that is asked for, and a file that is none in no case.
 #[test]
 fn every_verb_records() {
@@ -99,7 +99,7 @@ fn every_verb_records() {
     );
 }
 
-/// TOOL-24 A minute on the virtual clock, with nobody at a terminal, is some twelve lines of progress, ten minutes were fifteen, the same at every
+/// A minute on the virtual clock, with nobody at a terminal, is some twelve lines of progress, ten minutes were fifteen, the same at every
 /// run.
 #[test]
 fn progress_on_a_virtual_clock_has_few_lines() {

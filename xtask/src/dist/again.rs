@@ -82,7 +82,7 @@ fn differing(first: &Made, second: &Made) -> Result<Vec<String>, Error> {
 mod tests {
     use super::*;
 
-    /// DIST-1 A file that differs in a byte, and one that is missing on either side, are reported.
+    /// A file that differs in a byte, and one that is missing on either side, are reported.
     #[test]
     fn what_differs_is_told() {
         let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());

@@ -133,7 +133,7 @@ fn time_of_linking(bytes: &[u8]) -> Option<u32> {
 mod tests {
     use super::*;
 
-    /// DIST-1 A DLL with a time of linking is reported, and so is a file that is no DLL.
+    /// A DLL with a time of linking is reported, and so is a file that is no DLL.
     #[test]
     fn a_time_of_linking_is_found() {
         let folder = tempfile::tempdir().unwrap();
@@ -152,7 +152,7 @@ mod tests {
         }
     }
 
-    /// DIST-2 A missing file and an unexpected one are reported.
+    /// A missing file and an unexpected one are reported.
     #[test]
     fn each_difference_is_told() {
         let listed = LIST.lines().filter_map(|line| line.strip_prefix("libnextwusblib0 "));
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(said[1..], ["libnextwusblib0: usr/lib/x is not in the list"]);
     }
 
-    /// DIST-3 A file that contains a path of this machine is reported.
+    /// A file that contains a path of this machine is reported.
     #[test]
     fn a_path_of_this_machine_is_found() {
         let folder = tempfile::tempdir().unwrap();

@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(checksums(lock), BTreeMap::from([(key("a", "1.0.0"), "00ff".to_owned())]));
     }
 
-    /// DIST-6 A crate that is linked on one system only is listed there only; build tools and macros are listed
+    /// A crate that is linked on one system only is listed there only; build tools and macros are listed
     /// nowhere.
     #[test]
     fn what_is_linked_depends_on_the_target() {

@@ -82,7 +82,7 @@ mod tests {
         }
     }
 
-    /// DIST-7 A text of several crates is printed once with all their names; crates of this project are left out.
+    /// A text of several crates is printed once with all their names; crates of this project are left out.
     #[test]
     fn texts_stand_there_once() {
         let folder = tempfile::tempdir().unwrap();

@@ -143,7 +143,7 @@ fn of_a_runtime(runtime: &Runtime) -> Value {
 mod tests {
     use super::*;
 
-    /// DIST-6 Each shipped file is a component with its sum, and names by their package URLs what is in it; no component is
+    /// Each shipped file is a component with its sum, and names by their package URLs what is in it; no component is
     /// listed twice.
     #[test]
     fn a_file_has_its_sum_and_its_parts() {

@@ -7,7 +7,7 @@ use std::iter;
 /// board on a network card, the look at a network, the drive DP3CL, the library for applications, the native API, the tool, names of boards, a board on the network, a board on its
 /// wires, .NET,
 /// Windows, packages.
-pub const PREFIXES: [(&str, bool); 16] = [
+pub const PREFIXES: [(&str, bool); 15] = [
     ("SK-", true),
     ("XF-", true),
     ("ECAT-", true),
@@ -23,7 +23,6 @@ pub const PREFIXES: [(&str, bool); 16] = [
     ("WIRE-", false),
     ("NET-", false),
     ("WIN-", false),
-    ("DIST-", false),
 ];
 
 /// An id; there need not be such a rule.

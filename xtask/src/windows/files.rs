@@ -143,7 +143,7 @@ fn start_and_end(target: &Path) -> Result<PathBuf, Error> {
 mod tests {
     use super::*;
 
-    /// DIST-1 Whatever folder the archives are built in, ld finds them before those of MinGW.
+    /// Whatever folder the archives are built in, ld finds them before those of MinGW.
     #[test]
     fn folders_come_in_one_order() {
         for folder in ["/work/a", "/home/a", "/tmp/a", "/var/a", "/usr/local/src/a"] {

@@ -78,7 +78,7 @@ mod tests {
         Interface { number: 1, class: HID, endpoints: endpoints.to_vec() }
     }
 
-    /// WIRE-17, SK-9.2, SK-9.3 Interface and endpoints decide, wherever they stand.
+    /// SK-9.2, SK-9.3 Interface and endpoints decide, wherever they stand.
     #[test]
     fn a_board_is_known_by_its_reports() {
         let (input, output) = (endpoint(0x81, 3, 512), endpoint(0x02, 3, 512));

@@ -40,7 +40,7 @@ impl crate::io::hid::backend::TransferListener for Panics {
     }
 }
 
-/// WIRE-122 A panic in what libusb calls does not leave it: the program goes on, and the board is lost.
+/// A panic in what libusb calls does not leave it: the program goes on, and the board is lost.
 #[test]
 fn a_panic_in_the_callback_does_not_end_the_program() {
     let world = FakeUsb::new();
@@ -57,7 +57,7 @@ fn a_panic_in_the_callback_does_not_end_the_program() {
     assert!(why.contains("defect") && why.contains("open it again"), "{why}");
 }
 
-/// WIRE-19, WIRE-82 Reports come in their order with their numbers; what is no whole one is skipped and counted.
+/// Reports come in their order with their numbers; what is no whole one is skipped and counted.
 #[test]
 fn empty_and_short_reports_are_skipped_and_counted() {
     let world = FakeUsb::new();
@@ -71,7 +71,6 @@ fn empty_and_short_reports_are_skipped_and_counted() {
     assert_eq!(read(&pipe, SOON), Err(PipeError::Timeout(SOON.unwrap())));
 }
 
-/// WIRE-19
 #[test]
 fn of_reports_nobody_reads_the_newest_are_kept() {
     let world = FakeUsb::new();
@@ -85,7 +84,7 @@ fn of_reports_nobody_reads_the_newest_are_kept() {
     assert_eq!(pipe.stats(), PipeStats { reports: 10, dropped: 6, short: 0, failed: 0 });
 }
 
-/// WIRE-19 Calls that wait handle libusb's events themselves; when the program does something else then, reports are taken
+/// Calls that wait handle libusb's events themselves; when the program does something else then, reports are taken
 /// all the same, more of them than transfers wait.
 #[test]
 fn reports_are_taken_between_two_calls() {
@@ -127,7 +126,7 @@ fn waiting_reader(world: &FakeUsb, pipe: &Arc<Pipe>) -> thread::JoinHandle<Resul
     panic!("the pipe's thread does not sleep");
 }
 
-/// WIRE-94 While a call waits on a silent board the pipe's thread sleeps, and wakes when the call leaves: reports are taken
+/// While a call waits on a silent board the pipe's thread sleeps, and wakes when the call leaves: reports are taken
 /// between two calls then too.
 #[test]
 fn the_pipes_thread_sleeps_while_a_call_waits() {
@@ -145,7 +144,7 @@ fn the_pipes_thread_sleeps_while_a_call_waits() {
     }
 }
 
-/// WIRE-20 A write that finds the board gone ends a read that handles events, though nothing else happens.
+/// A write that finds the board gone ends a read that handles events, though nothing else happens.
 #[test]
 fn a_write_that_finds_the_board_gone_ends_a_read() {
     let world = FakeUsb::new();
@@ -219,7 +218,7 @@ fn events_that_fail_at_times_end_nothing() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// WIRE-20 The call that handles libusb's events for all ends: the others go on, and end by what they wait for.
+/// The call that handles libusb's events for all ends: the others go on, and end by what they wait for.
 #[test]
 fn calls_do_not_need_one_another() {
     for round in 0..20 {
@@ -241,7 +240,7 @@ fn calls_do_not_need_one_another() {
     }
 }
 
-/// WIRE-83 A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
+/// A board that refuses to send is lost at once, with what to do; whoever opens it next finds the halt cleared.
 #[test]
 fn a_stall_of_the_board_ends_every_read() {
     let world = FakeUsb::new();
@@ -259,7 +258,7 @@ fn a_stall_of_the_board_ends_every_read() {
     assert_eq!(world.leaked(), NOTHING_LEFT);
 }
 
-/// WIRE-83 A report that the board refuses is an error of that write; reads go on, and so does the next write.
+/// A report that the board refuses is an error of that write; reads go on, and so does the next write.
 #[test]
 fn a_stall_of_a_write_is_an_error_of_that_write() {
     let world = FakeUsb::new();
@@ -274,7 +273,7 @@ fn a_stall_of_a_write_is_an_error_of_that_write() {
     assert_eq!(world.taken(), [[2; REPORT_LEN]]);
 }
 
-/// WIRE-18 A write that reached its limit, was cancelled or closed tells whether nothing, a part or all has moved.
+/// A write that reached its limit, was cancelled or closed tells whether nothing, a part or all has moved.
 #[test]
 fn a_write_that_is_given_up_says_what_has_moved() {
     let world = FakeUsb::new();
@@ -304,7 +303,7 @@ fn a_write_that_is_given_up_says_what_has_moved() {
     assert_eq!(world.taken().len(), 1);
 }
 
-/// WIRE-84 The cable is cut at each call that opening, using and closing makes of libusb: every call ends, by itself, and
+/// The cable is cut at each call that opening, using and closing makes of libusb: every call ends, by itself, and
 /// says that the board is gone; nothing is left of the device.
 #[test]
 fn a_cable_cut_at_any_moment_ends_every_call() {
@@ -341,7 +340,6 @@ fn a_cable_cut_at_any_moment_ends_every_call() {
     assert!(lost >= 10, "most calls come before the end: {lost} of {}", whole.calls());
 }
 
-/// WIRE-20, WIRE-84
 #[test]
 fn reader_and_writer_are_told_when_the_cable_is_pulled() {
     let world = FakeUsb::new();
@@ -359,7 +357,7 @@ fn reader_and_writer_are_told_when_the_cable_is_pulled() {
     assert_eq!(pipe.write(&[1; REPORT_LEN], None), Err(PipeError::Lost(GONE)));
 }
 
-/// WIRE-20 A report comes in just as the pipe is closed: its transfer is not begun again behind the back of the one that
+/// A report comes in just as the pipe is closed: its transfer is not begun again behind the back of the one that
 /// closes, who would wait for the board's next report.
 #[test]
 fn a_report_in_the_moment_of_closing_holds_nobody_up() {
@@ -380,7 +378,7 @@ fn a_report_in_the_moment_of_closing_holds_nobody_up() {
     drop(pipe);
 }
 
-/// WIRE-85 Signals to the thread that reads, as many as there may be, are no errors: reports go on at once.
+/// Signals to the thread that reads, as many as there may be, are no errors: reports go on at once.
 #[test]
 fn signals_do_not_hold_up_reports() {
     let world = FakeUsb::new();
@@ -390,7 +388,7 @@ fn signals_do_not_hold_up_reports() {
     assert_eq!(read(&pipe, Some(PATIENCE / 2)), Ok((7, 0)));
 }
 
-/// WIRE-85 Transfers that fail on the wire are begun again and counted; a row of them is a board that is gone.
+/// Transfers that fail on the wire are begun again and counted; a row of them is a board that is gone.
 #[test]
 fn a_wire_that_fails_is_not_asked_for_ever() {
     const ERROR: i32 = 1;
@@ -407,7 +405,7 @@ fn a_wire_that_fails_is_not_asked_for_ever() {
     assert!(why.contains("cable"), "{why}");
 }
 
-/// WIRE-21 Whatever refuses while a board is opened, nothing stays open.
+/// Whatever refuses while a board is opened, nothing stays open.
 #[test]
 fn an_open_that_fails_leaves_nothing() {
     for (name, code, error) in [
@@ -431,7 +429,7 @@ fn an_open_that_fails_leaves_nothing() {
     assert_eq!(world.leaked(), NOTHING_LEFT, "a system without kernel drivers");
 }
 
-/// WIRE-17 A device that the system has not switched on says so; one whose descriptors make no sense too.
+/// A device that the system has not switched on says so; one whose descriptors make no sense too.
 #[test]
 fn a_device_without_descriptors_is_no_board() {
     use super::super::NotTheBoard;

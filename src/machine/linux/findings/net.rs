@@ -247,7 +247,7 @@ mod settings {
         use super::*;
         use crate::machine::findings::Verdict;
 
-        /// NIC-4.2 What holds frames back is advised against, with the command; what a driver does not say is left out.
+        /// What holds frames back is advised against, with the command; what a driver does not say is left out.
         #[test]
         fn what_holds_frames_back_is_advised_against() {
             let judged = |settings: CardSettings| -> Vec<(&str, Verdict, String)> {

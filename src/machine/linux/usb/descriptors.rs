@@ -124,7 +124,7 @@ mod tests {
 
     const INTERFACE_OF_BOARD: ReportInterface = ReportInterface { number: 0, input: 0x81, output: 0x02 };
 
-    /// TOOL-97, WIRE-17, SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
+    /// SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
     /// configured or not; anything less is none.
     #[test]
     fn a_board_is_told_from_other_devices() {
@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(with(HID, &[]), Err(NotTheBoard::OtherReports));
     }
 
-    /// TOOL-97 The configuration that is active counts, and no interface of another one.
+    /// The configuration that is active counts, and no interface of another one.
     #[test]
     fn the_active_configuration_counts() {
         let hobby = [configuration(2), interface(0, 0xFF)].concat();
@@ -171,7 +171,7 @@ mod tests {
         );
     }
 
-    /// TOOL-97 Descriptors that lie about their length, or end early, are an error and no panic.
+    /// Descriptors that lie about their length, or end early, are an error and no panic.
     #[test]
     fn descriptors_that_lie() {
         let board = board();
@@ -198,7 +198,7 @@ mod tests {
     }
 
     proptest! {
-        /// TOOL-97 Whatever bytes a device sends, they give an interface or a reason.
+        /// Whatever bytes a device sends, they give an interface or a reason.
         #[test]
         fn any_bytes(tail in proptest::collection::vec(any::<u8>(), 0..300), number in any::<Option<u8>>()) {
             let _ = report_interface(&tail, number);

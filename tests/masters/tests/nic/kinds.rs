@@ -13,7 +13,7 @@ mod needs_network_namespace {
     /// How long every axis goes.
     const STEPS: i32 = 100;
 
-    /// NIC-1.1 40 slaves of every kind come to OP: each axis goes its way, and each module's inputs are its outputs.
+    /// 40 slaves of every kind come to OP: each axis goes its way, and each module's inputs are its outputs.
     #[test]
     fn forty_slaves_of_every_kind_move() {
         let specs = parse(LIST).expect("a list of slaves");

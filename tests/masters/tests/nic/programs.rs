@@ -162,7 +162,7 @@ mod needs_network_namespace {
         (slaves, kept.collect())
     }
 
-    /// NIC-1.7 Programs in Rust.
+    /// Programs in Rust.
     #[test]
     fn rust_programs_run_on_a_network_card() {
         // Each in the middle of a side of the square.
@@ -191,7 +191,7 @@ mod needs_network_namespace {
         use super::*;
         use support::examples::{PYTHON, python};
 
-        /// NIC-1.7 Programs in Python.
+        /// Programs in Python.
         #[test]
         fn python_programs_run_on_a_network_card() {
             for (name, link) in PYTHON {
@@ -216,7 +216,7 @@ mod needs_network_namespace {
             });
         }
 
-        /// NIC-1.7 Programs in C++ and C, compiled with the headers and the library alone.
+        /// Programs in C++ and C, compiled with the headers and the library alone.
         #[test]
         fn programs_in_cpp_and_c_run_on_a_network_card() {
             // Those with an alarm on their way have it in the other test.
@@ -229,7 +229,7 @@ mod needs_network_namespace {
             }
         }
 
-        /// NIC-1.7 Programs in C++ that clear alarms on their way, and one that an alarm ends.
+        /// Programs in C++ that clear alarms on their way, and one that an alarm ends.
         #[test]
         fn programs_in_cpp_overcome_alarms_on_a_network_card() {
             // Each in the middle of a side of the square.
@@ -250,7 +250,7 @@ mod needs_network_namespace {
         use super::*;
         use support::dotnet::{EXAMPLES, VIRTUAL, example};
 
-        /// NIC-1.7 Programs in C#, under Mono, one of them with an alarm on its way.
+        /// Programs in C#, under Mono, one of them with an alarm on its way.
         #[test]
         fn programs_in_csharp_run_on_a_network_card() {
             for (name, _, keys) in EXAMPLES {

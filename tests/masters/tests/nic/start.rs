@@ -19,7 +19,7 @@ mod needs_network_namespace {
         open(uri, Share::ByUri).err().unwrap_or_else(|| panic!("{uri} is opened"))
     }
 
-    /// NIC-1.1 A program finds its slaves, brings them to OP, moves two drives along a path and sets outputs.
+    /// A program finds its slaves, brings them to OP, moves two drives along a path and sets outputs.
     /// NIC-1.5 When it closes the board the network goes to PreOP.
     #[test]
     fn a_program_drives_its_machine_from_a_network_card() {
@@ -44,8 +44,8 @@ mod needs_network_namespace {
         assert!(last == "slaves 1 to 3 are in PreOP" || last.contains("AL status 0x001B"), "{said:?}");
     }
 
-    /// NIC-1.2 What is no place for frames of EtherCAT is refused with the next step.
-    /// NIC-1.3 A card that another board has is in use.
+    /// What is no place for frames of EtherCAT is refused with the next step.
+    /// A card that another board has is in use.
     #[test]
     fn a_card_is_for_one_program_alone_and_for_nothing_else() {
         let _rig = Rig::new("io", "nic_refused");
@@ -69,7 +69,7 @@ mod needs_network_namespace {
         assert!(said.contains("192.0.2.7") && said.contains("ip address flush dev veth0"), "{said}");
     }
 
-    /// NIC-1.4 Frames of another master are seen before anything is sent.
+    /// Frames of another master are seen before anything is sent.
     #[test]
     fn another_master_is_named_before_anything_is_sent() {
         let rig = Rig::new("io", "nic_other");
@@ -96,7 +96,7 @@ mod needs_network_namespace {
         assert!(!said.iter().any(|line| line.contains("a master is there")), "{said:?}");
     }
 
-    /// NIC-1.8 A card hears no frames of other cards while it is opened, however many come there.
+    /// A card hears no frames of other cards while it is opened, however many come there.
     #[test]
     fn a_card_is_opened_deaf() {
         const OPENED: usize = 400;
@@ -128,7 +128,7 @@ mod needs_network_namespace {
         assert!(listens.take(&mut [0; 1514]).expect("it is there").is_some(), "frames have come by the second card");
     }
 
-    /// NIC-1.6 Without slaves there is no board.
+    /// Without slaves there is no board.
     #[test]
     fn without_a_slave_there_is_no_board() {
         let rig = Rig::new("io", "nic_alone");

@@ -66,7 +66,7 @@ mod needs_network_namespace {
         }
     }
 
-    /// NIC-2.3 NIC-2.6 Frames that are lost, late, doubled and out of order on their way back: no axis leaves its way, both
+    /// NIC-2.3 Frames that are lost, late, doubled and out of order on their way back: no axis leaves its way, both
     /// arrive, no target is lost without a word, and the cycles are counted.
     #[test]
     fn axes_arrive_whatever_the_cable_does_to_frames() {
@@ -96,7 +96,7 @@ mod needs_network_namespace {
         }
     }
 
-    /// NIC-2.6 The network is found and brought to OP although frames are lost and doubled.
+    /// The network is found and brought to OP although frames are lost and doubled.
     #[test]
     fn a_bad_cable_does_not_keep_a_network_from_op() {
         let (_rig, middle) = Rig::with_middle("drive*2", "nic_bad_cable");
@@ -124,7 +124,7 @@ mod needs_network_namespace {
         machine.comes_back();
     }
 
-    /// NIC-2.9 Frames of other protocols, and those of another master on the same cable, change nothing.
+    /// Frames of other protocols, and those of another master on the same cable, change nothing.
     #[test]
     fn strange_frames_change_nothing() {
         let _rig = Rig::new("drive*2", "nic_strangers");

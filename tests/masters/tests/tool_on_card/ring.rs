@@ -8,7 +8,7 @@ mod needs_network_namespace {
 
     const RING: &str = "nic:veth0?second=veth2";
 
-    /// NIC-4.4 In a ring the verbs find all slaves, read what they have written, and `doctor` measures how long frames take from one
+    /// In a ring the verbs find all slaves, read what they have written, and `doctor` measures how long frames take from one
     /// card to the other; so they do where a cable is cut. While they look both cards are theirs.
     #[test]
     fn a_ring_is_looked_at_by_both_cards() {

@@ -10,8 +10,8 @@ mod needs_network_namespace {
 
     use crate::card::{CARD, LIST, look, run, tool};
 
-    /// BUS-2.1, BUS-2.2, BUS-3.1, BUS-3.3, BUS-4.1, BUS-7.1 On a card the verbs say of slaves what they say of the same ones in
-    /// virtual time, which snapshots keep, in words and as JSON. NIC-4.1 `list --scan` shows them behind the list.
+    /// BUS-3.1, BUS-4.1, BUS-7.1 On a card the verbs say of slaves what they say of the same ones in
+    /// virtual time, which snapshots keep, in words and as JSON. `list --scan` shows them behind the list.
     #[test]
     fn a_card_shows_what_its_slaves_are() {
         let _rig = Rig::new(LIST, "tool_shows");
@@ -52,7 +52,7 @@ mod needs_network_namespace {
         assert_eq!((with_slaves.code, names), (list.code, vec!["drive", "drive", "io"]));
     }
 
-    /// BUS-6.1 The clocks of crystals that are alike keep together, and those that drift are measured; the exit code is what each
+    /// The clocks of crystals that are alike keep together, and those that drift are measured; the exit code is what each
     /// clock is said to be.
     #[test]
     fn clocks_are_measured() {
@@ -83,7 +83,7 @@ mod needs_network_namespace {
         }
     }
 
-    /// BUS-7.1, BUS-7.2, BUS-7.3 A bad cable is named while it is watched and by what was counted, until the counters are cleared.
+    /// BUS-7.1, BUS-7.2 A bad cable is named while it is watched and by what was counted, until the counters are cleared.
     #[test]
     fn a_bad_cable_is_named() {
         let rig = Rig::new("io*3", "tool_noise");
@@ -113,7 +113,7 @@ mod needs_network_namespace {
         assert!(after.err.contains("no cable is bad"), "{after:?}");
     }
 
-    /// BUS-7.3, BUS-7.2 A slave that goes while cables are watched is told, the others go on, and what it has counted is told when
+    /// BUS-7.2 A slave that goes while cables are watched is told, the others go on, and what it has counted is told when
     /// it is back.
     #[test]
     fn a_slave_that_goes_while_cables_are_watched_is_told() {

@@ -29,14 +29,15 @@ pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
     let findings = Findings::of(rules, evidence);
     let mut text = format!("{HEAD}\n{}.\n", findings.summary());
     for page in &rules.pages {
-        let _ = write!(text, "\n## {}\n\n{}\n\n", page.title, page.summary);
+        let _ = write!(text, "\n## {}\n\n{}\n\n", page.title, from_docs(&page.summary, &page.file));
         // What a rule is on an ECM-XF is a question to those of the board alone.
         let of_board = page.sections.iter().any(|section| on_xf.count(section).is_some());
         text.push_str(if of_board { HEADS_OF_BOARD } else { HEADS });
         for section in page.sections.iter().filter(|section| !section.rules.is_empty()) {
             let link = format!("{}#{}", page.file, anchor(&section.title));
             let (count, tests) = (count(section), tests_of(&section.rules, evidence).len());
-            let _ = write!(text, "| [{}]({link}) | {} | {count} | {tests} |", section.title, section.summary);
+            let summary = from_docs(&section.summary, &page.file);
+            let _ = write!(text, "| [{}]({link}) | {summary} | {count} | {tests} |", section.title);
             if of_board {
                 let _ = write!(text, " {} |", on_xf.count(section).unwrap_or_default());
             }
@@ -51,6 +52,21 @@ pub fn page(rules: &Rules, evidence: &Evidence, on_xf: &OnXf) -> String {
         }
     }
     text
+}
+
+/// A text of a page in docs/rules/ as it stands in docs/: its links begin there.
+fn from_docs(text: &str, file: &str) -> String {
+    let mut parts = text.split("](");
+    let mut moved = parts.next().unwrap_or_default().to_owned();
+    for link in parts {
+        let begin = match link {
+            link if link.starts_with("http") || link.starts_with("../") => "",
+            link if link.starts_with('#') => file,
+            _ => "rules/",
+        };
+        let _ = write!(moved, "]({begin}{}", link.strip_prefix("../").unwrap_or(link));
+    }
+    moved
 }
 
 /// How many rules of a section are claimed, and how many are not.
@@ -193,6 +209,17 @@ mod tests {
             evidence.tests.entry(id_of(id).unwrap()).or_default().insert(test.to_string());
         }
         evidence
+    }
+
+    /// Links of a page in docs/rules/ lead from docs/ to where they led.
+    #[test]
+    fn links_lead_where_they_led() {
+        let text = "[a](nic.md#x), [b](../NIC.md), [c](#y), [d](https://e.org)";
+        assert_eq!(
+            from_docs(text, "rules/bus.md"),
+            "[a](rules/nic.md#x), [b](NIC.md), [c](rules/bus.md#y), [d](https://e.org)"
+        );
+        assert_eq!(from_docs("no link", "rules/bus.md"), "no link");
     }
 
     /// A test that two rules of a subject have is counted once; the page contains no names of tests.

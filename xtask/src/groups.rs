@@ -46,7 +46,9 @@ const QUICK_ON_REAL_CLOCK: &str = "runners";
 /// Tests and modules that repeat others, over other hardware, in other languages or before another judge, or that try hundreds of
 /// moments one by one: `--all` alone runs them. These are parts of names: each has to be in no other's.
 const LONG: &[&str] = &[
+    "a_crowd_locks_nobody_out",
     "all_that_a_program_sees_is_the_same",
+    "further_programs_in_cpp_run_on_a_card",
     "needs_dotnet_core::",
     "needs_pysoem::",
     "needs_tshark::",

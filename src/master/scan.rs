@@ -118,16 +118,21 @@ pub(super) async fn scan(bus: Bus) -> Result<Vec<SlaveInfo>, ScanError> {
         // In a ring a frame does not come back the way that it went, and only a way back tells how long it is. If the ring is
         // broken already, slaves behind the gap are reached by that end alone.
         let mut ends = if ports.iter().all(|ports| is_open(*ports, 0)) { loose_ends(&ports) } else { Vec::new() };
-        let entries = clocks::entries(&bus).await?;
-        slaves.iter_mut().zip(&entries).for_each(|(slave, port)| slave.entry_port = *port);
-        // Where IN and OUT are swapped frames come in by such a port, and no frame would come back any more.
-        ends.retain(|end| entries.get(usize::from(end.slave) - 1) != Some(&end.port));
+        if !ends.is_empty() {
+            let entries = clocks::entries(&bus).await?;
+            slaves.iter_mut().zip(&entries).for_each(|(slave, port)| slave.entry_port = *port);
+            // Where IN and OUT are swapped frames come in by such a port, and no frame would come back any more.
+            ends.retain(|end| entries.get(usize::from(end.slave) - 1) != Some(&end.port));
+        }
         close(&bus, &slaves, &ends, true).await?;
         bus.with(|shared| ends.iter().for_each(|end| shared.clocks.close(*end)));
         let set = clocks::set(&bus, clocks).await;
         close(&bus, &slaves, &ends, false).await?;
         let measured = set?;
         let delays = measured.delays().to_vec();
+        if ends.is_empty() {
+            slaves.iter_mut().zip(measured.entries()).for_each(|(slave, port)| slave.entry_port = port);
+        }
         drop(measured);
         bus.with(|shared| shared.clocks.ring_delays = Some(delays).filter(|_| !ends.is_empty()));
     }

@@ -24,11 +24,25 @@ pub enum Scheme {
     Nic,
 }
 
+/// A feature of this crate.
+struct Feature {
+    name: &'static str,
+    is_on: bool,
+}
+
+const SIM: Feature = Feature { name: "sim", is_on: cfg!(feature = "sim") };
+const USB: Feature = Feature { name: "usb", is_on: cfg!(feature = "usb") };
+const SPI: Feature = Feature { name: "spi", is_on: cfg!(feature = "spi") };
+const TCP: Feature = Feature { name: "tcp", is_on: cfg!(feature = "tcp") };
+const NIC: Feature = Feature { name: "nic", is_on: cfg!(feature = "nic") };
+
+/// The path of a link over SPI.
+const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
+
 /// What is known of a scheme. What opens its links stands in `open/`.
 struct Row {
     name: &'static str,
-    feature: &'static str,
-    has_feature: bool,
+    feature: Feature,
     /// This system has such links.
     is_of_this_system: bool,
     path: Option<&'static str>,
@@ -44,40 +58,35 @@ impl Scheme {
         match self {
             Self::Sim => Row {
                 name: "sim",
-                feature: "sim",
-                has_feature: cfg!(feature = "sim"),
+                feature: SIM,
                 is_of_this_system: true,
                 path: None,
                 meaning: "a simulated board in this process",
             },
             Self::Usb => Row {
                 name: "usb",
-                feature: "usb",
-                has_feature: cfg!(feature = "usb"),
+                feature: USB,
                 is_of_this_system: cfg!(any(unix, windows)),
                 path: None,
                 meaning: "a real ECM-SK on USB",
             },
             Self::Spi => Row {
                 name: "spi",
-                feature: "spi",
-                has_feature: cfg!(feature = "spi"),
+                feature: SPI,
                 is_of_this_system: cfg!(target_os = "linux"),
-                path: Some("/dev/spidevB.C"),
+                path: SPI_DEVICE,
                 meaning: "a real ECM-SK on SPI",
             },
             Self::Tcp => Row {
                 name: "tcp",
-                feature: "tcp",
-                has_feature: cfg!(feature = "tcp"),
+                feature: TCP,
                 is_of_this_system: cfg!(any(unix, windows)),
                 path: Some("//HOST:PORT"),
                 meaning: "a board that another process or machine serves (`ecmsk serve tcp`)",
             },
             Self::XfSim => Row {
                 name: "xf-sim",
-                feature: "sim",
-                has_feature: cfg!(feature = "sim"),
+                feature: SIM,
                 is_of_this_system: true,
                 path: None,
                 meaning: "a simulated board whose slaves are behind an ECM-XF; for `ecmsk xf` and `ecmsk::Xf` that chip itself, \
@@ -85,24 +94,21 @@ impl Scheme {
             },
             Self::XfSpi => Row {
                 name: "xf-spi",
-                feature: "spi",
-                has_feature: cfg!(feature = "spi"),
+                feature: SPI,
                 is_of_this_system: cfg!(target_os = "linux"),
-                path: Some("/dev/spidevB.C"),
+                path: SPI_DEVICE,
                 meaning: "a board of this process whose slaves are behind a real ECM-XF on SPI; or that chip itself",
             },
             Self::XfUsb => Row {
                 name: "xf-usb",
-                feature: "usb",
-                has_feature: cfg!(feature = "usb"),
+                feature: USB,
                 is_of_this_system: cfg!(unix),
                 path: None,
                 meaning: "the same behind a real ECM-XFU on USB",
             },
             Self::Nic => Row {
                 name: "nic",
-                feature: "nic",
-                has_feature: cfg!(feature = "nic"),
+                feature: NIC,
                 is_of_this_system: cfg!(target_os = "linux"),
                 path: Some("INTERFACE"),
                 meaning: "a board of this process whose slaves are at the end of a network card, e.g. nic:eth1: no board is \
@@ -118,7 +124,7 @@ impl Scheme {
 
     /// The feature of this crate that has such links.
     pub const fn feature(self) -> &'static str {
-        self.row().feature
+        self.row().feature.name
     }
 
     /// The scheme with that name.
@@ -129,7 +135,7 @@ impl Scheme {
     /// Whether this build can open such a link: it needs [its feature](Self::feature), and [a system](Self::is_of_this_system) that has
     /// such links.
     pub const fn in_build(self) -> bool {
-        self.row().has_feature && self.is_of_this_system()
+        self.row().feature.is_on && self.is_of_this_system()
     }
 
     /// Whether this system has such links: what is on SPI or a network card exists on Linux only, and an ECM-XFU on USB not on
@@ -169,7 +175,7 @@ impl Scheme {
         self.row().path
     }
 
-    /// What such a link is, for its help.
+    /// The meaning of the scheme in the text of `ecmsk link help`.
     pub(crate) const fn meaning(self) -> &'static str {
         self.row().meaning
     }

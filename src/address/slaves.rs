@@ -11,7 +11,7 @@ pub use kinds::SlaveModel;
 
 use super::keys::decimal;
 use super::travel::TravelSpec;
-use super::uri::suggestion;
+use super::uri::{LinkUri, UriError, suggestion};
 use crate::sk::SlotSize;
 #[cfg(feature = "sim")]
 use crate::slave::cable;
@@ -82,6 +82,14 @@ pub(crate) fn form() -> String {
 /// Why the list is invalid and what is allowed.
 pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     parse_at_most(list, SLAVES_MAX)
+}
+
+/// The list in the URI of a link to a modelled network.
+///
+/// # Errors
+/// [`UriError`]: links of that scheme have no such key.
+pub(crate) fn of_uri(uri: &LinkUri) -> Result<Vec<SlaveSpec>, UriError> {
+    uri.required("slaves", |value| parse(value).ok())
 }
 
 /// Parses the list of a network without a board, which may have more slaves.

@@ -17,7 +17,7 @@ use crate::span::Seconds;
 pub struct Event {
     /// When it happened or was seen, in board time.
     pub at: Ns,
-    /// What happened.
+    /// The kind of event, with its details.
     pub kind: EventKind,
 }
 
@@ -28,7 +28,7 @@ impl Event {
     }
 }
 
-/// What an [`Event`] is.
+/// The kind of an [`Event`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
     /// A command was not executed.
@@ -47,7 +47,7 @@ pub enum EventKind {
     },
     /// A command frame did not arrive completely and was dropped (CONFIG3, SK-5).
     Incomplete {
-        /// How many bytes came.
+        /// The number of bytes that were received.
         bytes: u16,
     },
     /// A slave in SafeOP or OP does not answer any more (SK-4).
@@ -75,7 +75,7 @@ pub enum EventKind {
     WorkingCounter {
         /// The working counter.
         counted: u16,
-        /// What it is when every slave answers.
+        /// The working counter when every slave answers.
         expected: u16,
     },
     /// A bus that takes outputs ahead has lost answers, because they were not polled in time. They made no report.

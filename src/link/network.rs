@@ -30,7 +30,7 @@ impl KnownNetwork {
     #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
-        let listed = uri.and_then(|uri| uri.required("slaves", |value| slaves::parse(value).ok()).ok());
+        let listed = uri.and_then(|uri| slaves::of_uri(&uri).ok());
         Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 

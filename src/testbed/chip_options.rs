@@ -4,6 +4,8 @@
 use std::path::PathBuf;
 
 #[cfg(feature = "sim")]
+use super::options;
+#[cfg(feature = "sim")]
 use crate::address::keys::Scheme;
 #[cfg(feature = "sim")]
 use crate::address::slaves::{self, SlaveSpec};
@@ -133,10 +135,10 @@ impl SimChipOptions {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
         Ok(Self {
-            slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
-            clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
+            slaves: slaves::of_uri(uri)?,
+            clock: options::clock(uri)?,
             chip: ModelledChip::from_uri(uri)?,
-            script: uri.typed("script", |value| Some(PathBuf::from(value)))?,
+            script: options::script(uri)?,
         })
     }
 }

@@ -62,13 +62,23 @@ impl SimOptions {
         };
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
-            slaves: uri.required("slaves", |value| slaves::parse(value).ok())?,
-            clock: uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])?,
+            slaves: slaves::of_uri(uri)?,
+            clock: clock(uri)?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,
             catch_up: uri.required("catch_up_ms", millis)?,
             rate: uri.required("rate", Fraction::parse)?,
-            script: uri.typed("script", |value| Some(PathBuf::from(value)))?,
+            script: script(uri)?,
             bus,
         })
     }
+}
+
+/// Whether the clock of a modelled network is the real one.
+pub(super) fn clock(uri: &LinkUri) -> Result<Clock, UriError> {
+    uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])
+}
+
+/// The file of events that happen to it.
+pub(super) fn script(uri: &LinkUri) -> Result<Option<PathBuf>, UriError> {
+    uri.typed("script", |value| Some(PathBuf::from(value)))
 }

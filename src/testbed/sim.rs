@@ -89,9 +89,7 @@ fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
     let Some(path) = options.script.as_deref() else { return Ok(None) };
     let has_frames =
         matches!(&options.bus, ModelledBus::Chip { chip, .. } if chip.network == Some(ChipNetwork::Controllers));
-    let script =
-        if has_frames { Script::load(path, &options.slaves) } else { Script::load_for_board(path, &options.slaves) };
-    Ok(Some(script?))
+    Ok(Some(Script::load_for(path, &options.slaves, has_frames)?))
 }
 
 /// Starts a script, if there is one, on a board and its network.

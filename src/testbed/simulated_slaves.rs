@@ -24,11 +24,7 @@ pub fn build(slaves: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, SimulatedSlave
 /// # Errors
 /// [`SimulatedSlavesError`].
 pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlavesError> {
-    let script = Script::load_for_network(path, slaves)?;
-    match script.of_board() {
-        Some((line, verb)) => Err(SimulatedSlavesError::NoBoard { file: path.display().to_string(), line, verb }),
-        None => Ok(script),
-    }
+    without_board(path, Script::load_for_network(path, slaves)?)
 }
 
 /// The same for slaves behind a chip: its lines wait for nothing, and happen to frames only if there are some.
@@ -40,7 +36,11 @@ pub(crate) fn script_of_chip(
     slaves: &[SlaveSpec],
     has_frames: bool,
 ) -> Result<Script, SimulatedSlavesError> {
-    let script = if has_frames { Script::load(path, slaves)? } else { Script::load_for_board(path, slaves)? };
+    without_board(path, Script::load_for(path, slaves, has_frames)?)
+}
+
+/// The script in that file, unless a line happens to a board.
+fn without_board(path: &Path, script: Script) -> Result<Script, SimulatedSlavesError> {
     match script.of_board() {
         Some((line, verb)) => Err(SimulatedSlavesError::NoBoard { file: path.display().to_string(), line, verb }),
         None => Ok(script),

@@ -25,7 +25,7 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// Without being asked for, each error of each call is dealt once, at any of the places where the call is made.
 const EACH_ONCE: usize = usize::MAX;
 /// So many blows are dealt where a run takes a good part of a second.
-const FEW: usize = 18;
+const FEW: usize = 24;
 
 fn strike(test: &str, usual: usize, run: impl Fn(Option<Blow>) -> Run) {
     failing_calls::strike("cargo test --test failing_calls", test, usual, run);

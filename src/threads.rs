@@ -2,6 +2,8 @@
 //! programs, which may be ended by force in them: `signal.rs`, `sync.rs`, `caller.rs`.
 
 mod caller;
+#[cfg(windows)]
+mod owned_lock;
 mod signal;
 pub(crate) mod sync;
 

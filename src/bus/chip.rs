@@ -187,13 +187,15 @@ impl Network for XfNetwork {
         }
         self.xf.state()?;
         let described: Vec<_> = (0..found).map(|slave| self.xf.slave_description(slave)).collect::<Result<_, _>>()?;
+        // The chip lays out what was configured; until then it says 0 of every slave.
+        let is_laid_out = described.iter().any(|slave| slave.output_bytes > 0 || slave.input_bytes > 0);
         self.joined = None;
         self.stations = described.iter().map(|slave| slave.station_address).collect();
         let ports: Vec<(DlStatus, u8)> = (1..=found).map(|slave| self.ports(slave)).collect();
         let upstreams = upstreams(&ports.iter().map(|(status, _)| *status).collect::<Vec<_>>());
         let slaves = described.into_iter().zip(ports).zip(upstreams).map(|((slave, (ports, port_types)), upstream)| {
             let status = AlStatusRegister(slave.state.0.into());
-            let bytes = |bytes: u32| Some(u16::try_from(bytes).unwrap_or(u16::MAX));
+            let bytes = |bytes: u32| is_laid_out.then_some(u16::try_from(bytes).unwrap_or(u16::MAX));
             let identity =
                 SiiIdentity { vendor: slave.vendor, product: slave.product, revision: slave.revision, serial: 0 };
             FoundSlave {

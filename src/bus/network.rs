@@ -46,7 +46,7 @@ pub struct FoundSlave {
     pub has_clock: bool,
     /// The protocols that its mailbox speaks, none if it has no mailbox; `None`: it is not known.
     pub protocols: Option<MailboxProtocols>,
-    /// Bytes of its own outputs and inputs; `None`: its EEPROM does not say.
+    /// Bytes of its own outputs and inputs; `None`: its EEPROM does not say, or nothing is laid out behind a chip yet.
     pub process_bytes: (Option<u16>, Option<u16>),
     /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
     pub eeprom_error: Option<String>,

@@ -206,7 +206,11 @@ pub enum Suspect {
 impl std::fmt::Display for Suspect {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Silent { slave } => write!(f, "slave {slave} does not answer; check its cable and power"),
+            Self::Silent { slave } => write!(
+                f,
+                "slave {slave} does not answer an SDO; check its cable and power, and if it is there, whether it has CoE (an IO slave \
+                 may have none)"
+            ),
             Self::NotOfKind { slave, kind, missing } => {
                 write!(f, "slave {slave} is no {kind}, it has no object {missing}; correct the configuration")
             }

@@ -184,7 +184,7 @@ impl Summary {
             match self.count(name) {
                 0 => {}
                 ms => lines.push(format!(
-                    "the program ended {ms} ms after it had asked for {state}, while the board was on its way there; a network may take \
+                    "the program gave up {ms} ms after it had asked for {state}, while the board was on its way there; a network may take \
                      seconds: wait until byte 2 of slot 0 is {state}, or shows a failure"
                 )),
             }

@@ -34,7 +34,7 @@ pub struct FrameCounts {
     /// GapFinder in a motion: the FIFO ran empty while one or more axes were moving.
     pub gaps: u64,
     /// The state that the program has asked for last and that the board has neither reached nor failed to reach yet, if it is a higher
-    /// one than before, and how long that took by the newest report, ms (at least 1).
+    /// one than before, and how long the program waited for it by the newest report, ms (at least 1).
     pub unreached: Option<(MasterState, u64)>,
 }
 
@@ -48,6 +48,8 @@ pub struct FrameWatch {
     state: StateByte,
     /// When the state of [`FrameCounts::unreached`] was asked for.
     asked_ns: i64,
+    /// The program has not asked for a lower state since then.
+    is_waiting: bool,
     /// The full count and the CRC error count in the last report in OP.
     losses: Option<(u16, u8)>,
     /// The error code of each slave's alarm.
@@ -69,6 +71,7 @@ impl FrameWatch {
             declared: false,
             state: StateByte::default(),
             asked_ns: 0,
+            is_waiting: false,
             losses: None,
             alarms: [None; MAX_SLAVES],
             gaps: std::array::from_fn(|_| GapFinder::default()),
@@ -99,8 +102,11 @@ impl FrameWatch {
                     self.counts.unreached = None;
                 }
                 Ok(MasterCommand::SetState(wanted)) => {
-                    self.counts.unreached = (Some(wanted) > self.state.state()).then_some((wanted, 1));
-                    self.asked_ns = at_ns;
+                    self.is_waiting = Some(wanted) > self.state.state();
+                    if self.is_waiting {
+                        self.counts.unreached = Some((wanted, 1));
+                        self.asked_ns = at_ns;
+                    }
                 }
                 _ => {}
             }
@@ -130,7 +136,7 @@ impl FrameWatch {
         if let Some((wanted, ms)) = &mut self.counts.unreached {
             if board.state.is_failed() || board.state.state() >= Some(*wanted) {
                 self.counts.unreached = None;
-            } else {
+            } else if self.is_waiting {
                 *ms = (at_ns.saturating_sub(self.asked_ns).max(0) as u64 / 1_000_000).max(1);
             }
         }

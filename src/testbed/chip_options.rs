@@ -156,3 +156,25 @@ fn coverages(value: &str) -> Option<Coverages> {
         None => one(value).map(Coverages::from),
     }
 }
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use super::*;
+
+    /// XF-13.6 Each value of `crc_over=` is what the model covers in the direction for which it is given.
+    #[test]
+    fn what_a_crc_covers_is_given_by_direction() {
+        const NAMES: [(&str, Coverage); 3] =
+            [("all", Coverage::All), ("valid", Coverage::Valid), ("valid4", Coverage::Valid4)];
+        let covered = |value: &str| {
+            let uri = LinkUri::parse(&format!("xf-sim:?crc_over={value}")).expect("a link");
+            ModelledChip::from_uri(&uri).expect("a chip").profile().coverages
+        };
+        for (name, commands) in NAMES {
+            assert_eq!(covered(name), Coverages::from(commands));
+            for (other, answers) in NAMES {
+                assert_eq!(covered(&format!("{name},{other}")), Coverages { commands, answers });
+            }
+        }
+    }
+}

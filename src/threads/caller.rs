@@ -18,6 +18,19 @@ impl Caller {
     }
 }
 
+#[cfg(windows)]
+impl Caller {
+    /// In a word, which is never 0.
+    pub const fn packed(self) -> u64 {
+        (self.0.number as u64) << 32 | self.0.made as u64
+    }
+
+    /// The thread of [`packed`](Self::packed).
+    pub const fn from_packed(packed: u64) -> Self {
+        Self(imp::Thread { number: (packed >> 32) as u32, made: packed as u32 })
+    }
+}
+
 #[cfg(target_os = "linux")]
 mod imp {
     use rustix::io::Errno;
@@ -56,8 +69,9 @@ mod imp {
     /// A thread by its number, which Windows soon gives to another one, and by when it was made.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Thread {
-        number: u32,
-        made: u64,
+        pub number: u32,
+        /// The low half of it, which comes again after seven minutes.
+        pub made: u32,
     }
 
     impl Thread {
@@ -92,7 +106,7 @@ mod imp {
     ///
     /// # Safety
     /// `thread` is the handle of a thread.
-    unsafe fn made(thread: Handle) -> u64 {
+    unsafe fn made(thread: Handle) -> u32 {
         let mut times = [0_u64; 4];
         let [made, ended, kernel, user] = &mut times;
         // SAFETY: each place has room for one FILETIME of 8 bytes.
@@ -105,7 +119,7 @@ mod imp {
                 ptr::from_mut(user),
             )
         };
-        times[0]
+        times[0] as u32
     }
 
     #[link(name = "kernel32")]

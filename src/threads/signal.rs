@@ -91,9 +91,10 @@ mod imp {
 mod imp {
     use std::ffi::c_void;
     use std::ptr;
-    use std::sync::{Mutex, MutexGuard, PoisonError};
     use std::thread;
     use std::time::Duration;
+
+    use crate::threads::owned_lock::{Mutex, MutexGuard};
 
     type Handle = *mut c_void;
 
@@ -128,7 +129,7 @@ mod imp {
         }
 
         fn lock(&self) -> MutexGuard<'_, Vec<Waiter>> {
-            self.0.lock().unwrap_or_else(PoisonError::into_inner)
+            self.0.lock()
         }
 
         pub fn ticket(&self) -> Ticket {

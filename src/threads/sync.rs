@@ -26,10 +26,10 @@ mod imp {
 /// std's locks and condition variables are Windows' own, which keep a list of the threads that wait in their stacks.
 #[cfg(windows)]
 mod imp {
-    pub use parking_lot::{Mutex, MutexGuard};
     use std::time::Duration;
 
     use crate::threads::Signal;
+    pub use crate::threads::owned_lock::{Mutex, MutexGuard};
 
     pub struct Condvar(Signal);
 
@@ -61,11 +61,13 @@ mod imp {
 
     fn wait_at_most<'a, T>(
         Condvar(signal): &Condvar,
-        mut guard: MutexGuard<'a, T>,
+        guard: MutexGuard<'a, T>,
         limit: Option<Duration>,
     ) -> MutexGuard<'a, T> {
         let ticket = signal.ticket();
-        MutexGuard::unlocked(&mut guard, || signal.wait(ticket, limit));
-        guard
+        let mutex = guard.mutex;
+        drop(guard);
+        signal.wait(ticket, limit);
+        mutex.lock()
     }
 }

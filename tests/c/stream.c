@@ -38,8 +38,12 @@ int main(int argc, char **argv)
         master(SET_AXIS, 0, 0, 0);
     }
     master(SET_STATE, 0, STATE_OPERATIONAL, 0);
-    if (strcmp(how, "hasty") == 0) {
+    if (strncmp(how, "hasty", 5) == 0) {
         read_some(5);
+        if (strcmp(how, "hasty_and_tidy") == 0) {
+            master(SET_STATE, 0, STATE_INIT, 0);
+            read_some(5);
+        }
         puts("gave up");
         CloseECMUSB();
         return 1;

@@ -88,11 +88,21 @@ pub fn install_into(project: &Project, built: &Path, prefix: &Path) -> Result<()
 
     // The folder where udev looks, if the prefix is /usr or /usr/local.
     copy(&project.root.join("share/udev").join(UDEV_RULE), &rules.join(UDEV_RULE))?;
+    for folder in MSVC_FOLDERS {
+        let to = prefix.join("share/ecmsk").join(folder);
+        fs::create_dir_all(&to).map_err(Error::file("make", &to))?;
+        for header in headers(&project.root.join("share").join(folder))? {
+            copy(&header, &to.join(header.file_name().unwrap_or_default()))?;
+        }
+    }
 
     let file = pkgconfig.join("nextwusblib.pc");
     fs::write(&file, pkgconfig_file()).map_err(Error::file("write", &file))?;
     share(&bin.join("ecmsk"), &prefix.join("share"))
 }
+
+/// The folders in `share` with the headers for sources of Visual Studio.
+const MSVC_FOLDERS: [&str; 2] = ["msvc", "msvc/capital"];
 
 /// Installs the headers into `include`.
 pub fn install_headers(project: &Project, include: &Path) -> Result<(), Error> {

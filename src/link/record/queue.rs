@@ -2,7 +2,7 @@
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use super::file::Sink;
 use super::ring::{Ring, Taken};
 use super::writer::{self, Capture, Entry};
 use crate::recording::{Clock, RecordMeta};
-use crate::threads::{self, Caller, Signal};
+use crate::threads::{self, Caller, Signal, sync};
 
 /// How long the end of a recording waits for the calls under way, which end with their link. \[OURS]
 const CALLS_LIMIT: Duration = Duration::from_secs(10);
@@ -83,7 +83,7 @@ pub(in crate::link) struct Recorder<E> {
     /// The recording ends: what is called from here on is not recorded.
     is_ending: AtomicBool,
     /// The threads that are in a call.
-    callers: Mutex<Vec<Caller>>,
+    callers: sync::Mutex<Vec<Caller>>,
     /// Woken without a lock.
     wakes: Thread,
     writer: Mutex<Option<JoinHandle<()>>>,
@@ -114,7 +114,7 @@ impl<E: Entry> Recorder<E> {
             given_up: AtomicBool::new(false),
             queue,
             is_ending: AtomicBool::new(false),
-            callers: Mutex::default(),
+            callers: sync::Mutex::default(),
             wakes: writer.thread().clone(),
             writer: Mutex::new(Some(writer)),
         })
@@ -132,8 +132,8 @@ impl<E: Entry> Recorder<E> {
         RecordedCall { recorder: self, caller, is_recorded: !self.is_ending.load(Ordering::SeqCst) }
     }
 
-    fn callers(&self) -> MutexGuard<'_, Vec<Caller>> {
-        self.callers.lock().unwrap_or_else(PoisonError::into_inner)
+    fn callers(&self) -> sync::MutexGuard<'_, Vec<Caller>> {
+        sync::lock(&self.callers)
     }
 
     /// Entries that are missing from the recording.
@@ -243,7 +243,7 @@ impl<E: Entry> RecordedCall<'_, E> {
 
 impl<E> Drop for RecordedCall<'_, E> {
     fn drop(&mut self) {
-        let mut callers = self.recorder.callers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut callers = sync::lock(&self.recorder.callers);
         if let Some(own) = callers.iter().position(|caller| *caller == self.caller) {
             callers.swap_remove(own);
         }

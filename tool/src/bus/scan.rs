@@ -102,6 +102,7 @@ impl Tree<'_> {
             (Some(outputs), Some(inputs)) => format!("{outputs} bytes out, {inputs} in"),
             (Some(outputs), None) => format!("{outputs} bytes out, how many in its EEPROM does not say"),
             (None, Some(inputs)) => format!("{inputs} bytes in, how many out its EEPROM does not say"),
+            (None, None) if slave.protocols.is_none() => "process data not known".to_owned(),
             (None, None) => "its EEPROM does not say how many bytes out and in".to_owned(),
         };
         let mailbox = match slave.protocols {

@@ -141,8 +141,10 @@ fn answered(board: &Board, what: &str, slave: u8, error: BoardError) -> BoardErr
         Some(config) if silent => find_slave(config, what, slave).map_or_else(|none| none, |_| error),
         None if silent => BoardError::Refused {
             what: what.to_owned(),
-            why: format!("slave {slave} does not answer"),
-            next: "see which slaves there are with `info --scan`, and check its cable and power".into(),
+            why: format!("slave {slave} does not answer it"),
+            next: "see with `info --scan` whether it is there; if it is not, check its cable and power, and if it is, whether it has CoE \
+                   (an IO slave may have none)"
+                .into(),
         },
         _ => error,
     }

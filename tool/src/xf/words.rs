@@ -1,5 +1,6 @@
 //! Names of states and bits as the tool writes them.
 
+use ecmsk::ethercat::AlStatus;
 use ecmsk::xf::fields::Names;
 use ecmsk::xf::{EtherCatState, NetworkState};
 
@@ -74,7 +75,7 @@ pub fn listed(words: &[String]) -> String {
 
 /// The AL status code behind a state, if there is one.
 pub fn al_status_text(code: u16) -> String {
-    if code == 0 { String::new() } else { format!(", AL status code 0x{code:04X}") }
+    if code == 0 { String::new() } else { format!(", AL status code {}", AlStatus(code)) }
 }
 
 /// The number of a name, in any case, dashes and underscores left out.

@@ -159,6 +159,8 @@ fn an_axis_with_an_alarm_is_not_switched_on_homed_or_moved() {
     }
     let ran = script(&board, "state op\nwait 100ms\nservo clear 1\nservo on 1\nmove 1=5\n");
     assert_eq!((ran.code, ran.out.lines().last()), (Some(0), Some("axis 1: at 5")), "{ran:?}");
+    let ran = script(&board, "state op\nwait 100ms\nsdo read 1 error_code\n");
+    assert_eq!((ran.code, ran.out.lines().last()), (Some(0), Some("29952 (0x7500): communication")), "{ran:?}");
     let stays = text("stays.ecmscript", "at 10ms alarm 1 0x7500 stays\n");
     let ran = script(&format!("{BOARD}&script={stays}"), "state op\nwait 100ms\nservo clear 1\n");
     assert!(ran.err.contains(":3: axis 1 has alarm 0x7500"), "{ran:?}");

@@ -128,6 +128,7 @@ fn library(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), 
 
 fn development(_: &Project, place: &Place, stage: &Path, tree: &Tree) -> Result<(), Error> {
     tree.copy_all(&stage.join("include"), "usr/include", &[".h"])?;
+    tree.copy_all(&stage.join("share/ecmsk/msvc"), "usr/share/ecmsk/msvc", &[".h"])?;
     tree.copy(&stage.join("lib").join(ARCHIVE), &place.of(&format!("usr/lib/@/{ARCHIVE}")), DATA)?;
     tree.link(&place.of(&format!("usr/lib/@/{LINK_NAME}")), SONAME)?;
     let file = stage.join("lib/pkgconfig/nextwusblib.pc");

@@ -1,15 +1,22 @@
 //! A lock that knows whose it is. `TerminateThread` ends a thread between any two instructions: the next one takes the lock over
-//! whose owner is gone.
+//! whose owner is gone. Whoever waits is in no list, as in those of Windows and of `parking_lot`, which hand the lock on to a
+//! thread that was ended while it waited.
 
+use std::cell::UnsafeCell;
+use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use std::{hint, thread};
 
 use super::Caller;
 
-/// How long a thread waits before it looks whether the lock's owner is gone. \[OURS]
-const LOOK_INTERVAL: Duration = Duration::from_millis(20);
-/// In [`Mutex::owner`]: the lock is free, or is just being taken or released.
+/// How often a thread tries before it lets others run: a lock is held for as long as it takes to copy a frame. \[OURS]
+const SPINS: u32 = 64;
+/// How often it lets others run before it sleeps, and looks whether the owner is gone. \[OURS]
+const YIELDS: u32 = 64;
+const SLEEP: Duration = Duration::from_millis(1);
+/// In [`Mutex::owner`]: the lock is free.
 const NOBODY: u64 = 0;
 
 /// A lock that a thread which was ended by force does not keep.
@@ -17,58 +24,65 @@ const NOBODY: u64 = 0;
 pub struct Mutex<T> {
     /// [`Caller::packed`].
     owner: AtomicU64,
-    inner: parking_lot::Mutex<T>,
+    value: UnsafeCell<T>,
 }
+
+// SAFETY: only the thread that has the lock reaches the value.
+unsafe impl<T: Send> Sync for Mutex<T> {}
 
 impl<T> Mutex<T> {
     /// A lock that nobody holds.
     pub const fn new(value: T) -> Self {
-        Self { owner: AtomicU64::new(NOBODY), inner: parking_lot::Mutex::new(value) }
+        Self { owner: AtomicU64::new(NOBODY), value: UnsafeCell::new(value) }
     }
 
     /// Waits for the lock.
     pub fn lock(&self) -> MutexGuard<'_, T> {
         let caller = Caller::current().packed();
-        loop {
-            if let Some(guard) = self.inner.try_lock_for(LOOK_INTERVAL) {
-                self.owner.store(caller, Ordering::Relaxed);
-                return MutexGuard { mutex: self, guard };
+        let take_from = |owner| self.owner.compare_exchange(owner, caller, Ordering::Acquire, Ordering::Relaxed);
+        let mut tries = 0_u32;
+        while let Err(owner) = take_from(NOBODY) {
+            if tries < SPINS {
+                hint::spin_loop();
+            } else if tries < SPINS + YIELDS {
+                thread::yield_now();
+            } else if owner != NOBODY && Caller::from_packed(owner).is_gone() && take_from(owner).is_ok() {
+                break;
+            } else {
+                thread::sleep(SLEEP);
             }
-            let owner = self.owner.load(Ordering::Relaxed);
-            if owner != NOBODY
-                && Caller::from_packed(owner).is_gone()
-                // Another thread that waits has found the same.
-                && self.owner.compare_exchange(owner, NOBODY, Ordering::Relaxed, Ordering::Relaxed).is_ok()
-            {
-                // SAFETY: the lock is held by a thread that does not exist any more, and only one thread gets here for it.
-                unsafe { self.inner.force_unlock() };
-            }
+            tries = tries.saturating_add(1);
         }
+        MutexGuard { mutex: self, of_thread: PhantomData }
     }
 }
 
 /// The lock is held as long as this lives.
+#[derive(Debug)]
 pub struct MutexGuard<'a, T> {
     pub mutex: &'a Mutex<T>,
-    guard: parking_lot::MutexGuard<'a, T>,
+    /// It stays with the thread that took the lock.
+    of_thread: PhantomData<*const ()>,
 }
 
 impl<T> Deref for MutexGuard<'_, T> {
     type Target = T;
 
     fn deref(&self) -> &T {
-        &self.guard
+        // SAFETY: this thread has the lock.
+        unsafe { &*self.mutex.value.get() }
     }
 }
 
 impl<T> DerefMut for MutexGuard<'_, T> {
     fn deref_mut(&mut self) -> &mut T {
-        &mut self.guard
+        // SAFETY: as above, and through this guard alone.
+        unsafe { &mut *self.mutex.value.get() }
     }
 }
 
 impl<T> Drop for MutexGuard<'_, T> {
     fn drop(&mut self) {
-        self.mutex.owner.store(NOBODY, Ordering::Relaxed);
+        self.mutex.owner.store(NOBODY, Ordering::Release);
     }
 }

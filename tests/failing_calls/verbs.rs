@@ -42,6 +42,19 @@ fn a_move() {
     strike("a_move", EACH_ONCE, |blow| Run::judge(moves("sim:?slaves=drive&clock=virtual", blow), arrived));
 }
 
+/// Of a shell and a monitor each thread, and what they read and write, may fail.
+#[test]
+fn a_shell_and_a_monitor() {
+    for words in [&["shell"][..], &["monitor", "--once"]] {
+        let run = |blow| {
+            let mut tool = tool_without_link(words);
+            tool.args(["--link", "sim:?slaves=drive&clock=virtual"]);
+            Run::judge(failing_calls::run(&mut tool, Whose::Program, blow, LIMIT, None), |_| Ok(()))
+        };
+        strike("a_shell_and_a_monitor", FEW, run);
+    }
+}
+
 #[test]
 fn a_move_on_the_real_clock() {
     strike("a_move_on_the_real_clock", FEW, |blow| Run::judge(moves("sim:?slaves=drive&clock=real", blow), arrived));

@@ -29,12 +29,13 @@ use ecmsk::recording::{Address, RecordMeta};
 use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::filter::{Command, Slots, Times, parse_seconds};
 use super::kinds::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
+use super::stderr::say;
 use frames::{Shown, Time, View};
 use hex::HexError;
 use text::Numbering;

@@ -30,10 +30,11 @@ use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::kinds::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::Frames;
+use super::stderr::say;
 use super::{output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};

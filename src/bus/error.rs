@@ -79,7 +79,7 @@ pub enum BusError {
     Eeprom { slave: u8, error: SiiError },
     /// A content is not fit for an EEPROM.
     #[error(transparent)]
-    Content(#[from] super::eeprom::ContentError),
+    Content(#[from] super::content_error::ContentError),
     /// What was written is not what is read.
     #[error(
         "slave {slave}: word 0x{word:04X} of its EEPROM was written and reads back as 0x{found:04X}, not 0x{wanted:04X}; write it \

@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
+use super::counts::Counts;
 use super::cycles::Cycles;
 use super::report::Answer;
-use super::{Counts, TimedFrame, WINDOW_CYCLES};
+use super::{TimedFrame, WINDOW_CYCLES};
 use crate::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};

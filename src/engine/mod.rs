@@ -95,7 +95,7 @@ pub struct Engine {
     /// The job of the bus under way that is no SDO.
     job: Option<jobs::NetworkJob>,
     /// Who has asked for the SDO transfer under way. It may run beside a change of state.
-    sdo_owner: Option<jobs::SdoOwner>,
+    sdo_owner: Option<restore::SdoOwner>,
     /// The newest transfer that ended was one of the host.
     host_had_turn: bool,
     cancel_job: bool,

@@ -6,14 +6,14 @@ use std::task::{Context, Poll};
 use super::bus::{Bus, Task};
 use super::mailbox::{Mailbox, Peer};
 use super::place::{Place, place};
-use super::sdo::NumberTransfer;
+use super::sdo::{NumberDone, NumberTransfer};
 use super::shared::Shared;
 use super::sii::Eeprom;
 use super::states::{Plan, StateChange};
 use super::watch::{self, Watch};
 use super::{
     DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
-    StateError, foe, information, registers, scan, sdo,
+    StateError, clocks, foe, information, registers, scan, sdo,
 };
 use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
@@ -78,7 +78,7 @@ pub(super) struct Running {
 }
 
 /// The transfer of a number: of which slave and object.
-type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), JobDone>;
+type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), NumberDone>;
 
 /// Where a sequence runs.
 pub(super) enum Work {
@@ -94,7 +94,12 @@ impl Work {
         match self {
             Self::Once(task) => task.as_mut().poll(context),
             Self::State(change) => change.poll(bus, context).map(|ended| Output::Done(JobDone::State(ended))),
-            Self::Number(transfer) => transfer.poll(context).map(Output::Done),
+            Self::Number(transfer) => transfer.poll(context).map(|ended| {
+                Output::Done(match ended {
+                    NumberDone::Upload(number) => JobDone::UploadNumber(number),
+                    NumberDone::Download(written) => JobDone::Download(written),
+                })
+            }),
         }
     }
 }
@@ -148,7 +153,7 @@ impl Master {
                 let found = slaves.len() as u8;
                 self.process.reset(&slaves);
                 self.places = Places::new(&self.bus, slaves.len());
-                self.bus.with(|shared| shared.make_room(slaves.len()));
+                self.bus.with(|shared| clocks::make_room(shared, slaves.len()));
                 self.watch = Some(Box::pin(Watch::new(self.bus.clone(), slaves.clone()).run()));
                 self.slaves = slaves;
                 JobDone::Scan(Ok(found))

@@ -7,7 +7,7 @@
 //! No frame of a brake goes beyond what the axis was told, turns it round or makes it faster, however late the frame is: this process
 //! may stand still before each of them.
 
-use super::left_behind::LeftBehind;
+use super::LeftBehind;
 use super::movement::{self, Observation};
 use crate::cia402::Mode;
 use crate::ecm::config::Slave;

@@ -36,6 +36,7 @@ pub fn help() -> String {
         let _ = writeln!(text, "  {form}\n      {} [{whose}{default}]", key.meaning);
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
+    let _ = write!(text, "\n{}", slaves::kinds_help());
     let _ = write!(text, "\n{}", travel::help());
     let _ = write!(text, "\n{}", slaves::manufacturer_objects_help());
     #[cfg(feature = "sim")]

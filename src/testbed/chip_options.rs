@@ -8,7 +8,7 @@ use super::options;
 #[cfg(feature = "sim")]
 use crate::address::keys::Scheme;
 #[cfg(feature = "sim")]
-use crate::address::slaves::{self, SlaveSpec};
+use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
 use crate::link::chip_link::{data_size, speed_hz};
 #[cfg(feature = "sim")]
@@ -135,7 +135,7 @@ impl SimChipOptions {
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
         Ok(Self {
-            slaves: slaves::of_uri(uri)?,
+            slaves: uri.slaves()?,
             clock: options::clock(uri)?,
             chip: ModelledChip::from_uri(uri)?,
             script: options::script(uri)?,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::chip_options::ModelledChip;
 use crate::address::Fraction;
 use crate::address::keys::{Scheme, millis};
-use crate::address::slaves::{self, SlaveSpec};
+use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
 use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
@@ -62,7 +62,7 @@ impl SimOptions {
         };
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
-            slaves: slaves::of_uri(uri)?,
+            slaves: uri.slaves()?,
             clock: clock(uri)?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,
             catch_up: uri.required("catch_up_ms", millis)?,

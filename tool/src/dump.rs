@@ -116,8 +116,10 @@ pub struct Args {
     #[arg(long, value_name = "BUS.ADDRESS", conflicts_with = "hex", value_parser = recording::parse_device)]
     device: Option<Address>,
 
-    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, dp3cl, none
-    #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
+    #[arg(long, value_name = "LIST", value_parser = KindList::parse, help = KindList::help(
+        "What the slaves are, in the order of the network",
+        "",
+    ))]
     kinds: Option<KindList>,
 
     /// Firmware of the board, 1.7 or 1.5: with 1.5, byte 1 of a slave's response is its mode [default: what

@@ -27,7 +27,6 @@ impl KnownNetwork {
     }
 
     /// The slaves in the URI of a `sim:` or `xf-sim:` link; unknown for any other link.
-    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
         let listed = uri.and_then(|uri| uri.slaves().ok());
@@ -35,7 +34,6 @@ impl KnownNetwork {
     }
 
     /// The network of these slaves, given by their words in network order.
-    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::chip_options::ModelledChip;
+use super::clock_and_script::{clock, script};
 use crate::address::Fraction;
 use crate::address::keys::{Scheme, millis};
 use crate::address::slaves::SlaveSpec;
@@ -71,14 +72,4 @@ impl SimOptions {
             bus,
         })
     }
-}
-
-/// Whether the clock of a modelled network is the real one.
-pub(super) fn clock(uri: &LinkUri) -> Result<Clock, UriError> {
-    uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])
-}
-
-/// The file of events that happen to it.
-pub(super) fn script(uri: &LinkUri) -> Result<Option<PathBuf>, UriError> {
-    uri.typed("script", |value| Some(PathBuf::from(value)))
 }

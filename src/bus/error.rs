@@ -1,7 +1,7 @@
 //! Why something about a network is not known or not done.
 
 use crate::address::uri::UriError;
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Strangers;
 use crate::link::LinkError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};

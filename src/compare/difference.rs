@@ -5,7 +5,7 @@ use std::fmt::{self, Display, Formatter};
 use super::Side;
 use super::counts::seconds;
 use super::steps::Step;
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 

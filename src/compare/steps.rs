@@ -6,7 +6,7 @@ use super::counts::Counts;
 use super::cycles::Cycles;
 use super::report::Answer;
 use super::{TimedFrame, WINDOW_CYCLES};
-use crate::cia402::DriveState;
+use crate::ethercat::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};
 use crate::sk::dump::{MAX_SLAVES, SlaveData};

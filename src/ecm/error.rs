@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::config::ConfigError;
-use crate::cia402::{ErrorCode, Mode, Statusword};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::cia402::{ErrorCode, Mode, Statusword};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
 use crate::sk::{MasterState, SlaveKind, StateByte};
 use crate::span::Span;

@@ -4,7 +4,7 @@
 use super::network::Step;
 use super::restore::{SdoOwner, mode_object, mode_write};
 use super::{Axis, Engine, Event, EventKind, SlotHead, StateFailure};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
     AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role,
     SlaveConfig, SlaveSet,

@@ -8,8 +8,8 @@ use super::network::Step;
 use super::outputs::used_axes;
 use super::state_failure::SlaveFall;
 use super::{Engine, Event, EventKind};
-use crate::cia402::Mode;
 use crate::ethercat::AlStatus;
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, Inputs, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
 

@@ -511,7 +511,7 @@ impl Engine {
 
     /// Whether an axis of a slave has torque, or is about to have, by what was measured last.
     fn has_torque(&self, slave: u8) -> bool {
-        use crate::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
+        use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;
         let axes = self.volatile.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
         axes.into_iter().any(|(axis, input)| {

@@ -3,8 +3,8 @@
 
 use super::homing::HomingEnd;
 use super::{Engine, Event, EventKind};
-use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::ethercat::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 

@@ -5,7 +5,7 @@ use super::network::Network;
 use super::restore::Restores;
 use super::sdo::SdoSlot;
 use super::{StateFailure, test_mode};
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
 

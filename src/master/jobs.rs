@@ -15,7 +15,7 @@ use super::{
     DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
     StateError, clocks, foe, information, registers, scan, sdo,
 };
-use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::ethercat::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// \[OURS] How many changes of state, and how many transfers of numbers, there is room for at once before more needs memory.
@@ -294,13 +294,13 @@ impl Master {
         self.start(async move { Output::Done(JobDone::ObjectList(information::list(bus, peer, list).await)) })
     }
 
-    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::coe::ObjectDescription) to be decoded.
+    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) to be decoded.
     pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> JobId {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
         self.start(async move { Output::Done(JobDone::Description(information::object(bus, peer, index).await)) })
     }
 
-    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::coe::EntryDescription) to be decoded.
+    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::ethercat::coe::EntryDescription) to be decoded.
     pub fn describe_entry(&mut self, slave: u8, request: EntryRequest, timeout_ns: Ns) -> JobId {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
         self.start(async move { Output::Done(JobDone::Description(information::entry(bus, peer, request).await)) })

@@ -7,7 +7,7 @@
 use super::bus::{Bus, Unanswered};
 use super::mailbox_state::MailboxState;
 use super::{Event, MailboxInfo};
-use crate::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
+use crate::ethercat::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
 use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
 };

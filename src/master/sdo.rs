@@ -2,11 +2,11 @@
 
 use super::bus::Bus;
 use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
-use crate::coe::{
+use crate::ethercat::Ns;
+use crate::ethercat::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
     SdoValuePart,
 };
-use crate::ethercat::Ns;
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 

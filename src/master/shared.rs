@@ -10,7 +10,7 @@ use super::exchange::Exchange;
 use super::mailbox_state::MailboxState;
 use super::pace::Pacer;
 use super::{Pace, Settings, SlaveInfo, place};
-use crate::coe::Emergency;
+use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 

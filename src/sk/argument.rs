@@ -3,7 +3,7 @@
 
 use core::fmt;
 
-use crate::coe::ObjectAddress;
+use crate::ethercat::coe::ObjectAddress;
 
 /// The value of one argument of a command, for formats that show a command's arguments by name, such as JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

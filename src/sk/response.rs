@@ -28,8 +28,8 @@
 use super::id::CommandId;
 use super::slot::{RawSlot, SlotSize, TwoChannelSlot, object_word};
 pub use super::state::{MasterState, StateByte};
-use crate::cia402::Statusword;
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::cia402::Statusword;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 
 /// Slot 0 of a response (SK-2), without byte 3, the CRC, which belongs to the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -22,7 +22,7 @@ use super::plant::Servo;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
-use crate::cia402::error_name;
+use crate::ethercat::cia402::error_name;
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 

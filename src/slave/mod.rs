@@ -70,7 +70,7 @@ pub use switches::{HomeSwitch, Input, Travel};
 
 pub use crate::ethercat::AlStatus;
 
-use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
 use dictionary::{EntryDescription, ObjectDescription};
 use esc::EscSettings;
 use identity::Identity;

@@ -9,9 +9,9 @@
 
 use super::LeftBehind;
 use super::movement::{self, Observation};
-use crate::cia402::Mode;
 use crate::ecm::config::Slave;
 use crate::ecm::exchange::Session;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
 /// \[OURS] Targets that go no further than that in a step are those of an axis that stands, counts.

@@ -9,8 +9,8 @@ use std::time::Duration;
 use super::axis_ramp::ramp_from_position;
 use super::movement::{self, Observation};
 use super::{RAMP_FRAMES_MIN, Stop, settling_time};
-use crate::cia402::Mode;
 use crate::ecm::EcmError;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand, SlotCommand};
 
 /// \[OURS] Entries wait for a threshold if so many reports in a row show that none was taken out.

@@ -2,7 +2,7 @@
 //! which the board does it.
 
 use super::answer_wait_ns;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};

@@ -3,7 +3,7 @@
 use super::ages::Ages;
 use super::configure::{Configuring, is_busy};
 use super::{NicBus, NicWires, RunningSdo};
-use crate::coe::{AbortCode, SdoScope};
+use crate::ethercat::coe::{AbortCode, SdoScope};
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};

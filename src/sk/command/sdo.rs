@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Formatter};
 
-use crate::coe::{ObjectAddress, SdoSize};
+use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::argument::{Argument, Malformed};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, object_word};

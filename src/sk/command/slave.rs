@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Formatter};
 
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::sk::argument::{Argument, AxisTarget, DriveSync, Malformed, TorquePercent};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};

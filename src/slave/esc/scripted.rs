@@ -1,6 +1,6 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;

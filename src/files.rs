@@ -12,10 +12,7 @@ pub(crate) struct SmallFile {
     /// All of its bytes.
     pub(crate) bytes: Vec<u8>,
     /// Owner, mode and size of the file that the bytes were read from, even if the path names another file by now.
-    #[cfg_attr(
-        not(all(unix, feature = "tcp")),
-        allow(dead_code, reason = "only used on Unix, to check owner and mode of a secret")
-    )]
+    #[cfg_attr(not(unix), allow(dead_code, reason = "only used on Unix, to check owner and mode of a secret"))]
     pub(crate) metadata: Metadata,
 }
 

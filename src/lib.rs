@@ -173,6 +173,10 @@
 //! - `docs/rules/board.md`: what the board does, rule by rule with its source. Comments in the code name a rule as `SK-5.6`;
 //! - `examples/rust/`: complete programs.
 #![cfg_attr(not(feature = "std"), no_std)]
+#![cfg_attr(
+    not(all(feature = "nic", feature = "serve", feature = "sim", feature = "spi", feature = "usb")),
+    allow(dead_code, unused_imports, reason = "a link or a server that is not in the build would use it")
+)]
 
 pub mod ethercat;
 pub mod sk;
@@ -225,9 +229,8 @@ mod span;
 #[cfg(feature = "std")]
 pub mod summary;
 #[cfg(all(feature = "tcp", any(unix, windows)))]
-#[cfg_attr(not(feature = "serve"), allow(dead_code, unused_imports, reason = "the server's end is not in the build"))]
 mod tcp;
-#[cfg(feature = "std")]
+#[cfg(feature = "sim")]
 mod testbed;
 #[cfg(feature = "std")]
 #[doc(hidden)]

@@ -11,8 +11,8 @@ use ecmsk::sk::{Frame, SlotSize};
 use ecmsk::threads::Caller;
 
 use crate::error::{CallError, lock};
+use crate::forked::{self, MayHoldLock};
 use crate::module::ModuleReference;
-use crate::shutdown::MayHoldLock;
 
 /// An open link with the default timeouts of its URI.
 pub struct OpenBoard {
@@ -28,19 +28,11 @@ pub struct OpenBoard {
     module: Mutex<Option<ModuleReference>>,
 }
 
-/// How many boards are open in this process.
-static OPEN: AtomicUsize = AtomicUsize::new(0);
-
-/// Whether any board is open.
-pub fn any_open() -> bool {
-    OPEN.load(Ordering::Relaxed) > 0
-}
-
 impl OpenBoard {
     /// Wraps a link that was just opened.
     pub fn new(link: Arc<dyn Link>) -> Arc<Self> {
         let info = link.info();
-        OPEN.fetch_add(1, Ordering::Relaxed);
+        forked::note_opened();
         Arc::new(Self {
             link,
             read_wait: info.read_wait,
@@ -65,11 +57,11 @@ impl OpenBoard {
     fn end(&self, end: impl FnOnce(&dyn Link)) {
         let _may_hold_lock = MayHoldLock::begin();
         if !self.closed.swap(true, Ordering::Relaxed) {
-            OPEN.fetch_sub(1, Ordering::Relaxed);
+            forked::note_closed();
         }
         end(self.link.as_ref());
         #[cfg(windows)]
-        if !any_open() {
+        if !forked::any_open() {
             crate::logger::rest();
         }
         lock(&self.module).take();

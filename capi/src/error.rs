@@ -7,7 +7,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use ecmsk::link::LinkError;
 use ecmsk::link::config::Source;
 
-use crate::shutdown;
+use crate::forked;
 
 /// Why a call of the C ABI failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -125,7 +125,7 @@ pub fn remember_open(error: &CallError) {
 pub fn last() -> *const c_char {
     TEXT_OF_THREAD.with(|text| {
         // In a child of fork the lock may be held by a thread that does not exist there.
-        if !HAS_OWN_ERROR.get() && !shutdown::is_forked() {
+        if !HAS_OWN_ERROR.get() && !forked::is_forked() {
             *text.borrow_mut() = *lock(&LAST_OPEN);
         }
         text.as_ptr().cast_const().cast()

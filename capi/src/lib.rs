@@ -8,14 +8,14 @@
 //! | --- | --- |
 //! | `exported/` | the exported functions |
 //! | `buffer.rs` | the caller's memory |
-//! | `board.rs`, `handles.rs` | an open board, and the table of those opened by URI |
+//! | `board.rs`, `handles.rs`, `open_boards.rs` | an open board, the table of those opened by URI, all of this process |
 //! | `connect.rs` | which link is opened |
 //! | `last_frame.rs` | the frame that was moved last, which a failed read leaves to the program |
 //! | `error.rs`, `last_error.rs` | why a call failed, as text and for Windows' GetLastError |
 //! | `logger.rs` | the log |
 //! | `memory.rs` | a system without memory |
 //! | `module/` | the library as a file: its folder, and how it is unloaded on Windows |
-//! | `shutdown.rs`, `cancellation.rs`, `floating_point.rs` | the end of the process, fork, cancelled threads, the caller's floating-point state |
+//! | `shutdown.rs`, `forked.rs`, `cancellation.rs`, `floating_point.rs` | the end of the process, fork, cancelled threads, the caller's floating-point state |
 #![allow(non_snake_case, reason = "the library is named as the vendor's is")]
 
 mod board;
@@ -25,12 +25,14 @@ mod connect;
 mod error;
 mod exported;
 mod floating_point;
+mod forked;
 mod handles;
 mod last_error;
 mod last_frame;
 mod logger;
 mod memory;
 mod module;
+mod open_boards;
 mod shutdown;
 
 use exported::boards::{ecmsk_close, ecmsk_open, ecmsk_read, ecmsk_vendor_board, ecmsk_write};

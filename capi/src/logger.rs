@@ -104,7 +104,7 @@ struct StandardError;
 
 impl Write for StandardError {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if cfg!(windows) && !crate::board::any_open() {
+        if cfg!(windows) && !crate::forked::any_open() {
             // No thread of ours may be left when the library is unloaded, and no board is there that could wait.
             write_now(bytes);
             return Ok(bytes.len());

@@ -1,47 +1,18 @@
 //! The end of a process that has not closed its boards, and fork.
 //!
 //! When the process ends the boards' threads are stopped and recordings completed, and a server of a board is told that the
-//! program has vanished, whatever the exit code. A child of fork has no threads of its parent, so it cannot use the boards
-//! that were open; it lets go of their connections, so that a server notices the end of its parent.
+//! program has vanished, whatever the exit code. A child of fork lets go of the connections of boards that were open, so that a
+//! server notices the end of its parent.
 
 #[cfg(unix)]
 use std::process;
 #[cfg(unix)]
-use std::sync::atomic::AtomicU32;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 #[cfg(unix)]
-use crate::board;
-
-/// Set in a child that was forked while a board was open or a call was under way.
-static FORKED: AtomicBool = AtomicBool::new(false);
-
-/// Whether this process was forked while a board was open or a call was under way, so that boards and locks belong to its
-/// parent.
-pub fn is_forked() -> bool {
-    FORKED.load(Ordering::Relaxed)
-}
-
-/// How many calls are under way that may hold a lock of this library while no board is open.
-static CALLS_THAT_MAY_HOLD_LOCK: AtomicUsize = AtomicUsize::new(0);
-
-/// Marks a call that may hold a lock of this library while no board is open. In a child that is forked meanwhile the lock is
-/// held and the thread that would release it does not exist, so that child must not use this library.
-pub struct MayHoldLock;
-
-impl MayHoldLock {
-    /// To be called before the first lock is taken.
-    pub fn begin() -> Self {
-        CALLS_THAT_MAY_HOLD_LOCK.fetch_add(1, Ordering::SeqCst);
-        Self
-    }
-}
-
-impl Drop for MayHoldLock {
-    fn drop(&mut self) {
-        CALLS_THAT_MAY_HOLD_LOCK.fetch_sub(1, Ordering::SeqCst);
-    }
-}
+use crate::forked;
+#[cfg(target_os = "linux")]
+use crate::{logger, open_boards};
 
 /// The id of the process that opened boards; 0 if none has.
 #[cfg(unix)]
@@ -74,20 +45,18 @@ static AT_EXIT: extern "C" fn() = at_exit;
 #[cfg(target_os = "linux")]
 extern "C" fn at_exit() {
     // A child of fork must not release the boards, which belong to its parent.
-    if process::id() == OWNER.load(Ordering::Relaxed) && !is_forked() {
-        let _ = std::panic::catch_unwind(crate::exported::boards::vanish_all);
+    if process::id() == OWNER.load(Ordering::Relaxed) && !forked::is_forked() {
+        let _ = std::panic::catch_unwind(open_boards::vanish_all);
     }
-    if !is_forked() {
-        let _ = std::panic::catch_unwind(crate::logger::finish);
+    if !forked::is_forked() {
+        let _ = std::panic::catch_unwind(logger::finish);
     }
 }
 
 #[cfg(unix)]
 extern "C" fn watch_forks() {
     extern "C" fn in_child() {
-        // FORKED is never cleared, so that it holds in children of the child too.
-        if board::any_open() || CALLS_THAT_MAY_HOLD_LOCK.load(Ordering::SeqCst) > 0 {
-            FORKED.store(true, Ordering::Relaxed);
+        if forked::note_fork() {
             // SAFETY: this is a child that was just forked, and no call of it reaches a board of its parent from here on.
             unsafe { ecmsk::link::tcp::close_in_child() };
         }

@@ -9,6 +9,7 @@ use std::time::Duration;
 use super::fraction::Fraction;
 pub use super::scheme::Scheme;
 use super::slaves;
+use super::text::decimal;
 pub use table::KEYS;
 
 /// The end of every error message about a link.
@@ -158,11 +159,6 @@ pub(crate) fn millis(value: &str) -> Option<Duration> {
 pub(crate) fn usb_id(value: &str) -> Option<u16> {
     let digits = value.strip_prefix("0x").unwrap_or(value);
     u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
-}
-
-/// A whole number of decimal digits alone: `parse` would let a plus sign pass.
-pub(crate) fn decimal(text: &str) -> Option<u64> {
-    text.parse().ok().filter(|_| text.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// The shortest text for a frequency in Hz.

@@ -1,23 +1,21 @@
 //! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand the
 //! switches and stops along the travel of its axes, see [`travel`](super::travel), and its manufacturer-specific objects,
-//! see [`ManufacturerObjectsSpec`].
+//! see [`ManufacturerObjectsSpec`]. [`parse_declared`] reads the lists of the same form that say what a program takes its
+//! slaves for.
 
-mod kinds;
+mod list;
 
 use std::fmt;
 use std::sync::Arc;
 
-pub use kinds::SlaveModel;
+use list::Form;
+pub(crate) use list::list;
 
-use super::keys::decimal;
-use super::travel::TravelSpec;
-use super::uri::{LinkUri, UriError, suggestion};
-use crate::sk::SlotSize;
-#[cfg(feature = "sim")]
-use crate::slave::cable;
-
-/// The value for a network without slaves.
-const NONE: &str = "none";
+use super::kinds::{NONE, names};
+pub use super::kinds::{SlaveModel, declared_words, word};
+use super::text::suggestion;
+use super::travel::{self, TravelSpec};
+use crate::sk::{SlaveKind, SlotSize};
 
 /// The largest number of slaves of a board, which is that with 12-byte slots.
 const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
@@ -71,9 +69,19 @@ pub(crate) fn form() -> String {
     format!(
         "a comma list of kinds, each with *N if there are N in a row and with its travel (:limits@N..P and so on, see below) \
          if it is not the usual one: {}; {NONE} for no slave; at most {SLAVES_MAX} slaves, {} with slot=16",
-        kinds(),
+        names(|_| true),
         SlotSize::Bytes16.max_slaves()
     )
+}
+
+/// The section on kinds of `ecmsk link help`.
+pub(crate) fn kinds_help() -> String {
+    let mut text = String::from("Kinds of slaves, each with what may stand behind it:\n");
+    for model in SlaveModel::ALL {
+        let parts: Vec<_> = travel::words_of(model).chain([OBJECTS]).collect();
+        text.push_str(&format!("  {:<6} {} [{}]\n", model.name(), model.meaning(), parts.join(" ")));
+    }
+    text
 }
 
 /// Parses the list of a board; the result has one entry for each slave.
@@ -84,27 +92,18 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     parse_at_most(list, SLAVES_MAX)
 }
 
-/// The list in the URI of a link to a modelled network.
-///
-/// # Errors
-/// [`UriError`]: links of that scheme have no such key.
-pub(crate) fn of_uri(uri: &LinkUri) -> Result<Vec<SlaveSpec>, UriError> {
-    uri.required("slaves", |value| parse(value).ok())
-}
-
 /// Parses the list of a network without a board, which may have more slaves.
 ///
 /// # Errors
 /// As [`parse`].
 #[cfg(feature = "sim")]
 pub fn parse_for_network(list: &str) -> Result<Vec<SlaveSpec>, String> {
-    parse_at_most(list, cable::SLAVES_MAX)
+    parse_at_most(list, crate::slave::cable::SLAVES_MAX)
 }
 
 fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String> {
-    let mut slaves = Vec::new();
     if list == NONE {
-        return Ok(slaves);
+        return Ok(Vec::new());
     }
     if list.is_empty() {
         return Err(format!(
@@ -112,31 +111,38 @@ fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String
             form()
         ));
     }
-    for item in list.split(',') {
-        let (kind, count) = match item.split_once('*') {
-            Some((kind, count)) => (kind, parse_count(item, count, slaves_max)?),
-            None => (item, 1),
-        };
-        let (kind, parts) = match kind.split_once(':') {
-            Some((kind, parts)) => (kind, Some(parts)),
-            None => (kind, None),
-        };
-        let model = SlaveModel::ALL.into_iter().find(|model| model.name() == kind).ok_or_else(|| {
-            let near = suggestion(kind, SlaveModel::ALL.map(SlaveModel::name));
-            format!("kind `{kind}` is unknown;{near} allowed: {}", kinds())
-        })?;
-        let in_item = |why| format!("in `{item}`, {why}");
-        let (travel, manufacturer_objects) = parts.map_or(Ok((None, None)), split_parts).map_err(in_item)?;
-        let travel = match travel {
-            Some(travel) => travel_of(model, &travel).map_err(in_item)?,
-            None => TravelSpec::default(),
-        };
-        slaves.extend(std::iter::repeat_n(SlaveSpec { model, travel, manufacturer_objects }, count));
-        if slaves.len() > slaves_max {
-            return Err(format!("allowed: at most {slaves_max} slaves"));
-        }
-    }
-    Ok(slaves)
+    list::read(list, Form::Strict, slaves_max, |entry| {
+        let model = SlaveModel::ALL.into_iter().find(|model| model.name() == entry.kind);
+        let model = model.ok_or_else(|| unknown_kind(entry.kind, &names(|_| true)))?;
+        let in_entry = |why: String| entry.error(&why);
+        let (travel, manufacturer_objects) = split_parts(&entry.parts).map_err(in_entry)?;
+        let travel = travel_of(model, &travel).map_err(in_entry)?;
+        Ok(SlaveSpec { model, travel, manufacturer_objects })
+    })
+}
+
+/// Parses a list of what a program declares its slaves to be by SET_AXIS: `drive:csv*2,io,none`. Every kind of a link's list
+/// may stand there, and `none` for a slave that is not used. Upper case and blanks are ignored, and what stands behind a kind
+/// may stand behind its number, too: `drive*2:csv`. `read` makes a slave of its kind and of these parts.
+///
+/// # Errors
+/// Why the list is invalid and what is allowed.
+pub fn parse_declared<T: Clone>(
+    list: &str,
+    read: impl Fn(SlaveKind, &[&str]) -> Result<T, String>,
+) -> Result<Vec<T>, String> {
+    list::read(list, Form::Loose, SLAVES_MAX, |entry| {
+        let word = entry.kind;
+        let model = SlaveModel::ALL.into_iter().find(|model| model.name().eq_ignore_ascii_case(word));
+        let none = word.eq_ignore_ascii_case(NONE).then_some(SlaveKind::None);
+        let kind = model.map(SlaveModel::kind).or(none).ok_or_else(|| unknown_kind(word, &declared_words()))?;
+        read(kind, &entry.parts).map_err(|why| entry.error(&why))
+    })
+}
+
+fn unknown_kind(kind: &str, allowed: &str) -> String {
+    let near = suggestion(kind, SlaveModel::ALL.map(SlaveModel::name));
+    format!("kind `{kind}` is unknown;{near} allowed: {allowed}")
 }
 
 /// The list in its normal form: equal neighbours are written once with their number.
@@ -152,29 +158,19 @@ pub(crate) fn normal(slaves: &[SlaveSpec]) -> String {
     list(slaves.iter().map(name))
 }
 
-/// The words as a list in which equal neighbours are counted: `drive*2,io`.
-pub(crate) fn list(words: impl Iterator<Item = String>) -> String {
-    let words: Vec<String> = words.collect();
-    let runs = words.chunk_by(|a, b| a == b).map(|run| match run.len() {
-        1 => run[0].clone(),
-        n => format!("{}*{n}", run[0]),
-    });
-    runs.collect::<Vec<_>>().join(",")
-}
-
 /// Why a list has too many slaves for a board with that slot size.
 pub(crate) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Splits the parts behind a kind into those of the travel and the manufacturer-specific objects.
-fn split_parts(parts: &str) -> Result<(Option<String>, Option<ManufacturerObjectsSpec>), String> {
-    let mut travel: Vec<String> = Vec::new();
+/// Parts the travel of a slave from its manufacturer-specific objects.
+fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<ManufacturerObjectsSpec>), String> {
+    let mut travel = Vec::new();
     let mut manufacturer_objects = None;
-    let mut parts = parts.split(':').peekable();
+    let mut parts = parts.iter().copied().peekable();
     while let Some(part) = parts.next() {
         let Some(value) = part.strip_prefix(OBJECTS).and_then(|rest| rest.strip_prefix('@')) else {
-            travel.push(part.to_owned());
+            travel.push(part);
             continue;
         };
         // A path on Windows contains a colon behind its drive letter: `C:\...`.
@@ -190,31 +186,17 @@ fn split_parts(parts: &str) -> Result<(Option<String>, Option<ManufacturerObject
             return Err(format!("`{OBJECTS}` is given twice; allowed: once"));
         }
     }
-    Ok(((!travel.is_empty()).then(|| travel.join(":")), manufacturer_objects))
+    Ok((travel, manufacturer_objects))
 }
 
-fn travel_of(model: SlaveModel, text: &str) -> Result<TravelSpec, String> {
-    if model.axes() == 0 {
+fn travel_of(model: SlaveModel, parts: &[&str]) -> Result<TravelSpec, String> {
+    if model.axes() == 0 && !parts.is_empty() {
         return Err(format!("a slave of kind {} has no axis and no travel; allowed: {}", model.name(), model.name()));
     }
-    let travel = TravelSpec::parse(text)?;
+    let travel = TravelSpec::parse(parts)?;
     if travel.stops.is_some() && model.motors() == 0 {
-        return Err(format!("the pulses of an {} meet no stops; allowed: stops@ of drive and step", model.name()));
+        let with_motor = names(|model| model.motors() > 0);
+        return Err(format!("the pulses of {} meet no stops; allowed: stops@ of {with_motor}", model.with_article()));
     }
     Ok(travel)
-}
-
-fn parse_count(item: &str, count: &str, slaves_max: usize) -> Result<usize, String> {
-    let number = decimal(count).and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=slaves_max).contains(n));
-    number.ok_or_else(|| match count.split_once(':') {
-        Some((count, parts)) => format!(
-            "in `{item}`, the number stands last; allowed: {}:{parts}*{count}",
-            item.split('*').next().unwrap_or_default()
-        ),
-        None => format!("in `{item}`, allowed: a whole number from 1 to {slaves_max} after the *"),
-    })
-}
-
-fn kinds() -> String {
-    SlaveModel::ALL.map(SlaveModel::name).join(", ")
 }

@@ -6,8 +6,8 @@
 
 use std::fmt;
 
-use super::keys::decimal;
-use super::uri::suggestion;
+use super::kinds::{SlaveModel, UsualTravel};
+use super::text::{decimal, suggestion};
 
 /// The largest position in either direction \[OURS]: those that object 0x6064 can show.
 const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
@@ -70,6 +70,8 @@ struct Part {
     /// The form of the value behind the `@`.
     form: &'static str,
     meaning: &'static str,
+    /// How many axes of a kind may have it; 0: slaves of that kind have no such part.
+    axes: fn(SlaveModel) -> usize,
     /// Stores the value in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,
     /// The value as text, if the [`TravelSpec`] has one.
@@ -81,6 +83,7 @@ const PARTS: [Part; 6] = [
         word: "start",
         form: "N",
         meaning: "where the axis stands at power-on",
+        axes: SlaveModel::axes,
         read: |travel, text| set(&mut travel.start, position(text)),
         write: |travel| travel.start.filter(|start| *start != 0).map(|start| start.to_string()),
     },
@@ -89,6 +92,7 @@ const PARTS: [Part; 6] = [
         form: "N..P|N..|..P|none",
         meaning: "limit switches: the negative one at N and below, the positive one at P and above; limits that are given\n      \
                   stop the axis in every mode, with bit 11 of the statusword, and the way back is free",
+        axes: SlaveModel::axes,
         read: |travel, text| set(&mut travel.limits, unless_none(text, PositionRange::parse)),
         write: |travel| travel.limits.map(or_none),
     },
@@ -96,6 +100,7 @@ const PARTS: [Part; 6] = [
         word: "home",
         form: "A..B|A..|..B|none",
         meaning: "where the home switch is on",
+        axes: SlaveModel::axes,
         read: |travel, text| set(&mut travel.home, unless_none(text, PositionRange::parse)),
         write: |travel| travel.home.map(or_none),
     },
@@ -103,13 +108,15 @@ const PARTS: [Part; 6] = [
         word: "index",
         form: "N|none",
         meaning: "an index pulse at N, and once a turn",
+        axes: SlaveModel::axes,
         read: |travel, text| set(&mut travel.index, unless_none(text, |text| u32::try_from(position(text)?).ok())),
         write: |travel| travel.index.filter(|index| *index != Some(0)).map(or_none),
     },
     Part {
         word: "stops",
         form: "A..B",
-        meaning: "mechanical end stops (drive and step)",
+        meaning: "mechanical end stops, for slaves with a motor",
+        axes: SlaveModel::motors,
         read: |travel, text| {
             let both = |span: &PositionRange| span.from.is_some() && span.to.is_some() && span.from < span.to;
             set(&mut travel.stops, PositionRange::parse(text).filter(both))
@@ -120,6 +127,7 @@ const PARTS: [Part; 6] = [
         word: "search",
         form: "N",
         meaning: "a homing run gives up after N counts",
+        axes: SlaveModel::axes,
         read: |travel, text| {
             let way = position(text).and_then(|way| u64::try_from(way).ok());
             set(&mut travel.search, way.filter(|way| *way > 0))
@@ -135,14 +143,14 @@ fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
 }
 
 impl TravelSpec {
-    /// Parses the parts behind a kind, which are separated by `:`.
+    /// Parses the parts behind a kind.
     ///
     /// # Errors
     /// Why a part is invalid, and what is allowed.
-    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+    pub(crate) fn parse(parts: &[&str]) -> Result<Self, String> {
         let mut travel = Self::default();
         let mut seen = Vec::new();
-        for item in text.split(':') {
+        for item in parts {
             let (word, value) = item.split_once('@').ok_or_else(|| format!("`{item}` is no part; {}", allowed()))?;
             let part = PARTS.iter().find(|part| part.word == word).ok_or_else(|| {
                 let near = suggestion(word, PARTS.iter().map(|part| part.word));
@@ -186,10 +194,29 @@ impl fmt::Display for TravelSpec {
     }
 }
 
-/// What is along the way of an axis of which nothing is said.
-const USUAL: &str = "Of what is not given there is the usual, whose limits are for homing (and for all of a dp3cl):\n  \
-                     step, dp3cl, hsp, hsp2   :limits@-100000..100000:home@-2500..2500:index@0, 10000 counts a turn\n  \
-                     drive                    :limits@-1310720..1310720:home@-32768..32768:index@0, 131072 counts a turn\n";
+/// What is along the way of an axis of which nothing is said, for `ecmsk link help`.
+fn usual_help() -> String {
+    let mut rows: Vec<(UsualTravel, Vec<&str>)> = Vec::new();
+    for model in SlaveModel::ALL {
+        let Some(usual) = model.usual_travel() else { continue };
+        match rows.iter_mut().find(|(known, _)| *known == usual) {
+            Some((_, kinds)) => kinds.push(model.name()),
+            None => rows.push((usual, vec![model.name()])),
+        }
+    }
+    let mut text = String::from(
+        "Of what is not given there is the usual, whose limits are for homing (and for all of a dp3cl):\n",
+    );
+    for (UsualTravel { parts, counts_a_turn }, kinds) in rows {
+        text.push_str(&format!("  {:<24} :{parts}, {counts_a_turn} counts a turn\n", kinds.join(", ")));
+    }
+    text
+}
+
+/// The words of the parts that a slave of that kind may have.
+pub(super) fn words_of(model: SlaveModel) -> impl Iterator<Item = &'static str> {
+    PARTS.iter().filter(move |part| (part.axes)(model) > 0).map(|part| part.word)
+}
 
 /// The parts, for `ecmsk link help`.
 pub(crate) fn help() -> String {
@@ -200,8 +227,7 @@ pub(crate) fn help() -> String {
     for Part { word, form, meaning, .. } in &PARTS {
         text.push_str(&format!("  :{word}@{form}\n      {meaning}\n"));
     }
-    text.push_str(USUAL);
-    text
+    text + &usual_help()
 }
 
 fn allowed() -> String {
@@ -231,31 +257,36 @@ mod tests {
     use super::*;
     use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
 
-    /// The help says which switches an axis has of which nothing is said.
+    /// The table says which switches an axis has of which nothing is said.
     #[test]
-    fn the_help_says_what_is_usual() {
-        let hsp = HspConfig::default().travels;
-        let travels = [
-            ("drive", DriveConfig::default().travel),
-            ("step", DriveConfig::stepper().travel),
-            ("dp3cl", Dp3clConfig::default().travel),
-            ("hsp,", hsp[0]),
-            ("hsp2", hsp[1]),
-        ];
-        for (kind, travel) in travels {
-            let row = USUAL.lines().find(|row| row.contains(kind) && row.contains('@')).expect(kind);
-            let parts = row.split(" :").nth(1).and_then(|parts| parts.split(", ").next()).expect(row);
-            let said = TravelSpec::parse(parts).expect(parts);
-            let range = |from, to| Some(Some(PositionRange { from: Some(from), to: Some(to) }));
-            let Travel { negative_limit: Some(negative), positive_limit: Some(positive), index: Some(index), .. } =
-                travel
-            else {
-                panic!("{travel:?}")
+    fn the_usual_travel_is_what_the_models_have() {
+        for model in SlaveModel::ALL {
+            let hsp = HspConfig::default().travels;
+            let travels = match model {
+                SlaveModel::Drive => vec![DriveConfig::default().travel],
+                SlaveModel::Step => vec![DriveConfig::stepper().travel],
+                SlaveModel::Dp3cl => vec![Dp3clConfig::default().travel],
+                SlaveModel::Hsp => vec![hsp[0]],
+                SlaveModel::Hsp2 => hsp.to_vec(),
+                SlaveModel::Io => vec![],
             };
-            let Some(HomeSwitch::Cam { first, last }) = travel.home else { panic!("{travel:?}") };
-            assert_eq!(said.limits, range(negative, positive), "{kind}");
-            assert_eq!(said.home, range(first, last), "{kind}");
-            assert_eq!(said.index, Some(Some(index)), "{kind}");
+            assert_eq!(travels.len(), model.axes(), "{model:?}");
+            assert_eq!(model.usual_travel().is_some(), !travels.is_empty(), "{model:?}");
+            for travel in travels {
+                let usual = model.usual_travel().expect("there are axes");
+                let said = TravelSpec::parse(&usual.parts.split(':').collect::<Vec<_>>()).expect(usual.parts);
+                let range = |from, to| Some(Some(PositionRange { from: Some(from), to: Some(to) }));
+                let Travel {
+                    negative_limit: Some(negative), positive_limit: Some(positive), index: Some(index), ..
+                } = travel
+                else {
+                    panic!("{travel:?}")
+                };
+                let Some(HomeSwitch::Cam { first, last }) = travel.home else { panic!("{travel:?}") };
+                assert_eq!(said.limits, range(negative, positive), "{model:?}");
+                assert_eq!(said.home, range(first, last), "{model:?}");
+                assert_eq!(said.index, Some(Some(index)), "{model:?}");
+            }
         }
     }
 }

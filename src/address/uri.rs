@@ -20,7 +20,8 @@ use std::str::FromStr;
 use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, utf8_percent_encode};
 
 use super::keys::{Key, Scheme, WHERE_TO_LOOK};
-use super::slaves;
+use super::slaves::{self, SlaveSpec};
+use super::text::{suggestion, visible};
 use crate::sk::SlotSize;
 
 /// Characters that are written as `%XX` between the colon and the question mark.
@@ -191,6 +192,11 @@ impl LinkUri {
         self.required(key, |value| words.into_iter().find(|(word, _)| *word == value).map(|(_, meaning)| meaning))
     }
 
+    /// The slaves of a modelled network.
+    pub(crate) fn slaves(&self) -> Result<Vec<SlaveSpec>, UriError> {
+        self.required("slaves", |value| slaves::parse(value).ok())
+    }
+
     /// Refuses a link of another scheme.
     pub(crate) fn expect_scheme(&self, expected: Scheme) -> Result<(), UriError> {
         if self.scheme == expected {
@@ -308,32 +314,4 @@ fn scheme_names() -> String {
 
 fn key_names(scheme: Scheme) -> String {
     Key::of(scheme).map(|row| row.name).collect::<Vec<_>>().join(", ")
-}
-
-/// The text with invisible characters, such as NUL, replaced by their codes, so that a message shows them.
-pub(crate) fn visible(message: &str) -> String {
-    let mut shown = String::with_capacity(message.len());
-    for character in message.chars() {
-        if character.is_control() || matches!(character, '\u{200B}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{FEFF}')
-        {
-            shown.extend(character.escape_unicode());
-        } else {
-            shown.push(character);
-        }
-    }
-    shown
-}
-
-/// Longer words get no suggestion, because the time of the comparison grows with the square of the length.
-const SUGGESTION_LEN_MAX: usize = 64;
-
-/// ` did you mean ..?` if one of the known words is similar: at most every third letter differs. \[OURS]
-pub(crate) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
-    if word.len() > SUGGESTION_LEN_MAX {
-        return String::new();
-    }
-    let word = word.to_lowercase();
-    let distances = known.into_iter().map(|name| (strsim::osa_distance(&word, name), name));
-    let near = distances.filter(|(distance, name)| *distance <= name.len().max(word.len()) / 3);
-    near.min_by_key(|(distance, _)| *distance).map(|(_, name)| format!(" did you mean `{name}`?")).unwrap_or_default()
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::{BusError, Network};
-use crate::coe::{
+use crate::ethercat::coe::{
     AbortCode, DataTypeCode, EntryDescription, EntryRequest, ObjectAccess, ObjectAddress, ObjectCode,
     ObjectDescription, SdoScope, ValueForm, ValueInfo,
 };

@@ -1,42 +1,12 @@
 //! Writing a slave's EEPROM: whether a content is fit for it, and what it changes.
 
+pub use super::content_error::ContentError;
 use super::{BusError, Network};
-use crate::ethercat::WireError;
-use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity};
+use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 use crate::master::SiiError;
 
 /// \[OURS] How many bytes of an EEPROM are read at most.
 const BYTES_MAX: usize = 0x8000;
-
-/// Why a content is not fit for an EEPROM.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message of a variant explains its fields")]
-pub enum ContentError {
-    /// It has not as many bytes as there may be.
-    #[error(
-        "{len} bytes are no content of an EEPROM, which has an even number of at least {} bytes; name a file that `ecmsk bus sii \
-         read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
-    )]
-    Len { len: usize },
-    /// It is longer than the EEPROM.
-    #[error("{len} bytes do not fit into this slave's EEPROM of {room} bytes; name the file that belongs to it")]
-    TooLong { len: usize, room: usize },
-    /// The checksum of the first words is wrong.
-    #[error(
-        "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; name a file \
-         that is whole"
-    )]
-    Checksum { found: u8, expected: u8 },
-    /// The categories do not end.
-    #[error("the categories behind the first words are not whole ({0}); name a file that is whole")]
-    Categories(WireError),
-    /// It is for another device.
-    #[error(
-        "it is for vendor 0x{:08X}, product 0x{:08X}, and the slave is vendor 0x{:08X}, product 0x{:08X}; name the file that belongs \
-         to it, or insist with --other-device", wanted.vendor, wanted.product, found.vendor, found.product
-    )]
-    OtherDevice { wanted: SiiIdentity, found: SiiIdentity },
-}
 
 /// A word that a content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,7 +124,7 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ethercat::sii::{SiiInfo, SiiWriter};
+    use crate::ethercat::sii::{SiiIdentity, SiiInfo, SiiWriter};
 
     fn content(bytes: usize, product: u32) -> Vec<u8> {
         let mut content = vec![0; bytes];

@@ -1,7 +1,7 @@
 //! Why something about a network is not known or not done.
 
 use crate::address::uri::UriError;
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::Strangers;
 use crate::link::LinkError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
@@ -79,7 +79,7 @@ pub enum BusError {
     Eeprom { slave: u8, error: SiiError },
     /// A content is not fit for an EEPROM.
     #[error(transparent)]
-    Content(#[from] super::eeprom::ContentError),
+    Content(#[from] super::content_error::ContentError),
     /// What was written is not what is read.
     #[error(
         "slave {slave}: word 0x{word:04X} of its EEPROM was written and reads back as 0x{found:04X}, not 0x{wanted:04X}; write it \

@@ -2,8 +2,8 @@
 //! objects, and its files.
 
 use super::{BusError, Network};
-use crate::coe::{EntryRequest, ObjectListType};
 use crate::ethercat::Ns;
+use crate::ethercat::coe::{EntryRequest, ObjectListType};
 use crate::ethercat::registers::AL_STATUS;
 use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
 use crate::master::{FileError, JobDone, JobId, MailboxInfo, Master, SdoError};

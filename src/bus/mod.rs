@@ -15,7 +15,7 @@
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave by its own word, with their values |
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
 //! | `clocks.rs` | [`clocks`]: how well the distributed clocks keep together |
-//! | `eeprom.rs` | [`eeprom`]: whether a content is fit for a slave, what it changes, writing it |
+//! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether a content is fit for a slave, what it changes, writing it |
 //! | `round_trips.rs` | how long frames take to the slaves of a card and back |
 //! | `error.rs` | [`BusError`] |
 //!
@@ -32,6 +32,7 @@
 mod chip;
 mod chip_wire;
 pub mod clocks;
+mod content_error;
 pub mod dictionary;
 pub mod eeprom;
 mod error;

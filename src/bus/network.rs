@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::BusError;
-use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::AlStatus;
+use crate::ethercat::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{AlStatusRegister, DlStatus};
 use crate::ethercat::sii::{MailboxProtocols, SiiIdentity};
 use crate::fieldbus::RingState;
@@ -116,13 +116,13 @@ pub trait Network {
     /// [`BusError::Information`]
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError>;
 
-    /// What an object is: an [`ObjectDescription`](crate::coe::ObjectDescription) as bytes.
+    /// What an object is: an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) as bytes.
     ///
     /// # Errors
     /// [`BusError::Information`]
     fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError>;
 
-    /// What a sub-index is: an [`EntryDescription`](crate::coe::EntryDescription) as bytes.
+    /// What a sub-index is: an [`EntryDescription`](crate::ethercat::coe::EntryDescription) as bytes.
     ///
     /// # Errors
     /// [`BusError::Information`]

@@ -26,7 +26,12 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
                 (Wires::Ring(ring), settings) => Box::new(super::software::SoftwareNetwork::new(ring, settings)),
             })
         }
-        Scheme::XfSim | Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
+        #[cfg(feature = "sim")]
+        Scheme::XfSim => {
+            let (link, config) = super::simulated::chip(&uri)?;
+            Ok(Box::new(super::chip::XfNetwork::over(link, config)?))
+        }
+        Scheme::XfSpi | Scheme::XfUsb => Ok(Box::new(super::chip::XfNetwork::open(&uri)?)),
         Scheme::Usb | Scheme::Spi | Scheme::Tcp => Err(BusError::IsBoard { link: uri.to_string() }),
         #[allow(unreachable_patterns, reason = "a build may have every link")]
         scheme => {

@@ -1,4 +1,4 @@
-//! Simulated slaves as the wires of our own master, in virtual time, with the script of their link.
+//! Simulated slaves as the wires of our own master, in virtual time, with the script of their link; and a simulated chip over such.
 
 use super::BusError;
 use crate::address::uri::LinkUri;
@@ -6,14 +6,20 @@ use crate::engine::Script as _;
 use crate::ethercat::Ns;
 use crate::fieldbus::nic::{ChainWires, NicWires};
 use crate::link::LinkError;
+use crate::link::chip_link::{ChipLink, ChipOptions, host_config};
 use crate::link::machine_error::SimulatedSlavesError;
 use crate::master::{FrameBuffer, Wire, WireDown};
+use crate::recording::Clock;
 use crate::slave::Slave;
 use crate::slave::esc::UndescribedError;
 use crate::slave::handle::SimHandle;
+use crate::testbed::chip::SimChip;
+use crate::testbed::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
 use crate::testbed::options::SimOptions;
 use crate::testbed::script::RunningScript;
 use crate::testbed::simulated_slaves;
+use crate::xf::host::HostConfig;
+use crate::xf_api::XfError;
 
 /// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
 const DRIFT_PPB: u32 = 20_000;
@@ -56,6 +62,16 @@ fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<Scripted, BusError> {
     let script = options.script.as_deref().map(|path| simulated_slaves::script(path, &options.slaves)).transpose();
     let script = script.map_err(refused)?.map(|script| simulated_slaves::start(script, handle.cable().clone(), 0));
     Ok((simulated_slaves::build(&options.slaves).map_err(refused)?, script))
+}
+
+/// The chip of a link `xf-sim:`, in virtual time and with a controller for each slave, and how the driver is to use it.
+pub(super) fn chip(uri: &LinkUri) -> Result<(Box<dyn ChipLink>, HostConfig), BusError> {
+    let options = SimChipOptions::from_uri(uri)?;
+    let chip = ModelledChip { network: Some(ChipNetwork::Controllers), ..options.chip };
+    let options = SimChipOptions { clock: Clock::Virtual, chip, ..options };
+    let link = SimChip::with_options(&uri.to_string(), &options).map_err(XfError::Link)?;
+    let config = host_config(&link.info(), &ChipOptions::from_uri(uri)?);
+    Ok((crate::open::chip::recorded(uri, Box::new(link)).map_err(XfError::Link)?, config))
 }
 
 fn undescribed(uri: &LinkUri, error: &UndescribedError) -> LinkError {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::mailboxes::{self, ANSWER_MAX_NS, Mailboxes};
 use super::{BusError, FoundSlave, Network, SlaveState};
-use crate::coe::{EntryRequest, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{EntryRequest, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{AL_STATUS, AlStatusWithCode, Features, PORT_DESCRIPTOR, RequestedState};
 use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};

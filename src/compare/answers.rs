@@ -4,7 +4,7 @@ use super::difference::Deviation;
 use super::report::Answer;
 use super::steps::Step;
 use super::{Options, STANDS_REPORTS, Side};
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 

@@ -3,8 +3,9 @@
 use std::fmt::{self, Display, Formatter};
 
 use super::Side;
+use super::counts::seconds;
 use super::steps::Step;
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 
@@ -124,12 +125,6 @@ pub(super) fn words(step: &Step, slot: usize) -> String {
 fn line_words(line: &SlotLine) -> String {
     let text = SlotLine { crc: None, ..*line }.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-/// Nanoseconds as a text in seconds with three decimals.
-pub(super) fn seconds(at_ns: i64) -> String {
-    let (sign, us) = (if at_ns < 0 { "-" } else { "" }, (at_ns.unsigned_abs() + 500) / 1000);
-    format!("{sign}{}.{:03} s", us / 1_000_000, us % 1_000_000 / 1000)
 }
 
 impl Display for Difference {

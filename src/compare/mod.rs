@@ -18,7 +18,7 @@
 //! | `timing.rs` | what of that is but timing |
 //! | `latency.rs`, `gaps.rs` | by how many cycles one run answers later: [`Latency`]; cycles that one has more: [`Gaps`] |
 //! | `difference.rs` | [`Difference`] and its text |
-//! | `runs.rs` | [`compare`]: two runs side by side |
+//! | `runs.rs`, `counts.rs` | [`compare`]: two runs side by side; how long they are |
 //!
 //! ```
 //! use ecmsk::compare::{Options, TimedFrame, compare};
@@ -39,6 +39,7 @@
 //! ```
 
 mod answers;
+mod counts;
 mod cycles;
 mod difference;
 mod gaps;
@@ -51,12 +52,13 @@ mod timing;
 
 use std::path::Path;
 
+pub use counts::Counts;
 pub use difference::{Deviation, Difference};
 pub use gaps::Gaps;
 pub use latency::{Latency, LatencyStretch};
 pub use recorded_run::{CompareError, RecordedRun};
 pub use report::Answer;
-pub use runs::{Comparison, Context, Counts, compare, compare_steps};
+pub use runs::{Comparison, Context, compare, compare_steps};
 pub use steps::{Step, Steps};
 
 use crate::link::Dir;

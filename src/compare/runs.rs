@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::fmt::{self, Display, Formatter};
 
 use super::answers::{self, Transfer};
-use super::difference::{Deviation, Difference, seconds, words};
+use super::counts::{Counts, seconds};
+use super::difference::{Deviation, Difference, words};
 use super::gaps::{GapCount, Gaps};
 use super::latency::{Latency, LatencyFinder, LatencyStretch};
 use super::steps::{Step, Steps};
@@ -15,21 +16,6 @@ use crate::sk::dump::CommandDump;
 
 /// How many equal commands before the first difference are kept as its context. \[OURS]
 const CONTEXT_MAX: usize = 3;
-
-/// The length of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Command frames that request something.
-    pub commands: u64,
-    /// Command frames of nothing but GET_STATUS.
-    pub polls: u64,
-    /// Repeated command frames that were left out ([`Options::ignore_repeats`]).
-    pub repeats: u64,
-    /// Reports of the board.
-    pub reports: u64,
-    /// The time of the last frame, in nanoseconds.
-    pub last_ns: i64,
-}
 
 /// A command before the first difference.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -318,16 +304,5 @@ impl Display for Comparison {
             write!(f, "\n{side} ends early: {} of {} commands", a.min(b), a.max(b))?;
         }
         Ok(())
-    }
-}
-
-impl Display for Counts {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Self { commands, polls, repeats, reports, last_ns } = *self;
-        write!(f, "{commands} commands, {polls} polls, ")?;
-        if repeats > 0 {
-            write!(f, "{repeats} repeats, ")?;
-        }
-        write!(f, "{reports} reports, {}", seconds(last_ns))
     }
 }

@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 
+use super::counts::Counts;
 use super::cycles::Cycles;
 use super::report::Answer;
-use super::{Counts, TimedFrame, WINDOW_CYCLES};
-use crate::cia402::DriveState;
+use super::{TimedFrame, WINDOW_CYCLES};
+use crate::ethercat::cia402::DriveState;
 use crate::link::Dir;
 use crate::recording::{Executed, Kinds, LastExecuted};
 use crate::sk::dump::{MAX_SLAVES, SlaveData};

@@ -22,7 +22,7 @@ use super::gaps::apart;
 use super::report::Answer;
 use super::steps::Step;
 use super::{Options, STANDS_REPORTS, Side, WINDOW_CYCLES, answers, unsure_cycles};
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
 /// Answers in a row that are the same in both runs, after which an axis that moves is at the same place of its way. \[OURS]

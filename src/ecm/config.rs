@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use super::EcmError;
 use super::scale::Scale;
-use crate::cia402::Mode;
+use crate::address::slaves;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{CycleTime, DriveSync, SlaveKind, SlotSize};
 
 /// \[OURS] The default guard of an axis, counts: the target of a cycle may be one turn of a 17-bit encoder away from the actual
@@ -94,7 +94,7 @@ impl Slave {
     }
 
     /// A slave of that kind, whose axis, if it has one, is run so.
-    pub(super) const fn with_axis(kind: SlaveKind, axis: Axis) -> Self {
+    pub const fn with_axis(kind: SlaveKind, axis: Axis) -> Self {
         match kind {
             SlaveKind::Drive => Self::Drive(axis),
             SlaveKind::Step => Self::Step(axis),
@@ -113,11 +113,6 @@ impl Slave {
             Self::Io => SlaveKind::Io,
             Self::Unused => SlaveKind::None,
         }
-    }
-
-    /// The error of a call that is for other slaves than this one.
-    pub(super) const fn wrong_kind(&self, slave: u8, what: &'static str, wanted: &'static str) -> EcmError {
-        EcmError::WrongKind { slave, kind: self.kind().name(), what, wanted }
     }
 
     /// How its axis is run; `None` for an IO slave and an unused one.
@@ -142,13 +137,7 @@ pub(super) const fn modes(kind: SlaveKind) -> &'static [Mode] {
 /// As the tool's `--slaves` has it: `drive`, `drive:csv`, `io`.
 impl fmt::Display for Slave {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Drive(_) => "drive",
-            Self::Step(_) => "step",
-            Self::Hsp(_) => "hsp",
-            Self::Io => "io",
-            Self::Unused => "none",
-        })?;
+        f.write_str(slaves::word(self.kind()))?;
         match self.axis() {
             Some(axis) if axis.mode != Mode::Csp => write!(f, ":{}", axis.mode.name().to_ascii_lowercase()),
             _ => Ok(()),

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use super::config::ConfigError;
-use crate::cia402::{ErrorCode, Mode, Statusword};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::cia402::{ErrorCode, Mode, Statusword};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::link::LinkError;
-use crate::sk::{MasterState, StateByte};
+use crate::sk::{MasterState, SlaveKind, StateByte};
 use crate::span::Span;
 
 /// An error of the native API.
@@ -180,6 +180,13 @@ pub enum EcmError {
     /// Another thread uses what the call needs.
     #[error("{what} is in use by another thread; wait for it to end")]
     Busy { what: &'static str },
+}
+
+impl EcmError {
+    /// The error of a call that is for other slaves than one of that kind.
+    pub(super) const fn wrong_kind(slave: u8, kind: SlaveKind, what: &'static str, wanted: &'static str) -> Self {
+        Self::WrongKind { slave, kind: kind.name(), what, wanted }
+    }
 }
 
 /// The slave that keeps the network from changing its state, as far as a host can find out.

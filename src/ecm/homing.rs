@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use super::exchange::{Session, Task};
 use super::{Ecm, EcmError};
-use crate::cia402::{MODES_OF_OPERATION, Mode, Statusword};
-use crate::coe::ObjectAddress;
 use crate::ethercat::SlaveSet;
+use crate::ethercat::cia402::{MODES_OF_OPERATION, Mode, Statusword};
+use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, RawSlot, SlaveCommand, SlotCommand};
 
 /// \[OURS] Bits 12 and 13 of the statusword may be those of an earlier homing, until the drive clears them as it begins. If

@@ -30,7 +30,7 @@ impl Ecm {
             let session = self.exchange.lock_in_op(what)?;
             let config = session.network.declared(slave)?;
             if *config != Slave::Io {
-                return Err(config.wrong_kind(slave, what, "an IO slave"));
+                return Err(EcmError::wrong_kind(slave, config.kind(), what, "an IO slave"));
             }
             SlotCommand::from(command).encode(session.size)
         };

@@ -58,7 +58,6 @@ mod snapshot;
 mod standstill;
 mod state;
 mod stream;
-#[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server stops the axes of others"))]
 mod takeover;
 
 use std::sync::Arc;
@@ -75,7 +74,6 @@ pub use scale::Scale;
 pub use sdo::SdoValue;
 pub use snapshot::{SlaveView, Snapshot};
 pub use stream::{Stream, StreamStats};
-#[cfg_attr(not(feature = "serve"), allow(unused_imports, reason = "a server stops the axes of others"))]
 pub(crate) use takeover::Succeeded;
 pub use takeover::Watch;
 

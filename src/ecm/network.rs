@@ -55,7 +55,7 @@ impl Network {
     /// How the axis of a slave is run, which `what` is for.
     pub(super) fn axis(&self, slave: u8, what: &'static str) -> Result<&Axis, EcmError> {
         let config = self.declared(slave)?;
-        config.axis().ok_or_else(|| config.wrong_kind(slave, what, "a drive, STEP or HSP"))
+        config.axis().ok_or_else(|| EcmError::wrong_kind(slave, config.kind(), what, "a drive, STEP or HSP"))
     }
 
     /// The error of a slave that shows an alarm in this slot of a report.

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::exchange::{LIMIT_MAX, Session, Task};
 use super::{Ecm, EcmError};
-use crate::coe::{ObjectAddress, SdoSize};
+use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::{CommandId, MasterState, SdoCommand, SdoResponse};
 
 /// Objects that are read before a request that equals the last one: the device type, which every slave has (SK-6.10).

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::exchange::marks::Echo;
 use super::exchange::{Sent, Session, Task};
 use super::{Ecm, EcmError};
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::sk::{RawSlot, SlaveCommand, SlotCommand};
 
 const HINT: &str = "look at the drive's display; mains power, enable inputs and alarms keep a drive off";

@@ -8,8 +8,8 @@ use super::error::Suspect;
 use super::exchange::Task;
 use super::exchange::marks::Marks;
 use super::{Ecm, EcmError};
-use crate::cia402;
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::cia402;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::sk::{
     CommandId, DcShift, MasterCommand, MasterState, RawSlot, SdoCommand, SlaveCommand, SlaveKind, StateByte,
 };

@@ -3,7 +3,7 @@
 
 use super::fault_reset::FaultReset;
 use super::homing::AxisHoming;
-use crate::cia402::{Controlword, DriveState, Mode};
+use crate::ethercat::cia402::{Controlword, DriveState, Mode};
 use crate::fieldbus::{AxisIn, AxisOut, Ns};
 
 /// The power stage as the last commands want it.

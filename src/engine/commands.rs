@@ -2,7 +2,7 @@
 
 use super::sdo::Accepted;
 use super::{CrcSwitches, Engine, Event, EventKind, HomingEnd, Reason, Rejection, SlotHead};
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{Ns, Role};
 use crate::sk::{
     CommandId, DcShift, FifoAction, Frame, MasterCommand, MasterState, Motion, RawSlot, SdoCommand, SlaveCommand,

@@ -2,7 +2,7 @@
 
 use super::homing::{Answer, HomingEnd, HomingEvent};
 use super::{Engine, Event, EventKind, Reason};
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{CycleDone, MAX_AXES, MAX_SLAVES, Ns, SlaveSet};
 
 /// How far the homing of a slave has got.

@@ -26,7 +26,7 @@
 
 use std::fmt;
 
-use crate::cia402::{DriveState, Statusword};
+use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::fieldbus::Ns;
 
 /// The least number of sets of outputs with bit 4 clear before it rises again \[OURS]: 2 ms at the shortest cycle, so

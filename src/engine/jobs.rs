@@ -2,15 +2,14 @@
 //! steps a change of state needs is decided in `network.rs`.
 
 use super::network::Step;
-use super::restore::{Restore, mode_write};
+use super::restore::{SdoOwner, mode_object, mode_write};
 use super::{Axis, Engine, Event, EventKind, SlotHead, StateFailure};
-use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
     AlState, AxisOut, BusConfig, Configured, Fieldbus, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Refusal, Role,
     SlaveConfig, SlaveSet,
 };
-use crate::sk::{DriveSync, MasterState, SlaveKind};
+use crate::sk::{DriveSync, MasterState};
 
 /// So long nothing more has to be declared until the bus is told: programs send SET_AXIS, SET_DC and DRIVE_MODE one after the other, 2 ms
 /// apart (LIB, habits). \[OURS]
@@ -23,14 +22,6 @@ pub(super) struct NetworkJob {
     pub(super) step: Step,
     /// When the bus ends it as failed, if it is a change of state.
     until: Ns,
-}
-
-/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a
-/// slave that is slow to change its state does not block the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum SdoOwner {
-    Host,
-    Restore(Restore),
 }
 
 const fn al_state(state: MasterState) -> AlState {
@@ -48,16 +39,6 @@ const fn target_of(step: Step) -> MasterState {
         Step::Scan | Step::Boot | Step::RecoverToPreOp => MasterState::PreOp,
         Step::Configure | Step::RecoverConfigure => MasterState::SafeOp,
         Step::Move(to) | Step::RecoverTo(to) => to,
-    }
-}
-
-/// The axis whose mode of operation (0x6060, 0x6860) an object is; `None`: it is another object.
-pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
-    const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
-    match (object.index, object.sub) {
-        (MODES_OF_OPERATION, 0) => Some(0),
-        (SECOND, 0) => Some(1),
-        _ => None,
     }
 }
 
@@ -252,13 +233,7 @@ impl Engine {
     /// The role that SET_AXIS and DRIVE_MODE declare for slave `n` (from 0).
     const fn declared_role(&self, n: usize) -> Role {
         let (mode, _) = self.volatile.modes[n];
-        match self.volatile.kinds[n] {
-            SlaveKind::Drive => Role::Drive(mode),
-            SlaveKind::Step => Role::Step(mode),
-            SlaveKind::Hsp => Role::Hsp(mode),
-            SlaveKind::Io => Role::Io,
-            SlaveKind::None => Role::Unused,
-        }
+        Role::of(self.volatile.kinds[n], mode)
     }
 
     /// The mode of operation that DRIVE_MODE declares for a slave (from 1); 0 for a slave that is declared as a kind

@@ -8,14 +8,10 @@ use super::network::Step;
 use super::outputs::used_axes;
 use super::state_failure::SlaveFall;
 use super::{Engine, Event, EventKind};
-use crate::cia402::Mode;
 use crate::ethercat::AlStatus;
-use crate::fieldbus::{CycleDone, Inputs, MAX_SLAVES, Ns, Pacing, Role, SlaveSet};
+use crate::ethercat::cia402::Mode;
+use crate::fieldbus::{CycleDone, Inputs, Ns, Pacing, Role, SlaveSet};
 use crate::sk::{CommandId, MasterState, RawSlot, SlaveCommand, SlotCommand, SlotKind};
-
-/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus
-/// may still deliver later, do not show whether it is in that state.
-pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 impl Engine {
     /// The used slaves that the outputs of the newest cycle have not reached. A slave that is not used is never in OP;

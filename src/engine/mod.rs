@@ -95,7 +95,7 @@ pub struct Engine {
     /// The job of the bus under way that is no SDO.
     job: Option<jobs::NetworkJob>,
     /// Who has asked for the SDO transfer under way. It may run beside a change of state.
-    sdo_owner: Option<jobs::SdoOwner>,
+    sdo_owner: Option<restore::SdoOwner>,
     /// The newest transfer that ended was one of the host.
     host_had_turn: bool,
     cancel_job: bool,
@@ -511,7 +511,7 @@ impl Engine {
 
     /// Whether an axis of a slave has torque, or is about to have, by what was measured last.
     fn has_torque(&self, slave: u8) -> bool {
-        use crate::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
+        use crate::ethercat::cia402::DriveState::{FaultReactionActive, OperationEnabled, QuickStopActive};
         let n = usize::from(slave) - 1;
         let axes = self.volatile.axes[n].iter().zip(&self.inputs.slaves[n]).take(self.axes(slave.into()));
         axes.into_iter().any(|(axis, input)| {

@@ -16,7 +16,7 @@
 use super::outputs_record::OutputsRecord;
 use super::volatile::Volatile;
 use super::{Engine, Event, EventKind};
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{Cleared, CycleDone, Fieldbus, Ns, Outputs, Pacing, SlaveSet};
 use crate::sk::RawSlot;
 

@@ -2,10 +2,9 @@
 //! its own.
 
 use super::homing::HomingEnd;
-use super::jobs::{SdoOwner, mode_object};
 use super::{Engine, Event, EventKind};
-use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::ethercat::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Fieldbus, Job, MAX_AXES, MAX_SLAVES, Ns, SdoRequest, SlaveSet};
 use crate::sk::MasterState;
 
@@ -18,6 +17,14 @@ const ATTEMPTS_MAX: u8 = 3;
 pub(super) struct Restore {
     slave: u8,
     axis: usize,
+}
+
+/// Who has asked for the SDO transfer of the bus. A transfer of the host runs beside a change of state (SK-6), so that a
+/// slave that is slow to change its state does not block the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SdoOwner {
+    Host,
+    Restore(Restore),
 }
 
 /// The modes that have to be restored.
@@ -57,6 +64,16 @@ impl Restores {
 
     fn failures(&mut self, Restore { slave, axis }: Restore) -> &mut u8 {
         &mut self.failed[usize::from(slave) - 1][axis]
+    }
+}
+
+/// The axis whose mode of operation (0x6060, 0x6860) an object is; `None`: it is another object.
+pub(super) const fn mode_object(object: ObjectAddress) -> Option<usize> {
+    const SECOND: u16 = MODES_OF_OPERATION + SECOND_AXIS_OFFSET;
+    match (object.index, object.sub) {
+        (MODES_OF_OPERATION, 0) => Some(0),
+        (SECOND, 0) => Some(1),
+        _ => None,
     }
 }
 

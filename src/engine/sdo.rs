@@ -1,6 +1,6 @@
 //! The SDO slot (SK-6): one transfer at a time, the answer stays until the next one ends, and one request is held meanwhile.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::{Ns, SdoRequest};
 use crate::sk::{CommandId, RawSlot, SdoCommand, SdoResponse};
 

@@ -3,8 +3,8 @@
 
 use std::fmt;
 
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{HardwareLimit, Ns, Refusal};
 use crate::sk::{MasterState, SlaveKind, StateByte};
 

@@ -4,10 +4,14 @@ use super::axis::Axis;
 use super::network::Network;
 use super::restore::Restores;
 use super::sdo::SdoSlot;
-use super::{StateFailure, lost, test_mode};
-use crate::cia402::Mode;
+use super::{StateFailure, test_mode};
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::{MAX_AXES, MAX_SLAVES, Ns, Role, SlaveSet};
 use crate::sk::{CommandId, CycleTime, DriveSync, Frame, SlaveKind};
+
+/// For each slave the time from which answers were measured after its last change of state. Older answers, which a bus
+/// may still deliver later, do not show whether it is in that state.
+pub(super) type AnswersValidFrom = [Ns; MAX_SLAVES];
 
 /// The CRC switches of SET_EX.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +58,7 @@ pub(super) struct Volatile {
     /// The pulse modules of two channels among the slaves.
     pub(super) second_axes: SlaveSet,
     pub(super) syncs: [DriveSync; MAX_SLAVES],
-    pub(super) answers_valid_from: lost::AnswersValidFrom,
+    pub(super) answers_valid_from: AnswersValidFrom,
     /// A change of state has failed: the time from which answers show in which states it has left the slaves. `None`: that
     /// is known.
     pub(super) left_shown_from: Option<Ns>,

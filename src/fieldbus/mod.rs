@@ -30,9 +30,9 @@ pub mod xf;
 
 use std::sync::Arc;
 
-use crate::cia402::{Controlword, Mode, Statusword};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::sk::{CycleTime, DriveSync};
+use crate::ethercat::cia402::{Controlword, Mode, Statusword};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
@@ -97,6 +97,17 @@ pub enum Role {
 }
 
 impl Role {
+    /// The role of a slave that SET_AXIS declares as that kind, and DRIVE_MODE to run in that mode.
+    pub const fn of(kind: SlaveKind, mode: Mode) -> Self {
+        match kind {
+            SlaveKind::Drive => Self::Drive(mode),
+            SlaveKind::Step => Self::Step(mode),
+            SlaveKind::Hsp => Self::Hsp(mode),
+            SlaveKind::Io => Self::Io,
+            SlaveKind::None => Self::Unused,
+        }
+    }
+
     /// The mode of operation of its axes; `None`: it has no axes.
     pub const fn mode(self) -> Option<Mode> {
         match self {

@@ -8,8 +8,8 @@
 mod downloads;
 
 use super::{AxisIn, AxisOut, MAX_AXES, Role, SlaveIn, SlaveOut};
-use crate::cia402::{CONTROLWORD, Controlword, ERROR_CODE, Mode, SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
-use crate::coe::ObjectAddress;
+use crate::ethercat::cia402::{CONTROLWORD, Controlword, ERROR_CODE, Mode, SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
+use crate::ethercat::coe::ObjectAddress;
 use crate::sk::DriveSync;
 
 pub use downloads::{Download, Downloads, MappedDirection, MappingImage, NO_SUCH_MODE};

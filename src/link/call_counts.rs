@@ -25,7 +25,6 @@ impl CallCounts {
     }
 
     /// How many calls have ended so far.
-    #[cfg_attr(not(feature = "tcp"), allow(dead_code, reason = "the link `tcp:` alone watches its program"))]
     pub(crate) fn ended(&self) -> u64 {
         let LinkStats { written, read, write_errors, read_errors, .. } = self.stats();
         written + read + write_errors + read_errors

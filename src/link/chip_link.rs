@@ -126,7 +126,6 @@ pub enum ChipError {
     #[error(transparent)]
     Script(#[from] crate::link::machine_error::SimulatedSlavesError),
     /// The slaves cannot be put on a network of controllers.
-    #[cfg(feature = "sim")]
     #[error("{name}: {reason}; take that slave out, or write network=models")]
     Network {
         name: String,

@@ -212,10 +212,6 @@ pub trait Link: Send + Sync {
 pub const PASS_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// Returns an error for a time longer than [`PASS_MAX`].
-#[cfg_attr(
-    not(any(feature = "sim", feature = "tcp")),
-    allow(dead_code, reason = "no link of virtual time is in the build")
-)]
 pub(crate) fn check_pass(time: Duration) -> Result<(), LinkError> {
     if time <= PASS_MAX {
         return Ok(());

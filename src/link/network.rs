@@ -1,6 +1,6 @@
 //! What the server of a board knows of the slaves behind it, in the syntax of the tool's options.
 
-use crate::address::slaves::{self, list};
+use crate::address::slaves::list;
 use crate::address::uri::LinkUri;
 
 /// Slaves and units of a network, in the syntax of the tool's `--slaves` and `--counts-per-unit`. An empty text means
@@ -27,15 +27,13 @@ impl KnownNetwork {
     }
 
     /// The slaves in the URI of a `sim:` or `xf-sim:` link; unknown for any other link.
-    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_sim(name: &str) -> Self {
         let uri = LinkUri::parse(name).ok().filter(|uri| uri.scheme().is_model());
-        let listed = uri.and_then(|uri| slaves::of_uri(&uri).ok());
+        let listed = uri.and_then(|uri| uri.slaves().ok());
         Self::of_slaves(listed.unwrap_or_default().iter().map(|slave| slave.model.name().to_owned()))
     }
 
     /// The network of these slaves, given by their words in network order.
-    #[cfg_attr(not(feature = "serve"), allow(dead_code, reason = "a server alone makes it of what it sees"))]
     pub(crate) fn of_slaves(words: impl Iterator<Item = String>) -> Self {
         Self { slaves: list(words), ..Self::default() }
     }

@@ -35,9 +35,10 @@ pub mod chip {
     pub use crate::link::record::RecordedChip;
     pub use crate::open::chip::open;
     pub use crate::own_board::chip::{ChipBoard, ChipUse};
-    pub use crate::testbed::chip_options::{ChipModel, ChipNetwork, ModelledChip};
     #[cfg(feature = "sim")]
-    pub use crate::testbed::{chip::SimChip, chip_options::SimChipOptions};
+    pub use crate::testbed::chip::SimChip;
+    #[cfg(feature = "sim")]
+    pub use crate::testbed::chip_options::{ChipModel, ChipNetwork, ModelledChip, SimChipOptions};
 }
 
 /// The keys of links as Rust types.
@@ -45,5 +46,6 @@ pub mod options {
     pub use crate::link::common_options::CommonOptions;
     pub use crate::own_board::options::BoardOptions;
     pub use crate::recording::Clock;
+    #[cfg(feature = "sim")]
     pub use crate::testbed::options::{ModelledBus, SimOptions};
 }

@@ -11,8 +11,9 @@ use std::task::Poll;
 
 use parking_lot::Mutex;
 
-use super::Shared;
 use super::exchange::Lost;
+pub(super) use super::shared::Bus;
+use super::shared::Shared;
 use crate::ethercat::{Command, Ns};
 
 /// A sequence under way.
@@ -32,10 +33,6 @@ impl From<Lost> for Unanswered {
         Self::Lost
     }
 }
-
-/// The way of a sequence to the frames.
-#[derive(Clone)]
-pub(super) struct Bus(pub(super) Arc<Mutex<Shared>>);
 
 /// A datagram that was queued. Dropped, it is given up.
 pub(super) struct Ticket {
@@ -68,15 +65,6 @@ const fn register(adp: u16, ado: u16) -> u32 {
 }
 
 impl Bus {
-    /// What sequences and the cycle share.
-    pub(super) fn with<R>(&self, action: impl FnOnce(&mut Shared) -> R) -> R {
-        action(&mut self.0.lock())
-    }
-
-    pub(super) fn now(&self) -> Ns {
-        self.with(|shared| shared.now)
-    }
-
     /// Waits until it is that time.
     pub(super) async fn sleep_until(&self, time: Ns) {
         poll_fn(|_| if self.now() >= time { Poll::Ready(()) } else { Poll::Pending }).await;

@@ -1,6 +1,6 @@
 //! What a scan finds out about a slave.
 
-use super::{SiiError, Upstream, sii};
+use super::{SiiError, Upstream, sii_error};
 use crate::ethercat::registers::{BufferMode, DlStatus, Features, SmControl, SmDirection, SyncManager};
 use crate::ethercat::sii::{
     CategoryKind, CoeDetails, MailboxAreas, MailboxProtocols, Sii, SiiGeneralFlags, SiiIdentity, SiiPdo, SiiSmEnable,
@@ -176,7 +176,7 @@ impl SlaveInfo {
 
     /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
     pub fn eeprom_fault(&self) -> Option<SiiError> {
-        self.eeprom.as_deref().map_or_else(|error| Some(*error), sii::fault)
+        self.eeprom.as_deref().map_or_else(|error| Some(*error), sii_error::fault)
     }
 
     /// Takes a sync manager for what the EEPROM should have said. False: it is one of a mailbox that there is not.

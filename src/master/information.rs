@@ -3,7 +3,7 @@
 use super::bus::Bus;
 use super::mailbox::{FIRST_OBJECT, MailboxError, Peer};
 use super::{SdoError, VALUE_BYTES_MAX};
-use crate::coe::{
+use crate::ethercat::coe::{
     AbortCode, CoeMessage, EntryRequest, InformationFragment, InformationKind, ObjectListType, SdoRequest,
     decode_abort, decode_u16,
 };

@@ -6,16 +6,16 @@ use std::task::{Context, Poll};
 use super::bus::{Bus, Task};
 use super::mailbox::{Mailbox, Peer};
 use super::place::{Place, place};
-use super::sdo::NumberTransfer;
+use super::sdo::{NumberDone, NumberTransfer};
 use super::shared::Shared;
 use super::sii::Eeprom;
 use super::states::{Plan, StateChange};
 use super::watch::{self, Watch};
 use super::{
     DatagramAnswer, DatagramError, FileError, MailboxError, Master, ScanError, SdoError, SiiError, SlaveInfo,
-    StateError, foe, information, registers, scan, sdo,
+    StateError, clocks, foe, information, registers, scan, sdo,
 };
-use crate::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
+use crate::ethercat::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope};
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 
 /// \[OURS] How many changes of state, and how many transfers of numbers, there is room for at once before more needs memory.
@@ -78,7 +78,7 @@ pub(super) struct Running {
 }
 
 /// The transfer of a number: of which slave and object.
-type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), JobDone>;
+type NumberPlace = Place<(NumberTransfer, Peer, ObjectAddress, SdoScope), NumberDone>;
 
 /// Where a sequence runs.
 pub(super) enum Work {
@@ -94,7 +94,12 @@ impl Work {
         match self {
             Self::Once(task) => task.as_mut().poll(context),
             Self::State(change) => change.poll(bus, context).map(|ended| Output::Done(JobDone::State(ended))),
-            Self::Number(transfer) => transfer.poll(context).map(Output::Done),
+            Self::Number(transfer) => transfer.poll(context).map(|ended| {
+                Output::Done(match ended {
+                    NumberDone::Upload(number) => JobDone::UploadNumber(number),
+                    NumberDone::Download(written) => JobDone::Download(written),
+                })
+            }),
         }
     }
 }
@@ -148,7 +153,7 @@ impl Master {
                 let found = slaves.len() as u8;
                 self.process.reset(&slaves);
                 self.places = Places::new(&self.bus, slaves.len());
-                self.bus.with(|shared| shared.make_room(slaves.len()));
+                self.bus.with(|shared| clocks::make_room(shared, slaves.len()));
                 self.watch = Some(Box::pin(Watch::new(self.bus.clone(), slaves.clone()).run()));
                 self.slaves = slaves;
                 JobDone::Scan(Ok(found))
@@ -289,13 +294,13 @@ impl Master {
         self.start(async move { Output::Done(JobDone::ObjectList(information::list(bus, peer, list).await)) })
     }
 
-    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::coe::ObjectDescription) to be decoded.
+    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) to be decoded.
     pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> JobId {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
         self.start(async move { Output::Done(JobDone::Description(information::object(bus, peer, index).await)) })
     }
 
-    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::coe::EntryDescription) to be decoded.
+    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::ethercat::coe::EntryDescription) to be decoded.
     pub fn describe_entry(&mut self, slave: u8, request: EntryRequest, timeout_ns: Ns) -> JobId {
         let (bus, peer) = (self.bus.clone(), self.peer(slave, timeout_ns));
         self.start(async move { Output::Done(JobDone::Description(information::entry(bus, peer, request).await)) })

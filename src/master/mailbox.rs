@@ -5,8 +5,9 @@
 //! reads one is lost, the slave is asked for a repeat.
 
 use super::bus::{Bus, Unanswered};
+use super::mailbox_state::MailboxState;
 use super::{Event, MailboxInfo};
-use crate::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
+use crate::ethercat::coe::{CoeMessage, ObjectAddress, SdoRequest, SdoScope};
 use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,
 };
@@ -52,36 +53,6 @@ pub enum MailboxError {
     /// The answer is none to the request, or longer than what was asked for.
     #[error("the slave's answer is none to the request")]
     WrongAnswer,
-}
-
-/// What the master knows of a mailbox.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct MailboxState {
-    /// The counter of the last request.
-    counter: MailboxCounter,
-    /// The counter of the last message of the slave.
-    received: MailboxCounter,
-    /// The bit by which repeats are asked for.
-    repeat: bool,
-    /// A request is under way.
-    is_open: bool,
-    /// The slave has not answered a request that was given up, and may still do so.
-    owes: bool,
-    /// Another master uses the mailbox, too: requests are not counted, so that none of its own is taken for a repeat.
-    pub(super) is_shared: bool,
-}
-
-impl MailboxState {
-    /// The slave enters PreOP: it has forgotten all messages.
-    pub(super) const fn begin(&mut self) {
-        (self.counter, self.received, self.repeat) = (MailboxCounter::NONE, MailboxCounter::NONE, false);
-        self.owes = false;
-    }
-
-    /// Whether a request is under way.
-    pub(super) const fn is_open(&self) -> bool {
-        self.is_open
-    }
 }
 
 /// Whose mailbox is used, and how long the slave may take for each answer.

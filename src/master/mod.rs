@@ -111,25 +111,29 @@
 //! | `exchange.rs` | the frame layer: indices, what belongs to which frame, lost and late frames |
 //! | `bus.rs` | what sequences of datagrams are written with |
 //! | `shared.rs` | what sequences, the cycle and the user share; events |
-//! | `scan.rs`, `info.rs`, `sii.rs` | finding slaves, what is known of them, their EEPROMs |
-//! | `states.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP when the master is gone |
-//! | `mailbox.rs` | messages to slaves, without loss and without a second time |
+//! | `cycle_end.rs` | what the end of a cycle tells of the slaves |
+//! | `scan.rs`, `info.rs`, `sii.rs`, `sii_error.rs` | finding slaves, what is known of them, their EEPROMs |
+//! | `states.rs`, `state_error.rs`, `watchdog.rs` | changes of the AL state; the watchdog that ends OP when the master is gone |
+//! | `mailbox.rs`, `mailbox_state.rs` | messages to slaves, without loss and without a second time |
 //! | `sdo.rs`, `information.rs`, `foe.rs` | SDO transfers, SDO information, files |
 //! | `registers.rs` | single datagrams of a user, registers of a slave |
-//! | `topology.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks; cycles that keep step with them |
+//! | `topology.rs`, `clock_tree.rs`, `clocks.rs`, `pace.rs` | the tree of the cables; distributed clocks, what is known of them and setting them; cycles that keep step with them |
 //! | `process_data.rs`, `process_data/slave.rs` | where outputs and inputs lie, the frames of a cycle; what of that is one slave's |
 //! | `process_data/expected.rs` | which working counters are right |
 //! | `watch.rs` | who is missing, who is back, whose mailbox has something to say |
 
 mod bus;
+mod clock_tree;
 mod clocks;
 mod configure;
+mod cycle_end;
 mod exchange;
 mod foe;
 mod info;
 mod information;
 mod jobs;
 mod mailbox;
+mod mailbox_state;
 mod pace;
 mod place;
 mod process_data;
@@ -139,6 +143,8 @@ mod sdo;
 mod settings;
 mod shared;
 mod sii;
+mod sii_error;
+mod state_error;
 mod states;
 mod topology;
 mod watch;
@@ -151,7 +157,7 @@ use std::task::{Context, Poll, Waker};
 
 use parking_lot::Mutex;
 
-pub use clocks::{ReferenceClock, SyncSignals};
+pub use clock_tree::{ReferenceClock, SyncSignals};
 pub use exchange::FrameCounters;
 pub use foe::FileError;
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
@@ -164,16 +170,17 @@ pub use scan::ScanError;
 pub use sdo::{SdoError, VALUE_BYTES_MAX};
 pub use settings::Settings;
 pub use shared::{EVENTS_MAX, Event, SlaveStatus};
-pub use sii::SiiError;
-pub use states::{StateError, StateReason};
+pub use sii_error::SiiError;
+pub use state_error::{StateError, StateReason};
 pub use topology::{Upstream, upstreams};
 pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
 use bus::{Bus, Task};
+use cycle_end::judge;
 use jobs::{JOBS, Places, Running};
 use process_data::ProcessData;
-use shared::{Shared, judge};
+use shared::Shared;
 
 /// \[OURS] How many frames are received in one poll at most, so that a flood of them ends.
 const RECEIVED_MAX: usize = 256;

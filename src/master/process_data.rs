@@ -14,14 +14,15 @@ mod slave;
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::clock_tree::ClockDatagram;
 use super::exchange::Exchange;
+use super::shared::Standing;
 use super::{SlaveInfo, SyncSignals, Wire};
 use crate::ethercat::registers::{
     AL_STATUS, BufferMode, RequestedState, SYSTEM_TIME, SmActivate, SmControl, SyncManager,
 };
 use crate::ethercat::{Command, DATA_LEN_MAX, DATAGRAM_OVERHEAD, Datagram, Ns, SlaveSet};
 use expected::Expected;
-pub(super) use expected::Standing;
 pub(super) use slave::Registers;
 use slave::{Place, SlaveData, bytes_of};
 
@@ -109,17 +110,6 @@ pub struct CycleDone {
     /// When the next cycle should be sent to keep the pace that was set, ns of the master's clock; `None`: no pace is set, or no
     /// reference has answered.
     pub next_deadline: Option<Ns>,
-}
-
-/// The datagram of a cycle that brings the time to all clocks.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ClockDatagram {
-    /// FRMW, or BWR for the master's own time.
-    pub(super) command: Command,
-    /// The station with the reference clock; 0 for the master's own time.
-    pub(super) station: u16,
-    /// The time that the reference had last, or the master's.
-    pub(super) time: u64,
 }
 
 /// A datagram with process data.

@@ -16,8 +16,6 @@ use crate::ethercat::{AlState, Command, MAX_SLAVES, Ns};
 pub(super) const FIRST_STATION: u16 = 0x1001;
 /// \[OURS] How long slaves may take to enter Init.
 const INIT_MAX_NS: Ns = 2_000_000_000;
-/// \[OURS] How long a slave that is asked for its state again and again has between two times.
-pub(super) const STATE_POLL_NS: Ns = 200_000;
 
 /// \[OURS] How often the ports are opened in a row, each time with all tries, while no frame comes back: one that is open without a link
 /// loses the frame behind its slave, which has had it.
@@ -183,7 +181,7 @@ async fn identify(bus: &Bus, station: u16) -> Result<SlaveInfo, Unanswered> {
         if status.state() == RequestedState::State(AlState::Init) || bus.now() >= until {
             break;
         }
-        bus.sleep(STATE_POLL_NS).await;
+        bus.sleep(states::STATE_POLL_NS).await;
     }
     states::take_acknowledgement_back(bus, station).await?;
     let [fmmus] = bus.read(station, FMMUS).await?;

@@ -1,13 +1,12 @@
 //! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
 
-use super::JobDone;
 use super::bus::Bus;
 use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
-use crate::coe::{
+use crate::ethercat::Ns;
+use crate::ethercat::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
     SdoValuePart,
 };
-use crate::ethercat::Ns;
 use crate::ethercat::mailbox::{MAILBOX_HEADER_LEN, MailboxProtocol};
 use crate::ethercat::sii::MailboxProtocols;
 
@@ -194,6 +193,12 @@ pub(super) enum NumberTransfer {
     Download([u8; NUMBER_BYTES], usize),
 }
 
+/// How the transfer of a number has ended.
+pub(super) enum NumberDone {
+    Upload(Result<u32, SdoError>),
+    Download(Result<(), SdoError>),
+}
+
 impl NumberTransfer {
     /// The download of a value that is short enough.
     pub(super) fn download(value: &[u8]) -> Option<Self> {
@@ -202,13 +207,13 @@ impl NumberTransfer {
         Some(Self::Download(bytes, value.len()))
     }
 
-    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> JobDone {
+    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> NumberDone {
         match self {
             Self::Upload => {
                 let beginning = upload(bus, peer, object, scope).await;
-                JobDone::UploadNumber(beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)))
+                NumberDone::Upload(beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)))
             }
-            Self::Download(bytes, len) => JobDone::Download(download(bus, peer, object, scope, &bytes[..len]).await),
+            Self::Download(bytes, len) => NumberDone::Download(download(bus, peer, object, scope, &bytes[..len]).await),
         }
     }
 }

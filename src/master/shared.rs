@@ -1,14 +1,16 @@
 //! What sequences of datagrams, the cycle and the user share: the frames, the condition of each slave, the events.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use super::clocks::{Clocks, Measurement, Place, ReferenceClock};
+use parking_lot::Mutex;
+
+use super::clock_tree::{ClockDatagram, Clocks, Passed, Place, ReferenceClock};
 use super::exchange::Exchange;
-use super::mailbox::MailboxState;
+use super::mailbox_state::MailboxState;
 use super::pace::Pacer;
-use super::process_data::{ClockDatagram, ProcessData, Standing};
-use super::{Pace, Settings, SlaveInfo};
-use crate::coe::Emergency;
+use super::{Pace, Settings, SlaveInfo, place};
+use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, AlStatusWithCode, Features, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 
@@ -109,6 +111,52 @@ impl Default for Live {
     }
 }
 
+/// What is known of the part of each slave in process data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Standing {
+    /// They are in OP, and answer.
+    pub(super) in_op: SlaveSet,
+    /// They are in SafeOP, and answer: their inputs are there for certain, and whether outputs are taken is up to them.
+    pub(super) in_safe_op: SlaveSet,
+    /// They do not answer, and may be back: then all of their data are.
+    pub(super) gone: SlaveSet,
+    /// Any part of them may count: their sync managers and FMMUs are being changed or were left, they have left their state, or
+    /// their inputs do not come.
+    pub(super) unsure: SlaveSet,
+}
+
+impl Standing {
+    /// The slaves whose inputs are there if the working counter is right.
+    pub(super) const fn certain(&self) -> SlaveSet {
+        self.in_op.union(self.in_safe_op)
+    }
+}
+
+/// What a measurement needs of memory, to be used again.
+#[derive(Default)]
+pub(super) struct Measurement {
+    /// Reads of all slaves, side by side.
+    pub(super) reads: Vec<place::Place<(Bus, u16), Option<Passed>>>,
+    pub(super) passed: Vec<Option<Passed>>,
+    /// How long the way to each slave is, ns.
+    pub(super) delays: Vec<u32>,
+}
+
+/// The way of a sequence to the frames.
+#[derive(Clone)]
+pub(super) struct Bus(pub(super) Arc<Mutex<Shared>>);
+
+impl Bus {
+    /// What sequences and the cycle share.
+    pub(super) fn with<R>(&self, action: impl FnOnce(&mut Shared) -> R) -> R {
+        action(&mut self.0.lock())
+    }
+
+    pub(super) fn now(&self) -> Ns {
+        self.with(|shared| shared.now)
+    }
+}
+
 /// What sequences and the cycle share.
 pub(super) struct Shared {
     pub(super) settings: Settings,
@@ -206,14 +254,6 @@ impl Shared {
             }
             self.clocks.places.push(Place { station: info.station, ports: info.ports, upstream: info.upstream });
         }
-    }
-
-    /// Makes room for what so many slaves need at most: all of them may be back from being without power at once, and the clock of each
-    /// is set by a measurement of its own.
-    pub(super) fn make_room(&mut self, slaves: usize) {
-        let clocks = usize::from(self.clocks.all.len());
-        self.measurements.resize_with(clocks, || Measurement::new(slaves));
-        self.exchange.reserve_short(clocks * clocks);
     }
 
     /// The datagram that brings the time to all clocks; `None`: no clock has been set.
@@ -361,30 +401,4 @@ impl Shared {
         }
         self.events.push_back(event);
     }
-}
-
-/// Ends a cycle, and sees whether slaves are missing or have left OP.
-pub(super) fn judge(process: &mut ProcessData, shared: &mut Shared) {
-    let Some(done) = process.finish(shared.active) else { return };
-    if let Some(time) = done.reference_time {
-        shared.clocks.take_time(time, shared.missing);
-        let Shared { clocks, pace, pacer, .. } = shared;
-        process.note_time(clocks.time, pace.and_then(|pace| pacer.next(pace, done.sent_at, clocks.time)));
-    }
-    let found = shared.live.len() as u16;
-    let is_short = done.working_counter < done.expected_working_counter;
-    let is_right = !is_short && done.doubtful.is_empty();
-    shared.is_all_in_op = done.all_in_op
-        && done.present == Some(found)
-        && is_right
-        && shared.missing.is_empty()
-        && shared.mute.is_empty();
-    if done.lost > 0 || done.present.is_none() {
-        // It tells nothing of slaves.
-        return;
-    }
-    let counters = (done.working_counter, done.expected_working_counter, done.present);
-    let is_new = std::mem::replace(&mut shared.last_counters, counters) != counters;
-    shared.is_alarmed |= is_new && (!is_right || done.present != Some(found) || !shared.mute.is_empty());
-    shared.doubtful = done.doubtful;
 }

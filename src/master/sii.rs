@@ -1,12 +1,11 @@
 //! The EEPROM of a slave: reading it up to the end of its categories, reading and writing words of it.
 
 use super::bus::{Bus, Unanswered};
+use super::sii_error::{BUSY_MAX_NS, SiiError};
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{SII_ADDRESS, SII_CONFIGURATION, SII_CONTROL, SII_DATA, SiiCommand, SiiControl};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii, SiiIdentity, SiiInfo, VENDOR_WORD};
 
-/// How long a command for an EEPROM may take (TwinCAT): some slaves' own controllers emulate theirs, in flash memory.
-const BUSY_MAX_NS: Ns = 100_000_000;
 /// \[OURS] For how long a command is tried that the EEPROM does not acknowledge: while it keeps a word that was written it answers
 /// nothing, for as long as a command may take.
 const SILENT_MAX_NS: Ns = BUSY_MAX_NS;
@@ -16,49 +15,6 @@ const AGAIN_NS: Ns = 5_000_000;
 const BYTES_MAX: usize = 0x8000;
 /// The registers from control to data, as one datagram reads them.
 const READ_LEN: usize = (SII_DATA - SII_CONTROL) as usize + 8;
-
-/// Why an EEPROM was not read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum SiiError {
-    /// The slave did not answer.
-    #[error("the slave did not answer while its EEPROM was accessed; check its cable and its power")]
-    NoAnswer,
-    /// A command took longer than 100 ms.
-    #[error("the EEPROM is busy for more than {} ms; the slave's own controller may have kept it", BUSY_MAX_NS / 1_000_000)]
-    Busy,
-    /// The EEPROM reports an error.
-    #[error("the EEPROM reports an error, status 0x{:04X}", .0.0)]
-    Command(SiiControl),
-    /// Nobody has written it.
-    #[error("the EEPROM is empty: all of its first 64 words are 0x{0:02X}{0:02X}")]
-    Empty(u8),
-    /// Its checksum is wrong, so that the slave's controller loads nothing of it.
-    #[error(
-        "the checksum of the EEPROM's first words is 0x{found:02X} and should be 0x{expected:02X}: the slave's controller loads \
-         nothing of it"
-    )]
-    Checksum {
-        /// What stands there.
-        found: u8,
-        /// What should stand there.
-        expected: u8,
-    },
-    /// Its categories have no end.
-    #[error("the EEPROM's categories are not whole: behind word 0x{word:04X} nothing of them can be read")]
-    NoEnd {
-        /// How many words are whole.
-        word: u16,
-    },
-    /// The scan found no slave with that number.
-    #[error("there is no slave {0}; the scan found fewer")]
-    NoSlave(u8),
-    /// The EEPROM is being accessed, or the state of the slave is being changed, which may need the EEPROM.
-    #[error("the EEPROM of slave {0} is in use, or its state is being changed; wait until that has ended")]
-    InUse(u8),
-    /// The words lie behind the last one that can be addressed.
-    #[error("the words end behind word 0xFFFF; ask for fewer")]
-    TooLong,
-}
 
 impl From<Unanswered> for SiiError {
     fn from(_: Unanswered) -> Self {
@@ -72,7 +28,7 @@ pub(super) async fn offer(bus: &Bus, station: u16, is_offered: bool) -> Result<(
 }
 
 /// The fixed words and the categories, as far as they are whole: what stands before one that has no end counts, and
-/// [`fault`] says that it has none.
+/// [`fault`](super::sii_error::fault) says that it has none.
 ///
 /// # Errors
 /// [`SiiError`].
@@ -115,23 +71,6 @@ fn wraps_at(bytes: &[u8]) -> Option<usize> {
     std::iter::successors(Some(SII_INFO_LEN), |size| Some(2 * size))
         .take_while(|size| *size < bytes.len())
         .find(is_again)
-}
-
-/// What is wrong with a content that was read: nothing keeps a master from it, but whoever looks at the slave has to know.
-pub(crate) fn fault(content: &[u8]) -> Option<SiiError> {
-    let sii = Sii::new(content).ok()?;
-    if let Some(byte) = sii.blank() {
-        return Some(SiiError::Empty(byte));
-    }
-    if !sii.has_right_checksum() {
-        let (found, expected) = sii.checksums();
-        return Some(SiiError::Checksum { found, expected });
-    }
-    let whole: usize = sii.categories().map_while(Result::ok).map(|category| 2 + category.data.len() / 2).sum();
-    let word = u16::try_from(SII_INFO_LEN / 2 + whole).unwrap_or(u16::MAX);
-    // One that ends with a category needs no other end.
-    let is_cut = Sii::lacks(content) != Ok(0) && content.len() > 2 * usize::from(word);
-    is_cut.then_some(SiiError::NoEnd { word })
 }
 
 /// Who the slave is.

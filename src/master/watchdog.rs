@@ -4,7 +4,8 @@
 //! SafeOP, since another master may have left them otherwise, and read back.
 
 use super::bus::{Bus, Unanswered};
-use super::states::{Plan, StateReason};
+use super::process_data::Registers;
+use super::state_error::StateReason;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{SmControl, TYPE, WATCHDOG_DIVIDER, WATCHDOG_PROCESS_DATA};
 
@@ -42,19 +43,19 @@ impl Time {
 /// Sets the watchdog of a slave with outputs, where it is known how long cycles are: 100 ms, or some cycles if those are longer. Of a
 /// controller whose divider is fixed the time goes by that. One without these registers has no watchdog, and is taken as it is: it would
 /// not come to OP otherwise. \[OURS]
-pub(super) async fn set(bus: &Bus, plan: &Plan) -> Result<(), StateReason> {
+pub(super) async fn set(bus: &Bus, station: u16, registers: Option<&Registers>) -> Result<(), StateReason> {
     let Some(pace) = bus.with(|shared| shared.pace) else { return Ok(()) };
-    let managers = plan.registers.iter().flat_map(|registers| &registers.managers);
+    let managers = registers.into_iter().flat_map(|registers| &registers.managers);
     if !managers.into_iter().any(|(_, one)| one.len > 0 && one.control.contains(SmControl::WATCHDOG)) {
         return Ok(());
     }
     let shortest_ns = CYCLES.saturating_mul(pace.cycle_ns);
     let wanted = Time::nearest(DIVIDER, shortest_ns.max(Time { divider: DIVIDER, units: UNITS }.ns()));
     let mut time = wanted;
-    let Some(mut is) = write(bus, plan.station, time).await? else { return Ok(()) };
+    let Some(mut is) = write(bus, station, time).await? else { return Ok(()) };
     if is.divider != DIVIDER {
         time = Time::nearest(is.divider, wanted.ns());
-        is = write(bus, plan.station, time).await?.unwrap_or(is);
+        is = write(bus, station, time).await?.unwrap_or(is);
     }
     let is_right = is == time && time.ns() >= shortest_ns.min(wanted.ns());
     if is_right { Ok(()) } else { Err(StateReason::Watchdog { is_ns: is.ns(), wanted_ns: wanted.ns() }) }

@@ -1,6 +1,7 @@
 //! The slaves that a program declares, and how long their process data are.
 
-use crate::cia402::Mode;
+use crate::address::slaves::{self, SlaveModel};
+use crate::ethercat::cia402::Mode;
 use crate::fieldbus::pdo::ProcessData;
 use crate::fieldbus::{MAX_SLAVES, Role};
 use crate::sk::{CycleTime, SlaveKind};
@@ -36,14 +37,7 @@ impl Default for Network {
 impl Network {
     /// The role of a slave, from 1; [`Role::Unused`] of one that is none or was not declared.
     pub fn role(&self, slave: usize) -> Role {
-        let mode = self.modes[slave - 1];
-        match self.kinds[slave - 1] {
-            Some(SlaveKind::Drive) => Role::Drive(mode),
-            Some(SlaveKind::Step) => Role::Step(mode),
-            Some(SlaveKind::Hsp) => Role::Hsp(mode),
-            Some(SlaveKind::Io) => Role::Io,
-            Some(SlaveKind::None) | None => Role::Unused,
-        }
+        self.kinds[slave - 1].map_or(Role::Unused, |kind| Role::of(kind, self.modes[slave - 1]))
     }
 
     /// The slaves that are used, from 1.
@@ -79,23 +73,14 @@ impl Network {
     /// Such slaves as the key `slaves=` of a modelled chip names them, as `drive*2,io`; empty without any. A slave that was found and
     /// is not used stands there as an IO slave, which needs no declaration.
     pub fn models(&self) -> String {
-        let name = |slave: usize| match self.role(slave) {
-            Role::Drive(_) => "drive",
-            Role::Step(_) => "step",
-            Role::Hsp(_) if self.second_channels[slave - 1] => "hsp2",
-            Role::Hsp(_) => "hsp",
-            Role::Io | Role::Unused => "io",
+        let model = |slave: usize| match self.role(slave) {
+            Role::Drive(_) => SlaveModel::Drive,
+            Role::Step(_) => SlaveModel::Step,
+            Role::Hsp(_) if self.second_channels[slave - 1] => SlaveModel::Hsp2,
+            Role::Hsp(_) => SlaveModel::Hsp,
+            Role::Io | Role::Unused => SlaveModel::Io,
         };
-        let mut runs: Vec<(&str, usize)> = Vec::new();
-        for name in (1..=self.length()).map(name) {
-            match runs.last_mut() {
-                Some((same, count)) if *same == name => *count += 1,
-                _ => runs.push((name, 1)),
-            }
-        }
-        let words =
-            runs.into_iter().map(|(name, count)| if count == 1 { name.to_owned() } else { format!("{name}*{count}") });
-        words.collect::<Vec<_>>().join(",")
+        slaves::list((1..=self.length()).map(|slave| model(slave).name().to_owned()))
     }
 }
 

@@ -5,8 +5,8 @@ use super::start::WayToOp;
 use super::timing::{Clockwork, Write};
 use super::usage::{Subject, Usage};
 use super::{HostTiming, Place, Stretch};
-use crate::cia402::Mode;
 use crate::compare::TimedFrame;
+use crate::ethercat::cia402::Mode;
 use crate::link::Dir;
 use crate::recording::Kinds;
 use crate::sk::{

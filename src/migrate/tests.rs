@@ -3,9 +3,9 @@
 mod host;
 
 use super::*;
-use crate::cia402::Mode;
-use crate::coe::{ObjectAddress, SdoSize};
 use crate::compare::TimedFrame;
+use crate::ethercat::cia402::Mode;
+use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::link::Dir;
 use crate::sk::{
     CommandId, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, Motion, SdoCommand, SlaveCommand,

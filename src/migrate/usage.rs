@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use super::Place;
-use crate::cia402::Mode;
-use crate::coe::ObjectAddress;
+use crate::ethercat::cia402::Mode;
+use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, CycleTime, MasterState, SlaveKind};
 
 /// How many different things are kept; a damaged recording may name any objects. \[OURS]

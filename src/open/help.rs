@@ -4,8 +4,6 @@ use std::fmt::Write as _;
 
 use crate::address::keys::{KEYS, Scheme};
 use crate::address::{slaves, travel};
-#[cfg(feature = "sim")]
-use crate::testbed;
 
 /// The text of `ecmsk link help`: the form of a link, every scheme, and every key with its default.
 pub fn help() -> String {
@@ -36,9 +34,10 @@ pub fn help() -> String {
         let _ = writeln!(text, "  {form}\n      {} [{whose}{default}]", key.meaning);
     }
     let _ = writeln!(text, "\nA list of slaves is {}.", slaves::form());
+    let _ = write!(text, "\n{}", slaves::kinds_help());
     let _ = write!(text, "\n{}", travel::help());
     let _ = write!(text, "\n{}", slaves::manufacturer_objects_help());
     #[cfg(feature = "sim")]
-    let _ = write!(text, "\n{}", testbed::script::help());
+    let _ = write!(text, "\n{}", crate::testbed::script::help());
     text
 }

@@ -190,11 +190,11 @@ mod tests {
     /// has ended the count of all is told. SK-4.78 Of frames that came in part the first is told with its bytes.
     #[test]
     fn aborted_sdos_and_incomplete_frames_are_logged_with_their_details() {
-        let object = crate::coe::ObjectAddress::new(0x2101, 0);
+        let object = crate::ethercat::coe::ObjectAddress::new(0x2101, 0);
         let mut log = RejectionLog::new(&Counters::default());
         let mut said = Vec::new();
         for n in 0..50 {
-            let code = crate::coe::AbortCode::NO_OBJECT;
+            let code = crate::ethercat::coe::AbortCode::NO_OBJECT;
             let aborted = Event { at: n * MS, kind: EventKind::SdoAborted { slave: 2, object, write: true, code } };
             let dropped = Event { at: n * MS, kind: EventKind::Incomplete { bytes: 100 } };
             let counters = Counters { sdo_aborted: n + 1, incomplete: n + 1, ..Counters::default() };

@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
-use super::formats::transfer::{Address, Event, Kind, Stage};
+use super::address::Address;
+use super::formats::transfer::{Event, Kind, Stage};
 use super::held::Held;
-use super::reader::Recorded;
+use super::recorded::Recorded;
 use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};
 
 /// Bytes of a frame behind a report id of 0, as hosts without an interrupt OUT endpoint send it.

@@ -1,6 +1,6 @@
 //! Why a recording cannot be read.
 
-use super::formats::transfer::Address;
+use super::address::Address;
 
 /// Why a recording cannot be read, or not further.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

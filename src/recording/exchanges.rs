@@ -2,10 +2,10 @@
 
 use std::io::Read;
 
-use super::ending::Lacks;
 use super::error::RecordError;
 use super::formats::container::{Blocks, Item};
 use super::formats::exchange;
+use super::lacks::Lacks;
 use super::meta::RecordMeta;
 use crate::sk::Dir;
 

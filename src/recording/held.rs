@@ -5,7 +5,7 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::reader::Recorded;
+use super::recorded::Recorded;
 
 /// Frames that wait at most: a capture may lack the end of a transfer, and a reader of a pipe wants to see something.
 /// \[OURS]

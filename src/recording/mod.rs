@@ -5,9 +5,10 @@
 //!
 //! - `formats/`: the formats of files, one file each. A further one goes there.
 //! - `meta.rs`: what a recording of ours says of itself in its header.
-//! - `devices.rs`: the USB devices of a capture, and which of them is the board.
+//! - `devices.rs`: the USB devices of a capture, and which of them is the board; `address.rs`: where one is.
 //! - `held.rs`: frames that wait until the capture shows whether the board has taken them.
-//! - `reader.rs`: the frames one after the other; `error.rs`: why there is none; `ending.rs`: what is known to be missing.
+//! - `reader.rs`: the frames one after the other, as `recorded.rs` has them; `error.rs`: why there is none; `lacks.rs`, `ending.rs`:
+//!   what is known to be missing.
 //!
 //! A recording of a chip ECM-XF holds the bytes of exchanges: `exchanges.rs`.
 //!
@@ -18,6 +19,7 @@
 //! - `size.rs`, `kinds.rs`: the slot size, and what the slaves are.
 //! - `executed.rs`: which commands the board has executed.
 
+mod address;
 mod devices;
 mod ending;
 mod error;
@@ -26,20 +28,24 @@ mod executed;
 pub(crate) mod formats;
 mod held;
 mod kinds;
+mod lacks;
 pub(crate) mod meta;
 mod order;
 mod reader;
+mod recorded;
 mod size;
 mod timeline;
 
+pub use address::{Address, AddressError};
 pub use devices::{Seen, Skipped};
-pub use ending::{Lacks, lacks_at_end};
+pub use ending::lacks_at_end;
 pub use error::RecordError;
 pub use executed::{Executed, LastExecuted};
-pub use formats::transfer::{Address, AddressError};
 pub use kinds::Kinds;
+pub use lacks::Lacks;
 pub use meta::{Clock, RecordMeta};
 pub use order::InOrder;
-pub use reader::{Recorded, Recording, board_in};
+pub use reader::{Recording, board_in};
+pub use recorded::Recorded;
 pub use size::{SizeFinder, SizeFrom};
 pub use timeline::{Jumps, LONGEST_SILENCE_NS, Timeline};

@@ -36,6 +36,7 @@ pub use start::Start;
 pub use waiting_run::WaitingRun;
 
 use crate::address::keys::{Key, Syntax};
+use crate::address::slaves::{self, ManufacturerObjectsSpec, SlaveSpec};
 use crate::address::uri::{self, LinkUri, UriError};
 use crate::compare::{CompareError, Options, RecordedRun};
 use crate::link::LinkError;
@@ -294,19 +295,14 @@ fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     LinkUri::parse(format!("{}:?{}", link.scheme(), keys.join("&")).trim_end_matches('?')).ok()
 }
 
-/// The first file that a link names, with its key. \[OURS] In a list of slaves everything after `objects@` but the word `any`
-/// counts as a file.
+/// The first file that a link names, with its key.
 fn named_file(link: &LinkUri) -> Option<(String, String)> {
+    let is_file = |slave: &SlaveSpec| matches!(slave.manufacturer_objects, Some(ManufacturerObjectsSpec::File(_)));
     let names = |(key, value): &(&str, &str)| match *key {
-        "slaves" => value.split("objects@").skip(1).any(|rest| !is_any(rest)),
+        "slaves" => slaves::parse(value).is_ok_and(|slaves| slaves.iter().any(is_file)),
         key => Key::find(link.scheme(), key).is_none_or(|row| row.syntax == Syntax::File),
     };
     link.keys().find(names).map(|(key, value)| (key.to_owned(), value.to_owned()))
-}
-
-/// Whether the text begins with the word `any`, followed by the end of a slave's trait.
-fn is_any(rest: &str) -> bool {
-    rest.strip_prefix("any").is_some_and(|rest| rest.is_empty() || rest.starts_with([',', ':', '*']))
 }
 
 /// If a model was recorded, the time of the first frame on its clock, in nanoseconds since it was switched on.

@@ -1,7 +1,7 @@
 //! What a program may have seen of a board, and waited for.
 
-use crate::cia402::Statusword;
 use crate::compare::STANDS_REPORTS;
+use crate::ethercat::cia402::Statusword;
 use crate::recording::Kinds;
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SdoResponse, SlotSize, StateByte};

@@ -3,8 +3,7 @@
 
 use core::fmt;
 
-use super::command::AxisTarget;
-use crate::coe::ObjectAddress;
+use crate::ethercat::coe::ObjectAddress;
 
 /// The value of one argument of a command, for formats that show a command's arguments by name, such as JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +20,15 @@ pub enum Argument {
     Object(ObjectAddress),
     /// The target and the outputs of an axis.
     Axis(AxisTarget),
+}
+
+/// The target of one axis, and its digital outputs if it is one of a pulse module.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct AxisTarget {
+    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
+    pub target: i32,
+    /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
+    pub outputs: u16,
 }
 
 /// What kind of slave a slot belongs to, which the host declares with SET_AXIS, one nibble per slave (UG17 2.1.3). The board

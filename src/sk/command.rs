@@ -26,12 +26,12 @@ use core::fmt::{self, Display, Formatter};
 use super::argument::{Argument, CycleTime, DcShift, Malformed, SlaveKind};
 use super::fifo::FifoAction;
 use super::id::CommandId;
-use super::response::MasterState;
 use super::slot::{RawSlot, SlotSize};
+use super::state::MasterState;
 
+pub use super::argument::AxisTarget;
 pub use sdo::SdoCommand;
-pub(super) use sdo::object_word;
-pub use slave::{AxisTarget, Motion, SlaveCommand, SlotCommand};
+pub use slave::{Motion, SlaveCommand, SlotCommand};
 
 /// A command for the board itself, in slot 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

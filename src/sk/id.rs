@@ -14,7 +14,7 @@
 use core::fmt;
 
 use super::argument::SlaveKind;
-use super::response::MasterState;
+use super::state::MasterState;
 
 /// Who takes a command: a bit for each [`SlotKind`], and for each [`SlaveKind::nibble`] of the slaves in whose slots it may
 /// stand.

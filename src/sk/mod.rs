@@ -17,7 +17,7 @@
 //! | [`argument`] | the arguments of commands as types that hold valid values only |
 //! | [`fifo`] | the depth of the command FIFO, and what SET_FIFO does to it |
 //! | [`command`] | commands with their meaning: for the board, for a slave, for the SDO slot |
-//! | [`response`] | responses with their meaning |
+//! | [`response`] | responses with their meaning; the state of the network is in `state.rs` |
 //! | [`dump`] | a frame as readable lines |
 //!
 //! Three notations stand throughout:
@@ -46,19 +46,19 @@ pub mod frame;
 pub mod id;
 pub mod response;
 pub mod slot;
+mod state;
 
-pub use argument::{Argument, CycleTime, DcShift, DriveSync, Malformed, SlaveKind};
-pub use command::{AxisTarget, MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
+pub use argument::{Argument, AxisTarget, CycleTime, DcShift, DriveSync, Malformed, SlaveKind};
+pub use command::{MasterCommand, Motion, SdoCommand, SlaveCommand, SlotCommand};
 pub use crc::{CrcError, CrcPolicy, CrcStatus};
 pub use dump::{CommandDump, ResponseDump};
 pub use fifo::{FIFO_ENTRIES, FifoAction};
 pub use find_size::SlotForm;
 pub use frame::{Dir, FRAME_LEN, Frame};
 pub use id::{CommandId, SlotKind};
-pub use response::{
-    DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, MasterState, SdoResponse, SlaveResponse, StateByte,
-};
+pub use response::{DriveResponse, HspAxis, HspResponse, IoResponse, MasterResponse, SdoResponse, SlaveResponse};
 pub use slot::{RawSlot, SlotSize, Slots};
+pub use state::{MasterState, StateByte};
 
 /// The board's vendor and product id on USB (SK-9), which many hobby devices have as well.
 pub const BOARD_IDS: (u16, u16) = (0x16C0, 0x05DF);

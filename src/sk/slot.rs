@@ -2,7 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::SlotKind;
+use super::id::SlotKind;
+use crate::ethercat::coe::ObjectAddress;
 pub use crate::ethercat::{I32Le, U16Le, U32Le};
 
 /// How many bytes a slot has. The pin CONFIG2 of the board decides it (SK-1), and nothing on the wire says it: the host
@@ -255,4 +256,9 @@ impl<'a> Slots<'a> {
         };
         (0..n).map(move |i| slots.get(i))
     }
+}
+
+/// Data1 of the SDO slot: `index << 16 | sub-index`.
+pub(super) const fn object_word(object: ObjectAddress) -> u32 {
+    (object.index as u32) << 16 | object.sub as u32
 }

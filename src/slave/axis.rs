@@ -29,8 +29,8 @@ use super::homing::{Homing, HomingSettings};
 use super::plant::{Motor, Plant, PulseTrain, Pulses, Servo};
 use super::state_machine::{OptionCodes, StateMachine, TransitionTimes};
 use super::switches::{Switches, Travel};
-use crate::cia402::Mode;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::Mode;
 use following_error::FollowingErrorWindow;
 
 pub use following_error::{FOLLOWING_ERROR, NO_FOLLOWING_WINDOW};

@@ -8,8 +8,8 @@ use super::device::Model;
 use super::dictionary::{Object, Slot, Values, slot};
 use super::homing::HomingSettings;
 use super::state_machine::OptionCodes;
-use crate::cia402::{Controlword, Mode, SECOND_AXIS_OFFSET};
-use crate::coe::AbortCode;
+use crate::ethercat::cia402::{Controlword, Mode, SECOND_AXIS_OFFSET};
+use crate::ethercat::coe::AbortCode;
 
 /// A kind of device with CiA 402 axes.
 pub(super) trait AxisModel: Model {

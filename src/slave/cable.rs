@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{AlStatus, Fault};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
 /// The most slaves on a cable. \[OURS] Their numbers, and the place of a cut, are one byte; a board has 40 of them at most.

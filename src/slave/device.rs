@@ -22,10 +22,11 @@ use super::plant::Servo;
 use super::process_data::{Mapping, MappingLimits, Pdo, Plan};
 use super::switches::Input;
 use super::{AlStatus, Fault};
-use crate::cia402::error_name;
+use crate::ethercat::cia402::error_name;
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
+pub use super::identity::Identity;
 pub(super) use as_slave::fall;
 pub use objects::{both, description, free_run, identity, synchronization};
 use sync_types::SyncTypes;
@@ -33,21 +34,6 @@ pub use test_memory::{TEST_MEMORY, TEST_MEMORY_BYTES_MAX};
 
 /// Vendor ID, 0x1018:1, of the devices here. \[OURS] "ECMS": no vendor has this number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
-
-/// The identity of a kind of slave, as its objects show it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
-    /// Device type, 0x1000: device profile and kind of device.
-    pub device_type: u32,
-    /// Device name, 0x1008.
-    pub name: &'static str,
-    /// Vendor ID, 0x1018:1.
-    pub vendor_id: u32,
-    /// Product code, 0x1018:2.
-    pub product_code: u32,
-    /// Revision, 0x1018:3.
-    pub revision: u32,
-}
 
 /// What every device keeps, whatever its kind.
 #[derive(Clone, Debug)]

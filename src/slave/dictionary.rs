@@ -44,7 +44,7 @@ mod information;
 mod object;
 mod values;
 
-pub use crate::coe::DataTypeCode;
+pub use crate::ethercat::coe::DataTypeCode;
 pub use information::{
     EntryDescription, EntryValues, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, access_of, describe_entry,
     describe_object, is_listed, object_from,
@@ -53,8 +53,8 @@ pub use object::{Access, DataType, Object, PdoDirection, check, join, only_if, r
 pub use values::{Slot, Value, Values, slot};
 
 use super::SdoValue;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::AlState;
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope, SdoSize};
 use object::Cell;
 
 /// A device with an object dictionary.

@@ -13,7 +13,7 @@ use super::plant::Motor;
 use super::process_data::Pdo;
 use super::state_machine::TransitionTimes;
 use super::switches::Travel;
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 

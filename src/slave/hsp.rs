@@ -19,8 +19,8 @@ use super::plant::PulseTrain;
 use super::process_data::Pdo;
 use super::state_machine::TransitionTimes;
 use super::switches::Travel;
-use crate::cia402::Mode;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::Mode;
 
 pub use objects::{PRODUCT_CODES, REVISION};
 

@@ -24,7 +24,7 @@ mod value;
 use super::dictionary::{
     Access, DataType, DataTypeCode, EntryDescription, ObjectDescription, PdoDirection, access_of, put_first,
 };
-use crate::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, SdoScope};
 
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 pub use value::ManufacturerValue;

@@ -5,6 +5,7 @@
 //! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
 //! | `dp3cl/` | the stepper drive Xinje DP3CL, whole |
 //! | `device/`, `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
+//! | `identity.rs` | who a device is |
 //! | `communication.rs` | what a device reads from the registers of its controller |
 //! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
 //! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
@@ -43,6 +44,7 @@ pub mod files;
 pub mod handle;
 pub mod homing;
 pub mod hsp;
+mod identity;
 pub mod io;
 pub mod lines;
 mod manufacturer;
@@ -68,10 +70,10 @@ pub use switches::{HomeSwitch, Input, Travel};
 
 pub use crate::ethercat::AlStatus;
 
-use crate::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
-use device::Identity;
+use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope, SdoSize};
 use dictionary::{EntryDescription, ObjectDescription};
 use esc::EscSettings;
+use identity::Identity;
 use plant::{SIDE_BY_SIDE, Servo, follow_side_by_side};
 
 use crate::ethercat::registers::{PORTS, RequestedState};

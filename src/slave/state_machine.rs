@@ -3,8 +3,8 @@
 //! It does not move anything: it says what the power stage does ([`Power`]) and is told whether the shaft is at standstill.
 //! Transitions that take a real drive some time take it here too, so that programs have to poll the statusword.
 
-use crate::cia402::{Controlword, DriveState, Statusword};
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
 
 /// A fault that a drive shows in its statusword and error code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

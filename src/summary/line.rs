@@ -107,7 +107,7 @@ impl fmt::Display for Alarm {
         write!(f, "slave {} has an alarm", self.slave)?;
         match self.code {
             0 => f.write_str(", and shows no error code"),
-            code => write!(f, ", 0x{code:04X}: {}", crate::cia402::error_name(code)),
+            code => write!(f, ", 0x{code:04X}: {}", crate::ethercat::cia402::error_name(code)),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::watch::{FrameEvent, FrameWatch};
-use super::writer::SummaryWriter;
+use super::writer::{Counted, SummaryWriter};
 use super::{Line, of_frames, of_link};
 use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
@@ -28,19 +28,6 @@ impl WatchLink {
         Self { inner, summary_writer, watch: Mutex::new(FrameWatch::new(size)), before, closed: AtomicBool::new(false) }
     }
 
-    /// The names and values of the counts so far.
-    pub fn counts(&self) -> Vec<(String, u64)> {
-        let mut counts = of_link(&self.inner.stats(), &self.before);
-        let frames = self.watch().counts();
-        counts.extend(of_frames(&frames).map(|(name, value)| (name.to_owned(), value)));
-        counts
-    }
-
-    /// Whether the link was closed, after which its counts do not change.
-    pub fn is_closed(&self) -> bool {
-        self.closed.load(Ordering::Acquire)
-    }
-
     fn tell_end(&self) {
         if !self.closed.swap(true, Ordering::AcqRel) {
             self.summary_writer.closed();
@@ -50,6 +37,29 @@ impl WatchLink {
     /// The lock is held while one frame is examined, and for less by the thread that writes.
     fn watch(&self) -> MutexGuard<'_, FrameWatch> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Counted for WatchLink {
+    fn counts(&self) -> Vec<(String, u64)> {
+        let mut counts = of_link(&self.inner.stats(), &self.before);
+        let frames = self.watch().counts();
+        counts.extend(of_frames(&frames).map(|(name, value)| (name.to_owned(), value)));
+        counts
+    }
+
+    fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::Acquire)
+    }
+}
+
+impl SummaryWriter {
+    /// Wraps a link that was just opened, so that its frames and counters are watched and reported.
+    pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
+        let link = Arc::new(WatchLink::new(inner, self));
+        let counted: Arc<dyn Counted> = link.clone();
+        self.add_board(Arc::downgrade(&counted));
+        link
     }
 }
 

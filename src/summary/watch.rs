@@ -3,7 +3,7 @@
 
 use super::gaps::GapFinder;
 use super::line::{Alarm, StateFailed};
-use crate::cia402::{DriveState, Statusword};
+use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::recording::Kinds;
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{

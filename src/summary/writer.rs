@@ -11,14 +11,12 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+use std::sync::{Mutex, OnceLock, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::link::WatchLink;
 use super::{Line, TEXTS_MAX};
 use crate::address::config;
-use crate::link::Link;
 use crate::threads;
 
 /// The environment variable that names the file.
@@ -73,10 +71,19 @@ struct Message {
     times_written: u64,
 }
 
+/// A link whose counts are told of.
+pub(super) trait Counted: Send + Sync {
+    /// The names and values of the counts so far.
+    fn counts(&self) -> Vec<(String, u64)>;
+
+    /// Whether the link was closed, after which its counts do not change.
+    fn is_closed(&self) -> bool;
+}
+
 /// A board that is open.
 struct WatchedBoard {
     number: u32,
-    link: Weak<WatchLink>,
+    link: Weak<dyn Counted>,
     /// The values of its counts in the file.
     written: BTreeMap<String, u64>,
 }
@@ -133,18 +140,16 @@ impl SummaryWriter {
         }
     }
 
-    /// Wraps a link that was just opened, so that its frames and counters are watched and reported.
-    pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
-        let link = Arc::new(WatchLink::new(inner, self));
+    /// A board was opened, whose counts are told of from now on.
+    pub(super) fn add_board(&'static self, link: Weak<dyn Counted>) {
         let mut state = self.state();
         let number = state.boards_opened;
         state.boards_opened += 1;
-        state.boards.push(WatchedBoard { number, link: Arc::downgrade(&link), written: BTreeMap::new() });
+        state.boards.push(WatchedBoard { number, link, written: BTreeMap::new() });
         if state.thread.is_none() {
             // If the system gives no thread the queue is written when the board is closed.
             state.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
         }
-        link
     }
 
     /// The body of the thread.
@@ -253,6 +258,8 @@ fn without_figures(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
 
     #[derive(Clone, Default)]

@@ -1,7 +1,8 @@
 //! A board's counters in messages.
 
 use super::fields::{Get, Put};
-use super::wire::{Counts, WireError};
+use super::message::Counts;
+use super::wire_error::WireError;
 use crate::engine::Counters;
 
 /// How many counters of [`Counters`] come before those of the rejections.

@@ -1,7 +1,7 @@
 //! Fields of a message: written one after the other into a fixed buffer, and read from a slice. Numbers are
 //! little-endian.
 
-use super::wire::{PAYLOAD_MAX, WireError};
+use super::wire_error::{PAYLOAD_MAX, WireError};
 use crate::link::{Stamp, Wait};
 use crate::sk::FRAME_LEN;
 

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::wire::Role;
-use crate::address::keys::{Scheme, WHERE_TO_LOOK, decimal, millis};
+use crate::address::keys::{Scheme, WHERE_TO_LOOK, millis};
+use crate::address::text::decimal;
 use crate::address::uri::{LinkUri, UriError};
 
 /// The port if the URI gives none. \[OURS]

@@ -1,25 +1,16 @@
 //! The keys of `xf-sim:` about the chip that it models, as Rust types.
 
-#[cfg(feature = "sim")]
 use std::path::PathBuf;
 
-#[cfg(feature = "sim")]
-use super::options;
-#[cfg(feature = "sim")]
+use super::clock_and_script::{clock, script};
 use crate::address::keys::Scheme;
-#[cfg(feature = "sim")]
-use crate::address::slaves::{self, SlaveSpec};
+use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
 use crate::link::chip_link::{data_size, speed_hz};
-#[cfg(feature = "sim")]
 use crate::recording::Clock;
-#[cfg(feature = "sim")]
 use crate::slave::Slave;
-#[cfg(feature = "sim")]
 use crate::slave::esc::UndescribedError;
-#[cfg(feature = "sim")]
 use crate::slave::handle::SimHandle;
-#[cfg(feature = "sim")]
 use crate::xf::chip::{Controllers, Profile, SimulatedNetwork, SlaveModels};
 use crate::xf::{Coverage, Coverages, DataSize};
 
@@ -56,7 +47,6 @@ impl ChipNetwork {
     ///
     /// # Errors
     /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
-    #[cfg(feature = "sim")]
     pub fn with(self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<SimulatedNetwork, UndescribedError> {
         Ok(match self {
             Self::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
@@ -101,7 +91,6 @@ impl ModelledChip {
     }
 
     /// The properties of the chip.
-    #[cfg(feature = "sim")]
     pub fn profile(&self) -> Profile {
         let profile = match self.model {
             ChipModel::New => Profile::NEW,
@@ -113,7 +102,6 @@ impl ModelledChip {
 }
 
 /// Options of `xf-sim:`, opened as a chip.
-#[cfg(feature = "sim")]
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimChipOptions {
     /// The slaves in network order: 0..=40.
@@ -126,7 +114,6 @@ pub struct SimChipOptions {
     pub script: Option<PathBuf>,
 }
 
-#[cfg(feature = "sim")]
 impl SimChipOptions {
     /// The options in a URI; keys that are not given have their defaults.
     ///
@@ -134,12 +121,7 @@ impl SimChipOptions {
     /// [`UriError::OtherScheme`] if it is not an `xf-sim:` link.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         uri.expect_scheme(Scheme::XfSim)?;
-        Ok(Self {
-            slaves: slaves::of_uri(uri)?,
-            clock: options::clock(uri)?,
-            chip: ModelledChip::from_uri(uri)?,
-            script: options::script(uri)?,
-        })
+        Ok(Self { slaves: uri.slaves()?, clock: clock(uri)?, chip: ModelledChip::from_uri(uri)?, script: script(uri)? })
     }
 }
 

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::chip_options::ModelledChip;
+use super::clock_and_script::{clock, script};
 use crate::address::Fraction;
 use crate::address::keys::{Scheme, millis};
-use crate::address::slaves::{self, SlaveSpec};
+use crate::address::slaves::SlaveSpec;
 use crate::address::uri::{LinkUri, UriError};
 use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
@@ -62,7 +63,7 @@ impl SimOptions {
         };
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
-            slaves: slaves::of_uri(uri)?,
+            slaves: uri.slaves()?,
             clock: clock(uri)?,
             name: uri.typed("name", |value| Some(value.to_owned()))?,
             catch_up: uri.required("catch_up_ms", millis)?,
@@ -71,14 +72,4 @@ impl SimOptions {
             bus,
         })
     }
-}
-
-/// Whether the clock of a modelled network is the real one.
-pub(super) fn clock(uri: &LinkUri) -> Result<Clock, UriError> {
-    uri.choice("clock", [("real", Clock::Real), ("virtual", Clock::Virtual)])
-}
-
-/// The file of events that happen to it.
-pub(super) fn script(uri: &LinkUri) -> Result<Option<PathBuf>, UriError> {
-    uri.typed("script", |value| Some(PathBuf::from(value)))
 }

@@ -55,7 +55,7 @@ mod words;
 use std::path::Path;
 
 use crate::address::slaves::SlaveSpec;
-use crate::address::uri::visible;
+use crate::address::text::visible;
 use crate::engine::BoardHandle;
 use crate::fieldbus::Ns;
 use crate::files::read_small;

@@ -4,36 +4,9 @@
 //! there is one, which matters because every packet of every cycle is checked on both sides; it is small, needs no
 //! `std`, and is the one that zlib's users in Rust have.
 
+pub use super::check_type::CheckType;
 use super::header::CommandHeader;
 use super::{DataSize, FIXED_CHECK, HEADER_LEN, NOT_READY, Status};
-
-/// What the check word is: the parameter of CRC_TYPE_SET, and bits 1 and 0 of byte 0x0A of an answer. 1 and 2 are
-/// undefined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum CheckType {
-    /// 0: [`FIXED_CHECK`], what the chip starts with (OBS).
-    #[default]
-    Fixed = 0,
-    /// 3: CRC-32.
-    Crc32 = 3,
-}
-
-impl CheckType {
-    /// The type with this code; `None` unless it is 0 or 3.
-    pub const fn from_code(code: u8) -> Option<Self> {
-        match code {
-            0 => Some(Self::Fixed),
-            3 => Some(Self::Crc32),
-            _ => None,
-        }
-    }
-
-    /// The code on the wire: 0 or 3.
-    pub const fn code(self) -> u8 {
-        self as u8
-    }
-}
 
 /// Which bytes a CRC-32 covers. Nothing on the wire says it. Which firmware has which is not known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -51,6 +51,7 @@
 //! ```
 
 pub mod check;
+mod check_type;
 #[cfg(feature = "sim")]
 pub mod chip;
 pub mod code;
@@ -66,7 +67,8 @@ mod segment;
 pub mod size;
 pub mod value;
 
-pub use check::{CheckRule, CheckType, Coverage, Coverages};
+pub use check::{CheckRule, Coverage, Coverages};
+pub use check_type::CheckType;
 pub use code::CommandCode;
 pub use header::{AnswerHeader, CommandHeader, Control, Errors, Interrupts, NetworkState, Reserve, Status};
 pub use malformed::{Allowed, Malformed};

@@ -4,7 +4,8 @@
 
 use core::fmt;
 
-use super::check::{CheckRule, CheckType, Coverage, Verdict, judge_answer};
+use super::check::{CheckRule, Coverage, Verdict, judge_answer};
+use super::check_type::CheckType;
 use super::header::{AnswerHeader, CommandHeader, Status};
 use super::request::{Arguments, Call, Encode, Request};
 use super::response::{Answer, Returned};

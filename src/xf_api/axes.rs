@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::{ProcessData, Xf, XfError};
-use crate::cia402::DriveState;
-use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::DriveState;
+use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
 use crate::xf::CommandCode;
 use crate::xf::host::SLOT_BYTES;

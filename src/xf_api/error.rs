@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::link::chip_link::ChipError;
 use crate::span::Span;
 use crate::xf::host::{BudgetError, HostError, ProcessOutcome, StepError};

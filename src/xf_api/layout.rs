@@ -2,7 +2,7 @@
 //! its objects in the order in which it maps them.
 
 use super::{Xf, XfError};
-use crate::coe::ObjectAddress;
+use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
 use crate::xf::request::{MappedObject, PdoAssignment, SlaveInfoItem};
 

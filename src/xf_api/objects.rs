@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::layout::Field;
 use super::{Xf, XfError};
-use crate::coe::{ObjectAddress, SdoScope};
+use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::link::chip_link::ChipLink;
 use crate::xf::host::HostError;
 use crate::xf::request::{SDO_DATA_MAX, SdoGet, SdoOperation, SdoRequest};

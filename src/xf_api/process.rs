@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::layout::{self, Field, Layout, SlaveLayout};
 use super::{Xf, XfError};
-use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
+use crate::ethercat::coe::ObjectAddress;
 use crate::link::chip_link::ChipLink;
 use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcome};
 

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use super::{Xf, XfError};
-use crate::cia402::DriveState;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::DriveState;
 use crate::link::chip_link::ChipLink;
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostError, HostState};

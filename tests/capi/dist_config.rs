@@ -4,6 +4,7 @@ use std::fs;
 
 use ecmsk::link::config::{Configured, DEFAULT_LINK, Environment, Source, find};
 use ecmsk::link::keys::{KEYS, Key, Scheme, Syntax};
+use ecmsk::link::slaves::SlaveModel;
 use ecmsk::link::uri::LinkUri;
 
 /// What the DLL can open, and the shortest link of each.
@@ -63,7 +64,11 @@ fn entry(link: &str, key: &Key) -> String {
     };
     let default = key.default.map(|value| format!("; default {value}")).unwrap_or_default();
     // What the help has further down.
-    let meaning = key.meaning.replace("see below", "see `ecmsk link help`");
+    let mut meaning = key.meaning.replace("see below", "see `ecmsk link help`");
+    if key.syntax == Syntax::Slaves {
+        let kinds = SlaveModel::ALL.map(|kind| format!("{}, {}", kind.name(), kind.meaning()));
+        meaning += &format!("; kinds: {}", kinds.join("; "));
+    }
     let mut lines = wrapped(&format!("{}: {meaning}{default}", key.name));
     lines += &format!("{OFF}'{link}?{}={value}'\n", key.name);
     lines

@@ -88,7 +88,7 @@ fn an_invalid_travel_is_reported_with_what_is_allowed() {
             "the axis stands at 0 and cannot be there with stops@1..5; allowed: start@ between them".into(),
         ),
         ("io:start@1", "a slave of kind io has no axis and no travel; allowed: io".into()),
-        ("hsp:stops@-1..1", "the pulses of an hsp meet no stops; allowed: stops@ of drive and step".into()),
+        ("hsp:stops@-1..1", "the pulses of an hsp meet no stops; allowed: stops@ of drive, step, dp3cl".into()),
     ] {
         let error = LinkUri::parse(&format!("sim:?slaves=drive,{item}")).expect_err(item).to_string();
         let words = format!("key `slaves` does not take `drive,{item}`; in `{item}`, {why}; see `ecmsk link help`");

@@ -8,10 +8,10 @@ use ecmsk::link::chip::ChipOptions;
 use ecmsk::link::fault::{FaultOptions, FaultRates};
 use ecmsk::link::keys::{KEYS, Scheme, help};
 use ecmsk::link::options::{BoardOptions, Clock, CommonOptions, SimOptions};
-use ecmsk::link::slaves::SlaveModel;
+use ecmsk::link::slaves::{SlaveModel, parse_declared, word};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::link::{Fraction, LinkError, Wait};
-use ecmsk::sk::SlotSize;
+use ecmsk::sk::{SlaveKind, SlotSize};
 use proptest::prelude::*;
 
 fn uri(text: &str) -> LinkUri {
@@ -424,6 +424,57 @@ fn control_characters_in_a_value_are_shown_by_their_codes() {
     {
         let said = LinkUri::parse(uri).unwrap_err().to_string();
         assert!(said.contains(shown) && !said.contains(char::is_control), "{said}");
+    }
+}
+
+/// The help and the page of simulated slaves say what each kind is, and name no other.
+#[test]
+fn the_help_and_the_page_of_slaves_have_each_kind() {
+    let help = help();
+    for kind in SlaveModel::ALL {
+        let line = help.lines().find(|line| line.starts_with(&format!("  {:<6} {}", kind.name(), kind.meaning())));
+        let parts = line.and_then(|line| line.rsplit('[').next()).unwrap_or_else(|| panic!("{}: {help}", kind.name()));
+        assert_eq!(parts.contains("limits"), kind.axes() > 0, "{parts}");
+        assert_eq!(parts.contains("stops"), kind.motors() > 0, "{parts}");
+        assert!(parts.contains("objects"), "{parts}");
+    }
+    let page = std::fs::read_to_string(support::root().join("docs/SLAVES.md")).expect("the page");
+    let rows = page.lines().skip_while(|line| !line.starts_with("| kind | what it is |")).skip(2);
+    let cells = rows.map_while(|row| row.strip_prefix("| ")?.split(" | ").next());
+    let mut said: Vec<&str> = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect();
+    let mut kinds = SlaveModel::ALL.map(SlaveModel::name);
+    said.sort_unstable();
+    kinds.sort_unstable();
+    assert_eq!(said, kinds);
+}
+
+/// What a program declares is a list of the same form: upper case, blanks and the place of the number do not matter, `none` is a
+/// slave that is not used. What stands behind a kind is up to who reads the list.
+#[test]
+fn a_list_of_declared_slaves_has_the_same_form() {
+    use SlaveKind::{Drive, Hsp, Io, None, Step};
+    let kinds = |list| parse_declared(list, |kind, _| Ok(kind));
+    assert_eq!(kinds("drive*2, IO ,dp3cl,hsp2,step:csp,none"), Ok(vec![Drive, Drive, Io, Step, Hsp, Step, None]));
+    for (list, parts) in [("drive:csv*2", "csv"), ("drive * 2 : csv", "csv"), ("drive:a:b", "a b"), ("drive", "")] {
+        let read = parse_declared(list, |_, parts| Ok(parts.join(" "))).expect(list);
+        assert!(read.iter().all(|read| read == parts), "{list}: {read:?}");
+    }
+    let count = "allowed: a whole number from 1 to 40 after the *";
+    for (list, why) in [
+        ("", "kind `` is unknown; allowed: drive, io, step, dp3cl, hsp, hsp2, none".to_owned()),
+        ("io,drve", "kind `drve` is unknown; did you mean `drive`? allowed: drive, io".to_owned()),
+        ("io*0", format!("in `io*0`, {count}")),
+        ("io*+2", format!("in `io*+2`, {count}")),
+        ("io*1*2", format!("in `io*1*2`, {count}")),
+        ("drive*40,io*2", "42 slaves, allowed: at most 40 slaves".to_owned()),
+    ] {
+        let said = kinds(list).expect_err(list);
+        assert!(said.contains(&why), "{list}: {said}");
+    }
+    let wrong = parse_declared("io,drive:x*2", |_, parts| if parts.is_empty() { Ok(()) } else { Err("no".to_owned()) });
+    assert_eq!(wrong, Err("in `drive:x*2`, no".to_owned()));
+    for kind in [Drive, Io, Hsp, Step, None] {
+        assert_eq!(kinds(word(kind)), Ok(vec![kind]));
     }
 }
 

@@ -49,9 +49,7 @@ pub struct Args {
     #[arg(long, value_name = "URI", value_parser = LinkUri::parse, global = true, help_heading = HEADING)]
     link: Option<LinkUri>,
 
-    /// The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of drive, step, hsp, io, none, each with :csv or :cst
-    /// if it does not run in CSP [default: those of a sim: or xf-sim: link]
-    #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING)]
+    #[arg(long, value_name = "LIST", value_parser = Network::parse, global = true, help_heading = HEADING, help = network::help())]
     slaves: Option<Network>,
 
     /// Bring the network up as far as the verb needs: configure it, enter OP, switch on the axes that it moves

@@ -12,8 +12,8 @@ use ecmsk::compare::{CompareError, Comparison, Deviation, Options, RecordedRun, 
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
-use super::error::say;
 use super::plot::{self, PlotError};
+use super::stderr::say;
 use super::{output, recording, slot_size};
 use picture::Picture;
 

@@ -29,12 +29,13 @@ use ecmsk::recording::{Address, RecordMeta};
 use ecmsk::recording::{Kinds, SizeFinder, SizeFrom};
 use ecmsk::sk::SlotSize;
 
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::filter::{Command, Slots, Times, parse_seconds};
 use super::kinds::KindList;
 use super::output;
 use super::recording::{self, Framed, Frames};
 use super::slot_size;
+use super::stderr::say;
 use frames::{Shown, Time, View};
 use hex::HexError;
 use text::Numbering;
@@ -115,8 +116,10 @@ pub struct Args {
     #[arg(long, value_name = "BUS.ADDRESS", conflicts_with = "hex", value_parser = recording::parse_device)]
     device: Option<Address>,
 
-    /// What the slaves are, in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, dp3cl, none
-    #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
+    #[arg(long, value_name = "LIST", value_parser = KindList::parse, help = KindList::help(
+        "What the slaves are, in the order of the network",
+        "",
+    ))]
     kinds: Option<KindList>,
 
     /// Firmware of the board, 1.7 or 1.5: with 1.5, byte 1 of a slave's response is its mode [default: what

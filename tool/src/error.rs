@@ -7,6 +7,7 @@ use ecmsk::recording::RecordError;
 
 use super::board::BoardError;
 use super::bus::BusVerbError;
+use super::stderr::say;
 use super::xf::XfVerbError;
 
 /// Why the tool failed. Every text ends with the next step.
@@ -189,9 +190,4 @@ fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(Strin
     let verbs: Vec<&str> =
         at.get_subcommands().filter(|verb| !verb.is_hide_set()).map(clap::Command::get_name).collect();
     (!verbs.is_empty()).then(|| (name, verbs.join(", ")))
-}
-
-/// Prints a line on standard error: `kind: what`.
-pub fn say(kind: &str, what: &dyn std::fmt::Display) {
-    super::stderr::line(&format!("{kind}: {what}"));
 }

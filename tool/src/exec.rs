@@ -20,7 +20,7 @@ use ecmsk::link::config::{ConfigError, LINK_VARIABLE, OPENED_VARIABLE};
 use ecmsk::link::uri::{LinkUri, UriError};
 use ecmsk::summary::writer::FILE_VARIABLE;
 
-use super::error::say;
+use super::stderr::say;
 use super::{record_option, recording_end};
 use library::LibraryFolder;
 pub use library::find as find_library;

@@ -6,7 +6,7 @@ use ecmsk::link::LinkError;
 use ecmsk::link::config::{ConfigError, Environment, LINK_VARIABLE, Source, find};
 use ecmsk::link::uri::LinkUri;
 
-use super::error::say;
+use super::stderr::say;
 
 /// The board that a verb talks to.
 pub struct ChosenLink {

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use ecmsk::link::keys::Scheme;
 use serde_json::Value;
 
-use super::error::say;
+use super::stderr::say;
 use super::{CliError, output};
 #[cfg(target_os = "linux")]
 use linux as system;

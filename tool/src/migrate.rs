@@ -18,8 +18,8 @@ use ecmsk::recording::{Address, Clock};
 use ecmsk::sk::SlotSize;
 
 use super::compare::{TROUBLE, tell};
-use super::error::say;
 use super::plot::{self, PlotError};
+use super::stderr::say;
 use super::{output, recording, slot_size};
 use picture::Picture;
 

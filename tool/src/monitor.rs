@@ -30,10 +30,11 @@ use ecmsk::link::{KnownNetwork, LinkError};
 use ecmsk::recording::RecordError;
 use ecmsk::sk::{SlaveKind, SlotSize};
 
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::kinds::KindList;
 use super::link_option::{ChoiceError, ChosenLink, Unnamed, as_reader};
 use super::recording::Frames;
+use super::stderr::say;
 use super::{output, recording_end, slot_size};
 use source::Feed;
 use watched::{View, Watched};
@@ -60,9 +61,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "link", value_hint = ValueHint::FilePath)]
     recording: Option<PathBuf>,
 
-    /// The slaves in the order of the network, e.g. drive*2,io; of drive, io, hsp, hsp2, step, dp3cl, none [default: those of a
-    /// sim: link, or as a server or a recording tells, else guessed from what they say]
-    #[arg(long, value_name = "LIST", value_parser = KindList::parse)]
+    #[arg(long, value_name = "LIST", value_parser = KindList::parse, help = KindList::help(
+        "The slaves in the order of the network",
+        " [default: those of a sim: link, or as a server or a recording tells, else guessed from what they say]",
+    ))]
     slaves: Option<KindList>,
 
     /// Bytes of a slot, 12 or 16 [default: what the link says, else what the CRCs fit]

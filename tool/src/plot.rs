@@ -44,9 +44,10 @@ use ecmsk::recording::{Address, RecordError};
 use ecmsk::sk::{CommandId, SlotSize};
 
 use super::board::network::Scales;
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::filter::{Command, Slaves, Times, nanoseconds, parse_seconds};
 use super::recording::{self, Framed, Frames, InTime};
+use super::stderr::say;
 use super::{output, slot_size};
 use beside::Other;
 pub use chart::Sheet;

@@ -12,7 +12,7 @@ use ecmsk::recording::{Address, AddressError, Lacks, RecordError, RecordMeta, Re
 use ecmsk::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use ecmsk::sk::{FRAME_LEN, SlotSize};
 
-use super::error::say;
+use super::stderr::say;
 
 /// How many frames are read ahead at most to find a slot size that the recording does not tell.
 const LOOK_AHEAD: usize = 1000;

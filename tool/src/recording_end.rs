@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use ecmsk::link::uri::LinkUri;
 use ecmsk::recording::{Lacks, lacks_at_end};
 
-use super::error::say;
+use super::stderr::say;
 
 /// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
 /// program that it has ended, and none that shells or `env` use.

@@ -11,7 +11,7 @@ use ecmsk::replay::{FilesInLink, Replay, ReplayError};
 use serde_json::{Value, json};
 
 use super::compare::{self, CompareVerbError, How, Names};
-use super::error::say;
+use super::stderr::say;
 use super::{plot, recording};
 
 /// Play the host's half of a capture to the model: does the model answer as the board did?

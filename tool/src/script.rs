@@ -8,7 +8,7 @@ use clap::ValueHint;
 use ecmsk::ecm::Config;
 
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, Scales, StepSource};
-use super::error::say;
+use super::stderr::say;
 use super::step::{Line, Step};
 
 /// Run a script: several steps on one open board

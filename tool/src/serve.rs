@@ -18,8 +18,8 @@ use ecmsk::notes::FLUSH_LIMIT;
 use ecmsk::port::tcp::{DEFAULT_PORT, OnVanish, ServeError, ServeOptions, Server};
 
 use super::board::{BoardError, slaves_words, units_words};
-use super::error::say;
 use super::link_option::ChosenLink;
+use super::stderr::say;
 use super::{CliError, output, recording_end, signals, streams};
 
 /// Serve a board, a chip ECM-XF or slaves to other processes and machines

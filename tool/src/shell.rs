@@ -7,9 +7,9 @@ use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
 use super::board::{self, Board, BoardError, BoardUse, Interrupt, StepSource};
-use super::error::say;
 use super::output;
 use super::script;
+use super::stderr::say;
 use super::step::Line;
 use input::Input;
 

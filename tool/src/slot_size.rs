@@ -7,7 +7,7 @@ use std::sync::Once;
 
 use ecmsk::sk::SlotSize;
 
-use super::error::say;
+use super::stderr::say;
 
 /// Parses `12` or `16`.
 ///

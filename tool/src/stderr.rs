@@ -11,6 +11,11 @@ pub fn line(text: &str) {
     write(format!("{text}\n").as_bytes());
 }
 
+/// Prints a line on standard error: `kind: what`.
+pub fn say(kind: &str, what: &dyn std::fmt::Display) {
+    line(&format!("{kind}: {what}"));
+}
+
 /// Writes what may hold the tool's own control sequences. Text from outside in it must have passed
 /// [`visible`](super::visible::visible).
 pub fn raw(text: &str) {

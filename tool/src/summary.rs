@@ -10,8 +10,9 @@ use ecmsk::sk::SlotSize;
 use ecmsk::summary::{FrameWatch, Summary};
 use serde_json::{Value, json as object};
 
-use super::error::{CliError, say};
+use super::error::CliError;
 use super::recording::{Framed, Frames, board, parse_device};
+use super::stderr::say;
 use super::{output, slot_size};
 
 /// Say what went wrong in a recorded run: alarms, changes of state that failed, gaps, a full FIFO, wrong CRCs

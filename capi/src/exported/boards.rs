@@ -11,9 +11,8 @@ use crate::board::OpenBoard;
 use crate::buffer::{ReportBuffer, fill_frame, text_from};
 use crate::error::CallError;
 use crate::exported::entry::{entry, guard};
-use crate::exported::vendor;
-use crate::handles::Handles;
 use crate::module::{self, CloseResult, close_and_unload};
+use crate::open_boards::{HANDLES, VENDOR_BOARD};
 use crate::{connect, memory, shutdown};
 
 /// The result of a call: `ECMSK_OK`, or a negative error code. `ecmsk_last_error` has a text for every error.
@@ -58,8 +57,6 @@ pub const ECMSK_WAIT_LINK: i64 = -2;
 const VENDOR: usize = 1;
 const _: () = assert!(VENDOR < crate::handles::FIRST);
 
-static HANDLES: Handles = Handles::new();
-
 /// Opens the board that a link's URI names, such as `sim:?slaves=drive*2` or `usb:`, and writes its handle to `*board`, or
 /// NULL if it fails. Two links to simulated boards lead to the same board only if they have the same `name=`. A board that is
 /// open already gives `ECMSK_ERROR_IN_USE`.
@@ -99,7 +96,7 @@ extern "C" fn close(board: *mut EcmskBoard) -> CloseResult {
     let handle = board.addr();
     let call = || match handle {
         VENDOR => {
-            vendor::BOARD.close();
+            VENDOR_BOARD.close();
             Ok(())
         }
         other => {
@@ -173,17 +170,8 @@ pub unsafe extern "C" fn ecmsk_read(
 /// [`CallError::Handle`], [`CallError::NotOpen`].
 pub fn find(handle: usize) -> Result<Arc<OpenBoard>, Box<CallError>> {
     match handle {
-        VENDOR => vendor::BOARD.get(),
+        VENDOR => VENDOR_BOARD.get(),
         other => HANDLES.get(other),
-    }
-}
-
-/// Releases all boards that this process has not closed, when it ends.
-#[cfg(unix)]
-pub fn vanish_all() {
-    vendor::BOARD.vanish();
-    for board in HANDLES.drain() {
-        board.vanish();
     }
 }
 

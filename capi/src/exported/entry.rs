@@ -7,14 +7,13 @@ use std::sync::Once;
 
 use ecmsk::summary::writer;
 
-use crate::board;
 use crate::cancellation::CancellationDeferred;
 use crate::error::{self, CallError};
 use crate::floating_point::FloatingPoint;
+use crate::forked::{self, MayHoldLock};
 use crate::logger;
 use crate::memory;
 use crate::module::{Call, LastError};
-use crate::shutdown::{self, MayHoldLock};
 
 /// Runs the body of an exported function: `entry!(ECMUSBRead(dwlength), { ... })`.
 ///
@@ -44,14 +43,14 @@ pub fn guard<T: Debug>(
     call: Arguments<'_>,
     body: impl FnOnce() -> Result<T, Box<CallError>>,
 ) -> Result<T, Box<CallError>> {
-    if shutdown::is_forked() {
+    if forked::is_forked() {
         // No lock may be taken here, not even that of the log: a thread of the parent may hold it, and the child has no such
         // thread.
         let error = Box::new(CallError::Forked);
         error::remember(&error);
         return Err(error);
     }
-    let _may_hold_lock = (!board::any_open()).then(MayHoldLock::begin);
+    let _may_hold_lock = (!forked::any_open()).then(MayHoldLock::begin);
     // These guards end in the reverse order.
     let _cancellation = CancellationDeferred::begin();
     let _last_error = LastError::keep();
@@ -69,7 +68,7 @@ pub fn guard<T: Debug>(
                 CallError::Panic(_) => log::error!("{call} -> {error}"),
                 _ => log::warn!("{call} -> {error}"),
             }
-            if !board::any_open()
+            if !forked::any_open()
                 && let Some(summary_writer) = writer::of_process()
             {
                 // No thread writes them, since it runs only while a board is open.

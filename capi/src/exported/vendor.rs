@@ -8,17 +8,14 @@ use std::ffi::{c_uchar, c_ulong};
 
 use ecmsk::sk::Frame;
 
-use crate::board::VendorBoard;
 use crate::buffer::{ReportBuffer, fill_frame};
 use crate::error::{CallError, remember_open};
 use crate::exported::boards::ECMSK_OK;
 use crate::exported::entry::{entry, guard};
 use crate::last_frame::LAST_FRAME;
 use crate::module::{self, CloseResult, close_and_unload};
-use crate::{connect, last_error, memory, shutdown};
-
-/// The board that these four functions use.
-pub static BOARD: VendorBoard = VendorBoard::new();
+use crate::open_boards::VENDOR_BOARD;
+use crate::{connect, forked, last_error, memory, shutdown};
 
 /// Opens the board that `ECMSK_LINK` or an `ecmsk.toml` names, or else `usb:`. Returns 1 if it is open, also if it was open
 /// before, and 0 if not (`ecmsk_last_error` says why). A board that was lost is opened again without CloseECMUSB. On Windows
@@ -30,10 +27,10 @@ pub extern "system" fn OpenECMUSB() -> u32 {
     let result = entry!(OpenECMUSB(), {
         memory::check(memory::OPEN_BYTES)?;
         shutdown::end_at_exit();
-        BOARD.open(connect::configured)
+        VENDOR_BOARD.open(connect::configured)
     });
     if let Err(error) = &result
-        && !shutdown::is_forked()
+        && !forked::is_forked()
     {
         remember_open(error);
     }
@@ -55,7 +52,7 @@ extern "C" fn close_board() -> CloseResult {
     module::close(|| {
         // Closing cannot fail, and the function returns nothing.
         let _ = guard(format_args!("CloseECMUSB()"), || {
-            BOARD.close();
+            VENDOR_BOARD.close();
             Ok(())
         });
         ECMSK_OK
@@ -79,7 +76,7 @@ pub unsafe extern "system" fn ECMUSBWrite(data: *const c_uchar, dwlength: c_ulon
             unsafe { fill_frame(frame, data, length(dwlength)) }?;
             // \[OURS] Whatever becomes of it: once the board is gone a program that writes and reads is to find its own command.
             LAST_FRAME.keep(frame);
-            BOARD.write(frame, length(dwlength))
+            VENDOR_BOARD.write(frame, length(dwlength))
         })
     });
     last_error::after_transfer(&result);
@@ -103,7 +100,7 @@ pub unsafe extern "system" fn ECMUSBRead(data: *mut c_uchar, dwlength: c_ulong) 
         // SAFETY: the caller's promise for `data`.
         let buffer = unsafe { ReportBuffer::new(data, length(dwlength)) }?;
         with_frame(|report| {
-            BOARD.read(report)?;
+            VENDOR_BOARD.read(report)?;
             LAST_FRAME.keep(report);
             buffer.fill(report);
             Ok(())

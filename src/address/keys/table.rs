@@ -46,10 +46,8 @@ pub const KEYS: &[Key] = &[
         syntax: Syntax::Slaves,
         default: Some("drive*2"),
         example: "drive*2,io",
-        meaning: "the slaves on the network, in order, e.g. drive*2,io: drive, a servo drive; io, 16 outputs and \
-                  inputs; step, a stepper; hsp and hsp2, a pulse module of one and of two channels (outputs of io and \
-                  hsp are wired to their inputs); none: a board that finds no slave; a kind may have its travel behind it, \
-                  e.g. drive:limits@-200000..300000, and the objects of its maker, drive:objects@FILE (see below)",
+        meaning: "the slaves on the network, in order, e.g. drive*2,io; none: a board that finds no slave; a kind may have its \
+                  travel behind it, e.g. drive:limits@-200000..300000, and the objects of its maker, drive:objects@FILE (see below)",
     },
     Key {
         name: "slot",

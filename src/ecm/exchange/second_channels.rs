@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use super::session::Session;
 use super::task::Task;
-use crate::cia402::{SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::ecm::config::Slave;
 use crate::ecm::network::Network;
 use crate::ecm::{Ecm, EcmError};
+use crate::ethercat::cia402::{SECOND_AXIS_OFFSET, STATUSWORD, Statusword};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{MAX_SLAVES, SlaveSet};
 use crate::sk::{CommandId, Frame, RawSlot, SdoCommand, SdoResponse, SlotSize};
 

@@ -15,13 +15,13 @@ use super::posts::Posts;
 use super::reports::Reports;
 use super::second_channels::SecondChannels;
 use super::stats::{News, NewsQueue, Stats};
-use crate::cia402::Statusword;
-use crate::coe::ObjectAddress;
 use crate::ecm::EcmError;
 use crate::ecm::config::Slave;
 use crate::ecm::network::Network;
 use crate::ecm::snapshot::Snapshot;
 use crate::ethercat::SlaveSet;
+use crate::ethercat::cia402::Statusword;
+use crate::ethercat::coe::ObjectAddress;
 use crate::link::{ReadMeta, Stamp};
 use crate::sk::{CrcPolicy, Frame, MasterResponse, RawSlot, SlotSize};
 

@@ -7,11 +7,11 @@
 //! No frame of a brake goes beyond what the axis was told, turns it round or makes it faster, however late the frame is: this process
 //! may stand still before each of them.
 
-use super::left_behind::LeftBehind;
+use super::LeftBehind;
 use super::movement::{self, Observation};
-use crate::cia402::Mode;
 use crate::ecm::config::Slave;
 use crate::ecm::exchange::Session;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, DriveResponse, Motion, SlaveCommand};
 
 /// \[OURS] Targets that go no further than that in a step are those of an axis that stands, counts.

@@ -9,30 +9,14 @@ use std::time::Duration;
 use super::axis_ramp::ramp_from_position;
 use super::movement::{self, Observation};
 use super::{RAMP_FRAMES_MIN, Stop, settling_time};
-use crate::cia402::Mode;
 use crate::ecm::EcmError;
-use crate::ethercat::SlaveSet;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand, SlotCommand};
 
 /// \[OURS] Entries wait for a threshold if so many reports in a row show that none was taken out.
 const HELD_REPORTS: u32 = 3;
 /// \[OURS] How long the last frame of a stop that has failed may take.
 const LAST_FRAME_LIMIT: Duration = Duration::from_millis(200);
-
-/// What a program has left, whose axes are brought to a standstill.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct LeftBehind {
-    /// It is another program, which has ended: what it was about to do is not known.
-    pub is_foreign: bool,
-    /// Slaves to which it may have sent GO_HOME.
-    pub homing: SlaveSet,
-    /// It has set a threshold that may be in force.
-    pub has_threshold: bool,
-    /// The board takes no entry out of its FIFO, though there are some.
-    pub is_held: bool,
-    /// Entries that were discarded.
-    pub discarded: u16,
-}
 
 impl Stop<'_, '_> {
     /// Discards entries that must not be executed, or that cannot be within the limit.

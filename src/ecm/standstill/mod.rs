@@ -18,7 +18,6 @@ use std::time::Duration;
 use parking_lot::MutexGuard;
 
 use axis_ramp::{AxisRamp, needs_observation, ramp_from_position, ramp_of};
-pub use left_behind::LeftBehind;
 use movement::Observation;
 
 use super::config::Slave;
@@ -40,6 +39,21 @@ const PRESENT_CYCLES: u32 = 3;
 
 /// \[OURS] A ramp has at least that many frames, if the cycle is long.
 pub const RAMP_FRAMES_MIN: u32 = 4;
+
+/// What a program has left, whose axes are brought to a standstill.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LeftBehind {
+    /// It is another program, which has ended: what it was about to do is not known.
+    pub is_foreign: bool,
+    /// Slaves to which it may have sent GO_HOME.
+    pub homing: SlaveSet,
+    /// It has set a threshold that may be in force.
+    pub has_threshold: bool,
+    /// The board takes no entry out of its FIFO, though there are some.
+    pub is_held: bool,
+    /// Entries that were discarded.
+    pub discarded: u16,
+}
 
 /// The part of a limit that is kept for axes to come to rest after the ramp.
 pub fn settling_time(cycle: Duration) -> Duration {

@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
-use crate::cia402::{Mode, Statusword};
 use crate::ecm::EcmError;
 use crate::ecm::config::{Axis, Guard, Slave};
 use crate::ecm::exchange::Session;
 use crate::ecm::exchange::cyclic_targets::Outputs;
 use crate::ecm::network::Network;
 use crate::ethercat::SlaveSet;
+use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{
     AxisTarget, Frame, HspResponse, MasterState, Motion, RawSlot, SlaveCommand, SlotCommand, SlotSize, StateByte,
 };

@@ -14,7 +14,7 @@ use super::exchange::{Session, Stats, ahead_of_the_board};
 use super::snapshot::Snapshot;
 use super::standstill::{self, LeftBehind};
 use super::{CLOSE_LIMIT, Ecm, EcmError};
-use crate::cia402::Mode;
+use crate::ethercat::cia402::Mode;
 use crate::sk::{AxisTarget, FIFO_ENTRIES, FifoAction, MasterCommand, Motion, RawSlot, SlaveCommand};
 
 /// \[OURS] Entries of the FIFO that a stream leaves free, for commands of other calls and for the ramp to a standstill.

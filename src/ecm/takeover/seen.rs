@@ -1,7 +1,7 @@
 //! What frames and reports tell of one slave: its mode, what was commanded last, and whether it may be homing.
 
-use crate::cia402::{Mode, Statusword};
 use crate::ecm::config::{Axis, Slave, modes};
+use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::{CommandId, DriveSync, FIFO_ENTRIES, RawSlot, SlaveCommand, SlaveKind, SlotCommand, SlotSize};
 
 /// What is known of one slave.

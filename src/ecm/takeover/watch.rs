@@ -2,8 +2,8 @@
 //! declared as, in which modes they are run, and what was commanded last.
 
 use super::seen::Seen;
-use crate::cia402::Statusword;
 use crate::ecm::config::Config;
+use crate::ethercat::cia402::Statusword;
 use crate::link::Stamp;
 use crate::recording::Kinds;
 use crate::sk::{
@@ -161,8 +161,8 @@ impl Watch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cia402::Mode;
     use crate::ecm::config::Slave;
+    use crate::ethercat::cia402::Mode;
     use crate::sk::{CommandId, DriveSync, MASTER_CYCLIC, Motion, RawSlot, SlaveCommand, StateByte};
 
     const SIZE: SlotSize = SlotSize::Bytes12;

@@ -2,8 +2,7 @@
 //! which the board does it.
 
 use super::answer_wait_ns;
-use super::jobs::is_busy;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
@@ -15,6 +14,15 @@ use crate::sk::{CycleTime, DriveSync};
 const AT_ONCE: usize = 8;
 /// How long a slave may take for one SDO of its configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
+
+/// Whether a transfer was refused because the mailbox is in use: an emergency or an answer that nobody waits for is fetched.
+pub(super) const fn is_busy(done: &JobDone) -> bool {
+    use JobDone::{Download, UploadNumber};
+    matches!(
+        done,
+        UploadNumber(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
+    )
+}
 
 /// How far a slave has come.
 #[allow(

@@ -1,13 +1,13 @@
 //! Scan, changes of state and SDOs: what the master is asked for, and what its ends mean.
 
 use super::ages::Ages;
-use super::configure::Configuring;
+use super::configure::{Configuring, is_busy};
 use super::{NicBus, NicWires, RunningSdo};
-use crate::coe::{AbortCode, SdoScope};
+use crate::ethercat::coe::{AbortCode, SdoScope};
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
-use crate::master::{self, JobId, MailboxError, Pace, SdoError, StateError, StateReason};
+use crate::master::{self, JobId, Pace, StateError, StateReason};
 use crate::sk::CycleTime;
 
 /// A job under way that is no SDO.
@@ -43,15 +43,6 @@ impl Running {
     pub(super) const fn allows_sdo(&self) -> bool {
         matches!(self, Self::State(_))
     }
-}
-
-/// Whether a transfer was refused because the mailbox is in use: an emergency or an answer that nobody waits for is fetched.
-pub(super) const fn is_busy(done: &master::JobDone) -> bool {
-    use master::JobDone::{Download, UploadNumber};
-    matches!(
-        done,
-        UploadNumber(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
-    )
 }
 
 /// The slave does not answer.

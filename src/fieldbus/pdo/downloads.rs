@@ -1,9 +1,9 @@
 //! The SDO downloads that map the process data of a slave and set its mode of operation.
 
 use super::ProcessData;
-use crate::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::ethercat::AlStatus;
+use crate::ethercat::cia402::{MODES_OF_OPERATION, SECOND_AXIS_OFFSET};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::fieldbus::Refusal;
 use crate::sk::DriveSync;
 

@@ -2,7 +2,7 @@
 
 use super::configure::configure;
 use super::{SimBus, Station};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::fieldbus::{
     AlState, BusConfig, Configured, Job, JobDone, MAX_AXES, MAX_SLAVES, Ns, Outputs, Refusal, Role, SdoRequest,
     SlaveSet,

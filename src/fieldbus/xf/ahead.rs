@@ -6,8 +6,8 @@
 
 use super::XfBus;
 use super::jobs::Running;
-use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
+use crate::ethercat::coe::ObjectAddress;
 use crate::fieldbus::{BusConfig, SdoRequest};
 use crate::xf::host::{HostState, Wires};
 

@@ -1,6 +1,6 @@
 //! What a job asks the chip, one command at a time, each with a number for an answer.
 
-use crate::coe::{ObjectAddress, SdoScope, SdoSize};
+use crate::ethercat::coe::{ObjectAddress, SdoScope, SdoSize};
 use crate::ethercat::{AlState, Ns};
 use crate::fieldbus::pdo::MappingImage;
 use crate::xf::host::{Host, HostError, Ticket};

@@ -10,7 +10,7 @@ mod state;
 use super::XfBus;
 use super::ask::{Ask, Reply};
 use super::network::Mapped;
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::pdo::ProcessData;
 use crate::fieldbus::{BusConfig, Job, JobDone, Refusal, SdoRequest};

@@ -8,12 +8,10 @@
 //! earlier. Reports lag behind by about one exchange, so after each such correction some reports are ignored.
 
 use super::sent_frames::SentFrames;
+use crate::ethercat::Ns;
 use crate::sk::{
     CommandId, CycleTime, FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterResponse, MasterState, SlotSize,
 };
-
-/// Nanoseconds since the link was opened.
-pub type Ns = u64;
 
 /// The target level without prefill: one entry, so that the FIFO is not empty when an exchange comes a little late.
 /// \[OURS]

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use parking_lot::{Condvar, Mutex, MutexGuard};
 
-use super::pacer::{Ns, WaitingFrames, has_motion};
+use super::pacer::{WaitingFrames, has_motion};
+use crate::ethercat::Ns;
 use crate::link::{Dir, LinkError, ReadMeta, Stamp};
 use crate::sk::{FIFO_ENTRIES, FifoAction, Frame, MasterCommand, MasterState, SlotSize};
 use crate::threads::Signal;

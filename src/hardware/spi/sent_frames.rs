@@ -2,7 +2,7 @@
 //! entries that the link itself adds to the board's FIFO, so it sees them neither in the number of free entries nor in
 //! the answers of the slots.
 
-use super::pacer::Ns;
+use crate::ethercat::Ns;
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, RawSlot, SlaveKind, SlotSize};
 
 /// How many of the newest entries count as being in the FIFO however low its reported level is: the frame of this

@@ -9,7 +9,7 @@ use pcap_file::DataLink;
 use crate::ethercat::Ns;
 use crate::link::chip_link::{ChipError, ChipInfo, ChipLink};
 use crate::link::record::file::{self, Sink};
-use crate::link::record::queue::Recorder;
+use crate::link::record::recorder::Recorder;
 use crate::link::record::writer::Entry;
 use crate::link::record::{PIPE_STALL_MAX, QUEUE_IN_VIRTUAL_TIME, next_step};
 use crate::link::{Dir, Stamp};

@@ -9,6 +9,7 @@
 //! Files, in the order in which to read them:
 //!
 //! - `mod.rs`: [`RecordLink`], which hands every frame to the recorder's thread
+//! - `recorder.rs`: a recording that is being made, and the end of it
 //! - `queue.rs`: the queue to that thread, of frames or of a chip's packets; `ring.rs`: its places
 //! - `writer.rs`: that thread, which writes frames as pcapng blocks and the end of the recording
 //! - `file.rs`: the file or pipe: new, continued or kept as `FILE.1`, and what happens when the disk is full
@@ -20,7 +21,8 @@ mod chip;
 pub(super) mod file;
 #[cfg(all(feature = "serve", target_os = "linux"))]
 mod network;
-pub(super) mod queue;
+mod queue;
+pub(super) mod recorder;
 mod ring;
 mod sync;
 mod tell;
@@ -40,7 +42,7 @@ use super::{Dir, Layer, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, W
 use crate::recording::{Clock, RecordMeta};
 use crate::sk::{Frame, SlotSize};
 use file::Sink;
-use queue::{RecordedCall, Recorder};
+use recorder::{RecordedCall, Recorder};
 use writer::FrameEntry;
 
 /// How many frames may wait for a slow disk on the real clock: both directions of a 250 us cycle for a second. The memory is

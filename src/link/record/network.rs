@@ -6,7 +6,7 @@ use std::path::Path;
 use pcap_file::DataLink;
 
 use super::file::{self, Sink};
-use super::queue::Recorder;
+use super::recorder::Recorder;
 use super::writer::Entry;
 use super::{Dir, PIPE_STALL_MAX, Stamp};
 use crate::ethercat::FRAME_LEN_MAX;

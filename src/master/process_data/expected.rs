@@ -1,27 +1,6 @@
 //! Which working counters of a datagram are right: that of the slaves which take part for certain, and what others may add.
 
-use crate::ethercat::SlaveSet;
-
-/// What is known of the part of each slave in process data.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(in crate::master) struct Standing {
-    /// They are in OP, and answer.
-    pub(in crate::master) in_op: SlaveSet,
-    /// They are in SafeOP, and answer: their inputs are there for certain, and whether outputs are taken is up to them.
-    pub(in crate::master) in_safe_op: SlaveSet,
-    /// They do not answer, and may be back: then all of their data are.
-    pub(in crate::master) gone: SlaveSet,
-    /// Any part of them may count: their sync managers and FMMUs are being changed or were left, they have left their state, or
-    /// their inputs do not come.
-    pub(in crate::master) unsure: SlaveSet,
-}
-
-impl Standing {
-    /// The slaves whose inputs are there if the working counter is right.
-    pub(super) const fn certain(&self) -> SlaveSet {
-        self.in_op.union(self.in_safe_op)
-    }
-}
+use crate::master::shared::Standing;
 
 /// The working counters of a datagram that are right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,6 +56,7 @@ impl Expected {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ethercat::SlaveSet;
 
     /// The working counters that are right for slaves with outputs and inputs, of which some are not in OP.
     fn allowed(slaves: u8, change: impl FnOnce(&mut Standing)) -> Vec<u16> {

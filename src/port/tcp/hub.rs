@@ -8,7 +8,7 @@ use parking_lot::{Condvar, Mutex};
 
 use super::ServeOptions;
 use super::client::Client;
-use super::server_link::ReportQueue;
+use super::report_queue::ReportQueue;
 use crate::ecm::Watch;
 use crate::link::{KnownNetwork, Link, LinkError, LinkInfo, ReadMeta, Stamp, Wait};
 use crate::notes::Notes;

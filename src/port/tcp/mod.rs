@@ -31,7 +31,7 @@
 //! - `pending.rs`, `pending_pool.rs`: connections that are not yet clients
 //! - `client.rs`, `session.rs`: a client's outgoing messages, and the requests that it makes
 //! - `supervise.rs`: the thread that reads reports and opens the board again after a loss
-//! - `vanish.rs`, `server_link.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
+//! - `vanish.rs`, `server_link.rs`, `report_queue.rs`: how axes are stopped when the writer has vanished, by a link that the server itself
 //!   uses
 //! - `in_memory.rs`: a server without sockets and threads, for tests; `allocation.rs` and `man_in_the_middle.rs` are
 //!   tests
@@ -47,6 +47,7 @@ pub mod in_memory;
 mod man_in_the_middle;
 mod pending;
 mod pending_pool;
+mod report_queue;
 mod server_link;
 mod session;
 mod supervise;

@@ -1,54 +1,12 @@
 //! A link that the server itself uses to write to the board while there is no writer.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-
-use parking_lot::{Condvar, Mutex};
+use std::time::Duration;
 
 use super::hub::{Board, Hub};
+use super::report_queue::ReportQueue;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
-
-/// How many unread reports are kept. \[OURS]
-const REPORTS_KEPT: usize = 32;
-
-/// Reports for the server's own link.
-pub(super) struct ReportQueue {
-    reports: Mutex<VecDeque<(Frame, ReadMeta)>>,
-    arrived: Condvar,
-}
-
-impl Default for ReportQueue {
-    fn default() -> Self {
-        Self { reports: Mutex::new(VecDeque::with_capacity(REPORTS_KEPT)), arrived: Condvar::new() }
-    }
-}
-
-impl ReportQueue {
-    pub(super) fn push(&self, frame: &Frame, meta: ReadMeta) {
-        let mut reports = self.reports.lock();
-        if reports.len() == REPORTS_KEPT {
-            reports.pop_front();
-        }
-        reports.push_back((frame.clone(), meta));
-        self.arrived.notify_one();
-    }
-
-    fn pop(&self, out: &mut Frame, limit: Duration) -> Option<ReadMeta> {
-        let until = Instant::now() + limit;
-        let mut reports = self.reports.lock();
-        loop {
-            if let Some((frame, meta)) = reports.pop_front() {
-                out.clone_from(&frame);
-                return Some(meta);
-            }
-            if self.arrived.wait_until(&mut reports, until).timed_out() && reports.is_empty() {
-                return None;
-            }
-        }
-    }
-}
 
 /// The server's own link. Closing it leaves the board open for the clients.
 pub(super) struct ServerLink {

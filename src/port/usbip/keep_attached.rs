@@ -4,31 +4,38 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use super::attach::{self, AttachError};
-use super::board::Event;
-use super::server::Shared;
+use super::board::{Board, Event};
 use super::stream::Stream;
 use crate::threads;
 
 /// Attaches board `index` to this machine. The returned thread ends when the kernel detaches the board.
-pub(super) fn attach(shared: &Arc<Shared>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
-    let board = &shared.boards[index];
+pub(super) fn attach(boards: &Arc<[Board]>, index: usize, vhci: &Path) -> Result<JoinHandle<()>, AttachError> {
+    let board = &boards[index];
     let (stream, port) = attach::attach(vhci, board.device_id())?;
     let session = board.take(Stream::Local(stream)).map_err(|_| AttachError::Taken)?;
-    let shared = shared.clone();
-    let serve = move || shared.boards[index].serve(&session, &format!("this machine, port {port}"));
+    let boards = boards.clone();
+    let serve = move || boards[index].serve(&session, &format!("this machine, port {port}"));
     threads::spawn("usbip-here", serve).map_err(AttachError::Refused)
 }
 
-/// Watches board `index` until the server stops. `attached` is the thread that already serves it to this machine.
-pub(super) fn keep(shared: &Arc<Shared>, index: usize, vhci: Option<&Path>, attached: Option<JoinHandle<()>>) {
-    let board = &shared.boards[index];
+/// Watches board `index` until the server stops; a link that was lost is opened again each `retry`. `attached` is the thread that
+/// already serves it to this machine.
+pub(super) fn keep(
+    boards: &Arc<[Board]>,
+    index: usize,
+    retry: Duration,
+    vhci: Option<&Path>,
+    attached: Option<JoinHandle<()>>,
+) {
+    let board = &boards[index];
     let mut threads: Vec<JoinHandle<()>> = attached.into_iter().collect();
-    board.keep(shared.retry(), &mut || {
+    board.keep(retry, &mut || {
         threads.retain(|thread| !thread.is_finished());
         let Some(vhci) = vhci else { return };
-        match attach(shared, index, vhci) {
+        match attach(boards, index, vhci) {
             Ok(thread) => threads.push(thread),
             Err(error) => {
                 board.tell(Event::NotAttached { bus_id: board.bus_id().to_owned(), why: error.to_string() });

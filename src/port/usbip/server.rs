@@ -129,7 +129,7 @@ pub struct Server {
 }
 
 pub(super) struct Shared {
-    pub boards: Vec<Board>,
+    boards: Arc<[Board]>,
     options: Options,
     stopping: AtomicBool,
     /// Clients that have not attached a board, oldest first.
@@ -167,7 +167,7 @@ impl Server {
             opened.push(open(index as u16, spec, &options, &notes)?);
         }
         let shared = Arc::new(Shared {
-            boards: opened,
+            boards: opened.into(),
             options,
             stopping: AtomicBool::new(false),
             clients: Mutex::default(),
@@ -177,8 +177,10 @@ impl Server {
         for index in 0..server.shared.boards.len() {
             let vhci = server.shared.options.attach.clone();
             let attached =
-                vhci.as_deref().map(|vhci| keep_attached::attach(&server.shared, index, vhci)).transpose()?;
-            server.spawn("usbip-board", move |shared| keep_attached::keep(shared, index, vhci.as_deref(), attached))?;
+                vhci.as_deref().map(|vhci| keep_attached::attach(&server.shared.boards, index, vhci)).transpose()?;
+            server.spawn("usbip-board", move |shared| {
+                keep_attached::keep(&shared.boards, index, shared.options.retry, vhci.as_deref(), attached);
+            })?;
         }
         server.spawn("usbip-accept", move |shared| shared.accept(&listener))?;
         Ok(server)
@@ -202,7 +204,7 @@ impl Server {
     /// Disconnects the hosts, closes the links and ends all threads.
     pub fn stop(&self) {
         self.shared.stopping.store(true, Ordering::Release);
-        for board in &self.shared.boards {
+        for board in &*self.shared.boards {
             board.stop();
         }
         for (_, client) in self.shared.clients.lock().drain(..) {
@@ -253,10 +255,6 @@ fn open(index: u16, spec: BoardSpec, options: &Options, notes: &Notes<Event>) ->
 impl Shared {
     pub fn is_stopping(&self) -> bool {
         self.stopping.load(Ordering::Acquire)
-    }
-
-    pub fn retry(&self) -> Duration {
-        self.options.retry
     }
 
     fn accept(self: &Arc<Self>, listener: &TcpListener) {

@@ -7,7 +7,8 @@ use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
 
 use super::number;
-use super::transfer::{Address, Event, Kind, Stage};
+use super::transfer::{Event, Kind, Stage};
+use crate::recording::address::Address;
 use crate::sk::{Dir, FRAME_LEN};
 
 /// Bytes of the header in a recording.

@@ -6,7 +6,8 @@
 use bytemuck::{Pod, Zeroable};
 use pcap_file::DataLink;
 
-use super::transfer::{Address, Event, Kind, Stage};
+use super::transfer::{Event, Kind, Stage};
+use crate::recording::address::Address;
 
 /// Bytes of the header that all transfers have.
 const HEADER_LEN: usize = size_of::<RawHeader>();

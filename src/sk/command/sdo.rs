@@ -2,10 +2,10 @@
 
 use core::fmt::{self, Formatter};
 
-use crate::coe::{ObjectAddress, SdoSize};
+use crate::ethercat::coe::{ObjectAddress, SdoSize};
 use crate::sk::argument::{Argument, Malformed};
 use crate::sk::id::CommandId;
-use crate::sk::slot::{RawSlot, SlotSize};
+use crate::sk::slot::{RawSlot, SlotSize, object_word};
 
 /// A command for the SDO slot, the last slot of a frame. The board transfers one object at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -126,9 +126,4 @@ impl SdoCommand {
             Self::Other(raw) => CommandId::from_code(raw.id),
         }
     }
-}
-
-/// Data1 of the SDO slot: `index << 16 | sub-index`.
-pub(in crate::sk) const fn object_word(object: ObjectAddress) -> u32 {
-    (object.index as u32) << 16 | object.sub as u32
 }

@@ -2,19 +2,10 @@
 
 use core::fmt::{self, Formatter};
 
-use crate::cia402::Mode;
-use crate::sk::argument::{Argument, DriveSync, Malformed, TorquePercent};
+use crate::ethercat::cia402::Mode;
+use crate::sk::argument::{Argument, AxisTarget, DriveSync, Malformed, TorquePercent};
 use crate::sk::id::CommandId;
 use crate::sk::slot::{RawSlot, SlotSize, TwoChannelSlot};
-
-/// The target of one axis, and its digital outputs if it is one of a pulse module.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct AxisTarget {
-    /// CSP: the absolute target position in counts. CSV: the target velocity in counts/s, as the drive scales it.
-    pub target: i32,
-    /// Digital outputs of an HSP, bit k is output k; a drive ignores them.
-    pub outputs: u16,
-}
 
 /// Arguments of CSP and CSV.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

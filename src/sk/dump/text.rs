@@ -5,7 +5,7 @@ use core::fmt::{self, Display, Formatter};
 use super::{
     ByteOne, CommandDump, KindEvidence, ResponseDump, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole,
 };
-use crate::cia402::{Mode, Statusword};
+use crate::ethercat::cia402::{Mode, Statusword};
 use crate::sk::argument::TorquePercent;
 use crate::sk::{
     CommandId, HspAxis, MASTER_CYCLIC, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SdoResponse,

@@ -10,8 +10,8 @@
 
 use super::measure::rounded;
 use super::{Axis, Demand, Motion};
-use crate::cia402::Mode;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::Mode;
 use crate::slave::homing::{HomePosition, Homing, Shaft};
 use crate::slave::plant::Setpoint;
 use crate::slave::switches::{Input, Inputs};

@@ -1,7 +1,7 @@
 //! What an axis reports after each step: position, torque, error code, and the bits of its statusword.
 
 use super::{Axis, FOLLOWING_ERROR, Motion};
-use crate::cia402::{DriveState, Mode, Statusword};
+use crate::ethercat::cia402::{DriveState, Mode, Statusword};
 use crate::slave::plant::PlantReading;
 
 /// What an axis has measured at the end of a step.

@@ -1,8 +1,8 @@
 //! How time passes in an axis: a step is cut into slices, and in each the state machine says what the power stage does.
 
 use super::{Axis, Demand, Motion};
-use crate::cia402::Mode;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::Mode;
 use crate::slave::plant::{Plant, SUBSTEP_MAX_NS, Servo, Setpoint};
 use crate::slave::state_machine::Power;
 

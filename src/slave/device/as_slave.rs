@@ -1,7 +1,7 @@
 //! Every [`Model`] as a [`Slave`] and as a device with an object dictionary and process data.
 
 use super::{Base, Identity, Model, TEST_MEMORY, information, test_memory};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::communication::{Communication, LatchChange, SyncEvent};

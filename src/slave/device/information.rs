@@ -3,7 +3,7 @@
 
 use super::Model;
 use super::test_memory::{self, TEST_MEMORY};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{EntryDescription, ObjectDescription, describe_entry, describe_object, object_from};
 
 /// The first object with an index of at least `from`.

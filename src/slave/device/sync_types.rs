@@ -4,8 +4,8 @@
 //! type. One that was told SYNC0 refuses OP without it: nothing would drive it. Other types make no difference, since the
 //! simulated network has one clock.
 
-use crate::coe::AbortCode;
 use crate::ethercat::AlStatus;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::registers::SyncActivation;
 
 /// Synchronization types: of outputs free run, the event of sync manager 2, SYNC0; of inputs the same, and the event of sync

@@ -1,7 +1,7 @@
 //! An object for whoever tests a master: octets of any length up to 512, which are read as they were written, so that a
 //! master can transfer values of one segment and of many.
 
-use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::slave::dictionary::{Access, DataTypeCode, EntryDescription, ObjectDescription, access_of, put_first};
 
 /// The index of the object. \[OURS] One of the manufacturer-specific area that few makers use.

@@ -5,7 +5,7 @@
 
 use super::object::DataType;
 use super::{Access, Device, Object, find, read_entry, write_entry};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 
 /// A sub-index, and where its value lies in the transfer.
 struct Part {

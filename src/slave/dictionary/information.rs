@@ -2,8 +2,8 @@
 
 use super::object::Cell;
 use super::{Access, DataType, Device, Object, PdoDirection};
-use crate::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 use crate::ethercat::AlState;
+use crate::ethercat::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 
 impl DataTypeCode {
     /// The number of a data type.

@@ -1,7 +1,7 @@
 //! One row of an object dictionary, written as a chain of constant functions, and the tables that are made of rows.
 
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlState;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 
 /// Data type of an object (ETG.1000.6 5.6.7, CiA 301 7.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

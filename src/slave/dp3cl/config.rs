@@ -2,58 +2,9 @@
 //! decisions where the maker's manual says nothing or contradicts itself.
 
 use super::dial::Dial;
+use super::rating::Rating;
 use crate::slave::state_machine::TransitionTimes;
 use crate::slave::switches::{Input, Travel};
-
-/// The rating of a DP3CL-ABC: the peak current and the supply.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Rating {
-    /// DP3CL-305: 3 A, 20 to 50 V.
-    A3,
-    /// DP3CL-705: 7 A, 20 to 50 V.
-    #[default]
-    A7,
-    /// DP3CL-808: 8.4 A, 20 to 80 V.
-    A8,
-}
-
-impl Rating {
-    /// The number in the name of the model.
-    pub const fn number(self) -> u16 {
-        match self {
-            Self::A3 => 305,
-            Self::A7 => 705,
-            Self::A8 => 808,
-        }
-    }
-
-    /// The greatest value of P4-00, peak current, 100 mA.
-    pub const fn peak_max_100ma(self) -> u16 {
-        match self {
-            Self::A3 => 40,
-            Self::A7 => 70,
-            Self::A8 => 84,
-        }
-    }
-
-    /// The value of P4-00 from the factory, 100 mA.
-    pub const fn peak_default_100ma(self) -> u16 {
-        match self {
-            Self::A3 => 30,
-            Self::A7 => 70,
-            Self::A8 => 84,
-        }
-    }
-
-    /// The highest supply voltage; above it the drive has the alarm over voltage. \[OURS] The manual gives the range of the
-    /// supply and no threshold of the alarm.
-    pub const fn supply_max_mv(self) -> u32 {
-        match self {
-            Self::A3 | Self::A7 => 50_000,
-            Self::A8 => 80_000,
-        }
-    }
-}
 
 /// The variants of decisions that a real drive may settle otherwise; all off by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

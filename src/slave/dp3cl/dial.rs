@@ -1,6 +1,6 @@
 //! The dial switch SW1 to SW8: current, holding current, filter, direction, and the station number.
 
-use super::config::Rating;
+use super::rating::Rating;
 
 /// The positions of the dial switch: bit 0 is SW1, bit 7 is SW8; 1 is ON.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

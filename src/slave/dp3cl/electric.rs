@@ -4,7 +4,7 @@ use super::alarms::Dp3clAlarm;
 use super::inputs::Dp3clOutputs;
 use super::leds::{Dp3clLeds, LinkLed, RedLed};
 use super::{Dp3cl, parameters};
-use crate::cia402::DriveState;
+use crate::ethercat::cia402::DriveState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::AlStatus;
 

@@ -30,6 +30,7 @@ mod motion;
 mod objects;
 mod parameters;
 mod profile;
+mod rating;
 mod readings;
 mod set_points;
 mod startup;
@@ -41,8 +42,8 @@ use super::communication::Communication;
 use super::device::Base;
 use super::plant::PulseTrain;
 use super::switches::{Input, Travel};
-use crate::cia402::Statusword;
 use crate::ethercat::Ns;
+use crate::ethercat::cia402::Statusword;
 use alarms::{AlarmRecord, Alarms};
 use inputs::Pins;
 use motion::Motion;
@@ -51,10 +52,11 @@ use timing::Timing;
 use touch_probe::{LastStep, TouchProbes};
 
 pub use alarms::Dp3clAlarm;
-pub use config::{Dp3clConfig, Dp3clVariants, Rating};
+pub use config::{Dp3clConfig, Dp3clVariants};
 pub use dial::Dial;
 pub use inputs::Dp3clOutputs;
 pub use leds::{Dp3clLeds, LinkLed, RedLed};
+pub use rating::Rating;
 
 /// The name of 0x1008.
 pub(super) const DEVICE_NAME: &str = "VH3C";

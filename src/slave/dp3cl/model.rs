@@ -9,7 +9,7 @@ use super::startup::{self, SafeOpSettings};
 use super::timing::Timing;
 use super::touch_probe::{LastStep, TouchProbes};
 use super::{Dp3cl, objects, parameters};
-use crate::cia402::{DriveState, error_name};
+use crate::ethercat::cia402::{DriveState, error_name};
 use crate::ethercat::registers::{Features, PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::axis::Axis;

@@ -7,8 +7,8 @@
 use super::monitors::MONITOR_ROWS;
 use super::parameters::{COMMANDS, ENCODER_COUNTS, PARAMETER_ROWS, SUBDIVISION};
 use super::{DEVICE_NAME, Dp3cl, Dp3clMode};
-use crate::cia402::Controlword;
-use crate::coe::AbortCode;
+use crate::ethercat::cia402::Controlword;
+use crate::ethercat::coe::AbortCode;
 use crate::slave::axis::{NO_FOLLOWING_WINDOW, Settings, rounded};
 use crate::slave::device::{Identity, Model, both, identity};
 use crate::slave::dictionary::{Object, Slot, Values, check, join, rows, slot};

@@ -7,8 +7,8 @@
 
 use super::objects::OBJECTS;
 use super::{Dp3cl, Rating};
-use crate::cia402::DriveState;
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::cia402::DriveState;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{Object, Slot, Values, slot};
 
 /// P0-01 from the factory: command units of a turn of the motor.

@@ -4,6 +4,7 @@
 //! is passed by. A second card at the last slave makes it a ring. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
 
 use super::passing::Passing;
+use super::place::Place;
 use super::route::{Exit, Route, Slaves, Visit};
 use super::{EscSlave, Predecessor};
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
@@ -22,22 +23,6 @@ pub enum FrameFate {
     Destroyed,
     /// It is gone: no slave is reached, or a port without a link is open.
     Lost,
-}
-
-/// A slave on the cable.
-pub(super) struct Place {
-    pub(super) slave: EscSlave,
-    /// The slave at each port but 0, by its place.
-    pub(super) children: [Option<usize>; PORTS],
-    /// Where the slave is connected: the place and the port.
-    pub(super) parent: Option<(usize, usize)>,
-    /// How long a frame takes from the parent, ns.
-    pub(super) hop_ns: Ns,
-    /// The cable to the parent is whole.
-    is_connected: bool,
-    is_powered: bool,
-    /// Frames pass it untouched.
-    pub(super) is_silent: bool,
 }
 
 /// A network of slaves.

@@ -10,8 +10,6 @@ use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{BufferMode, DL_STATUS, DlStatus, RAM, SmDirection, SyncActivation, SyncManager};
 use crate::ethercat::sii::{MailboxArea, Sii};
 
-/// The shortest mailbox of most devices (public stacks of slaves), see [`EscSettings`](super::EscSettings).
-pub const MAILBOX_BYTES_MIN: u16 = 34;
 /// \[OURS] The longest mailbox, which is what one datagram can write.
 pub const MAILBOX_BYTES_MAX: u16 = 1486;
 /// \[OURS] The shortest cycle of SYNC0 with which a slave goes to SafeOP, ns.

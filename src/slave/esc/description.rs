@@ -4,7 +4,7 @@
 //! if it does not know them, and none that is known needs one.
 
 use super::EscSettings;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{Features, SmControl};
 use crate::ethercat::sii::{
     CategoryKind, CoeDetails, FmmuUsage, MailboxArea, MailboxAreas, MailboxProtocols, SiiDcMode, SiiGeneral,

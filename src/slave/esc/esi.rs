@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::{DescriptionError, EscSettings, eeprom_of};
-use crate::coe::ObjectAddress;
+use crate::ethercat::coe::ObjectAddress;
 use crate::ethercat::sii::{
     CategoryKind, CoeDetails, FmmuUsage, MailboxProtocols, Sii, SiiGeneral, SiiInfo, SiiPdoEntry, SiiSmEnable,
     SiiSmType,

@@ -1,10 +1,10 @@
 //! SDO information: what a slave answers to questions about its objects, in fragments if the mailbox is short.
 
-use crate::coe::{
+use crate::ethercat::WireError;
+use crate::ethercat::coe::{
     AbortCode, EntryDescription, EntryRequest, InformationFragment, InformationKind, ObjectDescription, ObjectListType,
     ValueInfo, decode_u16,
 };
-use crate::ethercat::WireError;
 use crate::slave::Slave;
 use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as Object};
 

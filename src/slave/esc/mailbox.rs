@@ -6,7 +6,7 @@ use super::information::Information;
 use super::managers::{ManagerEvents, Managers};
 use super::memory::Memory;
 use super::sdo_server::{SdoAnswer, SdoServer};
-use crate::coe::{CoeMessage, Emergency, SdoRequest};
+use crate::ethercat::coe::{CoeMessage, Emergency, SdoRequest};
 use crate::ethercat::foe::FoeMessage;
 use crate::ethercat::mailbox::{
     MAILBOX_HEADER_LEN, MailboxCounter, MailboxFault, MailboxHeader, MailboxMessage, MailboxProtocol, encode_around,

@@ -1,6 +1,6 @@
 //! The way of a frame through the slaves of a cable. It is found once, and again when a cable or a port has changed.
 
-use super::chain::Place;
+use super::place::Place;
 use crate::ethercat::registers::PORTS;
 use crate::ethercat::{CableEnd, Ns};
 use crate::slave::plant::SIDE_BY_SIDE;

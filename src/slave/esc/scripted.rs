@@ -1,12 +1,12 @@
 //! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
 
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::cable::Cable;
-use crate::slave::device::Identity;
 use crate::slave::dictionary::{EntryDescription, ObjectDescription};
 use crate::slave::esc::EscSettings;
+use crate::slave::identity::Identity;
 use crate::slave::plant::Servo;
 use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 

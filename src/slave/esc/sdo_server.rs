@@ -1,6 +1,6 @@
 //! The SDO server of a slave: one transfer at a time, expedited, normal or in segments.
 
-use crate::coe::{
+use crate::ethercat::coe::{
     AbortCode, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope, SdoValuePart,
 };
 use crate::slave::Slave;

@@ -3,6 +3,9 @@
 use crate::ethercat::Ns;
 use crate::ethercat::registers::Features;
 
+/// The shortest mailbox of most devices (public stacks of slaves), see [`EscSettings`].
+pub const MAILBOX_BYTES_MIN: u16 = 34;
+
 /// The settings of a controller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EscSettings {
@@ -66,7 +69,7 @@ impl Default for EscSettings {
             // Behind SPI, with SYNC and latch units.
             pdi_control: 0x0C05,
             pdi_configuration: 0,
-            mailbox_bytes_min: super::MAILBOX_BYTES_MIN,
+            mailbox_bytes_min: MAILBOX_BYTES_MIN,
             ports: [3, 3, 0, 0],
             fixed_watchdog_divider: None,
             reads_8_bytes: true,

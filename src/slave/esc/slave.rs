@@ -8,7 +8,7 @@ use super::mailbox::Mailbox;
 use super::managers::ManagerEvents;
 use super::memory::copy;
 use super::{Controller, DescriptionError, EscSettings, SyncPulse, eeprom_of};
-use crate::coe::Emergency;
+use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{Features, PORTS, RequestedState, SyncActivation};
 use crate::ethercat::sii::Sii;
 use crate::ethercat::{AlState, Ns};

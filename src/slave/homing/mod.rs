@@ -25,7 +25,7 @@ pub mod method;
 pub mod run;
 
 use super::switches::{Input, Switches};
-use crate::cia402::{Controlword, Statusword};
+use crate::ethercat::cia402::{Controlword, Statusword};
 use run::Run;
 
 /// What homing reads from the objects of a drive, in counts, counts/s and counts/s².

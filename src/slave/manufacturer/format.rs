@@ -6,7 +6,7 @@ use super::{
     MANUFACTURER_VALUE_BYTES_MAX, ManufacturerObject, ManufacturerObjects, ManufacturerType, ManufacturerValue,
     Mappable,
 };
-use crate::coe::ObjectAddress;
+use crate::ethercat::coe::ObjectAddress;
 use crate::slave::dictionary::Access;
 
 /// The size of the largest file of objects, bytes \[OURS]: some 50,000 lines.

@@ -7,8 +7,8 @@
 //! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced
 //! by another one than 0.
 
-use crate::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::ethercat::AlState;
+use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::slave::dictionary::{
     DataType, DataTypeCode, EntryDescription, MAPPING_ACCESS, NUMBER_OF_ENTRIES, ObjectDescription, PdoDirection,
     number_of, put_first,

@@ -6,8 +6,8 @@
 use std::fmt;
 
 use super::mapping::{Mapping, Mover, Pdo};
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::AlStatus;
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
 use crate::slave::manufacturer::ManufacturerObjects;
 

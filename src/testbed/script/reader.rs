@@ -2,7 +2,7 @@
 
 use super::words::{LineError, Word, Words, number, time, whole};
 use crate::address::slaves::{SlaveModel, SlaveSpec};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::AlState;
 use crate::slave::{AlStatus, Input, InputPattern};
 

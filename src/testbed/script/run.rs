@@ -1,8 +1,8 @@
 //! Carries out a script: each of its steps in the first cycle at or after its time, through the same handles to the
 //! simulated network and to the board that tests use.
 
-use crate::coe::{AbortCode, ObjectAddress};
 use crate::engine::{self, BoardHandle, Event, EventKind};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};

@@ -1,8 +1,7 @@
 //! Splits a line of a script into words, and reads times and numbers.
 
 use crate::address::Fraction;
-use crate::address::keys::decimal;
-use crate::address::uri::suggestion;
+use crate::address::text::{decimal, suggestion};
 use crate::fieldbus::Ns;
 
 /// Why a line is invalid: the position in characters from 1, and the message.

@@ -1,6 +1,6 @@
 //! The CiA 402 helper: the chip leads the state machines of drives by the low bits of their controlwords.
 
-use crate::cia402::{Controlword, DriveState, Statusword};
+use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
 use crate::xf::chip::network::Place;
 use crate::xf::request::{HelperConfigSet, HelperControl, HelperControlSet};
 

@@ -12,7 +12,7 @@ mod wire;
 
 use super::Chip;
 use super::network::{EepromFailure, Entered, List, Network, Operation, SLAVES_MAX, Value};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlStatus, Ns};
 use crate::xf::request::PdoConfig;
 use crate::xf::{DataSize, Errors};

@@ -24,7 +24,7 @@ pub use operation::{Answer, EepromFailure, Entered, EnteringSlaves, Operation, V
 pub use simulated::SimulatedNetwork;
 pub use slaves::SlaveModels;
 
-use crate::coe::{AbortCode, Emergency, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, Emergency, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::request::DcTiming;
 

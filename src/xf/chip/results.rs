@@ -1,7 +1,7 @@
 //! What commands that took time have fetched for the commands that give it to the host.
 
 use super::jobs::DatagramJob;
-use crate::coe;
+use crate::ethercat::coe;
 use crate::xf::request::EMERGENCIES_MAX;
 use crate::xf::response::{Emergencies, Emergency};
 

@@ -3,7 +3,7 @@
 use super::FunctionFields;
 use super::field::{Field, Kind, Names, Place};
 use super::network::answer;
-use super::table::rows;
+use super::rows::rows;
 use crate::xf::Interrupts;
 use crate::xf::request::*;
 use crate::xf::value::{Switch, WriteOrRead};

@@ -22,12 +22,13 @@
 //! - `mod.rs`: the rows of the table, and finding one by its name
 //! - `field.rs`: a field: its place, its kind, its value
 //! - `draft.rs`: a request from fields
-//! - `table.rs`, `network.rs`, `chip.rs`, `units.rs`: the table, by subject
+//! - `table.rs`, `network.rs`, `chip.rs`, `units.rs`: the table, by subject; `rows.rs`: how it is written
 
 mod chip;
 mod draft;
 mod field;
 mod network;
+mod rows;
 mod table;
 mod units;
 

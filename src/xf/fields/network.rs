@@ -1,7 +1,7 @@
 //! The network, slaves, process data, objects, files and mailboxes.
 
 use super::field::{Field, Kind, Names, Place};
-use super::table::rows;
+use super::rows::rows;
 use super::{AnswerFields, FunctionFields};
 use crate::xf::EtherCatState;
 use crate::xf::request::*;

@@ -3,7 +3,7 @@
 use super::FunctionFields;
 use super::field::{Field, Kind};
 use super::network::answer;
-use super::table::rows;
+use super::rows::rows;
 use crate::xf::request::*;
 use crate::xf::value::Switch;
 

@@ -3,8 +3,8 @@
 use core::fmt;
 
 use super::start::StartStep;
-use crate::coe::AbortCode;
 use crate::ethercat::Ns;
+use crate::ethercat::coe::AbortCode;
 use crate::xf::{CommandCode, DataSize, Malformed, PacketError};
 
 /// Why a command has no result, or why the driver has stopped. `Display` says what happened and what to do next.

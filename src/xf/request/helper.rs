@@ -1,8 +1,8 @@
 //! The CiA 402 helper: the chip itself leads the state machines of drives, by their controlwords.
 
 use super::{Arguments, MotorNumber, SlaveNumber, short};
-use crate::cia402::{DriveState, Statusword};
 use crate::ethercat::bits;
+use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::xf::Malformed;
 use crate::xf::response::DriveStateByte;
 

@@ -1,8 +1,8 @@
 //! Process data and their configuration.
 
 use super::{Arguments, Call, SlaveNumber, plain};
-use crate::coe::ObjectAddress;
 use crate::ethercat::bits;
+use crate::ethercat::coe::ObjectAddress;
 use crate::xf::response::PdoExchange;
 use crate::xf::value::choices;
 use crate::xf::{CommandCode, Malformed, segment};

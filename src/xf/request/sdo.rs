@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::{Arguments, Call, SlaveNumber, WriteOrRead, plain};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{U16Le, U32Le};
 use crate::xf::{CommandCode, Malformed, segment};
 

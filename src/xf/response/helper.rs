@@ -1,7 +1,7 @@
 //! States of axes of the CiA 402 helper, and enabled interrupts.
 
 use super::{Answer, Returned};
-use crate::cia402::{DriveState, Statusword};
+use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::xf::Malformed;
 use crate::xf::request::InterruptEnable;
 

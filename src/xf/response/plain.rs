@@ -1,8 +1,8 @@
 //! Answers that are a number, bytes, or a word that other parts of the crate have a type for.
 
 use super::{Answer, Returned};
-use crate::cia402::Statusword;
-use crate::coe::AbortCode;
+use crate::ethercat::cia402::Statusword;
+use crate::ethercat::coe::AbortCode;
 use crate::xf::request::{Analog, HelperControl};
 use crate::xf::{Malformed, NetworkState, segment};
 

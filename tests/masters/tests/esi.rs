@@ -6,7 +6,8 @@ use std::fs::{create_dir_all, write};
 use std::process::Command;
 
 use ecmsk::ethercat::sii::{CategoryKind, Sii, SiiPdoEntry, SiiSmEnable};
-use ecmsk::link::{simulated_slaves, slaves};
+use ecmsk::link::simulated_slaves;
+use ecmsk::link::slaves::{self, SlaveModel};
 use ecmsk::slave::esc::{eeprom_of, esi_of};
 
 /// What the program has to print of a device with this EEPROM and name, between the lines on vendor and group.
@@ -58,7 +59,7 @@ fn another_parser_reads_each_esi_file() {
     support::succeed(cargo.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"));
     let program = target.join("esi_reader/debug/esi_reader");
     create_dir_all(target.join("esi")).expect("the target folder");
-    for kind in ["drive", "step", "dp3cl", "io", "hsp", "hsp2"] {
+    for kind in SlaveModel::ALL.map(SlaveModel::name) {
         let build = || simulated_slaves::build(&slaves::parse(kind).expect("a kind")).expect("a slave").remove(0);
         let settings = build().controller_settings();
         let eeprom = eeprom_of(&mut *build(), &settings).expect("it can be described");

@@ -3,16 +3,12 @@
 use ecmsk::cia402::Mode;
 use ecmsk::ecm::{Axis, Config, Guard, Scale, Slave};
 use ecmsk::link::options::SimOptions;
+use ecmsk::link::slaves;
 use ecmsk::link::uri::LinkUri;
-use ecmsk::sk::SlotSize;
 
 use super::error::BoardError;
 
-const KINDS: &str = "drive, step, hsp, io, none";
 const MODES: &str = ":csp, :csv, :cst";
-/// The characters that end the name of a kind: a mode or a count follows.
-const END_OF_KIND: [char; 2] = [':', '*'];
-const MAX: usize = SlotSize::Bytes12.max_slaves();
 
 /// The slaves in the order of the cable.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,29 +20,12 @@ impl Network {
     /// # Errors
     /// The text is invalid; the error says what is wrong and what is allowed.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let mut slaves = Vec::new();
-        for item in text.split(',') {
-            // Mode and count may stand in either order: `drive:csv*2`, as in a link, or `drive*2:csv`.
-            let (kind, mut rest) = item.split_at(item.find(END_OF_KIND).unwrap_or(item.len()));
-            let (mut mode, mut count) = (Mode::Csp, 1);
-            while let Some(sign) = rest.chars().next() {
-                let body = &rest[sign.len_utf8()..];
-                let (value, next) = body.split_at(body.find(END_OF_KIND).unwrap_or(body.len()));
-                match sign {
-                    ':' => mode = mode_of(item, value.trim())?,
-                    _ => count = count_of(item, value.trim())?,
-                }
-                rest = next;
-            }
-            let kind = kind.trim();
-            let slave = slave(kind, Axis { mode, ..Axis::CSP })
-                .ok_or_else(|| format!("kind `{kind}` is unknown; allowed: {KINDS}, each with {MODES} and *N"))?;
-            slaves.extend(std::iter::repeat_n(slave, count));
-        }
-        if slaves.len() > MAX {
-            return Err(format!("{} slaves, allowed: at most {MAX}", slaves.len()));
-        }
-        Ok(Self(slaves))
+        let slave = |kind, modes: &[&str]| {
+            let modes: Vec<_> = modes.iter().map(|word| mode(word)).collect::<Result<_, _>>()?;
+            let axis = Axis { mode: modes.last().copied().unwrap_or(Mode::Csp), ..Axis::CSP };
+            Ok(Slave::with_axis(kind, axis))
+        };
+        slaves::parse_declared(text, slave).map(Self)
     }
 
     /// The slaves of a `sim:` or `xf-sim:` link; `None` for any other link.
@@ -69,25 +48,18 @@ impl Network {
     }
 }
 
-fn slave(kind: &str, axis: Axis) -> Option<Slave> {
-    Some(match kind.to_ascii_lowercase().as_str() {
-        "drive" => Slave::Drive(axis),
-        "step" | "dp3cl" => Slave::Step(axis),
-        "hsp" | "hsp2" => Slave::Hsp(axis),
-        "io" => Slave::Io,
-        "none" => Slave::Unused,
-        _ => return None,
-    })
-}
-
-fn mode_of(item: &str, word: &str) -> Result<Mode, String> {
+fn mode(word: &str) -> Result<Mode, String> {
     let mode = [Mode::Csp, Mode::Csv, Mode::Cst].into_iter().find(|mode| mode.name().eq_ignore_ascii_case(word));
-    mode.ok_or_else(|| format!("in `{item}`, mode `{word}` is unknown; allowed: {MODES}"))
+    mode.ok_or_else(|| format!("mode `{word}` is unknown; allowed: {MODES}"))
 }
 
-fn count_of(item: &str, word: &str) -> Result<usize, String> {
-    let count = word.parse().ok().filter(|count| (1..=MAX).contains(count));
-    count.ok_or_else(|| format!("in `{item}` a number from 1 to {MAX} belongs after the *"))
+/// The help of `--slaves`.
+pub fn help() -> String {
+    format!(
+        "The slaves in the order of the cable, e.g. drive*2,io,hsp:csv; of {}, each with :csv or :cst if it does not run in CSP \
+         [default: those of a sim: or xf-sim: link]",
+        slaves::declared_words()
+    )
 }
 
 /// The slave with that number.
@@ -190,7 +162,7 @@ mod tests {
         for (wrong, why) in [
             ("", "kind `` is unknown"),
             ("drive,,io", "kind `` is unknown"),
-            ("motor", "kind `motor` is unknown; allowed: drive, step"),
+            ("motor", "kind `motor` is unknown; allowed: drive, io, step, dp3cl, hsp, hsp2, none"),
             ("drive*0", "from 1 to 40"),
             ("drive*", "from 1 to 40"),
             ("drive:pp", "mode `pp` is unknown; allowed: :csp"),

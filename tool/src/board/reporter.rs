@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::error::say;
+use crate::stderr::say;
 use crate::visible::visible;
 use crate::{output, stderr};
 

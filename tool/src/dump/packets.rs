@@ -14,8 +14,9 @@ use serde_json::{Value, json};
 
 use super::Args;
 use super::pieces::Pieces;
-use crate::error::{CliError, say};
+use crate::error::CliError;
 use crate::filter::Times;
+use crate::stderr::say;
 use crate::{output, recording};
 
 /// The bytes of a file that tell whether it is the recording of a chip. Its link may be long. \[OURS]

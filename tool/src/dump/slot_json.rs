@@ -1,14 +1,13 @@
 //! One slot of a JSON dump: its meaning as fields, its raw fields, its text.
 
 use ecmsk::coe::ObjectAddress;
+use ecmsk::link::slaves;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlaveReading, SlotLine, SlotMeaning, SlotRole};
 use ecmsk::sk::{
     Argument, AxisTarget, CommandId, HspAxis, MASTER_CYCLIC, MasterResponse, RawSlot, SdoResponse, SlotSize,
 };
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
-
-use crate::kinds;
 
 /// A slot.
 #[derive(Serialize)]
@@ -90,7 +89,7 @@ impl Serialize for Arguments {
                 Argument::Number(number) => map.serialize_entry(name, number)?,
                 Argument::Flag(flag) => map.serialize_entry(name, flag)?,
                 Argument::Word(word) => map.serialize_entry(name, word)?,
-                Argument::Kinds(kinds) => map.serialize_entry(name, &kinds.map(kinds::word))?,
+                Argument::Kinds(kinds) => map.serialize_entry(name, &kinds.map(slaves::word))?,
                 Argument::Object(object) => map.serialize_entry(name, &Object::of(*object))?,
                 Argument::Axis(AxisTarget { target, outputs }) => {
                     map.serialize_entry(name, &Axis2::Target { target: *target, outputs: *outputs })?;
@@ -231,7 +230,7 @@ impl ReadingFields {
             KindEvidence::Guessed(_) => "guessed",
             KindEvidence::Unknown => "unknown",
         };
-        let kind = reading.kind.kind().map(kinds::word);
+        let kind = reading.kind.kind().map(slaves::word);
         let fields = Self { index, mode, kind, kind_from, ..Self::default() };
         match &reading.data {
             SlaveData::Nothing | SlaveData::Undecoded(_) => fields,

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use ecmsk::summary::{Line, Summary, is_sum};
 
-use crate::error::say;
+use crate::stderr::say;
 use crate::summary::json;
 
 /// How often the file is read. \[OURS]

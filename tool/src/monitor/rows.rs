@@ -1,11 +1,11 @@
 //! The rows of the table: one for each slave.
 
 use ecmsk::cia402::{DriveState, Statusword, error_name};
+use ecmsk::link::slaves;
 use ecmsk::sk::CommandId;
 use ecmsk::sk::dump::{ByteOne, KindEvidence, SlaveData, SlotLine, SlotMeaning};
 
 use super::watched::View;
-use crate::kinds;
 
 /// How a row is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,8 +59,8 @@ fn slave(i: usize, line: &SlotLine, view: &View, rows: &mut Vec<Row>) {
     let SlotMeaning::SlaveResponse(reading) = &line.meaning else { return };
     let velocity = view.velocities.get(i).copied().flatten().map_or_else(String::new, |v| format!("{v:.0}"));
     let kind = match reading.kind {
-        KindEvidence::Guessed(kind) => format!("{}?", kinds::word(kind)),
-        KindEvidence::Given(kind) | KindEvidence::Implied(kind) => kinds::word(kind).to_owned(),
+        KindEvidence::Guessed(kind) => format!("{}?", slaves::word(kind)),
+        KindEvidence::Given(kind) | KindEvidence::Implied(kind) => slaves::word(kind).to_owned(),
         KindEvidence::Unknown => "?".to_owned(),
     };
     let answers = match reading.byte_one {

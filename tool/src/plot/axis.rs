@@ -5,8 +5,7 @@ use ecmsk::ecm::Scale;
 use ecmsk::sk::{CommandId, DriveResponse, RawSlot, SlaveCommand};
 use ecmsk::summary::GapFinder;
 
-use super::decimate::Line;
-use super::series::Pieces;
+use super::decimate::{Line, Pieces};
 use super::speed::Speed;
 use super::states::{Change, Span, States};
 use super::{COLUMNS, Window};

@@ -6,7 +6,8 @@ use ecmsk::ecm::Scale;
 use ecmsk::recording::Address;
 use ecmsk::sk::SlotSize;
 
-use super::series::{Pieces, Series, Subject};
+use super::decimate::Pieces;
+use super::series::{Series, Subject};
 use super::states::{Span, State};
 use super::survey::Survey;
 use super::{PlotError, Walked, Window, seconds, style, walk};

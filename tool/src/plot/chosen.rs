@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use super::error::PlotError;
 use super::survey::Survey;
 use super::{MAX_AXES, style};
-use crate::error::say;
+use crate::stderr::say;
 
 /// The diagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -3,6 +3,9 @@
 
 use super::Window;
 
+/// The pieces of a line, with seconds and values.
+pub type Pieces = Vec<Vec<(f64, f64)>>;
+
 /// A sample: nanoseconds, value.
 type Sample = (i64, f64);
 

@@ -2,8 +2,7 @@
 
 use ecmsk::sk::{CommandId, IoResponse, SlaveCommand};
 
-use super::decimate::Line;
-use super::series::Pieces;
+use super::decimate::{Line, Pieces};
 use super::{COLUMNS, Window};
 
 /// The number of inputs and of outputs.

@@ -5,9 +5,10 @@ use plotters::style::RGBColor;
 
 use super::beside::Beside;
 use super::chosen::{Asked, Diagram};
+use super::decimate::Pieces;
 use super::lanes::{Lane, Way};
 use super::panel::{self, Across, Look, Panel, Stroke};
-use super::series::{Lines, Pieces};
+use super::series::Lines;
 use super::states::{Span, State};
 use super::style;
 

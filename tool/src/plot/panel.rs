@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::style::RGBColor;
 
-use super::series::Pieces;
+use super::decimate::Pieces;
 use super::states::{Span, State};
 use super::style;
 

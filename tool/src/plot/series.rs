@@ -9,7 +9,7 @@ use ecmsk::sk::{
 };
 
 use super::axis::Axis;
-use super::decimate::Line;
+use super::decimate::{Line, Pieces};
 use super::execution::{Execution, ExecutionReport, Orders};
 use super::lanes::{Lane, Lanes};
 use super::path::Path;
@@ -18,9 +18,6 @@ use super::{COLUMNS, Window, survey};
 use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
-
-/// The pieces of a line, with seconds and values.
-pub type Pieces = Vec<Vec<(f64, f64)>>;
 
 /// What is drawn of the recording.
 pub struct Subject<'a> {

@@ -9,7 +9,7 @@ use ecmsk::engine::RealTime;
 use ecmsk::link::slaves::{self, SlaveSpec};
 use ecmsk::port::ethercat::{Options, ServeError, Server};
 
-use crate::error::say;
+use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
 /// Serve simulated slaves on a network interface: any EtherCAT master finds them there

@@ -10,7 +10,7 @@ use ecmsk::link::uri::LinkUri;
 use ecmsk::link::{self, Share};
 use ecmsk::port::usbip::{BoardSpec, Identity, Options, ServeError, Server, VHCI, wire};
 
-use crate::error::say;
+use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
 /// Serve boards over USB/IP: the USB stack of any machine then sees an ECM-SK, programs need no change

@@ -8,7 +8,7 @@ use ecmsk::link::chip::{self, ChipInfo};
 use ecmsk::link::uri::LinkUri;
 use ecmsk::port::xf::{Listen, OnVanish, Options, ServeError, Server};
 
-use crate::error::say;
+use crate::stderr::say;
 use crate::{CliError, signals, streams};
 
 /// Serve a chip ECM-XF as a stream of bytes: a C driver for the chip runs on the model, with a shim in the place of SPI

@@ -5,11 +5,11 @@ use std::fmt::Write;
 use ecmsk::cia402::error_name;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{EcmError, Slave, SlaveView, Snapshot};
+use ecmsk::link::slaves;
 use ecmsk::sk::{FIFO_ENTRIES, MasterState};
 use serde_json::{Value, json};
 
 use crate::board::{Board, BoardError, Needs, list, statusword_text};
-use crate::kinds;
 
 /// Show what is known of the board, the link and the network; nothing is sent
 ///
@@ -99,7 +99,7 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
             let (slave_values, mut json) = slave_values(board, number, &slave);
             json["slave"] = number.into();
             if let Some(slave) = config_of(board, number) {
-                json["kind"] = kinds::word(slave.kind()).into();
+                json["kind"] = slaves::word(slave.kind()).into();
             }
             line(&mut text, &format!("slave {number}"), format_args!("{slave_values}"));
             slaves.push(json);
@@ -108,7 +108,7 @@ fn facts(board: &Board, snapshot: &Snapshot) -> Result<(String, Value), BoardErr
     if fifo.is_none() {
         // Before OP slaves report nothing, but their kinds may be known.
         for (number, slave) in (1_u8..).zip(board.config.iter().flat_map(|config| &config.slaves)) {
-            slaves.push(json!({"slave": number, "kind": kinds::word(slave.kind())}));
+            slaves.push(json!({"slave": number, "kind": slaves::word(slave.kind())}));
         }
     }
     let network = board.config.as_ref().map(list);

@@ -259,7 +259,7 @@ fn contradicting_options_are_refused_by_name() {
     run(["dump", "--hex", "--slot-size", "14"]).expect_misuse(&["'14'", "--slot-size", "allowed: 12, 16"]);
     run(["dump", "--hex", "--fw", "2"]).expect_misuse(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
     run(["dump", "--hex", "--kinds", "drive*2,dog"])
-        .expect_misuse(&["kind `dog` is unknown; allowed: drive, io, hsp, hsp2, step, dp3cl, none"]);
+        .expect_misuse(&["kind `dog` is unknown; allowed: drive, io, step, dp3cl, hsp, hsp2, none"]);
     run(["dump", "--hex", "--kinds", "drive*0"]).expect_misuse(&["in `drive*0` a number from 1 to 40"]);
     run(["dump", "--hex", "--kinds", "drive*40,io"]).expect_misuse(&["41 slaves, allowed: at most 40"]);
 }

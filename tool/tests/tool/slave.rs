@@ -1,11 +1,13 @@
 //! `ecmsk slave`: the EEPROM and the ESI file of a kind of simulated slave.
 
+use ecmsk::link::slaves::SlaveModel;
+
 use crate::common::ecmsk;
 
 /// ECAT-15.15 The ESI file of each kind says what its EEPROM says: identity, process data, sync managers.
 #[test]
 fn the_esi_file_says_what_the_eeprom_says() {
-    for kind in ["drive", "step", "dp3cl", "io", "hsp", "hsp2"] {
+    for kind in SlaveModel::ALL.map(SlaveModel::name) {
         let said = |file: &str| {
             let output = ecmsk(["slave", file, kind]).output().expect("the tool starts");
             assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -2,7 +2,7 @@
 
 use super::state::TOLD_LATE;
 use super::{Kind, Running, Stage, Todo, abort_code, no_answer};
-use crate::coe::{AbortCode, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::xf::XfBus;

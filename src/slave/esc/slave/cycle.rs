@@ -1,7 +1,7 @@
 //! A device works: time passes in it, it takes outputs and gives inputs; and what its controller and the mailbox learn of it then.
 
 use super::EscSlave;
-use crate::coe::{Emergency, ObjectAddress};
+use crate::ethercat::coe::{Emergency, ObjectAddress};
 use crate::ethercat::{AlState, Ns};
 use crate::slave::esc::Controller;
 use crate::slave::esc::application::Application;
@@ -9,7 +9,7 @@ use crate::slave::esc::application::Application;
 /// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
 pub const ERROR_CYCLE_NS: Ns = 10_000_000;
 /// The error code and the error register of a device, which emergencies carry.
-const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::cia402::ERROR_CODE, 0);
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::ethercat::cia402::ERROR_CODE, 0);
 const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
 
 impl EscSlave {

@@ -1,7 +1,7 @@
 //! Commands that take time are started, if none runs and their arguments are right.
 
 use super::{Outcome, Refused, done_if};
-use crate::coe::SdoScope;
+use crate::ethercat::coe::SdoScope;
 use crate::ethercat::{AlState, Ns};
 use crate::xf::EtherCatState;
 use crate::xf::chip::Chip;

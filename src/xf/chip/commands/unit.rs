@@ -1,7 +1,7 @@
 //! The chip itself, and what the CiA 402 helper tells.
 
 use super::{DONE, Outcome, answered, done_if};
-use crate::cia402::Statusword;
+use crate::ethercat::cia402::Statusword;
 use crate::xf::chip::Chip;
 use crate::xf::chip::network::Network;
 use crate::xf::request::{AsyncResetActions, MotorNumber};

@@ -1,6 +1,6 @@
 //! The jobs there are, with what each needs to know.
 
-use crate::coe::{ObjectAddress, SdoScope};
+use crate::ethercat::coe::{ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 use crate::xf::request::{
     ConfigSyncManager, DcSync, EcatInit, EepromOperation, FlashBytes, PdoConfig, PdoConfigRequest, RAW_DATA_MAX,

@@ -1,7 +1,7 @@
 //! Initialisation, process data, clocks, changes of state.
 
 use super::{Begun, Gained, Lengths, Progress, StateJob, pdos};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::NetworkState;
 use crate::xf::chip::Chip;

@@ -2,8 +2,8 @@
 
 use super::Lengths;
 use super::requests::Requests;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::Ns;
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{IMAGE_MAX, Value};
 use crate::xf::request::{MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoConfigRequest, PdoMap};
 

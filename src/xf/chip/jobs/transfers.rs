@@ -1,7 +1,7 @@
 //! SDO transfers, and what comes of the PDOs of a slave.
 
 use super::{Begun, Gained, Progress, SdoJob};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::xf::chip::Chip;
 use crate::xf::chip::network::{Network, Value};
 

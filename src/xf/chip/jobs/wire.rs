@@ -1,7 +1,7 @@
 //! What reaches behind the objects of slaves: sync managers, EEPROMs, datagrams, files, mailboxes.
 
 use super::{Begun, DatagramJob, EepromJob, FileJob, Gained, Progress, done_if};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::foe::FoeError;
 use crate::ethercat::registers::{SmActivate, SmControl, SmDirection, SyncManager};
 use crate::ethercat::{Addressing, Command};

@@ -1,7 +1,7 @@
 //! Networks that do everything at once.
 
 use super::{Answer, EnterError, Entered, Exchange, Identity, Network, Operation, Place, SlaveSetup, Value};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, Ns};
 
 /// A network whose slaves are asked by calls, not by frames, so that nothing takes time. It knows no registers, EEPROMs, files

@@ -1,7 +1,7 @@
 //! What a network is asked for, and what it answers.
 
 use super::{EnterError, List, SLAVES_MAX};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::SyncManager;
 use crate::ethercat::{AlState, Command, Ns};
 use crate::xf::DataSize;

@@ -1,7 +1,7 @@
 //! Simulated slaves behind the chip: as models, or as controllers.
 
 use super::{Answer, Controllers, Exchange, Identity, Network, Operation, SlaveModels, SlaveSetup};
-use crate::coe::{AbortCode, Emergency, ObjectAddress};
+use crate::ethercat::coe::{AbortCode, Emergency, ObjectAddress};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::Slave;
 use crate::slave::handle::SimHandle;

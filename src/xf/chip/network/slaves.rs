@@ -1,7 +1,7 @@
 //! A network of slave models.
 
 use super::{AtOnce, EnterError, Identity, Place, SLAVES_MAX};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns};
 use crate::slave::handle::SimHandle;
 use crate::slave::{Slave, step_all};

@@ -1,0 +1,19 @@
+//! The boards that this process has opened.
+
+use crate::board::VendorBoard;
+use crate::handles::Handles;
+
+/// The board of the vendor's functions.
+pub static VENDOR_BOARD: VendorBoard = VendorBoard::new();
+
+/// The boards that were opened by URI.
+pub static HANDLES: Handles = Handles::new();
+
+/// Releases all boards that this process has not closed, when it ends.
+#[cfg(unix)]
+pub fn vanish_all() {
+    VENDOR_BOARD.vanish();
+    for board in HANDLES.drain() {
+        board.vanish();
+    }
+}

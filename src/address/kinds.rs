@@ -1,0 +1,179 @@
+//! The kinds of simulated slaves: which there are, and in what they differ. The parser of lists, its errors, the help and the
+//! options of the tool are made from this table.
+//!
+//! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of
+//! [`SlaveModel`] with its row here.
+
+use crate::sk::SlaveKind;
+
+/// A kind of simulated slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SlaveModel {
+    /// A CiA 402 servo drive.
+    Drive,
+    /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
+    Io,
+    /// A CiA 402 stepper drive, which has no mode but CSP.
+    Step,
+    /// The stepper drive Xinje DP3CL, which is a stepper for the board.
+    Dp3cl,
+    /// A pulse module (HSP) with one channel.
+    Hsp,
+    /// A pulse module (HSP) with two channels.
+    Hsp2,
+}
+
+/// The word for a network without slaves, and for a slave that is not used.
+pub(super) const NONE: &str = "none";
+
+/// What is along the way of an axis of which a list says nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct UsualTravel {
+    /// As it stands behind a kind.
+    pub(super) parts: &'static str,
+    pub(super) counts_a_turn: u32,
+}
+
+const SERVO: UsualTravel =
+    UsualTravel { parts: "limits@-1310720..1310720:home@-32768..32768:index@0", counts_a_turn: 131_072 };
+const STEPPER: UsualTravel =
+    UsualTravel { parts: "limits@-100000..100000:home@-2500..2500:index@0", counts_a_turn: 10_000 };
+
+impl SlaveModel {
+    /// Every model, in the order of the help. The first one of a [`SlaveKind`] has the name of that kind.
+    pub const ALL: [Self; 6] = [Self::Drive, Self::Io, Self::Step, Self::Dp3cl, Self::Hsp, Self::Hsp2];
+
+    /// The name of the model in a link.
+    pub const fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// What it is, for the help.
+    pub const fn meaning(self) -> &'static str {
+        self.row().meaning
+    }
+
+    /// The name with its article, for messages.
+    pub(crate) const fn with_article(self) -> &'static str {
+        self.row().with_article
+    }
+
+    /// The kind of slave by which SET_AXIS declares it.
+    pub const fn kind(self) -> SlaveKind {
+        self.row().kind
+    }
+
+    /// The number of axes: 0..=2.
+    pub const fn axes(self) -> usize {
+        self.row().axes
+    }
+
+    /// The number of axes with a simulated motor, which a script can jam: 0..=1.
+    pub const fn motors(self) -> usize {
+        self.row().motors
+    }
+
+    /// The number of channels with 16 digital inputs and outputs: 0..=2.
+    pub const fn channels(self) -> usize {
+        self.row().channels
+    }
+
+    /// What is along the way of its axes if the list does not say it; `None` for a model without axes.
+    pub(super) const fn usual_travel(self) -> Option<UsualTravel> {
+        self.row().usual_travel
+    }
+
+    /// The row of the model: everything in which the models differ.
+    const fn row(self) -> Row {
+        match self {
+            Self::Drive => Row {
+                name: "drive",
+                with_article: "a drive",
+                meaning: "a servo drive",
+                kind: SlaveKind::Drive,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                usual_travel: Some(SERVO),
+            },
+            Self::Io => Row {
+                name: "io",
+                with_article: "an io",
+                meaning: "16 outputs, each wired to one of 16 inputs",
+                kind: SlaveKind::Io,
+                axes: 0,
+                motors: 0,
+                channels: 1,
+                usual_travel: None,
+            },
+            Self::Step => Row {
+                name: "step",
+                with_article: "a step",
+                meaning: "a stepper drive with CSP alone",
+                kind: SlaveKind::Step,
+                axes: 1,
+                motors: 1,
+                channels: 0,
+                usual_travel: Some(STEPPER),
+            },
+            Self::Dp3cl => Row {
+                name: "dp3cl",
+                with_article: "a dp3cl",
+                meaning: "the stepper drive Xinje DP3CL, a step for the board",
+                kind: SlaveKind::Step,
+                axes: 1,
+                motors: 1,
+                channels: 1,
+                usual_travel: Some(STEPPER),
+            },
+            Self::Hsp => Row {
+                name: "hsp",
+                with_article: "an hsp",
+                meaning: "a pulse module of one channel, its outputs wired to its inputs",
+                kind: SlaveKind::Hsp,
+                axes: 1,
+                motors: 0,
+                channels: 1,
+                usual_travel: Some(STEPPER),
+            },
+            Self::Hsp2 => Row {
+                name: "hsp2",
+                with_article: "an hsp2",
+                meaning: "the same with two channels",
+                kind: SlaveKind::Hsp,
+                axes: 2,
+                motors: 0,
+                channels: 2,
+                usual_travel: Some(STEPPER),
+            },
+        }
+    }
+}
+
+/// The properties of a model. A new model is a variant of [`SlaveModel`] with its row.
+struct Row {
+    name: &'static str,
+    with_article: &'static str,
+    meaning: &'static str,
+    kind: SlaveKind,
+    axes: usize,
+    motors: usize,
+    channels: usize,
+    usual_travel: Option<UsualTravel>,
+}
+
+/// The word for a kind of SET_AXIS in lists: `drive`, `io`, `step`, `hsp`, `none`.
+pub fn word(kind: SlaveKind) -> &'static str {
+    SlaveModel::ALL.into_iter().find(|model| model.kind() == kind).map_or(NONE, SlaveModel::name)
+}
+
+/// The names of the models for which it holds, for messages.
+pub(super) fn names(holds: impl Fn(SlaveModel) -> bool) -> String {
+    let names: Vec<_> = SlaveModel::ALL.into_iter().filter(|model| holds(*model)).map(SlaveModel::name).collect();
+    names.join(", ")
+}
+
+/// The words that a list of what a program declares its slaves to be is made of: every kind, and `none`.
+pub fn declared_words() -> String {
+    format!("{}, {NONE}", names(|_| true))
+}

@@ -1,0 +1,34 @@
+//! What is wrong with a content that is to be written to an EEPROM.
+
+use crate::ethercat::WireError;
+use crate::ethercat::sii::{SII_INFO_LEN, SiiIdentity};
+
+/// Why a content is not fit for an EEPROM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum ContentError {
+    /// It has not as many bytes as there may be.
+    #[error(
+        "{len} bytes are no content of an EEPROM, which has an even number of at least {} bytes; name a file that `ecmsk bus sii \
+         read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
+    )]
+    Len { len: usize },
+    /// It is longer than the EEPROM.
+    #[error("{len} bytes do not fit into this slave's EEPROM of {room} bytes; name the file that belongs to it")]
+    TooLong { len: usize, room: usize },
+    /// The checksum of the first words is wrong.
+    #[error(
+        "the checksum of the first 7 words is 0x{found:02X} and should be 0x{expected:02X}: no slave would load them; name a file \
+         that is whole"
+    )]
+    Checksum { found: u8, expected: u8 },
+    /// The categories do not end.
+    #[error("the categories behind the first words are not whole ({0}); name a file that is whole")]
+    Categories(WireError),
+    /// It is for another device.
+    #[error(
+        "it is for vendor 0x{:08X}, product 0x{:08X}, and the slave is vendor 0x{:08X}, product 0x{:08X}; name the file that belongs \
+         to it, or insist with --other-device", wanted.vendor, wanted.product, found.vendor, found.product
+    )]
+    OtherDevice { wanted: SiiIdentity, found: SiiIdentity },
+}

@@ -1,0 +1,35 @@
+//! The length of a run.
+
+use std::fmt::{self, Display, Formatter};
+
+/// The length of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Command frames that request something.
+    pub commands: u64,
+    /// Command frames of nothing but GET_STATUS.
+    pub polls: u64,
+    /// Repeated command frames that were left out ([`Options::ignore_repeats`](super::Options::ignore_repeats)).
+    pub repeats: u64,
+    /// Reports of the board.
+    pub reports: u64,
+    /// The time of the last frame, in nanoseconds.
+    pub last_ns: i64,
+}
+
+impl Display for Counts {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self { commands, polls, repeats, reports, last_ns } = *self;
+        write!(f, "{commands} commands, {polls} polls, ")?;
+        if repeats > 0 {
+            write!(f, "{repeats} repeats, ")?;
+        }
+        write!(f, "{reports} reports, {}", seconds(last_ns))
+    }
+}
+
+/// Nanoseconds as a text in seconds with three decimals.
+pub(super) fn seconds(at_ns: i64) -> String {
+    let (sign, us) = (if at_ns < 0 { "-" } else { "" }, (at_ns.unsigned_abs() + 500) / 1000);
+    format!("{sign}{}.{:03} s", us / 1_000_000, us % 1_000_000 / 1000)
+}

@@ -1,0 +1,16 @@
+//! Who a slave is.
+
+/// The identity of a kind of slave, as its objects show it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Device type, 0x1000: device profile and kind of device.
+    pub device_type: u32,
+    /// Device name, 0x1008.
+    pub name: &'static str,
+    /// Vendor ID, 0x1018:1.
+    pub vendor_id: u32,
+    /// Product code, 0x1018:2.
+    pub product_code: u32,
+    /// Revision, 0x1018:3.
+    pub revision: u32,
+}

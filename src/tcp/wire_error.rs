@@ -1,0 +1,49 @@
+//! What bytes of the other end may be wrong, and the limits that they have to keep.
+
+/// The version of the protocol, which has to be the same on both ends.
+pub const VERSION: u16 = 3;
+/// The longest payload in bytes. \[OURS]
+pub const PAYLOAD_MAX: usize = 1024;
+
+/// Why received bytes violate the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the message of a variant explains its fields")]
+pub enum WireError {
+    /// The first bytes are not those of a server.
+    #[error("whoever listens there is no `ecmsk serve tcp`; check host and port")]
+    NoServer,
+    /// The other end has another version of the protocol.
+    #[error("the other end speaks version {found} of the protocol, this one {VERSION}; use the same ecmsk on both")]
+    Version { found: u16 },
+    /// The payload is longer than [`PAYLOAD_MAX`].
+    #[error("a message of {found} bytes, allowed are {PAYLOAD_MAX}")]
+    Long { found: usize },
+    /// The kind of message does not exist.
+    #[error("a message of unknown kind 0x{kind:02X}")]
+    Kind { kind: u8 },
+    /// The message ends in the middle of a field.
+    #[error("a message of kind 0x{kind:02X} is short: {needed} bytes needed, {found} left")]
+    Short {
+        kind: u8,
+        /// The length of the field in bytes.
+        needed: usize,
+        /// The bytes that are left.
+        found: usize,
+    },
+    /// The message continues after its last field.
+    #[error("a message of kind 0x{kind:02X} has {extra} bytes too many")]
+    Trailing {
+        kind: u8,
+        /// The number of extra bytes.
+        extra: usize,
+    },
+    /// A field has a value that is not allowed.
+    #[error("a message of kind 0x{kind:02X} has {found} for {field}")]
+    Value { kind: u8, field: &'static str, found: u64 },
+    /// A text is not UTF-8.
+    #[error("a message of kind 0x{kind:02X} has a text that is not UTF-8")]
+    Text { kind: u8 },
+    /// The message is not allowed at this point.
+    #[error("a message of kind 0x{kind:02X} came out of turn")]
+    OutOfTurn { kind: u8 },
+}

@@ -1,4 +1,4 @@
-//! The result as one JSON object. The names of its fields stay; docs/TOOL.md lists them.
+//! The result as one JSON object. The names of its fields stay; docs/TOOL-RECORDINGS.md lists them.
 
 use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Plan, Refused, SeenBy, Spread, Start, Verdict};
 use serde_json::{Value, json};

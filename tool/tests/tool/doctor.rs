@@ -85,7 +85,7 @@ fn bad() -> FakeMachine {
     bad
 }
 
-/// What docs/TOOL.md shows of it is what it prints.
+/// What docs/TOOL-NETWORK.md shows of it is what it prints.
 #[test]
 fn doctor_prints_what_tool_md_shows() {
     let printed = report(&bad(), USB, &[]).out;

@@ -61,7 +61,7 @@ fn boards_of_every_kind() {
     support::snapshot("tool_list", &format!("{}\n{json}", text.out));
 }
 
-/// What docs/TOOL.md shows of it is what it prints.
+/// What docs/TOOL-NETWORK.md shows of it is what it prints.
 #[test]
 fn list_prints_what_tool_md_shows() {
     let printed = several().run(&["list"]).out;

@@ -1,4 +1,4 @@
-//! docs/TOOL.md, and what README shows of it: their commands are run as they stand there, in one shell, and print what stands there.
+//! The tool's pages, and what README shows of them: the commands of a page run in one shell and print what stands below them.
 #![cfg(target_os = "linux")]
 
 use std::net::{Ipv4Addr, TcpListener};
@@ -6,7 +6,8 @@ use std::path::Path;
 use std::process::Command;
 
 /// The pages, and how many commands they have at least.
-const PAGES: [(&str, usize); 2] = [("docs/TOOL.md", 20), ("README.md", 3)];
+const PAGES: [(&str, usize); 4] =
+    [("docs/TOOL.md", 20), ("docs/TOOL-NETWORK.md", 10), ("docs/TOOL-RECORDINGS.md", 5), ("README.md", 3)];
 
 /// A command of a page with what it prints.
 #[derive(Debug, PartialEq, Eq)]

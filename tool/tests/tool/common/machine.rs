@@ -263,9 +263,9 @@ impl FakeMachine {
     }
 }
 
-/// The lines of the block of docs/TOOL.md that begins with `start`.
+/// The lines of the block of docs/TOOL-NETWORK.md that begins with `start`.
 pub fn page_block(start: &str) -> Vec<String> {
-    let page = fs::read_to_string(support::root().join("docs/TOOL.md")).expect("the page");
+    let page = fs::read_to_string(support::root().join("docs/TOOL-NETWORK.md")).expect("the page");
     let block = page.split("```text\n").find(|block| block.starts_with(start)).expect("the block");
     block.lines().take_while(|line| *line != "```").map(str::to_owned).collect()
 }

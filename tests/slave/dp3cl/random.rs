@@ -39,7 +39,7 @@ fn faults() -> impl Strategy<Value = Fault> {
             input,
             value
         }),
-        any::<bool>().prop_map(|jammed| jam(jammed)),
+        any::<bool>().prop_map(jam),
         proptest::option::of(any::<u16>())
             .prop_map(|bits| Fault::ForceInputs { channel: 0, pattern: bits.map(InputPattern::Bits) }),
     ]

@@ -5,12 +5,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, in_op, script};
+use crate::common::{SECOND, SIZE, Tap, cycles, enabled, in_op, script};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Homing, Options, Slave};
 use ecmsk::sk::{CommandId, Frame, MasterState};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 fn config() -> Config {
     Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() }
@@ -57,8 +55,7 @@ fn timed_out<T>(done: Result<T, EcmError>) -> bool {
 #[test]
 fn inputs_are_those_of_the_own_entry() {
     let file = script("answers-inputs", "inputs 0x3F\n");
-    let tap = Tap::open(&format!("slaves=drive,io&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let ecm = enabled(&format!("slaves=drive,io&script={file}"), &config());
     let ends = AtomicBool::new(false);
     thread::scope(|scope| {
         scope.spawn(|| {
@@ -94,8 +91,7 @@ fn a_lost_request_has_no_answer() {
 /// The same for IO slaves, without a stream and beside one; and one that gets through later is answered.
 #[test]
 fn a_lost_io_command_is_not_reported_as_done() {
-    let tap = Tap::open("slaves=drive,io");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
     ecm.set_outputs(2, 0x0101).unwrap();
     tap.lose(is(2, CommandId::IoWrite));
     assert!(timed_out(ecm.set_outputs(2, 0x0101)));
@@ -114,8 +110,7 @@ fn a_lost_io_command_is_not_reported_as_done() {
 #[test]
 fn firmware_1_5_is_understood_too() {
     let file = script("answers-15", "inputs 0x15\n");
-    let tap = Tap::open(&format!("slaves=drive,io&fw=1.5&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let (tap, ecm) = Tap::enabled(&format!("slaves=drive,io&fw=1.5&script={file}"), &config());
     ecm.set_outputs(2, 0xBEEF).unwrap();
     assert_eq!(ecm.inputs(2), Ok(0xBEEF));
     assert_eq!(ecm.local_inputs(), Ok(0x15));
@@ -134,8 +129,7 @@ fn firmware_1_5_is_understood_too() {
 /// A frame that the board does not take keeps what other threads have put into it.
 #[test]
 fn a_refused_frame_loses_no_command() {
-    let tap = Tap::open("slaves=drive,io");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
     let mut refused = false;
     tap.refuse(move |frame| {
         let is_it = !refused && frame.slot(SIZE, 2).id == CommandId::IoWrite.code();
@@ -149,8 +143,7 @@ fn a_refused_frame_loses_no_command() {
 /// A target whose frame the board did not take goes out with no other frame.
 #[test]
 fn a_target_of_a_refused_step_is_not_sent() {
-    let tap = Tap::open("slaves=drive,io");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let (tap, ecm) = Tap::enabled("slaves=drive,io", &config());
     let mut stream = ecm.stream(4).unwrap();
     stream.csp(1, 0).unwrap();
     stream.step().unwrap();
@@ -168,15 +161,9 @@ fn a_target_of_a_refused_step_is_not_sent() {
 #[test]
 fn bits_of_an_earlier_homing_are_not_taken_for_home() {
     for stream in [false, true] {
-        let tap = Tap::open("slaves=drive*2");
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+        let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));
         tap.lose(is(1, CommandId::GoHome));
-        tap.bend(|_, frame| {
-            let mut slot = frame.slot(SIZE, 1);
-            slot.parm |= 1 << 12 | 1 << 10;
-            frame.put(SIZE, 1, &slot);
-            frame.fill_crc(SIZE);
-        });
+        tap.bend_slot(1, |_, slot| slot.parm |= 1 << 12 | 1 << 10);
         let home = || {
             let ended = ecm.home(1, &Homing { limit: 5 * SECOND, ..Homing::method(33) }, |_| {});
             assert!(matches!(ended, Err(EcmError::HomingFailed { slave: 1, .. })), "{ended:?}");
@@ -192,8 +179,7 @@ fn bits_of_an_earlier_homing_are_not_taken_for_home() {
 /// Another thread's commands leave no trace of GO_HOME in its slot; it is noticed all the same.
 #[test]
 fn homing_beside_a_thread_that_polls() {
-    let tap = Tap::open("slaves=drive,io");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config());
+    let ecm = enabled("slaves=drive,io", &config());
     let ends = AtomicBool::new(false);
     thread::scope(|scope| {
         scope.spawn(|| {
@@ -217,9 +203,7 @@ fn a_late_sdo_answer_is_not_taken_for_another() {
     let object = ObjectAddress::new(0x6065, 0);
     assert!(timed_out(ecm.sdo_write(1, object, 1000_u32)));
     let second = ecm.sdo_write(1, object, 2000_u32);
-    for _ in 0..2000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 2000);
     let patient = Ecm::over(tap.clone(), Options::default()).unwrap();
     let value = patient.sdo_read::<u32>(1, object).unwrap();
     assert!(timed_out(second.clone()) || value == 2000, "{second:?}, and it is {value}");
@@ -233,9 +217,7 @@ fn an_sdo_write_after_a_late_one_is_done() {
     let ecm = tap.ecm(Options { sdo_limit: Duration::from_millis(300), ..Options::default() }).unwrap();
     let object = ObjectAddress::new(0x6065, 0);
     assert!(timed_out(ecm.sdo_write(1, object, 1000_u32)));
-    for _ in 0..3000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 3000);
     ecm.sdo_write(1, object, 3000_u32).unwrap();
     assert_eq!(ecm.sdo_read::<u32>(1, object), Ok(3000));
 }
@@ -266,8 +248,7 @@ fn a_lost_part_of_the_configuration_is_sent_again() {
 #[test]
 fn a_lost_slave_is_named() {
     let file = script("answers-lost", "at 3s lose 2\n");
-    let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let ecm = enabled(&format!("slaves=drive*2&script={file}"), &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
     let is_two = |error: &EcmError| matches!(error, EcmError::SlaveLost { slave: Some(2), found } if found.is_failed());
     let mut refused = None;

@@ -2,14 +2,12 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, enabled, in_op, open, script};
+use crate::common::{SECOND, SIZE, Tap, cycles, enable, enabled, follow, in_op, open, script};
 use ecmsk::cia402::{MODES_OF_OPERATION, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Axis, Config, EcmError, Homing, HomingPhase, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, MasterState};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 /// SK-7.15 SK-7.8 SK-7.10 Axes are on when servo_on returns and off when servo_off does, one or many.
 #[test]
@@ -91,13 +89,9 @@ fn an_alarm_ends_servo_on_with_its_code_until_it_is_cleared() {
 #[test]
 fn homing_reports_its_progress_and_ends_at_0() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5", "slaves=drive*2&slot=16"] {
-        let tap = Tap::open(keys);
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+        let (tap, ecm) = Tap::enabled(keys, &Config::drives(2));
         let mut stream = ecm.stream(4).unwrap();
-        for n in 0..200 {
-            stream.csp(1, n * 50).unwrap();
-            stream.step().unwrap();
-        }
+        follow(&mut stream, 1, 0, 50, 200);
         stream.finish().unwrap();
         for round in 0..2 {
             let mut phases = Vec::new();
@@ -114,10 +108,7 @@ fn homing_reports_its_progress_and_ends_at_0() {
             let mode = ecm.sdo_read::<u8>(1, ObjectAddress::new(MODES_OF_OPERATION, 0)).unwrap();
             assert_eq!(mode, Mode::Csp.code());
             let mut stream = ecm.stream(4).unwrap();
-            for n in 0..100 {
-                stream.csp(1, position + n * 50).unwrap();
-                stream.step().unwrap();
-            }
+            follow(&mut stream, 1, position, 50, 100);
             assert!(stream.snapshot().unwrap().position(1).unwrap() > position + 3_000, "{keys}: it moves again");
         }
         assert_eq!(tap.stats().board.unwrap().rejected_total(), 0, "{keys}");
@@ -140,10 +131,7 @@ fn an_unknown_method_and_a_home_not_found_are_errors() {
     assert_eq!(ecm.sdo_read::<u8>(1, ObjectAddress::new(MODES_OF_OPERATION, 0)).unwrap(), 8);
     let mut stream = ecm.stream(4).unwrap();
     let at = stream.snapshot().unwrap().position(1).unwrap();
-    for n in 0..100 {
-        stream.csp(1, at + n * 50).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, at, 50, 100);
     assert!(stream.snapshot().unwrap().position(1).unwrap() > at + 3_000);
     drop(stream);
 
@@ -156,8 +144,7 @@ fn an_unknown_method_and_a_home_not_found_are_errors() {
 /// SK-7.20 Bits 10 and 12 that still stand from an earlier homing are not taken for a home.
 #[test]
 fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     let mut old = 5;
     tap.bend(move |_, frame| {
         let mut slot = frame.slot(SIZE, 1);
@@ -176,8 +163,7 @@ fn home_bits_of_an_earlier_homing_do_not_end_a_new_one() {
 /// API-15 SK-7.21 SK-7.27 Another thread aborts homing; while it runs another homing and targets are refused.
 #[test]
 fn homing_is_aborted_by_another_thread() {
-    let tap = Tap::open("slaves=drive*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let ecm = enabled("slaves=drive*2", &Config::drives(2));
     ecm.abort_homing().unwrap();
     let slow = Homing { switch_speed: Some(1), limit: Duration::from_secs(3600), ..Homing::method(17) };
     let (moving, is_moving) = std::sync::mpsc::channel();
@@ -210,9 +196,7 @@ fn io_reads_present_inputs_and_writes_outputs() {
         in_op(&ecm, &Config { slaves: vec![Slave::Io, Slave::Drive(Axis::CSP)], ..Config::default() });
         for bits in [0x0000, 0xFFFF, 0x8001, 0x5A5A, 0x5A5A, 0x0001] {
             ecm.set_outputs(1, bits).unwrap();
-            for _ in 0..3 {
-                ecm.next_cycle(SECOND).unwrap();
-            }
+            cycles(&ecm, 3);
             assert_eq!(ecm.inputs(1).unwrap(), bits, "{keys}");
             assert_eq!(ecm.inputs(1).unwrap(), bits, "{keys}");
         }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::common::calls::{CALLS, Call, Needs, SECOND, SLAVES, config, has_next_step};
-use crate::common::{SIZE, in_op, script, uri};
+use crate::common::calls::{CALLS, Call, Needs, SLAVES, config, has_next_step};
+use crate::common::{SECOND, SIZE, in_op, script, uri};
 use ecmsk::ecm::{Ecm, EcmError, Options};
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 use std::sync::mpsc;
 
-use crate::common::calls::{CALLS, Call, Needs, SECOND, SLAVES, config, has_next_step, options};
-use crate::common::{SIZE, Tap, in_op, script};
+use crate::common::calls::{CALLS, Call, Needs, SLAVES, config, has_next_step, options};
+use crate::common::{SECOND, SIZE, Tap, in_op, script};
 use ecmsk::ecm::{Ecm, EcmError, Homing};
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState};

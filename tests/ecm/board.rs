@@ -2,12 +2,11 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, in_op, open, script, uri};
+use crate::common::{SECOND, SIZE, Tap, cycles, enable, follow, in_op, open, script, steps, uri};
 use ecmsk::ecm::{Config, CrcSwitches, Ecm, EcmError, Options};
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{CommandId, Frame, MasterState, RawSlot, StateByte};
 
-const SECOND: Duration = Duration::from_secs(1);
 const MINUTE: Duration = Duration::from_secs(60);
 
 fn again(uri: &str) -> (Ecm, Duration) {
@@ -22,10 +21,7 @@ fn a_reset_board_comes_back() {
         let ecm = enable(open(keys), &Config::drives(2));
         let uri = ecm.link_info().name.clone();
         let mut stream = ecm.stream(16).unwrap();
-        for n in 0..100 {
-            stream.csp(1, n * 50).unwrap();
-            stream.step().unwrap();
-        }
+        follow(&mut stream, 1, 0, 50, 100);
         drop(stream);
         ecm.reset().unwrap();
         let (ecm, took) = again(&uri);
@@ -39,13 +35,10 @@ fn a_reset_board_comes_back() {
 /// API-9 An axis that moves is ramped to a standstill before the board is reset.
 #[test]
 fn a_moving_axis_is_stopped_before_the_board_is_reset() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves: vec![csv()], ..Config::default() });
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config { slaves: vec![csv()], ..Config::default() });
     let mut stream = ecm.stream(16).unwrap();
     stream.csv(1, 50_000).unwrap();
-    for _ in 0..300 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 300);
     std::mem::forget(stream);
     tap.take();
     ecm.reset().unwrap();
@@ -65,8 +58,7 @@ fn csv() -> ecmsk::ecm::Slave {
 /// API-17 A board that another program resets is lost to this one, in every call, and another one opens it.
 #[test]
 fn a_board_that_was_reset_by_others_stays_lost() {
-    let tap = Tap::open("slaves=drive&name=foreign-reset");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive&name=foreign-reset", &Config::drives(1));
     let mut frame = Frame::new();
     frame.put_master(SIZE, &ecmsk::sk::MasterCommand::SoftReset);
     tap.write(&frame, Wait::Now).unwrap();
@@ -132,13 +124,9 @@ fn crc_switches_act_after_a_boot() {
 /// is over: its next targets begin somewhere else.
 #[test]
 fn a_cleared_fifo_stops_the_axis() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     let mut stream = ecm.stream(150).unwrap();
-    for n in 0..400 {
-        stream.csp(1, n * 20).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 20, 400);
     let before = tap.stats().board.unwrap().cleared;
     let at = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
     tap.take();
@@ -148,9 +136,7 @@ fn a_cleared_fifo_stops_the_axis() {
         tap.take().iter().all(|frame| RawSlot { index: 0, ..frame.slot(SIZE, 1) }.is_zero()),
         "the newest target would be a jump"
     );
-    for _ in 0..200 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 200);
     let snapshot = ecm.snapshot().unwrap();
     assert_eq!(snapshot.board.fifo_free, 160);
     let way = snapshot.position(1).unwrap() - at;
@@ -168,8 +154,7 @@ fn a_cleared_fifo_stops_the_axis() {
 /// API-15 Cleared by another thread: the stream ends with its next call, and no target has gone out with the clear.
 #[test]
 fn a_fifo_that_another_thread_clears() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     std::thread::scope(|scope| {
         let (begun, has_begun) = std::sync::mpsc::channel();
         let ecm = &ecm;
@@ -197,8 +182,7 @@ fn a_fifo_that_another_thread_clears() {
 /// Entries that were dropped are no underruns, and hide none of the stream that comes after.
 #[test]
 fn underruns_after_a_clear_count() {
-    let tap = Tap::open("slaves=drive&queue=64");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive&queue=64", &Config::drives(1));
     let mut cleared = ecm.stream(100).unwrap();
     (0..200).for_each(|_| cleared.step().map(drop).unwrap());
     ecm.clear_fifo().unwrap();
@@ -220,8 +204,7 @@ fn underruns_after_a_clear_count() {
 fn a_prefilled_stream_begins_with_its_reserve() {
     // With room for one report a late program does not see every cycle.
     for keys in ["slaves=drive", "slaves=drive&fw=1.5&slot=16", "slaves=drive&queue=1"] {
-        let tap = Tap::open(keys);
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+        let (tap, ecm) = Tap::enabled(keys, &Config::drives(1));
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(50).unwrap();
         assert!(matches!(stream.prefill(51), Err(EcmError::Setting { .. })));
@@ -250,19 +233,13 @@ fn a_prefilled_stream_begins_with_its_reserve() {
 /// API-9 A stream that ends while the board still collects drops what is there: no axis moves.
 #[test]
 fn a_prefill_that_is_not_reached_is_dropped() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     let start = ecm.snapshot().unwrap().position(1).unwrap();
     let mut stream = ecm.stream(50).unwrap();
     stream.prefill(20).unwrap();
-    for n in 0..10 {
-        stream.csp(1, start + n * 100).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, start, 100, 10);
     stream.finish().unwrap();
-    for _ in 0..100 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 100);
     assert_eq!(ecm.snapshot().unwrap().position(1).unwrap(), start);
     assert_eq!(tap.stats().board.unwrap().cleared, 10);
     // The threshold is gone too: a call's one frame is executed.

@@ -2,12 +2,10 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, open, script};
+use crate::common::{SECOND, SIZE, Tap, cycles, enable, follow, open, script};
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, MasterState, StateByte};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 /// Two axes that move: 1 forwards, 2 backwards, 50 counts a cycle.
 fn moving(ecm: &Ecm, frames: i32) {
@@ -29,16 +27,13 @@ fn targets(tap: &Tap, slave: usize) -> Vec<i32> {
 /// beyond them.
 #[test]
 fn a_stream_that_ends_holds_its_last_targets() {
-    let tap = Tap::open("slaves=drive*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));
     tap.take();
     moving(&ecm, 300);
     let targets = targets(&tap, 1);
     assert_eq!(targets, (0..300).map(|n| n * 50).collect::<Vec<_>>(), "those of the program and no more");
     let rest = ecm.snapshot().unwrap();
-    for _ in 0..100 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 100);
     let later = ecm.snapshot().unwrap();
     for (slave, sign) in [(1, 1), (2, -1)] {
         let end = later.position(slave).unwrap();
@@ -85,8 +80,7 @@ fn closing_holds_switches_off_or_leaves_as_asked() {
 #[test]
 fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     let slaves = vec![Slave::Drive(Axis::CSV), Slave::Drive(Axis::CST), Slave::Drive(Axis::CST)];
-    let tap = Tap::open("slaves=drive*3");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves, ..Config::default() });
+    let (tap, ecm) = Tap::enabled("slaves=drive*3", &Config { slaves, ..Config::default() });
     let mut stream = ecm.stream(8).unwrap();
     for _ in 0..300 {
         stream.csv(1, 100_000).unwrap();
@@ -97,7 +91,7 @@ fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     }
     tap.take();
     // The motor of axis 3 has to run out on friction: that may take longer than the limit.
-    let now = || Duration::from_nanos(tap.pass(Duration::ZERO).unwrap().unwrap().0);
+    let now = || tap.now();
     let began = now();
     let ended = stream.finish();
     assert!(now() - began <= 2 * SECOND + SECOND / 10, "docs/SAFETY.md: 2 s, {:?}", now() - began);
@@ -113,22 +107,16 @@ fn closing_ramps_a_velocity_to_0_and_keeps_a_holding_torque() {
     assert!(of(2).all(|slot| slot.data1 == 10), "a standing axis keeps its torque");
     assert_eq!(of(3).next_back().unwrap().data1, 0);
     let first = ecm.next_cycle(SECOND).unwrap().position(1).unwrap();
-    for _ in 0..50 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 50);
     assert!((ecm.snapshot().unwrap().position(1).unwrap() - first).abs() <= 2);
 }
 
 /// API-10 SK-5.4 A board that ran dry stands: the end of its stream does not set it going again.
 #[test]
 fn the_end_of_a_stream_does_not_move_a_board_that_ran_dry() {
-    let tap = Tap::open("slaves=drive*2&queue=4");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled("slaves=drive*2&queue=4", &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
-    for n in 0..300 {
-        stream.csp(1, n * 50).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 50, 300);
     tap.pass(SECOND).unwrap();
     tap.take();
     stream.finish().unwrap();
@@ -141,8 +129,7 @@ fn closing_is_bounded() {
     for (name, text) in [("full", "at 1s full\n"), ("silent", "at 1s silent\n"), ("cut", "at 1s cut 1\n")] {
         let file = script(&format!("close-{name}"), text);
         for how in [Close::Hold, Close::ServoOff] {
-            let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
-            let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+            let (tap, ecm) = Tap::enabled(&format!("slaves=drive*2&script={file}"), &Config::drives(2));
             let mut stream = ecm.stream(100).unwrap();
             let mut n = 0;
             while tap.pass(Duration::ZERO).unwrap().unwrap().0 - tap.info().opened_at.0 < 1_050_000_000 {
@@ -152,7 +139,7 @@ fn closing_is_bounded() {
                     break;
                 }
             }
-            let now = || Duration::from_nanos(tap.pass(Duration::ZERO).unwrap().unwrap().0);
+            let now = || tap.now();
             let began = now();
             let ended = stream.finish();
             assert!(now() - began <= 2 * SECOND + SECOND / 10, "docs/SAFETY.md: 2 s, {name}: {:?}", now() - began);

@@ -1,21 +1,16 @@
 //! The native API with DP3CL drives.
 
-use crate::common::{Tap, enable, open};
-use ecmsk::ecm::{Axis, Config, Homing, Options, Slave};
+use crate::common::{Tap, config, open};
+use ecmsk::ecm::{Axis, Config, Homing, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::MasterState;
-
-fn config(slaves: Vec<Slave>) -> Config {
-    Config { slaves, ..Config::default() }
-}
 
 /// DP3CL-10.1 As a stepper and as a drive: it goes where it is sent, homes with a switch, and goes on from there.
 #[test]
 fn it_moves_and_homes() {
     for slave in [Slave::Step(Axis::CSP), Slave::Drive(Axis::CSP)] {
         for keys in ["slaves=dp3cl:start@20000", "slaves=dp3cl:start@20000&slot=16"] {
-            let tap = Tap::open(keys);
-            let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(vec![slave]));
+            let (tap, ecm) = Tap::enabled(keys, &config(vec![slave]));
             assert_eq!(ecm.snapshot().unwrap().position(1), Some(0), "0x6064 is 0 at power-on");
             let mut stream = ecm.stream(8).unwrap();
             for n in 1..=550 {

@@ -6,13 +6,11 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, in_op, script};
+use crate::common::{SECOND, SIZE, Tap, cycles, enable, enabled, follow, in_op, script};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, EcmError, Guard, Homing, HomingPhase, Options, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::{CommandId, RawSlot};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 fn one(axis: Axis) -> Config {
     Config { slaves: vec![Slave::Drive(axis)], ..Config::default() }
@@ -25,8 +23,7 @@ fn count(tap: &Tap, slot: usize, id: CommandId) -> usize {
 /// Homing that is aborted while its objects are written does not begin; the program's own function may do it.
 #[test]
 fn homing_that_is_aborted_while_it_is_prepared_does_not_begin() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     tap.take();
     let ended = ecm.home(1, &Homing::method(17), |progress| {
         if progress.phase == HomingPhase::Preparing {
@@ -41,8 +38,7 @@ fn homing_that_is_aborted_while_it_is_prepared_does_not_begin() {
 /// The program's own function is called without a lock: it may abort the homing, and use the board.
 #[test]
 fn progress_may_use_the_board() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let ecm = enabled("slaves=drive", &Config::drives(1));
     let mut moving = 0;
     let ended = ecm.home(1, &Homing::method(17), |progress| {
         assert!(ecm.snapshot().is_ok());
@@ -77,10 +73,7 @@ fn slow_progress_stops_no_stream() {
         });
         is_told.recv().unwrap();
         let mut stream = ecm.stream(4).unwrap();
-        for n in 0..300 {
-            stream.csp(2, n * 10).unwrap();
-            stream.step().unwrap();
-        }
+        follow(&mut stream, 2, 0, 10, 300);
         stream.finish().unwrap();
         streamed.send(()).unwrap();
         homing.join().unwrap().unwrap();
@@ -98,29 +91,20 @@ fn what_does_not_come_on_stays_off() {
     let ecm = tap.ecm(options).unwrap();
     in_op(&ecm, &Config::drives(3));
     ecm.servo_on(&[1]).unwrap();
-    tap.bend(|_, frame| {
-        let mut slot = frame.slot(SIZE, 2);
-        slot.parm = 0x0250;
-        frame.put(SIZE, 2, &slot);
-        frame.fill_crc(SIZE);
-    });
+    tap.bend_slot(2, |_, slot| slot.parm = 0x0250);
     match ecm.servo_on(&[1, 2]) {
         Err(EcmError::Timeout { seen, .. }) => assert!(seen.contains("switched off again (SV_OFF)"), "{seen}"),
         other => panic!("{other:?}"),
     }
     tap.bend(|_, _| {});
-    for _ in 0..1000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 1000);
     let is_on = |slave| ecm.snapshot().unwrap().drive(slave).unwrap().statusword.is_enabled();
     assert!(is_on(1) && !is_on(2));
     while ecm.snapshot().unwrap().drive(2).unwrap().error_code == 0 {
         ecm.next_cycle(SECOND).unwrap();
     }
     assert!(matches!(ecm.servo_on(&[3, 2]), Err(EcmError::Alarm { slave: 2, .. })));
-    for _ in 0..1000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 1000);
     assert!(is_on(1) && !is_on(3));
 }
 
@@ -165,8 +149,7 @@ fn a_streaming_axis_keeps_its_slot() {
 #[test]
 fn a_stream_that_waits_sees_what_happens() {
     let file = script("ends-waits", "at 3s alarm 1 0x7500\n");
-    let tap = Tap::open(&format!("slaves=drive&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled(&format!("slaves=drive&script={file}"), &Config::drives(1));
     let mut stream = ecm.stream(4).unwrap();
     for _ in 0..100 {
         stream.csp(1, 0).unwrap();
@@ -211,8 +194,7 @@ fn a_limit_of_any_length_does_not_overflow() {
 /// API-10 Two targets half the range apart: nothing overflows, and what is left of the way to the last one is not gone beyond it.
 #[test]
 fn targets_half_the_range_apart() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &one(Axis { guard: Guard::Off, ..Axis::CSP }));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &one(Axis { guard: Guard::Off, ..Axis::CSP }));
     // A following error of any size is none.
     ecm.sdo_write(1, ObjectAddress::new(0x6065, 0), u32::MAX).unwrap();
     let mut stream = ecm.stream(16).unwrap();
@@ -232,8 +214,7 @@ fn targets_half_the_range_apart() {
 /// API-10 A velocity that was lost on the way has not been executed: its axis stands, and the ramp does not set it going.
 #[test]
 fn a_velocity_that_never_arrived_is_not_ramped() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &one(Axis::CSV));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &one(Axis::CSV));
     let stood = ecm.snapshot().unwrap().position(1).unwrap();
     let velocities = |slots: Vec<RawSlot>| -> Vec<u32> {
         slots.iter().filter(|slot| slot.id == CommandId::Csv.code()).map(|slot| slot.data1).collect()
@@ -245,7 +226,7 @@ fn a_velocity_that_never_arrived_is_not_ramped() {
         stream.step().unwrap();
     }
     // All that was on its way has passed, and the board runs dry.
-    (0..50).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+    cycles(&ecm, 50);
     tap.lose(|_| false);
     tap.take();
     stream.finish().unwrap();
@@ -258,15 +239,9 @@ fn a_velocity_that_never_arrived_is_not_ramped() {
 /// API-9 An encoder that flickers is no motion: closing ends, and the axis is off.
 #[test]
 fn a_flickering_encoder_does_not_keep_closing_from_ending() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
-    tap.bend(|n, frame| {
-        let mut slot = frame.slot(SIZE, 1);
-        slot.data1 = slot.data1.wrapping_add(if n % 3 == 0 { 6 } else { 0 });
-        frame.put(SIZE, 1, &slot);
-        frame.fill_crc(SIZE);
-    });
-    (0..5).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
+    tap.bend_slot(1, |n, slot| slot.data1 = slot.data1.wrapping_add(if n % 3 == 0 { 6 } else { 0 }));
+    cycles(&ecm, 5);
     ecm.close(Close::ServoOff).unwrap();
     assert!(count(&tap, 1, CommandId::ServoOff) > 0);
 }
@@ -274,15 +249,9 @@ fn a_flickering_encoder_does_not_keep_closing_from_ending() {
 /// An axis that does not come to rest is switched off all the same, and the error says that it moved.
 #[test]
 fn an_axis_that_does_not_come_to_rest_is_switched_off() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
-    tap.bend(|n, frame| {
-        let mut slot = frame.slot(SIZE, 1);
-        slot.data1 = n as u32 * 1000;
-        frame.put(SIZE, 1, &slot);
-        frame.fill_crc(SIZE);
-    });
-    (0..5).for_each(|_| drop(ecm.next_cycle(SECOND).unwrap()));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
+    tap.bend_slot(1, |n, slot| slot.data1 = n as u32 * 1000);
+    cycles(&ecm, 5);
     let closed = ecm.close(Close::ServoOff);
     assert!(matches!(closed, Err(EcmError::Timeout { what: "a standstill", .. })), "{closed:?}");
     assert!(count(&tap, 1, CommandId::ServoOff) > 0);
@@ -293,8 +262,7 @@ fn an_axis_that_does_not_come_to_rest_is_switched_off() {
 #[test]
 fn a_stream_is_no_deeper_than_closing_can_wait_for() {
     for cycle_us in [1000, 16_000, 32_000, 128_000, 256_000] {
-        let tap = Tap::open("slaves=drive");
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { cycle_us, ..one(Axis::CSV) });
+        let (tap, ecm) = Tap::enabled("slaves=drive", &Config { cycle_us, ..one(Axis::CSV) });
         let deepest = match ecm.stream(150).map(drop) {
             Ok(()) => 150,
             Err(EcmError::TooDeep { found: 150, max, cycle }) => {

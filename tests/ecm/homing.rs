@@ -32,9 +32,8 @@ fn away(ecm: &Ecm, slaves: &[u8]) {
 #[test]
 fn several_axes_home_from_one_frame() {
     for keys in ["slaves=drive*3,io", "slaves=drive*3,io&fw=1.5", "slaves=drive*3,io&slot=16"] {
-        let tap = Tap::open(keys);
         let slaves = [vec![Slave::Drive(Axis::CSP); 3], vec![Slave::Io]].concat();
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config { slaves, ..Config::default() });
+        let (tap, ecm) = Tap::enabled(keys, &Config { slaves, ..Config::default() });
         away(&ecm, &[1, 2, 3]);
         tap.take();
         let mut phases = [const { Vec::new() }; 4];
@@ -79,8 +78,7 @@ fn several_axes_home_from_one_frame() {
 #[test]
 fn a_homing_that_fails_ends_the_homing_of_all_axes() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5"] {
-        let tap = Tap::open(keys);
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+        let (tap, ecm) = Tap::enabled(keys, &Config::drives(2));
         let slow = Homing { switch_speed: Some(1), ..Homing::method(17) };
         tap.take();
         let error = ecm.home_all(&[(1, slow), (2, Homing::method(99))], |_| {}).unwrap_err();
@@ -162,8 +160,7 @@ fn a_mode_that_stays_is_told() {
 /// API-14 An axis that homes beside an open stream gets none of the stream's targets, neither then nor after it.
 #[test]
 fn homing_beside_a_stream() {
-    let tap = Tap::open("slaves=drive*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
     for n in 0..100 {
         stream.csp(1, n * 10).unwrap();

@@ -1,26 +1,18 @@
 //! The native API with steppers and pulse modules.
 
-use crate::common::{Tap, enable, enabled};
-use ecmsk::ecm::{Axis, Config, Homing, Options, Slave, SlaveView};
+use crate::common::{Tap, config, cycles, enabled, follow, steps};
+use ecmsk::ecm::{Axis, Homing, Slave, SlaveView};
 use ecmsk::link::Link;
 use ecmsk::sk::AxisTarget;
-
-fn config(slaves: Vec<Slave>) -> Config {
-    Config { slaves, ..Config::default() }
-}
 
 /// SK-3.20 SK-7.36 A stepper goes where it is sent, and homes.
 #[test]
 fn a_stepper_moves_and_homes() {
     for keys in ["slaves=step", "slaves=step&slot=16", "slaves=step&fw=1.5"] {
-        let tap = Tap::open(keys);
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(vec![Slave::Step(Axis::CSP)]));
+        let (tap, ecm) = Tap::enabled(keys, &config(vec![Slave::Step(Axis::CSP)]));
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(8).unwrap();
-        for n in 0..500 {
-            stream.csp(1, start + n * 2).unwrap();
-            stream.step().unwrap();
-        }
+        follow(&mut stream, 1, start, 2, 500);
         drop(stream);
         let position = ecm.snapshot().unwrap().position(1).unwrap();
         assert!((position - start - 998).abs() < 400, "{keys}: {position}");
@@ -43,9 +35,7 @@ fn both_channels_of_a_pulse_module_run_by_velocity() {
     let mut stream = ecm.stream(8).unwrap();
     let of = |target, outputs| AxisTarget { target, outputs };
     stream.csv_hsp(1, of(20_000, 1), of(-10_000, 2)).unwrap();
-    for _ in 0..1000 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 1000);
     let turning = hsp();
     let (first, second) =
         (turning.first.position - start.first.position, turning.second.position - start.second.position);
@@ -53,9 +43,7 @@ fn both_channels_of_a_pulse_module_run_by_velocity() {
     assert_eq!((turning.first.inputs & 3, turning.second.inputs & 3), (1, 2));
     stream.finish().unwrap();
     let rest = hsp();
-    for _ in 0..50 {
-        ecm.next_cycle(std::time::Duration::from_secs(1)).unwrap();
-    }
+    cycles(&ecm, 50);
     let later = hsp();
     let moved = |a: i32, b: i32| (a - b).abs();
     assert!(moved(rest.first.position, later.first.position) <= 1, "{rest:?} {later:?}");
@@ -71,9 +59,7 @@ fn one_channel_of_a_pulse_module_runs_by_velocity() {
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(8).unwrap();
         stream.csv(1, -5000).unwrap();
-        for _ in 0..1000 {
-            stream.step().unwrap();
-        }
+        steps(&mut stream, 1000);
         let moved = stream.snapshot().unwrap().position(1).unwrap() - start;
         assert!((-5000..=-4500).contains(&moved), "{keys}: {moved}");
     }

@@ -2,26 +2,21 @@
 //! cable goes, the board resets, the network leaves OP.
 
 use std::sync::Arc;
-use std::time::Duration;
 
-use crate::common::{SIZE, enable, open, script, uri};
+use crate::common::{SECOND, SIZE, cycles, enable, follow, open, script, steps, uri};
 use ecmsk::cia402::DriveState;
 use ecmsk::ecm::{Axis, Close, Config, Ecm, Homing, HomingPhase, News, Options, Slave};
 use ecmsk::link::{self, Link, Share, Wait};
 use ecmsk::sk::{Frame, MasterCommand, MasterState, StateByte};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 fn config(axis: Axis) -> Config {
     Config { slaves: vec![Slave::Drive(axis); 2], ..Config::default() }
 }
 
 /// Counts an axis moves in so many cycles.
-fn moves(ecm: &Ecm, slave: u8, cycles: u32) -> i32 {
+fn moves(ecm: &Ecm, slave: u8, count: u32) -> i32 {
     let from = ecm.next_cycle(SECOND).unwrap().position(slave).unwrap();
-    for _ in 0..cycles {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(ecm, count);
     ecm.snapshot().unwrap().position(slave).unwrap() - from
 }
 
@@ -61,9 +56,7 @@ fn killed_in_csp_the_axis_holds() {
 fn killed_in_csv_the_axis_runs_on() {
     let ecm = killed_while("csv", Axis::CSV, |stream, _| stream.csv(1, 50_000).unwrap());
     let second = moves(&ecm, 1, 1000);
-    for _ in 0..9000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 9000);
     let tenth = moves(&ecm, 1, 1000);
     assert!((49_000..51_000).contains(&second) && (49_000..51_000).contains(&tenth), "{second} {tenth}");
 }
@@ -115,9 +108,7 @@ fn a_panic_ramps_to_a_standstill() {
         let ecm = enable(open(keys), &config(Axis::CSV));
         let mut stream = ecm.stream(16).unwrap();
         stream.csv(1, 50_000).unwrap();
-        for _ in 0..300 {
-            stream.step().unwrap();
-        }
+        steps(&mut stream, 300);
         tell.send(stream.snapshot().unwrap().meta.at).unwrap();
         panic!("this panic is part of the test");
     });
@@ -144,9 +135,7 @@ fn a_cut_cable_stops_the_drives() {
     drop(stream);
     link.pass(2 * SECOND).unwrap();
     while ecm.next_cycle(SECOND).is_err() {}
-    for _ in 0..100 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 100);
     let snapshot = ecm.snapshot().unwrap();
     // What lost drives show is old.
     assert_eq!(snapshot.state(), StateByte::failed(Some(MasterState::Op)));
@@ -171,15 +160,11 @@ fn a_cut_behind_a_slave_stops_those_behind_it() {
         stream.step().unwrap();
     }
     let before = [1, 2].map(|slave| stream.snapshot().unwrap().position(slave).unwrap());
-    for _ in 0..500 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 500);
     let went_on = stream.snapshot().unwrap().position(1).unwrap() - before[0];
     assert!((24_000..26_000).contains(&went_on), "{went_on}");
     drop(stream);
-    for _ in 0..1000 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 1000);
     ecm.set_state(MasterState::Op).unwrap();
     let way = ecm.next_cycle(SECOND).unwrap().position(2).unwrap() - before[1];
     assert!((4500..6000).contains(&way), "docs/SAFETY.md: stops as above, {way} counts");
@@ -193,10 +178,7 @@ fn one_slave_without_power_stops_alone() {
     let ecm = enable(open(&format!("slaves=drive*2&script={file}")), &config(Axis::CSP));
     assert_eq!(ecm.stats().unwrap().slaves_failed, 0);
     let mut stream = ecm.stream(16).unwrap();
-    for n in 0..2000 {
-        stream.csp(2, n * 20).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 2, 0, 20, 2000);
     assert_eq!(ecm.stats().unwrap().slaves_failed, 1);
     let state = StateByte::failed(Some(MasterState::Op));
     assert!(ecm.take_news().unwrap().contains(&News::SlavesFailed { state }));
@@ -213,9 +195,7 @@ fn a_reset_board_stops_the_drives() {
     let ecm = enable(Ecm::over(link.clone(), Options::default()).unwrap(), &config(Axis::CSV));
     let mut stream = ecm.stream(16).unwrap();
     stream.csv(1, 50_000).unwrap();
-    for _ in 0..300 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 300);
     let before = stream.snapshot().unwrap().position(1).unwrap();
     std::mem::forget(stream);
     let mut frame = Frame::new();
@@ -240,9 +220,7 @@ fn leaving_op_stops_the_drives() {
     let ecm = enable(open("slaves=drive*2"), &config(Axis::CSV));
     let mut stream = ecm.stream(16).unwrap();
     stream.csv(1, 50_000).unwrap();
-    for _ in 0..300 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 300);
     let before = stream.snapshot().unwrap().position(1).unwrap();
     std::mem::forget(stream);
     ecm.set_state(MasterState::PreOp).unwrap();

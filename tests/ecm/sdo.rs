@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, enabled, in_op, open, script};
+use crate::common::{SIZE, Tap, enabled, follow, in_op, open, script};
 use ecmsk::cia402::MODES_OF_OPERATION;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ecm::{Config, EcmError, Options, SdoValue};
@@ -186,13 +186,9 @@ fn each_thread_gets_the_answers_to_its_own_sdos() {
 /// SK-5.20 In the middle of a full FIFO a request waits for its entry, and nothing is asked twice.
 #[test]
 fn an_sdo_behind_a_full_fifo_is_asked_once() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     let mut stream = ecm.stream(150).unwrap();
-    for n in 0..300 {
-        stream.csp(1, n).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 1, 300);
     tap.take();
     ecm.sdo_read::<u32>(1, WINDOW).unwrap();
     let frames = tap.take();

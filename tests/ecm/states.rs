@@ -2,14 +2,12 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, enabled, in_op, open, script, uri};
+use crate::common::{SECOND, SIZE, Tap, cycles, enable, enabled, follow, in_op, open, script, uri};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Close, Config, ConfigError, Ecm, EcmError, Guard, News, Options, Scale, Slave, Suspect};
 use ecmsk::link::{Link, LinkError, Wait};
 use ecmsk::sk::{Frame, MasterState, SlotSize, StateByte};
-
-const SECOND: Duration = Duration::from_secs(1);
 
 /// SK-4.49 SK-4.50 SK-4.51 From PreOP to OP with the configuration, by either firmware and slot size, and back.
 #[test]
@@ -132,9 +130,7 @@ fn a_board_in_op_is_attached_to() {
     assert!(matches!(ecm.servo_off(&[1]), Err(EcmError::NoSuchSlave { slave: 1, declared: 0 })));
     ecm.adopt(&config).unwrap();
     let from = ecm.next_cycle(SECOND).unwrap();
-    for _ in 0..99 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 99);
     let to = ecm.next_cycle(SECOND).unwrap();
     let moved = to.position(1).unwrap() - from.position(1).unwrap();
     assert!((4_500..5_500).contains(&moved), "it goes on: {moved}");
@@ -144,9 +140,7 @@ fn a_board_in_op_is_attached_to() {
     let ecm = open(keys);
     ecm.adopt(&config).unwrap();
     let rest = ecm.next_cycle(SECOND).unwrap();
-    for _ in 0..50 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 50);
     let still = ecm.snapshot().unwrap();
     assert!((still.position(1).unwrap() - rest.position(1).unwrap()).abs() <= 2);
     assert!(still.drive(1).unwrap().statusword.is_enabled());
@@ -155,16 +149,13 @@ fn a_board_in_op_is_attached_to() {
 /// SK-2.7 A change of byte 1 is told and fails nothing, whatever the value.
 #[test]
 fn a_change_of_byte_1_is_an_event_and_no_error() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     ecm.take_news().unwrap();
     tap.bend(|n, frame| {
         frame.bytes_mut()[1] = [0, 0, 255, 255, 0, 7][(n as usize).min(5)];
         frame.fill_crc(SIZE);
     });
-    for _ in 0..10 {
-        ecm.next_cycle(SECOND).unwrap();
-    }
+    cycles(&ecm, 10);
     let told = |from, to| News::ErrorByte { from, to };
     assert_eq!(ecm.take_news().unwrap(), [told(0, 255), told(255, 0), told(0, 7)]);
     assert_eq!(ecm.stats().unwrap().error_byte_changes, 3);
@@ -185,9 +176,7 @@ fn a_wrong_crc_of_a_report_is_refused_and_0_counts_as_absent() {
                 frame.bytes_mut()[3] = if byte == 0 || frame.crc(SIZE) != byte { byte } else { byte ^ 1 };
             }
         });
-        for _ in 0..10 {
-            ecm.next_cycle(SECOND).unwrap();
-        }
+        cycles(&ecm, 10);
         ecm.stats().unwrap().bad_crc
     };
     assert_eq!((bent(0, false), bent(0, true)), (0, 10));
@@ -227,10 +216,7 @@ fn every_wait_has_a_limit() {
     ecm.set_outputs(2, 1).unwrap();
     ecm.local_inputs().unwrap();
     let mut stream = ecm.stream(4).unwrap();
-    for n in 0..20 {
-        stream.csp(1, n * 10).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 10, 20);
     stream.finish().unwrap();
     ecm.close(Close::ServoOff).unwrap();
     let waits = tap.waits.lock().unwrap();
@@ -313,10 +299,7 @@ fn a_stream_on_the_real_clock_has_no_loss() {
     let ecm = Ecm::open("sim:?slaves=drive*2").unwrap();
     let ecm = enable(ecm, &Config { cycle_us: 4000, ..Config::drives(2) });
     let mut stream = ecm.stream(100).unwrap();
-    for n in 0..300 {
-        stream.csp(2, n * 5).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 2, 0, 5, 300);
     let stats = stream.finish().unwrap();
     assert_eq!((stats.frames, stats.losses), (300, 0));
     assert!(ecm.snapshot().unwrap().position(2).unwrap() > 1_400);

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, enabled, open, script};
+use crate::common::{SIZE, Tap, cycles, enable, enabled, follow, open, script, steps};
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, News, Options, Scale, Slave};
@@ -15,8 +15,7 @@ use ecmsk::sk::{AxisTarget, CommandId, Frame, MasterCommand, MasterState};
 #[test]
 fn a_stream_keeps_its_depth_and_the_axis_follows() {
     for keys in ["slaves=drive*2", "slaves=drive*2&fw=1.5", "slaves=drive*2&slot=16", "slaves=drive*2&host_us=0"] {
-        let tap = Tap::open(keys);
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+        let (tap, ecm) = Tap::enabled(keys, &Config::drives(2));
         let start = ecm.snapshot().unwrap().position(1).unwrap();
         let mut stream = ecm.stream(20).unwrap();
         for n in 0..500 {
@@ -38,8 +37,7 @@ fn a_stream_keeps_its_depth_and_the_axis_follows() {
 /// SK-5.4 A program that is late makes underruns, each cycle without an entry is counted, and no other is.
 #[test]
 fn underruns_are_the_cycles_without_an_entry() {
-    let tap = Tap::open("slaves=drive&queue=64");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive&queue=64", &Config::drives(1));
     let mut stream = ecm.stream(10).unwrap();
     let at = stream.snapshot().unwrap().position(1).unwrap();
     for _ in 0..100 {
@@ -66,8 +64,7 @@ fn underruns_are_the_cycles_without_an_entry() {
 #[test]
 fn a_full_board_is_waited_for_and_never_overfilled() {
     let file = script("full", "at 1s full for 500ms\nat 3s full\n");
-    let tap = Tap::open(&format!("slaves=drive&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled(&format!("slaves=drive&script={file}"), &Config::drives(1));
     let mut stream = ecm.stream(150).unwrap();
     let at = stream.snapshot().unwrap().position(1).unwrap();
     let mut steps = 0;
@@ -88,21 +85,15 @@ fn a_full_board_is_waited_for_and_never_overfilled() {
 /// SK-5.10 Any increase of the full count is a loss, by 1 or by 126, over the wrap too; it is told and not divided.
 #[test]
 fn any_increase_of_the_full_count_is_a_loss() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     ecm.take_news().unwrap();
     let counts = [0_u16, 1, 1, 127, 65_500, 3, 3];
-    tap.bend(move |n, frame| {
-        let mut slot = frame.slot(SIZE, 0);
+    tap.bend_slot(0, move |n, slot| {
         let count = counts[(n as usize).min(counts.len() - 1)];
         slot.data2 = slot.data2 & 0xFFFF | u32::from(count) << 16;
-        frame.put(SIZE, 0, &slot);
-        frame.fill_crc(SIZE);
     });
     let before = ecm.stats().unwrap().losses;
-    for _ in 0..8 {
-        ecm.next_cycle(Duration::from_secs(1)).unwrap();
-    }
+    cycles(&ecm, 8);
     assert_eq!(ecm.stats().unwrap().losses - before, 4);
     let lost: Vec<_> =
         ecm.take_news().unwrap().into_iter().filter(|news| matches!(news, News::CommandsLost { .. })).collect();
@@ -113,17 +104,14 @@ fn any_increase_of_the_full_count_is_a_loss() {
 /// SK-5.10 A full count that rises because another program writes beside the stream counts as a loss of it.
 #[test]
 fn losses_show_in_the_stream() {
-    let tap = Tap::open("slaves=drive&fw=1.5");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive&fw=1.5", &Config::drives(1));
     let mut stream = ecm.stream(4).unwrap();
     stream.step().unwrap();
     // Eight frames a cycle: the FIFO fills and overflows.
     for _ in 0..300 {
         tap.write(&Frame::new(), Wait::Now).unwrap();
     }
-    for _ in 0..3 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 3);
     let board = tap.stats().board.unwrap();
     assert!(board.full > 0, "{board:?}");
     assert!(stream.stats().unwrap().losses > 0);
@@ -132,11 +120,10 @@ fn losses_show_in_the_stream() {
 /// API-3 The guard refuses a target that is too far from the actual position, and nothing of it reaches the board.
 #[test]
 fn the_guard_refuses_what_is_too_far() {
-    let tap = Tap::open("slaves=drive*2");
     let axis = Axis { guard: Guard::Within(500), ..Axis::CSP };
     let off = Axis { guard: Guard::Off, ..Axis::CSP };
     let config = Config { slaves: vec![Slave::Drive(axis), Slave::Drive(off)], ..Config::default() };
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
+    let (tap, ecm) = Tap::enabled("slaves=drive*2", &config);
     let mut stream = ecm.stream(4).unwrap();
     let at = stream.snapshot().unwrap().position(1).unwrap();
     stream.csp(1, at.wrapping_add(500)).unwrap();
@@ -160,10 +147,9 @@ fn the_guard_refuses_what_is_too_far() {
 /// Units: 90 degrees of a 17-bit encoder are 32768 counts.
 #[test]
 fn a_target_in_units_is_converted_to_counts() {
-    let tap = Tap::open("slaves=drive");
     let axis = Axis { scale: Scale::per_unit(131_072.0 / 360.0), ..Axis::CSP };
     let config = Config { slaves: vec![Slave::Drive(axis)], ..Config::default() };
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
+    let (tap, ecm) = Tap::enabled("slaves=drive", &config);
     let mut stream = ecm.stream(4).unwrap();
     tap.take();
     stream.csp_units(1, 90.0).unwrap();
@@ -201,8 +187,7 @@ fn targets_that_make_no_sense_are_refused() {
 #[test]
 fn an_alarm_of_one_axis_stops_that_one_alone() {
     let file = script("stream-alarm", "at 1s alarm 1 0x7500\n");
-    let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled(&format!("slaves=drive*2&script={file}"), &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
     let mut refused = None;
     for n in 0..2000 {
@@ -240,10 +225,7 @@ fn every_frame_carries_its_crc() {
     ecm.sdo_read::<u32>(1, ObjectAddress::new(0x1000, 0)).unwrap();
     ecm.set_outputs(2, 0x55).unwrap();
     let mut stream = ecm.stream(4).unwrap();
-    for n in 0..50 {
-        stream.csp(1, n * 10).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 10, 50);
     drop(stream);
     let frames = tap.take();
     assert!(frames.len() > 60);
@@ -275,9 +257,8 @@ fn a_stream_allocates_nothing() {
 /// API-15 SK-5.2 Commands of other threads ride in the stream's frames: none of them takes a cycle from the motion.
 #[test]
 fn other_threads_ride_along() {
-    let tap = Tap::open("slaves=drive,io");
     let config = Config { slaves: vec![Slave::Drive(Axis::CSP), Slave::Io], ..Config::default() };
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
+    let (tap, ecm) = Tap::enabled("slaves=drive,io", &config);
     let mut stream = ecm.stream(16).unwrap();
     stream.csp(1, 0).unwrap();
     stream.step().unwrap();
@@ -358,9 +339,7 @@ fn a_stream_moves_both_channels_of_an_hsp() {
     let far = stream.csp_hsp(1, to(10, 0), to(1001, 0));
     assert!(matches!(far, Err(EcmError::TooFar { target: 1001, .. })), "{far:?}");
     stream.csp_hsp(1, to(100, 1), to(-200, 2)).unwrap();
-    for _ in 0..500 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 500);
     let Some(ecmsk::ecm::SlaveView::Hsp(hsp)) = stream.snapshot().unwrap().slave(1) else { panic!("an HSP") };
     assert_eq!((hsp.first.position, hsp.second.position), (100, -200));
 }

@@ -3,19 +3,16 @@
 
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, script};
-use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Options, Slave};
+use crate::common::{SECOND, SIZE, Tap, enable, script};
+use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Guard, Slave};
 use ecmsk::link::Link;
 use ecmsk::sk::CommandId;
-
-const SECOND: Duration = Duration::from_secs(1);
 
 /// A target goes out with the step that follows it and with no other frame; a stream that ends before it steps has
 /// not sent it.
 #[test]
 fn a_target_waits_for_its_step() {
-    let tap = Tap::open("slaves=drive");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+    let (tap, ecm) = Tap::enabled("slaves=drive", &Config::drives(1));
     let mut stream = ecm.stream(8).unwrap();
     stream.csp(1, 0).unwrap();
     stream.step().unwrap();
@@ -31,17 +28,11 @@ fn a_target_waits_for_its_step() {
 /// The guard goes by the newest report, whoever has read it.
 #[test]
 fn the_guard_goes_by_the_newest_report() {
-    let tap = Tap::open("slaves=drive");
     let axis = Axis { guard: Guard::Within(1000), ..Axis::CSP };
     let config = Config { slaves: vec![Slave::Drive(axis)], ..Config::default() };
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config);
+    let (tap, ecm) = Tap::enabled("slaves=drive", &config);
     let mut stream = ecm.stream(8).unwrap();
-    tap.bend(|_, frame| {
-        let mut slot = frame.slot(SIZE, 1);
-        slot.data1 = 5000;
-        frame.put(SIZE, 1, &slot);
-        frame.fill_crc(SIZE);
-    });
+    tap.bend_slot(1, |_, slot| slot.data1 = 5000);
     stream.csp(1, 1000).unwrap();
     ecm.next_cycle(SECOND).unwrap();
     assert_eq!(stream.csp(1, 1000), Err(EcmError::TooFar { slave: 1, target: 1000, actual: 5000, limit: 1000 }));
@@ -51,8 +42,7 @@ fn the_guard_goes_by_the_newest_report() {
 /// API-14 SK-7.15 An axis that was off between a target and its step gets no target, though it is on again.
 #[test]
 fn an_axis_that_was_off_does_not_jump() {
-    let tap = Tap::open("slaves=drive*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled("slaves=drive*2", &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
     for slave in [1, 2] {
         stream.csp(slave, 40).unwrap();
@@ -73,8 +63,7 @@ fn an_axis_that_was_off_does_not_jump() {
 #[test]
 fn an_axis_with_an_alarm_is_left_out() {
     let file = script("targets-alarm", "at 1s alarm 1 0x7500\n");
-    let tap = Tap::open(&format!("slaves=drive*2&script={file}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(2));
+    let (tap, ecm) = Tap::enabled(&format!("slaves=drive*2&script={file}"), &Config::drives(2));
     let mut stream = ecm.stream(8).unwrap();
     stream.csp(1, 7).unwrap();
     stream.csp(2, 7).unwrap();
@@ -111,8 +100,7 @@ fn a_stream_on_the_real_clock_allocates_nothing() {
 fn credit_never_overfills() {
     for depth in [1, 2, 16, 149, 150] {
         let file = script(&format!("targets-full-{depth}"), "at 1s full for 300ms\nat 2s full for 5ms\n");
-        let tap = Tap::open(&format!("slaves=drive&host_us=0&script={file}"));
-        let ecm = enable(tap.ecm(Options::default()).unwrap(), &Config::drives(1));
+        let (tap, ecm) = Tap::enabled(&format!("slaves=drive&host_us=0&script={file}"), &Config::drives(1));
         let mut stream = ecm.stream(depth).unwrap();
         for n in 0..2500_u64 {
             if n % 7 == 0 {

@@ -4,13 +4,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use crate::common::{SIZE, Tap, enable, enabled, script};
+use crate::common::{SECOND, SIZE, Tap, cycles, enabled, follow, script};
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Options, Slave};
 use ecmsk::link::{self, Link, LinkError, Share};
 use ecmsk::sk::{CommandId, MasterState};
 
-const SECOND: Duration = Duration::from_secs(1);
 const WINDOW: ObjectAddress = ObjectAddress::new(0x6065, 0);
 
 type Call = fn(&Ecm) -> Result<(), EcmError>;
@@ -22,8 +21,7 @@ fn mixed() -> Config {
 /// API-15 Four threads at once, each with calls of its own kind: every answer is the right one, and nothing is rejected.
 #[test]
 fn each_thread_gets_its_own_answers() {
-    let tap = Tap::open("slaves=drive*2,io*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &mixed());
+    let (tap, ecm) = Tap::enabled("slaves=drive*2,io*2", &mixed());
     std::thread::scope(|scope| {
         for slave in [1, 2] {
             let ecm = &ecm;
@@ -41,9 +39,7 @@ fn each_thread_gets_its_own_answers() {
                 for n in 0..40 {
                     let bits = u16::from(slave) << 8 | n;
                     ecm.set_outputs(slave, bits).unwrap();
-                    for _ in 0..3 {
-                        ecm.next_cycle(SECOND).unwrap();
-                    }
+                    cycles(ecm, 3);
                     assert_eq!(ecm.inputs(slave).unwrap(), bits);
                 }
             });
@@ -57,8 +53,7 @@ fn each_thread_gets_its_own_answers() {
 /// is read back.
 #[test]
 fn one_streams_and_one_reads() {
-    let tap = Tap::open("slaves=drive*2,io*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &mixed());
+    let (tap, ecm) = Tap::enabled("slaves=drive*2,io*2", &mixed());
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
         let reader = scope.spawn(|| {
@@ -87,13 +82,9 @@ fn one_streams_and_one_reads() {
 /// API-15 While a stream's thread sleeps, calls of others write themselves: their frames repeat the stream's targets.
 #[test]
 fn a_stream_that_sleeps_holds_nobody_up() {
-    let tap = Tap::open("slaves=drive*2,io*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &mixed());
+    let (tap, ecm) = Tap::enabled("slaves=drive*2,io*2", &mixed());
     let mut stream = ecm.stream(16).unwrap();
-    for n in 0..50 {
-        stream.csp(1, n * 10).unwrap();
-        stream.step().unwrap();
-    }
+    follow(&mut stream, 1, 0, 10, 50);
     tap.take();
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -177,8 +168,7 @@ fn leaving_op_ends_the_stream_of_another_thread() {
 /// API-15 A snapshot in any thread is one whole report, never parts of two.
 #[test]
 fn a_snapshot_is_of_one_cycle() {
-    let tap = Tap::open("slaves=drive*2,io*2");
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &mixed());
+    let (tap, ecm) = Tap::enabled("slaves=drive*2,io*2", &mixed());
     // Both axes show the number of the report.
     tap.bend(|n, frame| {
         for slot in [1, 2] {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::common::{Tap, enable, script};
+use crate::common::{Tap, cycles, enable, follow, script, steps};
 use ecmsk::ecm::{Axis, Config, Ecm, EcmError, Options, Slave, SlaveView, Stream};
 use ecmsk::sk::{AxisTarget, HspResponse};
 
@@ -22,9 +22,7 @@ fn seen(stream: &Stream<'_>) -> HspResponse {
 }
 
 fn board(keys: &str, axis: Axis) -> (std::sync::Arc<Tap>, Ecm) {
-    let tap = Tap::open(&format!("slot=16&{keys}"));
-    let ecm = enable(tap.ecm(Options::default()).unwrap(), &config(axis));
-    (tap, ecm)
+    Tap::enabled(&format!("slot=16&{keys}"), &config(axis))
 }
 
 /// SK-3.13 `csp` moves the first axis of an HSP; the second one and the outputs stay, with a target before it and
@@ -38,10 +36,7 @@ fn one_axis_of_two_moves() {
         stream.step().unwrap();
     }
     let move_first = |stream: &mut Stream<'_>, to: i32| {
-        for n in 0..200 {
-            stream.csp(1, to + n).unwrap();
-            stream.step().unwrap();
-        }
+        follow(stream, 1, to, 1, 200);
         let now = seen(stream);
         assert!((now.second.position - 100_000).abs() < 50, "{now:?}");
         assert!((now.first.position - to).abs() < 250, "{now:?}");
@@ -95,9 +90,7 @@ fn a_second_channel_that_trips_stops_both() {
     ecm.clear_alarm(&[1]).unwrap();
     ecm.servo_on(&[1]).unwrap();
     let stands = seen(&stream);
-    for _ in 0..300 {
-        stream.step().unwrap();
-    }
+    steps(&mut stream, 300);
     let now = seen(&stream);
     assert!((now.first.position - stands.first.position).abs() < 100, "{stands:?} {now:?}");
     assert!((now.second.position - stands.second.position).abs() < 100, "{stands:?} {now:?}");
@@ -119,8 +112,8 @@ fn the_channel_that_goes_on_is_stopped() {
         });
         assert!(refused.is_some(), "channel {tripped} has tripped");
         drop(stream);
-        let positions = |cycles| {
-            (0..cycles).for_each(|_| drop(ecm.next_cycle(Duration::from_secs(1)).unwrap()));
+        let positions = |count| {
+            cycles(&ecm, count);
             match ecm.snapshot().unwrap().slave(1) {
                 Some(SlaveView::Hsp(hsp)) => [hsp.first.position, hsp.second.position],
                 other => panic!("{other:?}"),
@@ -139,9 +132,7 @@ fn an_alarm_of_the_second_channel_is_told() {
     let tap = Tap::open(&format!("slot=16&slaves=hsp2&script={file}"));
     let options = Options { servo_limit: Duration::from_millis(500), ..Options::default() };
     let ecm = enable(tap.ecm(options).unwrap(), &config(Axis::CSP));
-    for _ in 0..3000 {
-        ecm.next_cycle(Duration::from_secs(1)).unwrap();
-    }
+    cycles(&ecm, 3000);
     assert_eq!(ecm.servo_on(&[1]), Err(EcmError::Alarm { slave: 1, code: 0 }));
     assert_eq!(ecm.clear_alarm(&[1]), Err(EcmError::Alarm { slave: 1, code: 0 }));
 }
@@ -154,9 +145,7 @@ fn sdo_beside_a_stream_of_two_channels() {
     let ecm = enable(ecm, &Config { slaves, ..Config::default() });
     let mut stream = ecm.stream(8).unwrap();
     for round in 0..20 {
-        for _ in 0..50 {
-            stream.step().unwrap();
-        }
+        steps(&mut stream, 50);
         let object = ecmsk::coe::ObjectAddress::new(0x6065, 0);
         ecm.sdo_write(2, object, 1000_u32 + round).unwrap();
         assert_eq!(ecm.sdo_read::<u32>(2, object), Ok(1000 + round));

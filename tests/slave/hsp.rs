@@ -9,8 +9,9 @@ use ecmsk::slave::{AlStatus, Channels, DeviceFault, Fault, Hsp, HspConfig, Slave
 use AlState::*;
 
 use crate::wired::{config, configure, exchange};
+use support::dice::Dice;
 
-const MS: Ns = 1_000_000;
+pub const MS: Ns = 1_000_000;
 const BOTH: [Channels; 2] = [Channels::One, Channels::Two];
 
 fn hsp_in(state: AlState, config_: HspConfig, mode: Mode) -> Hsp {
@@ -33,12 +34,12 @@ fn write(hsp: &mut Hsp, index: u16, sub: u8, size: SdoSize, value: u32) -> Resul
 }
 
 /// A master that exchanges process data with a module once a cycle.
-struct Master {
-    hsp: Hsp,
+pub struct Master {
+    pub hsp: Hsp,
     data: ProcessData,
     cycle_ns: Ns,
-    out: [AxisOut; 2],
-    seen: [AxisIn; 2],
+    pub out: [AxisOut; 2],
+    pub seen: [AxisIn; 2],
 }
 
 impl Master {
@@ -52,7 +53,7 @@ impl Master {
     }
 
     /// The same with both axes (or the one) in Operation enabled, where they stand.
-    fn enabled(config: HspConfig, mode: Mode, cycle_ns: Ns) -> Self {
+    pub fn enabled(config: HspConfig, mode: Mode, cycle_ns: Ns) -> Self {
         let mut master = Self::op(config, mode, cycle_ns);
         for axis in 0..2 {
             if mode == Mode::Csp {
@@ -70,12 +71,12 @@ impl Master {
         }
     }
 
-    fn cycle(&mut self) {
+    pub fn cycle(&mut self) {
         exchange(&mut self.hsp, &self.data, Some(&self.out), &mut self.seen);
         self.hsp.step(self.cycle_ns);
     }
 
-    fn cycles(&mut self, n: u64) {
+    pub fn cycles(&mut self, n: u64) {
         (0..n).for_each(|_| self.cycle());
     }
 
@@ -250,12 +251,11 @@ fn pulses_follow_their_targets_exactly() {
         let mut master = Master::enabled(HspConfig { positions: start, ..two() }, Mode::Csp, cycle_ns);
         let mut targets = master.out.map(|out| out.target);
         assert_eq!(targets, start.map(|position| position as i32));
-        let mut random = 12345u32;
+        let mut dice = Dice(12345);
         for _ in 0..500 {
             let before = targets;
             for (out, target) in master.out.iter_mut().zip(&mut targets) {
-                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                *target = target.wrapping_add((random >> 23) as i32 - 100);
+                *target = target.wrapping_add(dice.below(512) as i32 - 100);
                 out.target = *target;
             }
             master.cycle();

@@ -2,15 +2,12 @@
 
 use ecmsk::cia402::{Controlword, Mode, Statusword};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::pdo::ProcessData;
-use ecmsk::fieldbus::{AlState, AxisIn, AxisOut, Ns, Role};
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{Channels, Fault, HomeSwitch, Hsp, HspConfig, Input, Slave, Travel};
+use ecmsk::slave::{Channels, Fault, HomeSwitch, HspConfig, Input, Slave, Travel};
 
-use crate::wired::{exchange, map};
+use crate::hsp::{MS, Master};
 use support::homing_tables::{METHODS, Places};
 
-const MS: Ns = 1_000_000;
 const TURN: i64 = 10_000;
 const FIRST: i64 = -2600;
 const LAST: i64 = 3100;
@@ -37,34 +34,11 @@ fn travel() -> Travel {
     }
 }
 
-/// A module in Operation enabled, with a master that sends what it saw and so never asks for a jump.
-struct Bench {
-    hsp: Hsp,
-    data: ProcessData,
-    out: [AxisOut; 2],
-    seen: [AxisIn; 2],
+fn master(channels: Channels, mode: Mode, travel: Travel) -> Master {
+    Master::enabled(HspConfig { positions: STARTS, travels: [travel; 2], ..HspConfig::with(channels) }, mode, MS)
 }
 
-impl Bench {
-    fn new(channels: Channels, mode: Mode, travel: Travel) -> Self {
-        Self::of(HspConfig { positions: STARTS, travels: [travel; 2], ..HspConfig::with(channels) }, mode)
-    }
-
-    fn of(config: HspConfig, mode: Mode) -> Self {
-        let mut hsp = Hsp::new(config);
-        hsp.enter(AlState::PreOp).unwrap();
-        let data = map(&mut hsp, Role::Hsp(mode));
-        hsp.enter(AlState::SafeOp).unwrap();
-        hsp.enter(AlState::Op).unwrap();
-        let mut bench = Self { hsp, data, out: Default::default(), seen: Default::default() };
-        (0..200).for_each(|_| bench.cycle(mode == Mode::Csp));
-        for word in [Controlword::SHUTDOWN, Controlword::SWITCH_ON, Controlword::ENABLE_OPERATION] {
-            bench.out.iter_mut().for_each(|out| out.controlword = word);
-            (0..20).for_each(|_| bench.cycle(mode == Mode::Csp));
-        }
-        bench
-    }
-
+impl Master {
     fn write(&mut self, index: u16, sub: u8, size: SdoSize, value: i64) -> Result<(), AbortCode> {
         self.hsp.download(ObjectAddress::new(index, sub), size, value as u32)
     }
@@ -80,12 +54,14 @@ impl Bench {
         self.write(0x6060 + offset, 0, SdoSize::One, 6).unwrap();
     }
 
-    fn cycle(&mut self, holds: bool) {
-        for (out, seen) in self.out.iter_mut().zip(&self.seen) {
-            out.target = if holds { seen.position } else { out.target };
+    /// Cycles in which it sends what it saw, and so never asks for a jump.
+    fn hold(&mut self, cycles: u64) {
+        for _ in 0..cycles {
+            for (out, seen) in self.out.iter_mut().zip(&self.seen) {
+                out.target = seen.position;
+            }
+            self.cycle();
         }
-        exchange(&mut self.hsp, &self.data, Some(&self.out), &mut self.seen);
-        self.hsp.step(MS);
     }
 
     fn start(&mut self, channel: usize, starts: bool) {
@@ -102,9 +78,9 @@ impl Bench {
     /// Runs until the channels are at their end, each with bits 10 and 12 or 10 and 13.
     fn until_end(&mut self, channels: &[usize]) {
         // What it shows now was measured in another mode.
-        (0..2).for_each(|_| self.cycle(true));
+        self.hold(2);
         for _ in 0..60_000 {
-            self.cycle(true);
+            self.hold(1);
             if channels.iter().all(|channel| matches!(self.bits(*channel), 0b011 | 0b101)) {
                 return;
             }
@@ -131,14 +107,14 @@ impl Bench {
 #[test]
 fn every_method_on_both_channels() {
     for (method, mode) in METHODS.into_iter().flat_map(|method| [(method, Mode::Csp), (method, Mode::Csv)]) {
-        let mut bench = Bench::new(Channels::Two, mode, travel());
+        let mut bench = master(Channels::Two, mode, travel());
         for channel in 0..2 {
             bench.prepare(channel, method);
             bench.write(0x607C + SECOND * channel as u16, 0, SdoSize::Four, 500 * channel as i64).unwrap();
             bench.start(channel, true);
         }
         bench.until_end(&[0, 1]);
-        bench.cycle(true);
+        bench.hold(1);
         for (channel, start) in STARTS.into_iter().enumerate() {
             let expected = PLACES.home(method, start);
             let name = format!("method {method}, channel {channel}, {mode}");
@@ -156,7 +132,11 @@ fn every_method_on_both_channels() {
             bench.write(0x6060 + SECOND * channel as u16, 0, SdoSize::One, mode.code().into()).unwrap();
             bench.out[channel].target = 0;
         }
-        (0..200).for_each(|_| bench.cycle(mode == Mode::Csp));
+        if mode == Mode::Csp {
+            bench.hold(200);
+        } else {
+            bench.cycles(200);
+        }
         assert_eq!([0, 1].map(|channel| bench.pulses(channel)), there, "method {method}, {mode}: nothing moves");
     }
 }
@@ -166,7 +146,7 @@ fn every_method_on_both_channels() {
 fn one_channel_homes_and_the_other_moves() {
     for homing in [0, 1] {
         let other = 1 - homing;
-        let mut bench = Bench::new(Channels::Two, Mode::Csp, travel());
+        let mut bench = master(Channels::Two, Mode::Csp, travel());
         bench.prepare(homing, 17);
         bench.start(homing, true);
         let mut sent = STARTS[other] as i32;
@@ -176,14 +156,14 @@ fn one_channel_homes_and_the_other_moves() {
             let before = sent;
             sent += 7;
             bench.out[other].target = sent;
-            bench.cycle(false);
+            bench.cycle();
             if cycles > 0 {
                 assert_eq!(bench.seen[other].position, before, "cycle {cycles}");
                 assert_eq!(bench.seen[other].statusword.0 & 0x1800, 0x1000, "it follows its target");
             }
             cycles += 1;
         }
-        (0..3).for_each(|_| bench.cycle(false));
+        bench.cycles(3);
         assert!(cycles > 200, "{cycles}: it was a long search");
         assert_eq!(bench.origin(homing), NEGATIVE_LIMIT + 1);
         assert_eq!(bench.origin(other), 0, "its coordinate stays");
@@ -194,7 +174,7 @@ fn one_channel_homes_and_the_other_moves() {
 /// is not wired, ends in bit 13 without a pulse. 0x60FD shows the wired lines and not the switches.
 #[test]
 fn failures() {
-    let mut bench = Bench::new(Channels::Two, Mode::Csp, Travel::NONE);
+    let mut bench = master(Channels::Two, Mode::Csp, Travel::NONE);
     assert_eq!([bench.read(0x6502), bench.read(0x6D02)], [0x1A0; 2]);
     for (method, error) in [
         (15, HomingError::UnsupportedMethod(15)),
@@ -204,16 +184,16 @@ fn failures() {
     ] {
         bench.prepare(1, method);
         bench.start(1, true);
-        bench.cycle(true);
+        bench.hold(1);
         bench.until_end(&[1]);
         assert_eq!((bench.bits(1), bench.error(1)), (0b101, Some(error)));
         assert_eq!(bench.pulses(1), STARTS[1]);
         bench.start(1, false);
         bench.write(0x6860, 0, SdoSize::One, 8).unwrap();
-        bench.cycle(true);
+        bench.hold(1);
     }
-    let mut wired = Bench::new(Channels::One, Mode::Csp, Travel { negative_limit: Some(20_000), ..travel() });
-    wired.cycle(true);
+    let mut wired = master(Channels::One, Mode::Csp, Travel { negative_limit: Some(20_000), ..travel() });
+    wired.hold(1);
     assert_eq!((wired.read(0x60FD), wired.seen[0].inputs), (0, 0), "on the limit switch");
 }
 
@@ -222,13 +202,13 @@ fn failures() {
 #[test]
 fn the_default_travel() {
     for method in METHODS {
-        let mut hsp = Bench::of(HspConfig::default(), Mode::Csp);
+        let mut hsp = Master::enabled(HspConfig::default(), Mode::Csp, MS);
         hsp.prepare(0, method);
         hsp.start(0, true);
         hsp.until_end(&[0]);
         assert_eq!((hsp.bits(0), hsp.error(0)), (0b011, None), "method {method}");
     }
-    let mut bench = Bench::new(Channels::Two, Mode::Csp, travel());
+    let mut bench = master(Channels::Two, Mode::Csp, travel());
     assert!(bench.hsp.apply_fault(Fault::Stick { axis: 1, input: Some(Input::NegativeLimit), value: Some(true) }));
     bench.prepare(1, 34);
     bench.prepare(0, 34);

@@ -1,8 +1,9 @@
 //! A slave that implements only the required functions of [`Slave`]: what the default functions answer.
 
+use crate::wired::{alarm, force, jam, stick};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
-use ecmsk::slave::{AlStatus, DeviceFault, Fault, Input, InputPattern, Slave};
+use ecmsk::slave::{AlStatus, Input, Slave};
 
 struct Least;
 
@@ -36,10 +37,10 @@ impl Slave for Least {
 #[test]
 fn it_has_no_axis_and_no_channel() {
     let mut slave = Least;
-    assert!(!slave.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x7305, resettable: true } }));
-    assert!(!slave.apply_fault(Fault::Stick { axis: 0, input: Some(Input::Home), value: Some(true) }));
-    assert!(!slave.apply_fault(Fault::Jam { axis: 0, jammed: true }));
-    assert!(!slave.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) }));
+    assert!(!slave.apply_fault(alarm(0x7305)));
+    assert!(!slave.apply_fault(stick(Input::Home, Some(true))));
+    assert!(!slave.apply_fault(jam(true)));
+    assert!(!slave.apply_fault(force(1)));
     assert_eq!(slave.shaft(0), None);
 }
 

@@ -1,9 +1,10 @@
 //! Limit switches that act in CSP, CSV and CST: the axis stops at one, says so, and the way back is free, without a jump.
 
 use ecmsk::cia402::{DriveState, Mode, Statusword};
-use ecmsk::slave::{DriveConfig, Fault, Input, Slave, Travel};
+use ecmsk::slave::{DriveConfig, Input, Slave, Travel};
 
 use crate::rig::{MS, Rig};
+use crate::wired::stick;
 
 const TURN: i64 = 1 << 17;
 const END: i64 = 100_000;
@@ -118,7 +119,7 @@ fn velocities_and_torques_stop_at_a_switch() {
 #[test]
 fn a_switch_that_sticks_holds_the_axis() {
     let mut rig = Rig::in_op(limited(DriveConfig::default()), Mode::Csp, MS);
-    assert!(rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) }));
+    assert!(rig.drive.apply_fault(stick(Input::PositiveLimit, Some(true))));
     rig.enable();
     let ramp = |rig: &mut Rig, to: i32| {
         while rig.out.target != to {

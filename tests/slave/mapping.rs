@@ -10,13 +10,10 @@ use proptest::prelude::*;
 
 use AlState::*;
 
+use crate::wired::in_preop;
+
 const RX: u16 = 0x1C12;
 const TX: u16 = 0x1C13;
-
-fn in_preop<S: Slave>(mut slave: S) -> S {
-    slave.enter(PreOp).expect("every slave has a mailbox");
-    slave
-}
 
 fn drive() -> Drive {
     in_preop(Drive::new(DriveConfig::default()))

@@ -4,20 +4,12 @@ use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
 use ecmsk::fieldbus::{AlState, Ns, Role};
 use ecmsk::slave::{
-    AlStatus, Channels, DeviceFault, Drive, DriveConfig, Fault, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig,
-    Slave,
+    Channels, DeviceFault, Drive, DriveConfig, Fault, HomeSwitch, Hsp, HspConfig, InputPattern, Io, IoConfig, Slave,
 };
 
-use crate::wired::{exchange, map};
+use crate::wired::{alarm, exchange, force, in_preop, map};
 
 const MS: Ns = 1_000_000;
-
-/// A slave in PreOP.
-fn in_preop<S: Slave>(mut slave: S) -> S {
-    let entered: Result<(), AlStatus> = slave.enter(AlState::PreOp);
-    entered.expect("every slave has a mailbox");
-    slave
-}
 
 fn read(slave: &mut impl Slave, index: u16, sub: u8) -> u32 {
     slave.upload(ObjectAddress::new(index, sub)).expect("the object is there").bits
@@ -56,7 +48,7 @@ fn inputs(io: &mut Io) -> u32 {
 fn inputs_of_a_module_are_forced() {
     let mut io = in_preop(Io::new(IoConfig::default()));
     assert_eq!(inputs(&mut io), 0);
-    assert!(io.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0xA5C3)) }));
+    assert!(io.apply_fault(force(0xA5C3)));
     assert_eq!([inputs(&mut io), inputs(&mut io)], [0xA5C3; 2]);
     assert!(io.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 2 * MS }) }));
     let walk: Vec<u32> = (0..34).map(|_| inputs(&mut io)).collect();
@@ -103,10 +95,7 @@ fn inputs_of_channels() {
         let expected = if count == 2 { [0x0101, 0x0202] } else { [0x0101, 0] };
         assert_eq!(seen.map(|axis| axis.inputs), expected, "{channels:?}");
     }
-    assert!(
-        !Drive::new(DriveConfig::default())
-            .apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) })
-    );
+    assert!(!Drive::new(DriveConfig::default()).apply_fault(force(1)));
 }
 
 /// CiA 301 7.5.2.2 The error register has bit 0 for any error, and the bit of its group.
@@ -125,7 +114,7 @@ fn error_registers() {
         (0xFF01, 0x81), // the maker's own
     ] {
         let mut drive = in_preop(Drive::new(DriveConfig::default()));
-        assert!(drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code, resettable: true } }));
+        assert!(drive.apply_fault(alarm(code)));
         drive.step(MS);
         assert_eq!(read(&mut drive, 0x603F, 0), u32::from(code));
         assert_eq!(read(&mut drive, 0x1001, 0), expected, "{code:#06x}");

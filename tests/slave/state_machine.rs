@@ -56,54 +56,25 @@ fn machine_in(state: DriveState, options: OptionCodes) -> StateMachine {
 /// Every command in every state: transitions 2 to 11, 15 and the half of 12 that a command makes.
 #[test]
 fn every_command_in_every_state() {
-    let table = [
-        (SwitchOnDisabled, DISABLE_VOLTAGE, SwitchOnDisabled),
-        (SwitchOnDisabled, QUICK_STOP, SwitchOnDisabled),
-        (SwitchOnDisabled, SHUTDOWN, ReadyToSwitchOn), // 2
-        (SwitchOnDisabled, SWITCH_ON, SwitchOnDisabled),
-        (SwitchOnDisabled, ENABLE, SwitchOnDisabled),
-        (SwitchOnDisabled, FAULT_RESET, SwitchOnDisabled),
-        (ReadyToSwitchOn, DISABLE_VOLTAGE, SwitchOnDisabled), // 7
-        (ReadyToSwitchOn, QUICK_STOP, SwitchOnDisabled),      // 7
-        (ReadyToSwitchOn, SHUTDOWN, ReadyToSwitchOn),
-        (ReadyToSwitchOn, SWITCH_ON, SwitchedOn),    // 3
-        (ReadyToSwitchOn, ENABLE, OperationEnabled), // 3 and 4
-        (ReadyToSwitchOn, FAULT_RESET, ReadyToSwitchOn),
-        (SwitchedOn, DISABLE_VOLTAGE, SwitchOnDisabled), // 10
-        (SwitchedOn, QUICK_STOP, SwitchOnDisabled),      // 10
-        (SwitchedOn, SHUTDOWN, ReadyToSwitchOn),         // 6
-        (SwitchedOn, SWITCH_ON, SwitchedOn),
-        (SwitchedOn, ENABLE, OperationEnabled), // 4
-        (SwitchedOn, FAULT_RESET, SwitchedOn),
-        (OperationEnabled, DISABLE_VOLTAGE, SwitchOnDisabled), // 9
-        (OperationEnabled, QUICK_STOP, QuickStopActive),       // 11
-        (OperationEnabled, SHUTDOWN, ReadyToSwitchOn),         // 8
-        (OperationEnabled, SWITCH_ON, SwitchedOn),             // 5
-        (OperationEnabled, ENABLE, OperationEnabled),
-        (OperationEnabled, FAULT_RESET, OperationEnabled),
-        (QuickStopActive, DISABLE_VOLTAGE, SwitchOnDisabled), // 12
-        (QuickStopActive, QUICK_STOP, QuickStopActive),
-        (QuickStopActive, SHUTDOWN, QuickStopActive),
-        (QuickStopActive, SWITCH_ON, QuickStopActive),
-        (QuickStopActive, ENABLE, QuickStopActive),
-        (QuickStopActive, FAULT_RESET, QuickStopActive),
-        (FaultReactionActive, DISABLE_VOLTAGE, FaultReactionActive),
-        (FaultReactionActive, QUICK_STOP, FaultReactionActive),
-        (FaultReactionActive, SHUTDOWN, FaultReactionActive),
-        (FaultReactionActive, SWITCH_ON, FaultReactionActive),
-        (FaultReactionActive, ENABLE, FaultReactionActive),
-        (FaultReactionActive, FAULT_RESET, FaultReactionActive),
-        (Fault, DISABLE_VOLTAGE, Fault),
-        (Fault, QUICK_STOP, Fault),
-        (Fault, SHUTDOWN, Fault),
-        (Fault, SWITCH_ON, Fault),
-        (Fault, ENABLE, Fault),
-        (Fault, FAULT_RESET, SwitchOnDisabled), // 15
-    ];
-    for (state, word, expected) in table {
-        let mut machine = machine_in(state, OPTIONS);
-        send(&mut machine, word);
-        assert_eq!(machine.state(), expected, "{word:#04X} in {state}");
+    use DriveState::{
+        FaultReactionActive as Reaction, OperationEnabled as Enabled, QuickStopActive as Stopping,
+        ReadyToSwitchOn as Ready, SwitchOnDisabled as Disabled, SwitchedOn as On,
+    };
+    let words = [DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE, FAULT_RESET];
+    for (state, ends) in [
+        (Disabled, [Disabled, Disabled, Ready, Disabled, Disabled, Disabled]), // 2
+        (Ready, [Disabled, Disabled, Ready, On, Enabled, Ready]),              // 7, 7, 3, 3 and 4
+        (On, [Disabled, Disabled, Ready, On, Enabled, On]),                    // 10, 10, 6, 4
+        (Enabled, [Disabled, Stopping, Ready, On, Enabled, Enabled]),          // 9, 11, 8, 5
+        (Stopping, [Disabled, Stopping, Stopping, Stopping, Stopping, Stopping]), // 12
+        (Reaction, [Reaction; 6]),
+        (Fault, [Fault, Fault, Fault, Fault, Fault, Disabled]), // 15
+    ] {
+        for (word, expected) in words.into_iter().zip(ends) {
+            let mut machine = machine_in(state, OPTIONS);
+            send(&mut machine, word);
+            assert_eq!(machine.state(), expected, "{word:#04X} in {state}");
+        }
     }
 }
 

@@ -1,17 +1,11 @@
 //! The simulated stepper as a slave: a drive that has CSP alone.
 
-use crate::rig::{MS, Rig, enter, read, write};
-use crate::wired::{config, configure};
+use crate::rig::{MS, Rig, read, write};
+use crate::wired::{config, configure, in_preop};
 use ecmsk::cia402::{DriveState, Mode};
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
-use ecmsk::fieldbus::{AlState, Refusal, Role};
+use ecmsk::fieldbus::{Refusal, Role};
 use ecmsk::slave::{Drive, DriveConfig};
-
-fn in_preop() -> Drive {
-    let mut step = Drive::new(DriveConfig::stepper());
-    enter(&mut step, AlState::PreOp);
-    step
-}
 
 /// SK-4.58 A stepper refuses to be configured as what it is not. A drive in CSP it is: it has those process data (SK-7.1,
 /// SK-7.2); and a servo drive has those of a stepper.
@@ -19,7 +13,7 @@ fn in_preop() -> Drive {
 #[test]
 fn roles() {
     let refused = |al_status, abort| Err(Refusal { slave: 0, al_status, abort });
-    let mut step = in_preop();
+    let mut step = in_preop(Drive::new(DriveConfig::stepper()));
     assert_eq!(configure(&mut step, &config(Role::Io)), refused(0x001D, None));
     for mode in [Mode::Csv, Mode::Cst, Mode::Homing] {
         let no_mode = Some((ObjectAddress::new(0x6060, 0), AbortCode::VALUE_RANGE));
@@ -27,8 +21,7 @@ fn roles() {
             assert_eq!(configure(&mut step, &config(role)), refused(0, no_mode), "{role:?}");
         }
     }
-    let mut servo = Drive::new(DriveConfig::default());
-    enter(&mut servo, AlState::PreOp);
+    let mut servo = in_preop(Drive::new(DriveConfig::default()));
     for role in [Role::Drive(Mode::Csp), Role::Step(Mode::Csp)] {
         for slave in [&mut step, &mut servo] {
             assert_eq!(configure(slave, &config(role)), Ok(()), "{role:?}");
@@ -41,7 +34,7 @@ fn roles() {
 /// SK-3.20 Its process data are those of a drive in CSP, and it has a drive's objects but those of other modes.
 #[test]
 fn objects() {
-    let mut step = in_preop();
+    let mut step = in_preop(Drive::new(DriveConfig::stepper()));
     configure(&mut step, &config(Role::Step(Mode::Csp))).unwrap();
     assert_eq!((read(&mut step, 0x1C12, 1), read(&mut step, 0x1C13, 1)), (Ok(0x1600), Ok(0x1A00)));
     assert_eq!([1, 2].map(|n| read(&mut step, 0x1600, n)), [Ok(0x6040_0010), Ok(0x607A_0020)]);
@@ -51,8 +44,7 @@ fn objects() {
     assert_eq!(read(&mut step, 0x1008, 0), Ok(u32::from_le_bytes(*b"STEP")));
     assert_eq!(read(&mut step, 0x1018, 2), Ok(0x5354_4550));
     assert_eq!(read(&mut step, 0x6502, 0), Ok(1 << 5 | 1 << 7), "homing, CSP");
-    let mut servo = Drive::new(DriveConfig::default());
-    enter(&mut servo, AlState::PreOp);
+    let mut servo = in_preop(Drive::new(DriveConfig::default()));
     for (index, sub) in [(0x6071, 0), (0x60B1, 0), (0x60B2, 0), (0x60FF, 0)] {
         assert!(read(&mut servo, index, sub).is_ok());
         assert_eq!(read(&mut step, index, sub), Err(AbortCode::NO_OBJECT), "{index:04X}");

@@ -1,10 +1,11 @@
-//! A slave as the simulated bus has it: configured by the SDOs of the board, with process data as fields instead of images.
+//! A slave as the simulated bus has it: configured by the SDOs of the board, with process data as fields instead of
+//! images; and what goes wrong in it.
 
 use ecmsk::fieldbus::pdo::{IMAGE_BYTES_MAX, ProcessData};
 use ecmsk::fieldbus::sim;
-use ecmsk::fieldbus::{Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
+use ecmsk::fieldbus::{AlState, Refusal, Role, SlaveConfig, SlaveIn, SlaveOut};
 use ecmsk::sk::DriveSync;
-use ecmsk::slave::Slave;
+use ecmsk::slave::{DeviceFault, Fault, Input, InputPattern, Slave};
 
 /// A configuration with distributed clocks.
 pub const fn config(role: Role) -> SlaveConfig {
@@ -27,4 +28,30 @@ pub fn exchange(slave: &mut impl Slave, data: &ProcessData, outputs: Option<&Sla
     let sent = outputs.map(|outputs| data.put_outputs(outputs, &mut sent));
     slave.exchange(sent, &mut answer[..data.input_bytes()]);
     data.take_inputs(&answer, inputs);
+}
+
+/// A slave in PreOP.
+pub fn in_preop<S: Slave>(mut slave: S) -> S {
+    slave.enter(AlState::PreOp).expect("every slave has a mailbox");
+    slave
+}
+
+/// An alarm of the first axis, which a fault reset clears.
+pub const fn alarm(code: u16) -> Fault {
+    Fault::Alarm { axis: 0, fault: DeviceFault { code, resettable: true } }
+}
+
+/// An input of the first axis sticks, or works again.
+pub const fn stick(input: Input, value: Option<bool>) -> Fault {
+    Fault::Stick { axis: 0, input: Some(input), value }
+}
+
+/// The shaft of the first axis is jammed, or free.
+pub const fn jam(jammed: bool) -> Fault {
+    Fault::Jam { axis: 0, jammed }
+}
+
+/// The inputs of the first channel are forced.
+pub const fn force(bits: u16) -> Fault {
+    Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(bits)) }
 }

@@ -1,34 +1,27 @@
 //! The model of the chip, as the manuals have the chip: every command with its effect and its errors.
 //!
 //! - `exchanges.rs`: packets, answers, errors, check words, sizes, resets, the stream of bytes
-//! - `network.rs`: initialisation, states, slaves, clocks, working counter
-//! - `fifos.rs`: process data through the FIFOs and past them
-//! - `transfers.rs`: SDO transfers, mappings, flash memory
-//! - `helper.rs`: the CiA 402 helper
-//! - `units.rs`: interrupts, GPIO, encoder, DAC, ADC, PHY
-//! - `application.rs`: the usual start of an application; what an exchange costs
+//! - `fifos.rs`, `units.rs`: what single packets say of process data and GPIOs
+//! - `application.rs`: what an exchange costs, any bytes
+//!
+//! What commands do is shown with the driver in `pair/`; here stands what a driver does not show.
 
 mod application;
 mod exchanges;
 mod fifos;
-mod helper;
-mod network;
-mod transfers;
 mod units;
 
-use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::Ns;
-use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
+use ecmsk::slave::Slave;
 use ecmsk::xf::chip::{Chip, Profile, SlaveModels, Timing};
-use ecmsk::xf::request::{
-    Call, CrcTypeSet, DcTiming, EcatInit, Encode, InfoUpdate, Reconfig, ReferenceClock, SdoAbortCodeGet, SdoOperation,
-    SdoRequest, Slaves, StateSet,
-};
+use ecmsk::xf::request::{Call, CrcTypeSet, Encode, InfoUpdate, Reconfig};
 use ecmsk::xf::response::Returned;
 use ecmsk::xf::{
     AnswerHeader, AnswerPacket, CheckRule, CheckType, CommandHeader, Coverage, Errors, EtherCatState, MAX_PACKET,
     NOT_READY, Received, Status, write_request,
 };
+
+use crate::network::{INIT, drives_and_io, to_all};
 
 const MS: Ns = 1_000_000;
 /// From one exchange to the next: more than the chip needs for a packet, and less than its cycle of 1 ms.
@@ -85,7 +78,7 @@ impl Host {
 
     /// With two servo drives and an IO module.
     fn with_drives() -> Self {
-        Self::new(Profile::NEW, vec![drive(), drive(), Box::new(Io::default())])
+        Self::new(Profile::NEW, drives_and_io())
     }
 
     /// The same network, initialised, in a state.
@@ -182,42 +175,6 @@ impl Host {
     fn pass(&mut self, ns: Ns) {
         self.now += ns;
         self.chip.run_until(self.now);
-    }
-
-    /// Writes an object, which has to succeed.
-    fn write(&mut self, slave: u8, index: u16, sub: u8, value: &[u8]) {
-        self.run(&sdo(slave, index, sub, SdoOperation::Write(value)));
-    }
-
-    fn abort_code(&mut self) -> AbortCode {
-        self.call(&SdoAbortCodeGet).to(&SdoAbortCodeGet)
-    }
-}
-
-/// 1 ms cycles with SYNC0, the FIFO off.
-const INIT: EcatInit = EcatInit {
-    special_slaves: false,
-    reference_clock: ReferenceClock::FirstSlave,
-    lrw: true,
-    fifo_on: false,
-    dc: DcTiming { assign_activate: 0x0300, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: 0 },
-};
-
-fn drive() -> Box<dyn Slave> {
-    Box::new(Drive::new(DriveConfig::default()))
-}
-
-fn to_all(state: EtherCatState) -> StateSet {
-    StateSet { slaves: Slaves::All, state }
-}
-
-fn sdo(slave: u8, index: u16, sub: u8, operation: SdoOperation<'_>) -> SdoRequest<'_> {
-    SdoRequest {
-        slave: crate::slave(slave),
-        object: ObjectAddress::new(index, sub),
-        scope: SdoScope::Entry,
-        timeout_us: 100_000,
-        operation,
     }
 }
 

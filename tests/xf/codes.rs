@@ -1,5 +1,8 @@
 //! The 67 codes and 91 functions, against a list that was written from the manuals' text.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
 use ecmsk::xf::code::{AnswerForm, COMMANDS};
 use ecmsk::xf::request::{Arguments, UnknownCommand};
 use ecmsk::xf::{CommandCode, Request};
@@ -67,6 +70,22 @@ pub fn functions() -> Vec<(u8, Option<u8>)> {
         if numbered.is_empty() { vec![(code, None)] } else { numbered }
     };
     MANUAL.iter().flat_map(of).collect()
+}
+
+thread_local! {
+    /// Functions whose bytes tests of this thread have checked.
+    static CHECKED: RefCell<BTreeSet<(u8, Option<u8>)>> = RefCell::default();
+}
+
+/// Notes that the bytes of a function were checked.
+pub fn note_checked(code: u8, parameter: Option<u8>) {
+    CHECKED.with_borrow_mut(|checked| checked.insert((code, parameter)));
+}
+
+/// Runs tests that have to check the bytes of every function.
+pub fn check_all(tests: &[fn()]) {
+    tests.iter().for_each(|test| test());
+    assert_eq!(CHECKED.take(), functions().into_iter().collect());
 }
 
 /// XF-4.1 The list of the manuals has 67 codes and 91 functions, and the table has the same, by code and name.

@@ -1,5 +1,5 @@
 //! Hosts in the spirit of drivers that others have written for the chip, against its model. They are made from what is known of
-//! those drivers, with a packet format and a CRC of their own, and use nothing of this project's encoders.
+//! those drivers, with a packet format of their own, and use nothing of this project's encoders.
 //!
 //! | host | what is its own |
 //! | --- | --- |
@@ -8,9 +8,11 @@
 //! | a closed client | clears all errors in every packet; covers all in commands and the valid bytes in answers; n is 512; takes NOP answers for answers |
 
 use ecmsk::ethercat::Ns;
-use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::chip::{Chip, ChipPort, Profile, SlaveModels};
 use ecmsk::xf::{Coverage, Coverages};
+
+use crate::crc32;
+use crate::network::drive;
 
 /// A byte at 24 MHz.
 const BYTE_NS: Ns = 333;
@@ -31,13 +33,6 @@ fn valid(_: usize, valid: usize) -> usize {
 
 fn valid4(_: usize, valid: usize) -> usize {
     (24 + valid).next_multiple_of(4)
-}
-
-/// Bit by bit, as a microcontroller without a table does it.
-fn crc32(bytes: &[u8]) -> u32 {
-    !bytes.iter().fold(!0, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| crc >> 1 ^ if crc & 1 == 1 { 0xEDB8_8320 } else { 0 })
-    })
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
@@ -93,7 +88,6 @@ enum Back {
 
 impl Peer {
     fn new(profile: Profile, of_commands: Cover, of_answers: Cover) -> Self {
-        let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
         let chip = Chip::new(profile, SlaveModels::new((0..DRIVES).map(|_| drive()).collect()));
         Self {
             port: ChipPort::new(chip),

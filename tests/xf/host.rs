@@ -5,7 +5,7 @@
 //! - `commands.rs`: queues, results, errors, repetitions
 //! - `process.rs`: process data
 //! - `error_bits.rs`: whose they are
-//! - `faults.rs`: anything that goes wrong, in any order: no command runs twice, no answer goes to the wrong ticket
+//! - `faults.rs`: any bytes and any answers
 //! - `budget.rs`: the time of an exchange; `allocation.rs`: no exchange allocates
 
 #[path = "host/allocation.rs"]
@@ -51,10 +51,15 @@ impl Rig {
         Self { host: Host::new(0, config), chip, now: 0, int0_ns: None, faults: Vec::new(), sent: Vec::new() }
     }
 
+    /// A host that knows n.
+    fn starting(config: HostConfig) -> Self {
+        Self::new(HostConfig { size: Some(DataSize::MANUAL), ..config }, Chip::new(DataSize::MANUAL))
+    }
+
     /// A host that runs, with nothing of the start left in the lists.
     fn running(config: HostConfig) -> Self {
-        let mut rig = Self::new(HostConfig { size: Some(DataSize::MANUAL), ..config }, Chip::new(DataSize::MANUAL));
-        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        let mut rig = Self::starting(config);
+        rig.until_running();
         rig.chip.ran.clear();
         rig.chip.taken.clear();
         rig.sent.clear();
@@ -102,6 +107,10 @@ impl Rig {
         panic!("{what} does not come: {:?} {:?}", self.host.state(), self.host.counters());
     }
 
+    fn until_running(&mut self) {
+        self.until("running", |rig| rig.host.state() == HostState::Running);
+    }
+
     /// So many exchanges.
     fn exchanges(&mut self, n: usize) {
         let mut done = 0;
@@ -117,6 +126,13 @@ impl Rig {
     /// Turns until the command is done.
     fn done(&mut self, ticket: Ticket) {
         self.until("the end of a command", |rig| rig.host.is_done(ticket));
+    }
+
+    /// A command, once it is done.
+    fn ended<'d>(&mut self, call: &impl Call<'d>) -> Ticket {
+        let ticket = self.submit(call);
+        self.done(ticket);
+        ticket
     }
 
     /// Turns until the driver stops.

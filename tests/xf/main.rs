@@ -16,7 +16,7 @@
 //! - `host.rs`, `host/`: the driver of a host, against a chip that is scripted there
 //! - `pair.rs`, `pair/`: the driver and the model together, every function of them, with the feature `sim`
 //! - `schedules.rs`, `schedules/`: the same two while anything goes wrong, by seeds, with the feature `sim`
-//! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`
+//! - `chip.rs`, `chip/`: the model of the chip, with the feature `sim`; `network.rs`: its network
 //! - `drivers.rs`: hosts in the spirit of others' drivers against it, which share no line with this project's
 
 mod answers;
@@ -29,6 +29,8 @@ mod fields;
 mod golden;
 mod header;
 mod host;
+#[cfg(feature = "sim")]
+mod network;
 mod packets;
 #[cfg(feature = "sim")]
 mod pair;

@@ -45,17 +45,16 @@ mod wire;
 
 use std::cell::Cell;
 
-use ecmsk::coe::{ObjectAddress, SdoScope};
+use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::Ns;
+use ecmsk::slave::Slave;
 use ecmsk::slave::handle::SimHandle;
-use ecmsk::slave::{Drive, DriveConfig, Io, Slave};
 use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
 use ecmsk::xf::host::{Host, HostConfig, HostError, HostState, Next, ProcessData, ProcessOutcome, Ticket};
-use ecmsk::xf::request::{
-    Call, DcTiming, EcatInit, Reconfig, ReferenceClock, SdoOperation, SdoRequest, SlaveInfoItem, Slaves, StateSet,
-};
+use ecmsk::xf::request::{Call, InfoUpdate, Reconfig, SdoOperation};
 use ecmsk::xf::{AnswerHeader, EtherCatState, MAX_PACKET, Status};
 
+use crate::network::{INIT, drive, drives_and_io, sdo, to_all};
 use saboteur::Saboteur;
 
 /// How long a byte takes at 24 MHz.
@@ -106,9 +105,9 @@ impl Pair {
         pair
     }
 
-    /// A newer chip with two servo drives and an IO module.
+    /// A newer chip with [`drives_and_io`].
     fn running() -> Self {
-        Self::running_with(Profile::NEW, HostConfig::DEFAULT, vec![drive(), drive(), Box::new(Io::default())])
+        Self::running_with(Profile::NEW, HostConfig::DEFAULT, drives_and_io())
     }
 
     /// The same network, initialised, in a state, its process data laid out from SafeOP on.
@@ -216,6 +215,17 @@ impl Pair {
         assert_eq!(self.fails(call), HostError::Refused { code: C::CODE });
     }
 
+    /// Runs a command that takes time and has to fail. Its abort code, if it has one.
+    fn ends_in_failure<'d, C: Call<'d>>(&mut self, call: &C) -> Option<AbortCode> {
+        match self.fails(call) {
+            HostError::Failed { code, abort, .. } => {
+                assert_eq!(code, C::CODE);
+                abort
+            }
+            error => panic!("{error}"),
+        }
+    }
+
     /// Runs a command and the one that reads its result.
     fn read<'d, 'e, C: Call<'d>, R: Call<'e>, T>(
         &mut self,
@@ -244,6 +254,17 @@ impl Pair {
     fn header(&mut self) -> AnswerHeader {
         self.pass(35 * MS);
         *self.host.header().expect("it runs")
+    }
+
+    /// The header of the answer to a packet of now.
+    fn header_now(&mut self) -> AnswerHeader {
+        self.run(&InfoUpdate);
+        *self.host.header().expect("it runs")
+    }
+
+    /// Writes an object, which has to succeed.
+    fn write(&mut self, slave: u8, index: u16, sub: u8, value: &[u8]) {
+        self.run(&sdo(slave, index, sub, SdoOperation::Write(value)));
     }
 
     fn has(&mut self, status: Status) -> bool {
@@ -281,32 +302,5 @@ impl Pair {
     /// The outputs of the IO module behind the two drives.
     fn io_outputs(&mut self) -> u32 {
         self.object(2, 0x7000, 1)
-    }
-}
-
-/// 1 ms cycles with SYNC0, the FIFO off.
-const INIT: EcatInit = EcatInit {
-    special_slaves: false,
-    reference_clock: ReferenceClock::FirstSlave,
-    lrw: true,
-    fifo_on: false,
-    dc: DcTiming { assign_activate: 0x0300, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: 0 },
-};
-
-fn drive() -> Box<dyn Slave> {
-    Box::new(Drive::new(DriveConfig::default()))
-}
-
-fn to_all(state: EtherCatState) -> StateSet {
-    StateSet { slaves: Slaves::All, state }
-}
-
-fn sdo(slave: u8, index: u16, sub: u8, operation: SdoOperation<'_>) -> SdoRequest<'_> {
-    SdoRequest {
-        slave: crate::slave(slave),
-        object: ObjectAddress::new(index, sub),
-        scope: SdoScope::Entry,
-        timeout_us: 100_000,
-        operation,
     }
 }

@@ -1,12 +1,10 @@
 //! Every call of the native API, as a list: what tests of bad states and bad boards loop over.
 
-use std::time::Duration;
-
 use ecmsk::coe::ObjectAddress;
 use ecmsk::ecm::{Axis, Config, CrcSwitches, Ecm, EcmError, Homing, Options, Slave};
 use ecmsk::sk::MasterState;
 
-pub const SECOND: Duration = Duration::from_secs(1);
+use super::SECOND;
 
 /// A drive in CSP, a drive in CSV and an IO slave.
 pub const SLAVES: &str = "slaves=drive*2,io";

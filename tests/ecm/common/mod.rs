@@ -7,11 +7,17 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ecmsk::ecm::{Config, Ecm, EcmError, Options};
+use ecmsk::ecm::{Config, Ecm, EcmError, Options, Slave, Stream};
 use ecmsk::link::{self, Dir, Layer, Link, LinkError, LinkInfo, ReadMeta, Share, Stamp, Wait};
 use ecmsk::sk::{Frame, MasterState, RawSlot, SlotSize};
 
 pub const SIZE: SlotSize = SlotSize::Bytes12;
+pub const SECOND: Duration = Duration::from_secs(1);
+
+/// A network of these slaves, in its usual cycle.
+pub fn config(slaves: Vec<Slave>) -> Config {
+    Config { slaves, ..Config::default() }
+}
 
 /// A board on virtual time.
 pub fn open(keys: &str) -> Ecm {
@@ -37,6 +43,28 @@ pub fn enable(ecm: Ecm, config: &Config) -> Ecm {
 pub fn in_op(ecm: &Ecm, config: &Config) {
     ecm.configure(config).unwrap();
     ecm.set_state(MasterState::Op).unwrap();
+}
+
+/// So many cycles pass.
+pub fn cycles(ecm: &Ecm, count: u32) {
+    for _ in 0..count {
+        ecm.next_cycle(SECOND).unwrap();
+    }
+}
+
+/// A stream goes on with what was told last.
+pub fn steps(stream: &mut Stream<'_>, count: u32) {
+    for _ in 0..count {
+        stream.step().unwrap();
+    }
+}
+
+/// A stream moves an axis by so many steps, with targets that are that many counts apart.
+pub fn follow(stream: &mut Stream<'_>, slave: u8, from: i32, counts: i32, steps: i32) {
+    for n in 0..steps {
+        stream.csp(slave, from + n * counts).unwrap();
+        stream.step().unwrap();
+    }
 }
 
 /// A script file of that text.
@@ -71,6 +99,13 @@ impl Tap {
         Self::over(keys, false)
     }
 
+    /// With slaves whose axes are on.
+    pub fn enabled(keys: &str, config: &Config) -> (Arc<Self>, Ecm) {
+        let tap = Self::open(keys);
+        let ecm = enable(tap.ecm(Options::default()).unwrap(), config);
+        (tap, ecm)
+    }
+
     /// One that does not say how wide slots are.
     pub fn without_slot(keys: &str) -> Arc<Self> {
         Self::over(keys, true)
@@ -95,6 +130,21 @@ impl Tap {
 
     pub fn bend(&self, bend: impl FnMut(u64, &mut Frame) + Send + 'static) {
         *self.bend.lock().unwrap() = (0, Some(Box::new(bend)));
+    }
+
+    /// Bends a slot of each report, by the number of the report since then.
+    pub fn bend_slot(&self, slot: usize, mut bend: impl FnMut(u64, &mut RawSlot) + Send + 'static) {
+        self.bend(move |n, frame| {
+            let mut bent = frame.slot(SIZE, slot);
+            bend(n, &mut bent);
+            frame.put(SIZE, slot, &bent);
+            frame.fill_crc(SIZE);
+        });
+    }
+
+    /// The board's time.
+    pub fn now(&self) -> Duration {
+        Duration::from_nanos(self.inner.pass(Duration::ZERO).unwrap().unwrap().0)
     }
 
     /// Frames that are lost on the way, as nobody notices.

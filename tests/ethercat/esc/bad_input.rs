@@ -2,12 +2,13 @@
 
 use ecmsk::coe::{ObjectAddress, SdoRequest, SdoScope};
 use ecmsk::ethercat::registers::{self, RequestedState};
-use ecmsk::ethercat::{AlState, Command, DatagramHeader, FrameHeader, FrameWriter};
+use ecmsk::ethercat::{AlState, Command, DatagramHeader};
 use ecmsk::slave::esc::FrameFate;
 
+use support::dice::Dice;
 use support::schedules::asked;
 
-use super::rig::{FIRST, Rig, SOURCE, US};
+use super::rig::{FIRST, Rig, US, frame_of};
 
 /// Places that matter, so that random frames often hit one.
 const ADDRESSES: [u16; 24] = [
@@ -15,57 +16,36 @@ const ADDRESSES: [u16; 24] = [
     0x0806, 0x0808, 0x080E, 0x0810, 0x0818, 0x0900, 0x0910, 0x0980, 0x0990, 0x1000,
 ];
 
-/// Random numbers, the same ones in each run.
-struct Random(u64);
+/// A datagram: command, where to, data. Numbers are often small, and places often some that matter.
+fn datagram(dice: &mut Dice) -> (DatagramHeader, Vec<u8>) {
+    let command = Command::from_code(dice.below(17) as u8);
+    let any = dice.below(0x1_0000) as u16;
+    let adp = dice.pick(&[0, FIRST, FIRST + 1, 0xFFFF, any]);
+    let place = dice.pick(&ADDRESSES) + dice.below(10) as u16;
+    let ado = match dice.below(8) {
+        0 => 0x1000 + dice.below(0x300) as u16,
+        1 => any,
+        _ => place,
+    };
+    let is_logical = matches!(command, Command::Lrd | Command::Lwr | Command::Lrw);
+    let header = DatagramHeader::register(command, 1, adp, if is_logical { 0 } else { ado });
+    let len = match dice.below(10) {
+        0..=6 => 1 + dice.below(20),
+        7..=8 => 128,
+        _ => dice.below(300),
+    };
+    let byte = |dice: &mut Dice| match dice.below(4) {
+        0 => dice.below(256) as u8,
+        _ => dice.below(9) as u8,
+    };
+    (header, (0..len).map(|_| byte(dice)).collect())
+}
 
-impl Random {
-    /// A number below `n`.
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % n
-    }
-
-    fn of<T: Copy>(&mut self, all: &[T]) -> T {
-        all[self.below(all.len() as u64) as usize]
-    }
-
-    /// A datagram: command, where to, data. Numbers are often small, and places often some that matter.
-    fn datagram(&mut self) -> (DatagramHeader, Vec<u8>) {
-        let command = Command::from_code(self.below(17) as u8);
-        let any = self.below(0x1_0000) as u16;
-        let adp = self.of(&[0, FIRST, FIRST + 1, 0xFFFF, any]);
-        let place = self.of(&ADDRESSES) + self.below(10) as u16;
-        let ado = match self.below(8) {
-            0 => 0x1000 + self.below(0x300) as u16,
-            1 => any,
-            _ => place,
-        };
-        let is_logical = matches!(command, Command::Lrd | Command::Lwr | Command::Lrw);
-        let header = DatagramHeader::register(command, 1, adp, if is_logical { 0 } else { ado });
-        let len = match self.below(10) {
-            0..=6 => 1 + self.below(20),
-            7..=8 => 128,
-            _ => self.below(300),
-        };
-        let byte = |random: &mut Self| match random.below(4) {
-            0 => random.below(256) as u8,
-            _ => random.below(9) as u8,
-        };
-        (header, (0..len).map(|_| byte(self)).collect())
-    }
-
-    /// A frame of one to three datagrams.
-    fn frame(&mut self) -> Vec<u8> {
-        let mut buffer = [0; 1514];
-        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-        for _ in 0..=self.below(9) / 4 {
-            let (header, data) = self.datagram();
-            frame.push(header, &data).expect("room");
-        }
-        frame.finish().to_vec()
-    }
+/// A frame of one to three datagrams.
+fn frame(dice: &mut Dice) -> Vec<u8> {
+    let datagrams: Vec<_> = (0..=dice.below(9) / 4).map(|_| datagram(dice)).collect();
+    let datagrams: Vec<_> = datagrams.iter().map(|(header, data)| (*header, &data[..])).collect();
+    frame_of(&datagrams)
 }
 
 /// Whether each slave is in a state that there is, and shows the one that its device is in.
@@ -93,7 +73,7 @@ const RIG_MAX: u64 = 500;
 #[test]
 fn random_frames_leave_slaves_in_states_that_there_are() {
     let frames = asked("ECMSK_SOAK_FRAMES").unwrap_or(FRAMES);
-    let mut random = Random(0x9E37_79B9_7F4A_7C15 ^ asked("ECMSK_SOAK_FIRST").unwrap_or(0));
+    let mut dice = Dice(asked("ECMSK_SOAK_FIRST").unwrap_or(0));
     for state in [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op] {
         // Only frames count that come to a slave in the state.
         let mut counted = 0;
@@ -107,8 +87,8 @@ fn random_frames_leave_slaves_in_states_that_there_are() {
                 } else {
                     elsewhere += 1;
                 }
-                rig.pause = US * random.below(5_000);
-                let mut bytes = random.frame();
+                rig.pause = US * dice.below(5_000);
+                let mut bytes = frame(&mut dice);
                 rig.raw(&mut bytes);
                 check(&rig);
             }
@@ -123,11 +103,10 @@ fn random_frames_leave_slaves_in_states_that_there_are() {
 #[test]
 fn torn_frames_harm_nobody() {
     let mut rig = Rig::in_state(AlState::Op);
-    let mut buffer = [0; 1514];
-    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-    frame.push(DatagramHeader::new(Command::Lrw, 1, 0), &[0; 40]).expect("room");
-    frame.push(DatagramHeader::register(Command::Fprd, 2, FIRST, 0x0130), &[0; 6]).expect("room");
-    let whole = frame.finish().to_vec();
+    let whole = frame_of(&[
+        (DatagramHeader::new(Command::Lrw, 1, 0), &[0; 40]),
+        (DatagramHeader::register(Command::Fprd, 2, FIRST, 0x0130), &[0; 6]),
+    ]);
     for len in 0..whole.len() {
         rig.raw(&mut whole[..len].to_vec());
         check(&rig);
@@ -149,24 +128,19 @@ fn a_frame_allocates_nothing() {
     for n in 0..10 {
         rig.bring_to_op(FIRST + n, u32::from(n) * 100);
     }
-    let mut buffer = [0; 1514];
-    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-    frame.push(DatagramHeader::register(Command::Frmw, 1, FIRST, registers::SYSTEM_TIME), &[0; 8]).expect("room");
-    frame.push(DatagramHeader::new(Command::Lrw, 2, 0), &[0; 1000]).expect("room");
-    frame.push(DatagramHeader::register(Command::Brd, 3, 0, registers::AL_STATUS), &[0; 2]).expect("room");
-    frame.push(DatagramHeader::register(Command::Bwr, 4, 0, registers::RECEIVE_TIMES), &[0; 4]).expect("room");
-    let cyclic = frame.finish().to_vec();
+    let cyclic = frame_of(&[
+        (DatagramHeader::register(Command::Frmw, 1, FIRST, registers::SYSTEM_TIME), &[0; 8]),
+        (DatagramHeader::new(Command::Lrw, 2, 0), &[0; 1000]),
+        (DatagramHeader::register(Command::Brd, 3, 0, registers::AL_STATUS), &[0; 2]),
+        (DatagramHeader::register(Command::Bwr, 4, 0, registers::RECEIVE_TIMES), &[0; 4]),
+    ]);
 
     let mut room = [0; 20];
     let upload = SdoRequest::Upload { object: ObjectAddress::new(0x6041, 0), scope: SdoScope::Entry };
     let len = ecmsk::coe::CoeMessage::SdoRequest(upload).encode(&mut room).expect("room");
     let request = rig.message(ecmsk::ethercat::mailbox::MailboxProtocol::Coe, &room[..len]);
-    let mut mails = Vec::new();
-    for (command, ado, data) in [(Command::Fpwr, 0x1000, &request), (Command::Fprd, 0x1080, &vec![0; 128])] {
-        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-        frame.push(DatagramHeader::register(command, 5, FIRST, ado), data).expect("room");
-        mails.push(frame.finish().to_vec());
-    }
+    let mails = [(Command::Fpwr, 0x1000, &request[..]), (Command::Fprd, 0x1080, &[0; 128])]
+        .map(|(command, ado, data)| frame_of(&[(DatagramHeader::register(command, 5, FIRST, ado), data)]));
     rig.pause = 250 * US;
     let mut counts = Vec::with_capacity(1000);
     let counted = allocation_counter::measure(|| {

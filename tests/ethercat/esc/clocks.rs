@@ -81,8 +81,8 @@ fn difference(rig: &mut Rig, station: u16) -> i64 {
 /// held within a microsecond by a time each millisecond.
 #[test]
 fn s38_clocks_are_slewed_and_never_jump() {
-    let mut rig = Rig::new([drive(clock(5_000, 0)), drive(clock(9_999_999, 100_000)), drive(clock(0, -100_000))]);
-    rig.give_stations();
+    let mut rig =
+        Rig::with_stations([drive(clock(5_000, 0)), drive(clock(9_999_999, 100_000)), drive(clock(0, -100_000))]);
     rig.write(FIRST + 1, registers::TIME_DIFFERENCE_FILTER, &[0]);
     rig.write(FIRST + 2, registers::TIME_DIFFERENCE_FILTER, &[0]);
     synchronize(&mut rig, 800_000_000_000_000_000);
@@ -109,8 +109,7 @@ fn s38_clocks_are_slewed_and_never_jump() {
 #[test]
 fn s38_one_wrong_time_moves_a_clock_by_the_limit() {
     for wrong in [0u32, 1, u32::MAX, 0x8000_0000, 123_456_789] {
-        let mut rig = Rig::new([drive(clock(50_000_000, 0))]);
-        rig.give_stations();
+        let mut rig = Rig::with_stations([drive(clock(50_000_000, 0))]);
         let system = |rig: &mut Rig| {
             rig.chain.advance(rig.now);
             rig.chain.slave(0).controller().system_time_ns() as i64
@@ -135,8 +134,7 @@ fn s38_one_wrong_time_moves_a_clock_by_the_limit() {
 /// ECAT-13.2 The difference is averaged as the filter says, and a write to the speed counter begins it anew.
 #[test]
 fn the_difference_is_filtered() {
-    let mut rig = Rig::new([drive(EscSettings::default()), drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(2);
     // 16 us ahead, of which each time takes back at most 1 us.
     rig.write(FIRST, registers::SYSTEM_TIME_OFFSET, &16_000u64.to_le_bytes());
     rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &(HOP_NS as u32).to_le_bytes());
@@ -168,8 +166,7 @@ const fn soon(rig: &Rig, after: Ns) -> u64 {
 /// gives none.
 #[test]
 fn s39_sync0_begins_at_its_start_time() {
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(1);
     let start = soon(&rig, 10 * MS);
     activate(&mut rig, start, 1_000_000, 3);
     assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 1);
@@ -188,8 +185,7 @@ fn s39_sync0_begins_at_its_start_time() {
     rig.now += 20 * MS;
     assert_eq!(rig.read_u8(FIRST, registers::SYNC_ACTIVATION_STATUS), 0);
 
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(1);
     let past = rig.now - 1;
     activate(&mut rig, past, 1_000_000, 3);
     rig.now += 100 * MS;
@@ -204,16 +200,14 @@ fn s39_sync0_begins_at_its_start_time() {
 /// ECAT-13.3 With a cycle of 0 there is one pulse; SYNC1 follows SYNC0 by its own time.
 #[test]
 fn s39_one_pulse_and_sync1() {
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(1);
     let start = soon(&rig, 10 * MS);
     activate(&mut rig, start, 0, 3);
     rig.now += 50 * MS;
     assert_eq!(rig.read_u8(FIRST, registers::SYNC0_STATUS), 1);
     assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start, "none comes after it");
 
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(1);
     rig.write(FIRST, registers::SYNC1_CYCLE, &1_200_000u32.to_le_bytes());
     let start = soon(&rig, 10 * MS);
     activate(&mut rig, start, 1_000_000, 7);
@@ -240,8 +234,7 @@ fn the_start_time_is_judged() {
         (MS as i64 * 5000, 0x63, true, true),
         (MS as i64 * 2000, 0x63, false, false),
     ] {
-        let mut rig = Rig::new([drive(EscSettings::default())]);
-        rig.give_stations();
+        let mut rig = Rig::drives(1);
         let start = (rig.now + 4 * rig.pause).wrapping_add_signed(after);
         activate(&mut rig, start, 1_000_000, activation);
         rig.pause = 10;
@@ -256,8 +249,7 @@ fn the_start_time_is_judged() {
 /// from the clock. Bit 7: one pulse at once, and the bit reads 0.
 #[test]
 fn further_bits_of_the_activation() {
-    let mut rig = Rig::new([drive(EscSettings { local_time_ns: 7 << 32, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { local_time_ns: 7 << 32, ..EscSettings::default() })]);
     rig.write(FIRST, registers::SYNC0_CYCLE, &1_000_000_u32.to_le_bytes());
     rig.write(FIRST, registers::SYNC_ACTIVATION, &[0x0A]);
     let start = (7 << 32) + rig.now + 50 * MS;
@@ -275,16 +267,14 @@ fn further_bits_of_the_activation() {
     assert_eq!(rig.read_u64(FIRST, registers::SYNC0_START), start);
 
     for (activation, statuses) in [(0x80, [0, 0]), (0x82, [1, 0]), (0x86, [1, 1])] {
-        let mut rig = Rig::new([drive(EscSettings::default())]);
-        rig.give_stations();
+        let mut rig = Rig::drives(1);
         rig.write(FIRST, registers::SYNC_ACTIVATION, &[activation]);
         assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [activation & 0x7F]);
         assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), statuses);
     }
     // A controller that is not enhanced knows bits 0 to 2.
     let features = registers::Features::CLOCK | registers::Features::CLOCK_64_BITS;
-    let mut rig = Rig::new([drive(EscSettings { features, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { features, ..EscSettings::default() })]);
     rig.write(FIRST, registers::SYNC_ACTIVATION, &[0xFA]);
     assert_eq!(rig.read(FIRST, registers::SYNC_ACTIVATION, 1), [0x02]);
     assert_eq!(rig.read(FIRST, registers::SYNC0_STATUS, 2), [0, 0]);
@@ -293,8 +283,7 @@ fn further_bits_of_the_activation() {
 /// ECAT-13.9 With bit 0 of 0x0980 the unit belongs to the slave's own controller: what sets it is not written by the master.
 #[test]
 fn a_unit_of_the_slaves_own_controller() {
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::drives(1);
     rig.write(FIRST, registers::CYCLIC_UNIT_CONTROL, &[1]);
     let start = soon(&rig, 10 * MS);
     for (address, value) in
@@ -310,16 +299,13 @@ fn a_unit_of_the_slaves_own_controller() {
 fn io_with_clocks() -> Rig {
     let (mut io, settings) = (Io::new(IoConfig::default()), EscSettings::default());
     let eeprom = eeprom_of(&mut io, &settings).expect("it can be described");
-    let mut rig = Rig::new([EscSlave::new(Box::new(io), settings, eeprom, 0)]);
-    rig.give_stations();
-    rig
+    Rig::with_stations([EscSlave::new(Box::new(io), settings, eeprom, 0)])
 }
 
 /// ECAT-9.11 A device without clocks has a controller without them, and no mode of them in its EEPROM.
 #[test]
 fn a_device_without_clocks_has_none() {
-    let mut rig = Rig::new([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([slave(Box::new(Io::new(IoConfig::default())), EscSettings::default())]);
     assert_eq!(rig.one(Command::Fprd, FIRST, registers::SYSTEM_TIME, &[0; 8]).wkc, 0);
     assert_eq!(rig.read_u16(FIRST, registers::FEATURES) & 0b1100, 0);
     let sii = Sii::new(rig.chain.slave(0).controller().eeprom()).expect("an EEPROM");

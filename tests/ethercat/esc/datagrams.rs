@@ -1,21 +1,17 @@
 //! Datagrams through slaves: addressing, working counters, what a frame has when it comes back.
 
 use ecmsk::ethercat::registers::{self, DlControl, Features};
-use ecmsk::ethercat::{Command, DatagramHeader, Frame, FrameHeader, FrameWriter};
+use ecmsk::ethercat::{Command, DatagramHeader, Frame};
 use ecmsk::slave::esc::{EscSettings, FrameFate};
 
-use super::rig::{FIRST, Rig, SOURCE, answers, drive};
+use super::rig::{FIRST, Rig, answers, drive, frame_of};
 
 /// A frame with these datagrams, without padding.
 fn bare(datagrams: &[(DatagramHeader, &[u8])]) -> Vec<u8> {
-    let mut buffer = [0xA5; 1514];
-    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-    for (header, data) in datagrams {
-        frame.push(*header, data).expect("room");
-    }
-    let bytes = frame.finish();
-    let len = 16 + usize::from(Frame::decode(bytes).expect("a frame").header.len);
-    bytes[..len].to_vec()
+    let mut bytes = frame_of(datagrams);
+    let len = 16 + usize::from(Frame::decode(&bytes).expect("a frame").header.len);
+    bytes.truncate(len);
+    bytes
 }
 
 /// ECAT-8.1 BRD counts each slave once in working counter and position, and combines their bytes by OR; the source comes back
@@ -65,8 +61,7 @@ fn s03_stations_are_known_by_address_or_alias() {
         }
         rig.write(FIRST + 1, registers::SII_CONTROL, &data);
     }
-    rig.chain.power(1, false, rig.now);
-    rig.chain.power(1, true, rig.now);
+    rig.power_cycle(1);
     assert_eq!(rig.one(Command::Fprd, 0x0777, registers::STATION_ALIAS, &[0, 0]).wkc, 0);
     let control = DlControl::POWER_ON.0 | DlControl::ALIAS;
     assert_eq!(rig.one(Command::Apwr, 0xFFFF, registers::DL_CONTROL, &control.to_le_bytes()).wkc, 1);
@@ -124,8 +119,7 @@ fn s05_one_is_read_and_the_others_are_written() {
         let settings = EscSettings::default();
         drive(if clock { settings } else { EscSettings { features: without_clock, ..settings } })
     });
-    let mut rig = Rig::new(slaves);
-    rig.give_stations();
+    let mut rig = Rig::with_stations(slaves);
     let answer = rig.one(Command::Frmw, FIRST, registers::SYSTEM_TIME, &[0; 8]);
     assert_eq!(answer.wkc, 3);
     assert_eq!(answer.header.adp(), FIRST);

@@ -109,8 +109,7 @@ fn two_masters_start_at_once() {
 /// that stands there; a request with the counter of the other master's last one is dropped.
 #[test]
 fn two_masters_share_a_mailbox() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     let request = |rig: &Rig, counter, index: u16, sub| {
         let [low, high] = index.to_le_bytes();
         let header = MailboxHeader::new(MailboxProtocol::Coe, MailboxCounter::new(counter).expect("0 to 7"));
@@ -139,16 +138,14 @@ fn two_masters_share_a_mailbox() {
 #[test]
 fn an_eeprom_is_written_in_part() {
     const TAKES: u64 = 5 * MS;
-    let mut rig = Rig::new([drive(EscSettings { eeprom_ns: TAKES, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { eeprom_ns: TAKES, ..EscSettings::default() })]);
     let write = |rig: &mut Rig, word: u8, value: u16| {
         let [low, high] = value.to_le_bytes();
         rig.write(FIRST, registers::SII_CONTROL, &[1, 2, word, 0, 0, 0, low, high]);
     };
     let old = rig.chain.slave(0).controller().eeprom().to_vec();
     let power_cycle = |rig: &mut Rig| {
-        rig.chain.power(0, false, rig.now);
-        rig.chain.power(0, true, rig.now);
+        rig.power_cycle(0);
         rig.give_stations();
     };
     // While the command runs, the interface is busy and takes nothing.

@@ -4,10 +4,10 @@ use ecmsk::ethercat::mailbox::{MailboxFault, MailboxMessage, MailboxProtocol};
 use ecmsk::ethercat::registers::{self, LatchEdge, SmControl, SyncManager, latch_time};
 use ecmsk::ethercat::sii::{CategoryKind, FmmuUsage, MailboxProtocols, Sii};
 use ecmsk::ethercat::{AlState, AlStatus, Command};
-use ecmsk::slave::esc::{EscSlave, esi_of};
+use ecmsk::slave::esc::esi_of;
 use ecmsk::slave::{Dp3cl, Dp3clConfig, Drive, DriveConfig, Fault, HomeSwitch, Input, InputPattern, Slave, Travel};
 
-use super::rig::{FIRST, INPUTS, MS, OUTPUTS, Rig};
+use super::rig::{FIRST, INPUTS, MS, OUTPUTS, Rig, slave};
 
 /// A DP3CL behind its own controller, in Init.
 fn rig() -> Rig {
@@ -17,9 +17,7 @@ fn rig() -> Rig {
 fn rig_of(config: Dp3clConfig) -> Rig {
     let device = Box::new(Dp3cl::new(config));
     let settings = device.controller_settings();
-    let mut rig = Rig::new([EscSlave::describe(device, settings, 0).expect("it can be described")]);
-    rig.give_stations();
-    rig
+    Rig::with_stations([slave(device, settings)])
 }
 
 /// One in PreOP, with its process data and SYNC0 of 1 ms that begins that much later.
@@ -259,8 +257,7 @@ fn the_alias_is_that_of_the_eeprom() {
     let mut rig = rig();
     let alias = |rig: &mut Rig| rig.read_u16(FIRST, registers::STATION_ALIAS);
     let restart = |rig: &mut Rig| {
-        rig.chain.power(0, false, rig.now);
-        rig.chain.power(0, true, rig.now);
+        rig.power_cycle(0);
         rig.give_stations();
     };
     rig.bring_to_preop(FIRST);
@@ -394,8 +391,7 @@ fn terminals_are_latch_inputs() {
     assert!((before - MS..=before + MS).contains(&at), "{at} {before}");
     assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [4, 0]);
     // After power-on the levels are there, without an edge.
-    rig.chain.power(0, false, rig.now);
-    rig.chain.power(0, true, rig.now);
+    rig.power_cycle(0);
     rig.give_stations();
     rig.now += 20 * MS;
     assert_eq!(rig.read(FIRST, registers::LATCH_STATUS, 2), [0, 4]);

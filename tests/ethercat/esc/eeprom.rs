@@ -46,8 +46,7 @@ fn s13_words_are_read() {
 #[test]
 fn s14_a_read_gives_8_bytes_or_4() {
     for (reads_8_bytes, bit) in [(true, 0x40), (false, 0)] {
-        let mut rig = Rig::new([drive(EscSettings { reads_8_bytes, ..EscSettings::default() })]);
-        rig.give_stations();
+        let mut rig = Rig::with_stations([drive(EscSettings { reads_8_bytes, ..EscSettings::default() })]);
         assert_eq!(rig.read_u16(FIRST, registers::SII_CONTROL), bit);
         rig.write(FIRST, registers::SII_DATA, &[0xEE; 8]);
         let eeprom = rig.chain.slave(0).controller().eeprom()[16..24].to_vec();
@@ -121,8 +120,7 @@ fn eeprom_checksum(rig: &Rig) -> u8 {
 /// ECAT-9.3 An EEPROM that takes its time is busy, and takes nothing else meanwhile.
 #[test]
 fn a_slow_eeprom_is_busy() {
-    let mut rig = Rig::new([drive(EscSettings { eeprom_ns: MS, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { eeprom_ns: MS, ..EscSettings::default() })]);
     rig.write(FIRST, registers::SII_CONTROL, &[0, 1, 8, 0, 0, 0]);
     assert_eq!(rig.read_u16(FIRST, registers::SII_CONTROL), 0x8140);
     assert_eq!(rig.one(Command::Fpwr, FIRST, registers::SII_ADDRESS, &[0; 4]).wkc, 0);
@@ -180,8 +178,7 @@ fn devices_describe_themselves() {
         let len = device.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut named).expect("it has a name");
         assert_eq!((order.as_bytes(), shown.as_bytes()), (&named[..len], name.as_bytes()), "{name}");
         // With what the EEPROM says the slave goes to OP.
-        let mut rig = Rig::new([slave(kind(), EscSettings::default())]);
-        rig.give_stations();
+        let mut rig = Rig::with_stations([slave(kind(), EscSettings::default())]);
         rig.bring_to_op(FIRST, 0x1000);
     }
     let device = Drive::new(DriveConfig::default());

@@ -31,9 +31,7 @@ impl Files {
 
     /// A drive in PreOP.
     fn in_preop() -> Self {
-        let mut rig = Rig::drives(1);
-        rig.bring_to_preop(FIRST);
-        Self { rig, boxes: [0x1000, 0x1080].map(|start| MailboxArea { start, len: MAILBOX }) }
+        Self { rig: Rig::in_preop(), boxes: [0x1000, 0x1080].map(|start| MailboxArea { start, len: MAILBOX }) }
     }
 
     /// From Init to bootstrap, with the mailboxes of the EEPROM's words 0x14 to 0x17.
@@ -225,9 +223,7 @@ fn firmware_is_written_in_bootstrap() {
         assert_eq!(files.read("firmware.bin"), Ok(bytes(len)), "{len}");
     }
     // It is kept without power, and read in PreOP, too.
-    let now = files.rig.now;
-    files.rig.chain.power(0, false, now);
-    files.rig.chain.power(0, true, now);
+    files.rig.power_cycle(0);
     files.rig.give_stations();
     files.rig.bring_to_preop(FIRST);
     files.boxes = [0x1000, 0x1080].map(|start| MailboxArea { start, len: MAILBOX });

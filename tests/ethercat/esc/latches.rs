@@ -8,13 +8,6 @@ use super::rig::{FIRST, MS, Rig, US, drive};
 
 use LatchEdge::{Negative, Positive};
 
-/// One drive; its system time is that of the network.
-fn rig() -> Rig {
-    let mut rig = Rig::new([drive(EscSettings::default())]);
-    rig.give_stations();
-    rig
-}
-
 /// The input goes on or off at that time.
 fn set(rig: &mut Rig, input: usize, is_on: bool, at: Ns) {
     rig.chain.slave_mut(0).controller_mut().set_latch_input(input, is_on, at);
@@ -38,7 +31,7 @@ fn events(rig: &mut Rig) -> (bool, bool) {
 /// ECAT-13.6 In the continuous mode the time of each edge is kept, of each input and direction on its own; there is no event.
 #[test]
 fn each_edge_is_kept() {
-    let mut rig = rig();
+    let mut rig = Rig::drives(1);
     let at = rig.now + 10 * MS;
     for (n, input) in [(0, 0), (1, 1), (2, 0)] {
         let at = at + n * MS;
@@ -57,7 +50,7 @@ fn each_edge_is_kept() {
 /// ECAT-13.6 The times are those of the distributed clock: an offset counts, the delay from the reference does not.
 #[test]
 fn times_are_system_times() {
-    let mut rig = rig();
+    let mut rig = Rig::drives(1);
     rig.write(FIRST, registers::SYSTEM_TIME_OFFSET, &(1_u64 << 40).to_le_bytes());
     rig.write(FIRST, registers::SYSTEM_TIME_DELAY, &777_u32.to_le_bytes());
     let at = rig.now;
@@ -70,7 +63,7 @@ fn times_are_system_times() {
 #[test]
 fn the_first_edge_waits_until_it_is_read() {
     for (input, edge) in [(0, Positive), (0, Negative), (1, Positive), (1, Negative)] {
-        let mut rig = rig();
+        let mut rig = Rig::drives(1);
         rig.write(FIRST, registers::LATCH_CONTROL + input as u16, &[edge.bit()]);
         rig.write(FIRST, registers::ECAT_EVENT_MASK, &[1, 0]);
         let at = rig.now + MS;
@@ -103,7 +96,7 @@ fn the_first_edge_waits_until_it_is_read() {
 /// ECAT-13.7 The mode is changed to continuous: an edge that waits is no event any more.
 #[test]
 fn back_to_the_continuous_mode() {
-    let mut rig = rig();
+    let mut rig = Rig::drives(1);
     rig.write(FIRST, registers::LATCH_CONTROL, &[3, 0]);
     let at = rig.now;
     set(&mut rig, 0, true, at);
@@ -116,7 +109,7 @@ fn back_to_the_continuous_mode() {
 /// times and status can be read, and never written.
 #[test]
 fn an_input_of_the_slaves_own_controller() {
-    let mut rig = rig();
+    let mut rig = Rig::drives(1);
     rig.write(FIRST, registers::LATCH_CONTROL, &[1, 1]);
     rig.write(FIRST, registers::CYCLIC_UNIT_CONTROL, &[0x10]);
     rig.write(FIRST, registers::LATCH_CONTROL, &[0, 0]);
@@ -138,14 +131,13 @@ fn an_input_of_the_slaves_own_controller() {
 /// ECAT-13.6 A controller without distributed clocks, and an input that there is not, have none.
 #[test]
 fn no_such_input() {
-    let mut rig = rig();
+    let mut rig = Rig::drives(1);
     let before = rig.read(FIRST, registers::LATCH_CONTROL, 40);
     let at = rig.now;
     set(&mut rig, 2, true, at);
     assert_eq!(rig.read(FIRST, registers::LATCH_CONTROL, 40), before);
     let features = registers::Features::NONE;
-    let mut rig = Rig::new([drive(EscSettings { features, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { features, ..EscSettings::default() })]);
     set(&mut rig, 0, true, 0);
     assert_eq!(rig.one(Command::Fprd, FIRST, registers::LATCH_STATUS, &[0; 2]).wkc, 0);
 }

@@ -137,8 +137,7 @@ fn s19_bits_are_written() {
 #[test]
 fn s20_outputs_and_inputs_in_one_datagram() {
     let io = |_| slave(Box::new(Io::new(IoConfig::default())), EscSettings::default());
-    let mut rig = Rig::new((0..2).map(io));
-    rig.give_stations();
+    let mut rig = Rig::with_stations((0..2).map(io));
     let lens = rig.lens(FIRST);
     for n in 0..2 {
         rig.bring_to_op(FIRST + n, u32::from(n) * 100);

@@ -15,8 +15,7 @@ use super::rig::{FIRST, MS, Rig, drive};
 
 /// A blob in PreOP, with the EEPROM of a drive.
 fn blob(value: Vec<u8>) -> Rig {
-    let mut rig = Rig::new([Blob { value, ..Blob::default() }.slave()]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([Blob { value, ..Blob::default() }.slave()]);
     rig.bring_to_preop(FIRST);
     rig
 }
@@ -94,8 +93,7 @@ fn s31_short_values() {
 /// ECAT-12.1 Aborts come with the code that fits, as service 2.
 #[test]
 fn s31_aborts_have_their_codes() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     for (index, sub, code) in [(0x2FFF, 0, AbortCode::NO_OBJECT), (0x1018, 9, AbortCode::NO_SUB_INDEX)] {
         let object = ObjectAddress::new(index, sub);
         let answer = rig.sdo(FIRST, SdoRequest::Upload { object, scope: SdoScope::Entry });
@@ -195,8 +193,7 @@ fn s33_a_request_is_worked_on_once() {
 /// ECAT-12.7 A request that waits in its box is worked on once there is a mailbox, also if the change of state takes its time.
 #[test]
 fn a_request_waits_for_preop() {
-    let mut rig = Rig::new([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { state_change_ns: 5 * MS, ..EscSettings::default() })]);
     rig.set_mailbox(FIRST);
     let upload = rig.message(MailboxProtocol::Coe, &[0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0]);
     assert_eq!(rig.post(FIRST, &upload), 1);
@@ -228,8 +225,7 @@ fn fault(answer: Option<Vec<u8>>) -> MailboxFault {
 /// have are answered by what was wrong.
 #[test]
 fn s34_wrong_messages_are_answered() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     for protocol in [MailboxProtocol::Eoe, MailboxProtocol::Soe, MailboxProtocol::Unknown(9)] {
         let message = rig.message(protocol, &[1, 2, 3]);
         rig.post(FIRST, &message);
@@ -278,8 +274,7 @@ fn ask(rig: &mut Rig, kind: InformationKind, data: &[u8]) -> (InformationKind, V
 /// ECAT-12.5 The list of objects comes in fragments that count down; its length is told beforehand.
 #[test]
 fn s35_objects_are_listed() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     let words = |data: &[u8]| data.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).collect::<Vec<u16>>();
     let (kind, lengths, _) = ask(&mut rig, InformationKind::ListRequest, &[0, 0]);
     assert_eq!(kind, InformationKind::ListResponse);
@@ -304,8 +299,7 @@ fn s35_objects_are_listed() {
 /// ECAT-12.5 Objects and sub-indices are described: names, types, lengths, access.
 #[test]
 fn s35_objects_are_described() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     for (index, max_sub, code, data_type) in [
         (0x1018u16, 4, ObjectCode::Record, 0x23),
         (0x6040, 0, ObjectCode::Variable, 0x06),
@@ -375,8 +369,7 @@ fn emergency(mailbox: &[u8]) -> Option<Emergency> {
 /// ECAT-12.6 An error of the device comes as an emergency, in front of the answer to an SDO; the end of the error comes too.
 #[test]
 fn s36_errors_come_as_emergencies() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     alarm(&mut rig);
     let upload = rig.message(MailboxProtocol::Coe, &[0, 0x20, 0x40, 0x18, 0x10, 1, 0, 0, 0, 0]);
     assert_eq!(rig.post(FIRST, &upload), 1);
@@ -390,8 +383,7 @@ fn s36_errors_come_as_emergencies() {
 /// ECAT-12.6 A slave can be set to send no emergencies.
 #[test]
 fn s36_a_slave_without_emergencies() {
-    let mut rig = Rig::new([drive(EscSettings { emergencies: false, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { emergencies: false, ..EscSettings::default() })]);
     rig.bring_to_preop(FIRST);
     alarm(&mut rig);
     assert_eq!(rig.collect(FIRST), None);

@@ -58,8 +58,7 @@ fn s22_a_full_mailbox_takes_nothing() {
 /// ECAT-10.6 An empty mailbox gives nothing. The last byte that is read empties it, and the next message appears.
 #[test]
 fn s23_an_empty_mailbox_gives_nothing() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     assert_eq!(rig.collect(FIRST), None);
     let [vendor, product] = [UPLOAD_VENDOR, UPLOAD_PRODUCT].map(|data| rig.message(MailboxProtocol::Coe, &data));
     assert_eq!((rig.post(FIRST, &vendor), rig.post(FIRST, &product)), (1, 1));
@@ -77,8 +76,7 @@ fn s23_an_empty_mailbox_gives_nothing() {
 /// ECAT-10.7 A master that has lost an answer toggles the repeat bit and gets it again; an answer that came meanwhile follows.
 #[test]
 fn s24_a_lost_answer_is_repeated() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     let [vendor, product] = [UPLOAD_VENDOR, UPLOAD_PRODUCT].map(|data| rig.message(MailboxProtocol::Coe, &data));
     rig.post(FIRST, &vendor);
     rig.post(FIRST, &product);
@@ -99,8 +97,7 @@ fn s24_a_lost_answer_is_repeated() {
 /// ECAT-10.7 A repeat before anything was read is acknowledged, and gives nothing.
 #[test]
 fn s24_nothing_to_repeat() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     rig.write(FIRST, registers::sync_manager_activate(1), &[3]);
     assert_eq!(rig.read_u8(FIRST, registers::sync_manager_pdi_control(1)), 2);
     assert_eq!(rig.collect(FIRST), None);
@@ -138,8 +135,7 @@ fn s25_three_buffers_never_refuse() {
 #[test]
 fn s25_a_reader_gets_the_newest_whole_buffer() {
     let io = super::rig::slave(Box::new(Io::new(IoConfig::default())), EscSettings::default());
-    let mut rig = Rig::new([io]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([io]);
     rig.bring_to_op(FIRST, 0);
     let inputs = |rig: &mut Rig| rig.read(FIRST, INPUTS, 2);
     for n in 1..100 {

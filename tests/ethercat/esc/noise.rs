@@ -3,10 +3,12 @@
 use std::num::NonZeroU16;
 
 use ecmsk::ethercat::registers::{AL_STATUS, FORWARDED_ERRORS, LOST_LINKS, RX_ERRORS, STATION_ADDRESS};
-use ecmsk::ethercat::{Command, DatagramHeader, Frame, FrameHeader, FrameWriter, Ns};
+use ecmsk::ethercat::{Command, DatagramHeader, Ns};
 use ecmsk::slave::cable::{Cable, Noise};
 use ecmsk::slave::esc::{CabledChain, FrameFate};
 use ecmsk::slave::{Io, Slave};
+
+use super::rig::{answers, frame_of};
 
 struct Line {
     slaves: CabledChain,
@@ -25,14 +27,10 @@ impl Line {
 
     /// How many slaves count a datagram; `None`: the frame is lost.
     fn send(&mut self, command: Command, address: u32, data: &[u8]) -> Option<u16> {
-        let mut frame = [0; 60];
-        let mut writer = FrameWriter::new(&mut frame, FrameHeader::datagrams([0x10; 6])).expect("room");
-        writer.push(DatagramHeader::register(command, 0, address as u16, (address >> 16) as u16), data).expect("room");
-        writer.finish();
+        let mut frame = frame_of(&[(DatagramHeader::new(command, 0, address), data)]);
         self.now += 10_000;
         let FrameFate::Returned(_) = self.slaves.process(&mut frame, self.now) else { return None };
-        let frame = Frame::decode(&frame).expect("a frame");
-        Some(frame.datagrams().expect("datagrams").next().expect("one").expect("whole").working_counter)
+        Some(answers(&frame)[0].wkc)
     }
 
     fn count(&mut self) -> Option<u16> {

@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::registers::{self, DlControl};
-use ecmsk::ethercat::{AlState, CableEnd, Command, DatagramHeader, Frame, FrameHeader, FrameWriter, Ns};
+use ecmsk::ethercat::{AlState, CableEnd, Command, DatagramHeader, Ns};
 use ecmsk::slave::esc::{EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{AlStatus, Slave};
 
-use super::rig::{FIRST, MS, Rig, SOURCE, drive};
+use super::rig::{FIRST, MS, Rig, answers, drive, frame_of};
 
 /// ECAT-9.1 DL status tells an inner slave from the last one; a slave that is cut off is not counted any more, and the one
 /// before it has closed its port.
@@ -108,11 +108,7 @@ fn slaves_before_a_hole_have_had_the_frame() {
     let closed_behind = DlControl::POWER_ON.with_loop(1, registers::LoopControl::Open);
     rig.write(FIRST + 2, registers::DL_CONTROL, &closed_behind.0.to_le_bytes());
     let frame = |rig: &mut Rig, ado, data: &[u8]| {
-        let mut buffer = [0; 60];
-        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-        frame.push(DatagramHeader::register(Command::Bwr, 1, 0, ado), data).expect("room");
-        frame.finish();
-        rig.raw(&mut buffer)
+        rig.raw(&mut frame_of(&[(DatagramHeader::register(Command::Bwr, 1, 0, ado), data)]))
     };
     assert_eq!(frame(&mut rig, registers::USER_RAM, &[0x5A]), FrameFate::Lost);
     assert_eq!([0, 1, 2].map(|n| rig.chain.slave(n).controller().peek(registers::USER_RAM, 1)), [[0x5A]; 3]);
@@ -141,18 +137,13 @@ fn loops_for_a_second() {
     assert_eq!(rig.read_u32(FIRST, registers::DL_CONTROL) & 0xFFFF_0FFF, control & 0xFFFF_0FFF);
 
     rig.chain.connect(1, false);
-    set_open(&mut rig);
+    // Port 1 is open, whatever its link; the frame that says so is back before.
+    set(&mut rig, 2);
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
     rig.now += 900 * MS;
     assert_eq!(rig.raw(&mut [0; 60]), FrameFate::Lost);
     rig.now += 100 * MS;
     assert_eq!(count(&mut rig), 1);
-}
-
-/// Port 1 of the first slave is open for a second, whatever its link; the frame that says so is back before.
-fn set_open(rig: &mut Rig) {
-    let control = DlControl::POWER_ON.0 & 0xFFFF_00FF | 2 << 10 | DlControl::TEMPORARY;
-    rig.write(FIRST, registers::DL_CONTROL, &control.to_le_bytes());
 }
 
 /// ECAT-9.9 A second branch is visited by ports 3, 1, 2 in this order.
@@ -228,26 +219,12 @@ fn a_frame_from_the_last_end_turns_where_the_cable_is_cut() {
         [0x31, 0x5A],
         "the last one is an inner one"
     );
-    let frame = |circulating: bool| {
-        let mut buffer = [0; 60];
-        let mut writer = FrameWriter::new(&mut buffer, FrameHeader::datagrams([0x10; 6])).expect("room");
-        let header = DatagramHeader { circulating, ..DatagramHeader::register(Command::Brd, 7, 0, registers::TYPE) };
-        writer.push(header, &[0]).expect("room");
-        writer.finish();
-        buffer
-    };
     let send = |rig: &mut Rig, end, circulating| {
         rig.now += MS;
-        let mut bytes = frame(circulating);
+        let header = DatagramHeader { circulating, ..DatagramHeader::register(Command::Brd, 7, 0, registers::TYPE) };
+        let mut bytes = frame_of(&[(header, &[0])]);
         let (fate, at) = rig.chain.process_from(end, &mut bytes, rig.now);
-        let header = Frame::decode(&bytes)
-            .expect("a frame")
-            .datagrams()
-            .expect("some")
-            .next()
-            .expect("one")
-            .expect("whole")
-            .header;
+        let header = answers(&bytes)[0].header;
         let FrameFate::Returned(_) = fate else { return (None, at, 0, header.circulating) };
         let passed = header.address as u16;
         (Some(bytes[6] & 2 != 0), at, passed, header.circulating)
@@ -331,6 +308,7 @@ fn s40_each_frame_comes_back_once_and_in_time() {
     for n in 0..40 {
         rig.bring_to_op(FIRST + n, u32::from(n) * 16);
     }
+    let frame = frame_of(&[(DatagramHeader::new(Command::Lrw, 1, 0), &[0; 640])]);
     for turn in 0..300 {
         // The cable to the master is cut, and later one in the middle.
         match turn {
@@ -340,7 +318,7 @@ fn s40_each_frame_comes_back_once_and_in_time() {
             220 => rig.chain.connect(20, true),
             _ => {}
         }
-        let mut bytes = lrw(640);
+        let mut bytes = frame.clone();
         let sent = rig.now + rig.pause;
         match rig.raw(&mut bytes) {
             FrameFate::Returned(back) => {
@@ -350,17 +328,9 @@ fn s40_each_frame_comes_back_once_and_in_time() {
             }
             fate => {
                 assert_eq!((fate, (100..120).contains(&turn)), (FrameFate::Lost, true), "turn {turn}");
-                assert_eq!(bytes, lrw(640), "a lost frame is not touched, and nothing of it comes later");
+                assert_eq!(bytes, frame, "a lost frame is not touched, and nothing of it comes later");
             }
         }
     }
     assert_eq!(returned, 280);
-}
-
-/// A frame with outputs and inputs of so many bytes.
-fn lrw(len: usize) -> Vec<u8> {
-    let mut buffer = [0; 1514];
-    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-    frame.push(DatagramHeader::new(Command::Lrw, 1, 0), &vec![0; len]).expect("room");
-    frame.finish().to_vec()
 }

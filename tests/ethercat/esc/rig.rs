@@ -17,7 +17,7 @@ pub const MAILBOX: u16 = 128;
 pub const OUTPUTS: u16 = 0x1100;
 pub const INPUTS: u16 = 0x1200;
 /// The source address of the rig's frames.
-pub const SOURCE: [u8; 6] = [0x10; 6];
+const SOURCE: [u8; 6] = [0x10; 6];
 
 /// A datagram that has come back.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -54,10 +54,22 @@ impl Rig {
         Self { chain, now: MS, pause: 100 * US, sent: None, index: 0, counter: MailboxCounter::NONE }
     }
 
+    /// Slaves in Init, which have their station addresses.
+    pub fn with_stations(slaves: impl IntoIterator<Item = EscSlave>) -> Self {
+        let mut rig = Self::new(slaves);
+        rig.give_stations();
+        rig
+    }
+
     /// Drives in Init, which have their station addresses.
     pub fn drives(n: usize) -> Self {
-        let mut rig = Self::new((0..n).map(|_| drive(EscSettings::default())));
-        rig.give_stations();
+        Self::with_stations((0..n).map(|_| drive(EscSettings::default())))
+    }
+
+    /// A drive in PreOP.
+    pub fn in_preop() -> Self {
+        let mut rig = Self::drives(1);
+        rig.bring_to_preop(FIRST);
         rig
     }
 
@@ -80,6 +92,12 @@ impl Rig {
         rig
     }
 
+    /// A slave loses its power and has it again.
+    pub fn power_cycle(&mut self, n: usize) {
+        self.chain.power(n, false, self.now);
+        self.chain.power(n, true, self.now);
+    }
+
     pub fn give_stations(&mut self) {
         for n in 0..self.chain.len() as u16 {
             let station = (FIRST + n).to_le_bytes();
@@ -96,12 +114,7 @@ impl Rig {
 
     /// Sends datagrams in one frame.
     pub fn frame(&mut self, datagrams: &[(DatagramHeader, &[u8])]) -> Vec<Answer> {
-        let mut buffer = [0xA5; 1514];
-        let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
-        for (header, data) in datagrams {
-            frame.push(*header, data).expect("room");
-        }
-        let mut bytes = frame.finish().to_vec();
+        let mut bytes = frame_of(datagrams);
         assert!(matches!(self.raw(&mut bytes), FrameFate::Returned(_)));
         answers(&bytes)
     }
@@ -254,6 +267,16 @@ impl Rig {
         let len = CoeMessage::SdoRequest(request).encode(&mut room).expect("room");
         self.coe(station, &room[..len])
     }
+}
+
+/// The bytes of a frame with these datagrams.
+pub fn frame_of(datagrams: &[(DatagramHeader, &[u8])]) -> Vec<u8> {
+    let mut buffer = [0xA5; 1514];
+    let mut frame = FrameWriter::new(&mut buffer, FrameHeader::datagrams(SOURCE)).expect("room");
+    for (header, data) in datagrams {
+        frame.push(*header, data).expect("room");
+    }
+    frame.finish().to_vec()
 }
 
 /// The datagrams in the bytes of a frame.

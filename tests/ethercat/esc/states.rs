@@ -69,8 +69,7 @@ fn s27_wrong_requests_have_their_codes() {
         assert_eq!(rig.request(FIRST, 0x01), (0x01, AlStatus::NONE), "Init without the bit that acknowledges");
     }
     // A device without files has no bootstrap.
-    let mut io = Rig::new([slave(Box::new(Io::default()), EscSettings::default())]);
-    io.give_stations();
+    let mut io = Rig::with_stations([slave(Box::new(Io::default()), EscSettings::default())]);
     assert_eq!(io.request(FIRST, 0x03), (0x11, AlStatus::BOOT_UNSUPPORTED));
     rig.bring_to_preop(FIRST);
     assert_eq!(rig.request(FIRST, 0x08), (0x12, AlStatus::INVALID_CHANGE));
@@ -195,8 +194,7 @@ fn s30_status_and_code_belong_together() {
 /// ECAT-11.6 On the way to OP a slave waits for outputs; if none come, it stays in SafeOP with 0x1B.
 #[test]
 fn op_needs_outputs() {
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     let len = rig.set_process_data(FIRST, 0);
     rig.reach(FIRST, AlState::SafeOp);
     assert_eq!(rig.request(FIRST, 0x08), (0x04, AlStatus::NONE));
@@ -228,8 +226,7 @@ fn states_are_left_downwards() {
 /// ECAT-11.8 A change of state may take time; meanwhile AL status stays.
 #[test]
 fn a_change_of_state_takes_its_time() {
-    let mut rig = Rig::new([drive(EscSettings { state_change_ns: 20 * MS, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { state_change_ns: 20 * MS, ..EscSettings::default() })]);
     rig.set_mailbox(FIRST);
     assert_eq!(rig.request(FIRST, 0x02), (0x01, AlStatus::NONE));
     rig.now += 19 * MS;
@@ -241,14 +238,12 @@ fn a_change_of_state_takes_its_time() {
 /// ECAT-11.9 The identification is shown as AL status code while a master asks for it.
 #[test]
 fn the_identification_is_told() {
-    let mut rig = Rig::new([drive(EscSettings { device_id: 0x1234, ..EscSettings::default() })]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([drive(EscSettings { device_id: 0x1234, ..EscSettings::default() })]);
     rig.bring_to_preop(FIRST);
     assert_eq!(rig.request(FIRST, 0x22), (0x22, AlStatus(0x1234)));
     assert_eq!(rig.request(FIRST, 0x02), (0x02, AlStatus::NONE));
     // One without an identification does not answer.
-    let mut rig = Rig::drives(1);
-    rig.bring_to_preop(FIRST);
+    let mut rig = Rig::in_preop();
     assert_eq!(rig.request(FIRST, 0x22), (0x02, AlStatus::NONE));
 }
 
@@ -258,8 +253,7 @@ fn the_identification_is_told() {
 fn a_device_has_its_own_reasons() {
     let dp3cl = || slave(Box::new(Dp3cl::new(Dp3clConfig::default())), EscSettings::default());
     for (control, state) in [(0x07, AlState::SafeOp), (0x03, AlState::Init)] {
-        let mut rig = Rig::new([dp3cl()]);
-        rig.give_stations();
+        let mut rig = Rig::with_stations([dp3cl()]);
         rig.bring_to_op(FIRST, 0);
         let (status, code) = rig.request(FIRST, control);
         assert_eq!(status, 0x10 | state as u16);
@@ -267,8 +261,7 @@ fn a_device_has_its_own_reasons() {
         assert_ne!(code, AlStatus::NONE);
     }
     // Its own limits of a mailbox: it begins at an even address.
-    let mut rig = Rig::new([dp3cl()]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([dp3cl()]);
     rig.set_manager(FIRST, 0, SyncManager::enabled(0x1001, 100, SmControl::MAILBOX_OUT));
     rig.set_manager(FIRST, 1, SyncManager::enabled(0x1080, 100, SmControl::MAILBOX_IN));
     let (status, code) = rig.request(FIRST, 0x02);
@@ -289,8 +282,7 @@ fn a_drive_told_to_run_by_sync0_needs_it() {
         (None, 0, false, (0x08, AlStatus::NONE)),
         (None, 0, true, (0x08, AlStatus::NONE)),
     ] {
-        let mut rig = Rig::drives(1);
-        rig.bring_to_preop(FIRST);
+        let mut rig = Rig::in_preop();
         if let Some(index) = object {
             let (object, value) = (ObjectAddress::new(index, 1), SdoValuePart::Expedited(&[code, 0]));
             let answer = rig.sdo(FIRST, SdoRequest::Download { object, scope: SdoScope::Entry, value });
@@ -327,8 +319,7 @@ fn a_drive_told_to_run_by_sync0_needs_it() {
 /// outputs on its watchdog runs.
 #[test]
 fn a_terminal_reaches_op_without_outputs() {
-    let mut rig = Rig::new([slave(Box::new(Io::default()), EscSettings::default())]);
-    rig.give_stations();
+    let mut rig = Rig::with_stations([slave(Box::new(Io::default()), EscSettings::default())]);
     rig.bring_to_preop(FIRST);
     let len = rig.set_process_data(FIRST, 0);
     rig.reach(FIRST, AlState::SafeOp);

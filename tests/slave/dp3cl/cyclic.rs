@@ -5,9 +5,10 @@ use ecmsk::cia402::DriveState;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::ethercat::AlState;
 use ecmsk::slave::dp3cl::{Dp3clConfig, Dp3clMode};
-use ecmsk::slave::{Fault, Input, InputPattern, Slave, Travel};
+use ecmsk::slave::{Fault, Input, Slave, Travel};
 
 use super::bench::{Bench, MS};
+use crate::wired::{force, jam, stick};
 
 /// DP3CL-6.14 The demand follows the targets, with the offset, whatever the cycle.
 #[test]
@@ -43,7 +44,6 @@ fn targets_wrap() {
 /// DP3CL-6.9 The following error in CSP: over the window for longer than the time, each time anew; a window of the greatest value is off.
 #[test]
 fn following_error() {
-    let jam = |jammed| Fault::Jam { axis: 0, jammed };
     for window in [100, u32::MAX] {
         let mut bench = Bench::enabled(8);
         bench.write(0x6065, 0, window.into());
@@ -228,12 +228,11 @@ fn quick_stop() {
 #[test]
 fn a_sensor_that_sticks() {
     let mut bench = Bench::enabled(8);
-    let stick = |value| Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value };
-    assert!(bench.drive.apply_fault(stick(Some(true))));
+    assert!(bench.drive.apply_fault(stick(Input::PositiveLimit, Some(true))));
     bench.target = 100;
     bench.run_for(3 * MS);
     assert_eq!((bench.shaft(), bench.bit(11), bench.read(0x60FD, 0) & 2), (0, true, 2));
-    assert!(bench.drive.apply_fault(stick(None)));
+    assert!(bench.drive.apply_fault(stick(Input::PositiveLimit, None)));
     bench.run_for(3 * MS);
     assert_eq!((bench.shaft(), bench.bit(11), bench.read(0x60FD, 0) & 2), (100, false, 0));
 }
@@ -253,10 +252,7 @@ fn nothing_allocates() {
                 bench.target = n * 10;
                 bench.cycle();
             }
-            let force = |pattern| Fault::ForceInputs { channel: 0, pattern };
-            for fault in
-                [force(Some(InputPattern::Bits(0xF))), Fault::Stick { axis: 0, input: None, value: Some(true) }]
-            {
+            for fault in [force(0xF), Fault::Stick { axis: 0, input: None, value: Some(true) }] {
                 bench.drive.apply_fault(fault);
                 bench.run_for(50 * MS);
             }

@@ -3,9 +3,10 @@
 use ecmsk::ethercat::AlState;
 use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3clConfig, Rating};
-use ecmsk::slave::{AlStatus, Fault, Slave};
+use ecmsk::slave::{AlStatus, Slave};
 
 use super::bench::{Bench, MS, in_preop, read, restarted, usual};
+use crate::wired::jam;
 
 /// DP3CL-2.8 U0 shows the motion.
 /// DP3CL-2.10 U2 and U3 show the device and its cycle.
@@ -108,7 +109,7 @@ fn the_moment_of_an_alarm() {
     let mut bench = Bench::of(drive, 8, MS);
     bench.enable();
     // The shaft is held; 50 u each ms are 300 rpm, and 30 of them are 50 u after an electric turn of 200 u.
-    assert!(bench.drive.apply_fault(Fault::Jam { axis: 0, jammed: true }));
+    assert!(bench.drive.apply_fault(jam(true)));
     for step in 1..=30 {
         bench.target = step * 50;
         bench.cycle();

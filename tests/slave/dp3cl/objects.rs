@@ -28,6 +28,7 @@ enum Pdo {
     Rx,
     Tx,
 }
+use crate::wired::jam;
 use Pdo::{No, Rx, Tx};
 
 /// Index, sub-index, bytes, whether it can be written, mapping, value at power-on.
@@ -205,7 +206,6 @@ fn positions() {
     bench.write(0x6092, 1, 20_000);
     assert_eq!(bench.read(0x2001, 0), 20_000);
     bench.write(0x2001, 0, 10_000);
-    let jam = |jammed| ecmsk::slave::Fault::Jam { axis: 0, jammed };
     assert!(bench.drive.apply_fault(jam(true)));
     bench.target = 3000;
     bench.run_for(5 * MS);

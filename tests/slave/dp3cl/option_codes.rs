@@ -3,7 +3,7 @@
 
 use ecmsk::cia402::DriveState::{self, Fault, QuickStopActive, ReadyToSwitchOn, SwitchOnDisabled, SwitchedOn};
 use ecmsk::coe::AbortCode;
-use ecmsk::slave::{DeviceFault, Slave};
+use ecmsk::slave::Slave;
 
 use super::bench::{Bench, MS, read, usual, write};
 
@@ -28,6 +28,7 @@ enum Way {
     /// On 0x6085.
     Quick,
 }
+use crate::wired::alarm;
 use Way::{Off, Quick, Slow};
 
 /// The drive has stopped in that way, and is in that state then. While it brakes it shows its velocity.
@@ -116,8 +117,7 @@ fn fault_reaction() {
     for (code, way) in [(0, Off), (1, Slow), (2, Quick), (3, Off), (4, Off)] {
         let mut bench = turning();
         bench.write(0x605E, 0, code);
-        let fault = DeviceFault { code: 0x3220, resettable: true };
-        bench.drive.apply_fault(ecmsk::slave::Fault::Alarm { axis: 0, fault });
+        bench.drive.apply_fault(alarm(0x3220));
         if way != Off {
             bench.cycle();
             assert_eq!(bench.state(), Some(DriveState::FaultReactionActive));

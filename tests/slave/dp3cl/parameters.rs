@@ -4,9 +4,10 @@ use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::AlState;
 use ecmsk::slave::dictionary::DataTypeCode;
 use ecmsk::slave::dp3cl::{Dial, Dp3cl, Dp3clAlarm, Dp3clConfig, LinkLed, Rating, RedLed};
-use ecmsk::slave::{AlStatus, DeviceFault, Fault, Slave};
+use ecmsk::slave::{AlStatus, Slave};
 
 use super::bench::{Bench, MS, in_preop, list, read, restarted, usual, write};
+use crate::wired::alarm;
 
 fn of(rating: Rating) -> Dp3clConfig {
     Dp3clConfig { rating, ..Dp3clConfig::default() }
@@ -93,8 +94,7 @@ fn red_led() {
     assert_eq!((read(&mut drive, 0x1001, 0), read(&mut drive, 0x603F, 0)), (Ok(0), Ok(0)));
     for (code, flashes) in [(0x2310, 1), (0x3210, 2), (0x3220, 3), (0x7120, 4)] {
         let mut drive = usual();
-        let fault = DeviceFault { code, resettable: true };
-        assert!(drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+        assert!(drive.apply_fault(alarm(code)));
         assert_eq!(drive.leds().alarm, RedLed::Flashes(flashes));
         assert_eq!((read(&mut drive, 0x1001, 0), read(&mut drive, 0x603F, 0)), (Ok(0x80), Ok(code.into())));
     }
@@ -174,34 +174,30 @@ fn currents() {
     assert_eq!((bench.drive.motor_ma(), bench.read(0x301F, 0)), (2100, 2100));
 }
 
-/// DP3CL-2.1 Groups and their lengths.
+/// DP3CL-2.1 Groups and their lengths; parameters are of 16 bits without a sign, as are most monitors, and commands are
+/// BOOL.
 /// DP3CL-2.11 None can be mapped.
 #[test]
 fn groups() {
     let mut drive = usual();
-    let groups: [(u16, u16, bool); 15] = [
-        (0x2000, 20, true),
-        (0x2100, 15, true),
-        (0x2200, 20, true),
-        (0x2300, 10, true),
-        (0x2400, 10, true),
-        (0x2500, 15, true),
-        (0x2600, 15, true),
-        (0x2700, 5, true),
-        (0x2800, 27, true),
-        (0x3000, 50, false),
-        (0x3100, 30, false),
-        (0x3200, 20, false),
-        (0x3300, 12, false),
-        (0x3400, 10, false),
-        (0x4000, 3, true),
-    ];
-    for (first, count, is_parameter) in groups {
+    let parameters = [20, 15, 20, 10, 10, 15, 15, 5, 27];
+    let monitors = [50, 30, 20, 12, 10];
+    let commands = [3];
+    let numbered = |from: u16, counts: &[u16]| (from..).step_by(0x100).zip(counts.to_vec());
+    let groups = numbered(0x2000, &parameters).chain(numbered(0x3000, &monitors)).chain(numbered(0x4000, &commands));
+    for (first, count) in groups {
         for index in first..first + count {
             let value = read(&mut drive, index, 0).unwrap_or_else(|code| panic!("{index:04X}: {code}"));
+            let data_type = match index {
+                0x4000.. => 1,
+                0x3000..=0x3001 | 0x3018..=0x301B | 0x301D..=0x301E | 0x3101..=0x310C => 3,
+                _ => 6,
+            };
+            let entry = drive.describe_entry(ObjectAddress::new(index, 0)).unwrap();
+            assert_eq!(entry.data_type, DataTypeCode(data_type), "{index:04X}");
             assert_eq!(read(&mut drive, index, 1), Err(AbortCode::NO_SUB_INDEX));
-            let fixed = matches!(index, 0x2209 | 0x220A | 0x2401);
-            let expected = if is_parameter && !fixed { Ok(()) } else { Err(AbortCode::READ_ONLY) };
+            let is_fixed = matches!(index, 0x2209 | 0x220A | 0x2401 | 0x3000..=0x3FFF);
+            let expected = if is_fixed { Err(AbortCode::READ_ONLY) } else { Ok(()) };
             assert_eq!(write(&mut drive, index, 0, value), expected, "{index:04X}");
             let bits = if first == 0x4000 { 1 } else { 16 };
             let entry = u32::from(index) << 16 | bits;
@@ -212,49 +208,14 @@ fn groups() {
     }
 }
 
-/// DP3CL-2.1 Parameters are of 16 bits without a sign, as are most monitors; commands are BOOL.
-#[test]
-fn types() {
-    let drive = usual();
-    let types = |range: std::ops::RangeInclusive<u16>, expected: DataTypeCode| {
-        for index in range {
-            let entry = drive.describe_entry(ObjectAddress::new(index, 0)).unwrap();
-            assert_eq!(entry.data_type, expected, "{index:04X}");
-        }
-    };
-    for group in [
-        0x2000..=0x2013,
-        0x2100..=0x210E,
-        0x2200..=0x2213,
-        0x2300..=0x2309,
-        0x2400..=0x2409,
-        0x2500..=0x250E,
-        0x2600..=0x260E,
-        0x2700..=0x2704,
-        0x2800..=0x281A,
-        0x3002..=0x3017,
-        0x301C..=0x301C,
-        0x301F..=0x3031,
-        0x3100..=0x3100,
-        0x310D..=0x311D,
-        0x3200..=0x3213,
-        0x3300..=0x330B,
-        0x3400..=0x3409,
-    ] {
-        types(group, DataTypeCode(6));
-    }
-    for group in [0x3000..=0x3001, 0x3018..=0x301B, 0x301D..=0x301E, 0x3101..=0x310C] {
-        types(group, DataTypeCode(3));
-    }
-    types(0x4000..=0x4002, DataTypeCode(1));
-}
-
 /// DP3CL-2.2 Ranges and defaults as printed.
 /// DP3CL-2.3 Parameters that cannot be written.
 #[test]
 fn ranges() {
     let mut drive = usual();
-    for (index, low, high, default) in [
+    let any_number = [0x2700, 0x2802, 0x2803, 0x2806, 0x2807].into_iter().chain(0x280A..=0x280F).chain(0x2813..=0x2816);
+    let any_number = any_number.map(|index| (index, 0, 65_535, 0));
+    let others = [
         (0x2001, 200, 51_200, 10_000),
         (0x2002, 0, 50, 0),
         (0x2005, 1, 100, 100),
@@ -275,35 +236,21 @@ fn ranges() {
         (0x2302, 0, 20, 0),
         (0x2400, 1, 70, 70),
         (0x2402, 0, 1, 0),
-        (0x2700, 0, 65_535, 0),
         (0x2800, 0, 65_535, 0x8001),
         (0x2801, 0, 65_535, 0x8003),
-        (0x2802, 0, 65_535, 0),
-        (0x2803, 0, 65_535, 0),
         (0x2804, 0, 65_535, 0x8002),
         (0x2805, 0, 65_535, 0x8004),
-        (0x2806, 0, 65_535, 0),
-        (0x2807, 0, 65_535, 0),
         (0x2808, 0, 65_535, 0x1008),
         (0x2809, 0, 65_535, 0x1009),
-        (0x280A, 0, 65_535, 0),
-        (0x280B, 0, 65_535, 0),
-        (0x280C, 0, 65_535, 0),
-        (0x280D, 0, 65_535, 0),
-        (0x280E, 0, 65_535, 0),
-        (0x280F, 0, 65_535, 0),
         (0x2810, 0, 8, 1),
         (0x2811, 1, 65_535, 36),
         (0x2812, 0, 65_535, 1024),
-        (0x2813, 0, 65_535, 0),
-        (0x2814, 0, 65_535, 0),
-        (0x2815, 0, 65_535, 0),
-        (0x2816, 0, 65_535, 0),
         (0x2817, 0, 100, 100),
         (0x2818, 0, 1, 0),
         (0x2819, 0, 1, 0),
         (0x281A, 0, 1, 0),
-    ] {
+    ];
+    for (index, low, high, default) in any_number.chain(others) {
         assert_eq!(read(&mut drive, index, 0), Ok(default), "{index:04X}");
         for value in [low, high] {
             assert_eq!(write(&mut drive, index, 0, value), Ok(()), "{index:04X} {value}");

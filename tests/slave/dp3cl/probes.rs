@@ -1,9 +1,10 @@
 //! The touch probes of a DP3CL.
 
 use ecmsk::slave::dp3cl::Dp3clConfig;
-use ecmsk::slave::{Fault, HomeSwitch, Input, InputPattern, Slave, Travel};
+use ecmsk::slave::{Fault, HomeSwitch, Input, Slave, Travel};
 
 use super::bench::{Bench, MS};
+use crate::wired::force;
 
 /// SI1 is the home switch here, on from 105 to 205, SI2 the positive limit switch, on from 1005 on, out of the way of the axis as a
 /// limit; the index pulse comes at 33 and every turn after it.
@@ -120,7 +121,6 @@ fn forced_terminals() {
     let mut bench = bench();
     bench.probes = 0x3333;
     go(&mut bench, 50);
-    let force = |bits: u16| Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(bits)) };
     bench.drive.apply_fault(force(0b01));
     bench.cycle();
     assert_eq!(shown(&mut bench), (0x0103, [50, 0, 0, 0]));
@@ -144,7 +144,7 @@ fn terminals_with_two_functions() {
     bench.drive.apply_fault(Fault::Alarm { axis: 0, fault });
     bench.run_for(5 * MS);
     assert!(bench.drive.alarm().is_some());
-    bench.drive.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(0b0011)) });
+    bench.drive.apply_fault(force(0b0011));
     bench.run_for(5 * MS);
     assert_eq!((bench.drive.alarm(), bench.read(0x60B9, 0)), (None, 0x0303));
 }

@@ -1,10 +1,11 @@
 //! Profile position of a DP3CL: handshake, speeds, target reached, following error, halt.
 
 use ecmsk::cia402::DriveState;
-use ecmsk::slave::Fault;
+use ecmsk::slave::Slave;
 use ecmsk::slave::dp3cl::{Dp3clConfig, Dp3clVariants};
 
 use super::bench::{Bench, MS};
+use crate::wired::jam;
 
 const NEW: u16 = 0x10;
 const AT_ONCE: u16 = 0x20;
@@ -217,7 +218,7 @@ fn target_reached() {
     let waited = arrive(&mut bench);
     assert!((48..=51).contains(&waited), "{waited}");
     bench.write(0x6067, 0, 0);
-    assert!(bench.drive.apply_fault_jam(true));
+    assert!(bench.drive.apply_fault(jam(true)));
     assert!(set_point(&mut bench, 5010, 0));
     bench.run_for(500 * MS);
     assert!(!bench.bit(REACHED), "10 u are outside of a window of 0");
@@ -230,13 +231,13 @@ fn following_error() {
     for (index, value) in [(0x6065, 1000), (0x6066, 20)] {
         bench.write(index, 0, value);
     }
-    assert!(bench.drive.apply_fault_jam(true));
+    assert!(bench.drive.apply_fault(jam(true)));
     assert!(set_point(&mut bench, 2000, 0));
     bench.run_until(5000, |bench| bench.read(0x60F4, 0) > 1000);
     let waited = bench.run_until(100, |bench| bench.bit(13));
     assert!((19..=21).contains(&waited), "{waited}");
     assert_eq!((bench.state(), bench.read(0x603F, 0)), (Some(DriveState::OperationEnabled), 0));
-    assert!(bench.drive.apply_fault_jam(false));
+    assert!(bench.drive.apply_fault(jam(false)));
     bench.run_for(3 * MS);
     assert!(!bench.bit(13));
 }
@@ -286,15 +287,4 @@ fn halt() {
     bench.enable();
     bench.run_for(100 * MS);
     assert_eq!((bench.shaft(), bench.bit(REACHED)), (stands, true));
-}
-
-/// A shaft that is jammed, or free again.
-trait Jam {
-    fn apply_fault_jam(&mut self, jammed: bool) -> bool;
-}
-
-impl<S: ecmsk::slave::Slave> Jam for S {
-    fn apply_fault_jam(&mut self, jammed: bool) -> bool {
-        self.apply_fault(Fault::Jam { axis: 0, jammed })
-    }
 }

@@ -10,6 +10,7 @@ use ecmsk::slave::{DeviceFault, Fault, Input, InputPattern, Slave, SyncEvent};
 use proptest::prelude::*;
 
 use super::bench::{MS, read};
+use crate::wired::jam;
 
 #[derive(Clone, Debug)]
 enum Action {
@@ -38,7 +39,7 @@ fn faults() -> impl Strategy<Value = Fault> {
             input,
             value
         }),
-        any::<bool>().prop_map(|jammed| Fault::Jam { axis: 0, jammed }),
+        any::<bool>().prop_map(jam),
         proptest::option::of(any::<u16>())
             .prop_map(|bits| Fault::ForceInputs { channel: 0, pattern: bits.map(InputPattern::Bits) }),
     ]

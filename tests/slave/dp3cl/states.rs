@@ -5,9 +5,10 @@ use ecmsk::coe::AbortCode;
 use ecmsk::ethercat::AlState;
 use ecmsk::ethercat::registers::RequestedState;
 use ecmsk::slave::dp3cl::{Dp3cl, Dp3clAlarm, Dp3clConfig};
-use ecmsk::slave::{AlStatus, AxisFault, DeviceFault, Fault, InputPattern, Slave, SyncEvent};
+use ecmsk::slave::{AlStatus, AxisFault, Slave, SyncEvent};
 
 use super::bench::{Bench, MS, read, usual};
+use crate::wired::{alarm, force};
 
 /// The drive has that alarm, with its AL status code, error code and error register, and is in that state.
 fn has_alarm(drive: &mut Dp3cl, alarm: Dp3clAlarm, state: AlState, codes: (u16, i64, i64)) {
@@ -109,7 +110,7 @@ fn statuswords() {
     bench.word = 0x02;
     bench.run_for(50 * MS);
     assert_eq!(bench.status().0 & 0xCBEF, 0x0207, "Quick stop active");
-    bench.drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3220, resettable: true } });
+    bench.drive.apply_fault(alarm(0x3220));
     bench.run_for(50 * MS);
     assert_eq!(bench.status().0 & 0xCBCF, 0x0208, "Fault");
 }
@@ -293,8 +294,7 @@ fn alarms_have_words() {
     assert_eq!(changed.drive.fault(1), None, "it has one axis");
     changed.drive.restart();
     assert_eq!(shown(&changed), None);
-    let fault = DeviceFault { code: 0x7500, resettable: true };
-    assert!(changed.drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+    assert!(changed.drive.apply_fault(alarm(0x7500)));
     assert_eq!(shown(&changed), Some((0x7500, "communication")), "not one of its own");
 }
 
@@ -303,15 +303,14 @@ fn alarms_have_words() {
 fn clearing() {
     let alarmed = |code| {
         let mut bench = Bench::in_op(Dp3clConfig::default(), 8, MS);
-        let fault = DeviceFault { code, resettable: true };
-        assert!(bench.drive.apply_fault(Fault::Alarm { axis: 0, fault }));
+        assert!(bench.drive.apply_fault(alarm(code)));
         bench.run_for(2 * MS);
         assert_eq!((bench.state(), bench.read(0x603F, 0)), (Some(DriveState::Fault), code.into()));
         bench
     };
     let by_command = |bench: &mut Bench| bench.write(0x4000, 0, 1);
     let by_input = |bench: &mut Bench| {
-        bench.drive.apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(1)) });
+        bench.drive.apply_fault(force(1));
     };
     let by_word = |bench: &mut Bench| bench.word = 0x80;
     let ways: [fn(&mut Bench); 3] = [by_command, by_input, by_word];

@@ -1,9 +1,10 @@
 //! Inputs and outputs of a DP3CL, by their parameters.
 
 use ecmsk::slave::dp3cl::{Dp3clConfig, Dp3clOutputs};
-use ecmsk::slave::{DeviceFault, Fault, HomeSwitch, InputPattern, Slave, Travel};
+use ecmsk::slave::{Fault, HomeSwitch, InputPattern, Slave, Travel};
 
 use super::bench::{Bench, MS, write};
+use crate::wired::{alarm, force};
 
 fn config() -> Dp3clConfig {
     let travel = Travel {
@@ -50,7 +51,6 @@ fn inputs() {
 /// DP3CL-9.2 P2-05: an alarm is cleared when its terminal goes on, or off if it is inverted, and not while it stays.
 #[test]
 fn the_terminal_that_clears_alarms() {
-    let force = |bits| Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Bits(bits)) };
     for (parameter, levels, clears) in [
         (0x01, [0b0000, 0b0001], true),
         (0x01, [0b0001, 0b0001], false),
@@ -65,7 +65,7 @@ fn the_terminal_that_clears_alarms() {
         bench.write(0x2205, 0, parameter);
         bench.drive.apply_fault(force(levels[0]));
         bench.run_for(5 * MS);
-        bench.drive.apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x3220, resettable: true } });
+        bench.drive.apply_fault(alarm(0x3220));
         bench.run_for(5 * MS);
         bench.drive.apply_fault(force(levels[1]));
         bench.run_for(5 * MS);
@@ -84,8 +84,7 @@ fn outputs() {
         let off = bench.drive.outputs();
         bench.enable();
         let enabled = bench.drive.outputs();
-        let fault = DeviceFault { code: 0x3220, resettable: true };
-        bench.drive.apply_fault(Fault::Alarm { axis: 0, fault });
+        bench.drive.apply_fault(alarm(0x3220));
         bench.run_for(5 * MS);
         [off, enabled, bench.drive.outputs()].map(|Dp3clOutputs { err, brk }| (err, brk))
     };
@@ -100,14 +99,17 @@ fn outputs() {
 #[test]
 fn forced_inputs() {
     let mut bench = Bench::in_op(config(), 8, MS);
-    let force = |pattern| Fault::ForceInputs { channel: 0, pattern };
     for (bits, inputs) in [(0b0000, 0), (0b0010, 0b010), (0b0100, 0b001), (0b1000, 0b100), (0b1110, 0b111), (0b0001, 0)]
     {
-        assert!(bench.drive.apply_fault(force(Some(InputPattern::Bits(bits)))));
+        assert!(bench.drive.apply_fault(force(bits)));
         bench.cycle();
         assert_eq!(bench.read(0x60FD, 0), inputs, "{bits:04b}");
     }
-    assert!(bench.drive.apply_fault(force(Some(InputPattern::Walk { step_ns: 10 * MS }))));
+    assert!(
+        bench
+            .drive
+            .apply_fault(Fault::ForceInputs { channel: 0, pattern: Some(InputPattern::Walk { step_ns: 10 * MS }) })
+    );
     let mut seen = Vec::new();
     for _ in 0..45 {
         bench.cycle();
@@ -117,7 +119,7 @@ fn forced_inputs() {
         }
     }
     assert_eq!(seen, [0, 0b010, 0b001, 0b100, 0]);
-    assert!(bench.drive.apply_fault(force(None)));
+    assert!(bench.drive.apply_fault(force(0).end()));
     bench.cycle();
     assert_eq!(bench.read(0x60FD, 0), 0);
     assert!(!bench.drive.apply_fault(Fault::ForceInputs { channel: 1, pattern: None }));

@@ -2,10 +2,11 @@
 
 use ecmsk::cia402::{Controlword, DriveState, Mode, Statusword};
 use ecmsk::coe::SdoSize;
+use ecmsk::slave::Slave;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{DeviceFault, Fault, Slave};
 
 use super::bench::{Bench, Bits, CAM, FAST, FIRST, LAST, RAMP, SLOW, travel};
+use crate::wired::alarm;
 
 const HALT: u16 = 1 << 8;
 const START: u16 = Controlword::HOMING_START;
@@ -207,18 +208,7 @@ fn ended_by_the_power_stage() {
         ("disable", |bench| bench.rig.out.controlword = Controlword(0x17), DriveState::SwitchedOn),
         ("quick stop", |bench| bench.rig.out.controlword = Controlword(0x1B), DriveState::SwitchOnDisabled),
         ("leaving OP", Bench::leave_op, DriveState::SwitchOnDisabled),
-        (
-            "fault",
-            |bench| {
-                assert!(
-                    bench
-                        .rig
-                        .drive
-                        .apply_fault(Fault::Alarm { axis: 0, fault: DeviceFault { code: 0x2310, resettable: true } })
-                )
-            },
-            DriveState::Fault,
-        ),
+        ("fault", |bench| assert!(bench.rig.drive.apply_fault(alarm(0x2310))), DriveState::Fault),
     ];
     for (name, end, state) in enders {
         let mut bench = running(20, -190_000, 100);

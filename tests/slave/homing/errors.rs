@@ -3,10 +3,11 @@
 use ecmsk::cia402::{Controlword, Mode};
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{Fault, HomeSwitch, Input, Slave, Travel};
+use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
 
 use super::bench::{Bench, Bits, CAM, FIRST, LAST, Outcome, travel};
 use super::methods::METHODS;
+use crate::wired::{jam, stick};
 
 const INPUTS: [Input; 4] = [Input::NegativeLimit, Input::PositiveLimit, Input::Home, Input::Index];
 
@@ -80,7 +81,7 @@ fn both_limits() {
     for method in METHODS.into_iter().filter(|method| *method < 35) {
         let mut bench = Bench::new(travel(CAM), 0);
         for input in [Input::NegativeLimit, Input::PositiveLimit] {
-            assert!(bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(input), value: Some(true) }));
+            assert!(bench.rig.drive.apply_fault(stick(input, Some(true))));
         }
         assert_eq!(bench.rig.read(0x60FD, 0) & 0b11, 0b11);
         refused(bench, method, HomingError::BothLimits);
@@ -88,9 +89,9 @@ fn both_limits() {
     let mut bench = Bench::new(travel(CAM), -210_000);
     bench.start(18);
     bench.run_for_ms(20);
-    bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::NegativeLimit), value: Some(true) });
+    bench.rig.drive.apply_fault(stick(Input::NegativeLimit, Some(true)));
     assert_eq!(bench.bits(), Bits::Running, "on its own it leads off the switch");
-    bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) });
+    bench.rig.drive.apply_fault(stick(Input::PositiveLimit, Some(true)));
     bench.run_for_ms(100);
     assert_eq!((bench.bits(), bench.error()), (Bits::Error, HomingError::BothLimits));
 }
@@ -121,14 +122,14 @@ fn stuck_switches() {
         (34, Index, true, HomingError::WrongLimit(PositiveLimit)),
     ] {
         let mut bench = Bench::new(travel(CAM), -100_000);
-        assert!(bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(input), value: Some(value) }));
+        assert!(bench.rig.drive.apply_fault(stick(input, Some(value))));
         let end = bench.home(method).end;
         // Both limits at once is what a run sees that a stuck limit sends to the other one.
         let both = value && matches!(input, NegativeLimit | PositiveLimit) && end == Err(HomingError::BothLimits);
         assert!(end == Err(error) || both, "method {method}, {input:?} at {value}: {end:?}");
         assert_eq!((bench.bits(), bench.steps), (Bits::Error, 0));
         // It works again, and so does homing.
-        bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(input), value: None });
+        bench.rig.drive.apply_fault(stick(input, None));
         let nearest = if bench.shaft() < 0 { (17, -199_999) } else { (18, 299_999) };
         assert_eq!(bench.home(nearest.0).end, Ok(nearest.1));
     }
@@ -139,7 +140,7 @@ fn stuck_switches() {
 fn towards_an_active_limit() {
     let with_stuck_limit = || {
         let mut bench = Bench::new(travel(CAM), 10_000);
-        bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(true) });
+        bench.rig.drive.apply_fault(stick(Input::PositiveLimit, Some(true)));
         bench
     };
     // Off the cam to the left, to come back to its edge: that is where the switch says that the travel ends.
@@ -162,7 +163,7 @@ fn the_same_limit_twice() {
         while bench.rig.read(0x60FD, 0) != 0b100 {
             assert_eq!(bench.cycle(), Bits::Running, "method {method}");
         }
-        bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::Home), value: Some(true) });
+        bench.rig.drive.apply_fault(stick(Input::Home, Some(true)));
         bench.run_for_ms(3_000);
         assert_eq!((bench.bits(), bench.error()), (Bits::Error, HomingError::WrongLimit(limit)), "method {method}");
     }
@@ -190,7 +191,7 @@ fn started_while_it_is_asked_to_move() {
     let mut bench = Bench::new(travel(CAM), -190_000);
     bench.start(20);
     bench.run_for_ms(100);
-    assert!(bench.rig.drive.apply_fault(Fault::Jam { axis: 0, jammed: true }));
+    assert!(bench.rig.drive.apply_fault(jam(true)));
     bench.cycle();
     bench.controlword(0);
     bench.cycle();

@@ -10,6 +10,7 @@ use ecmsk::slave::{Drive, DriveConfig, Fault, HomeSwitch, Input, Io, Slave, Trav
 
 use super::bench::{Bench, Bits, CAM, FAST, FIRST, INDEX, LAST, NEGATIVE_LIMIT, POSITIVE_LIMIT, TURN, travel};
 use crate::rig::MS;
+use crate::wired::{jam, stick};
 
 fn digital_inputs(position: i64, travel: Travel) -> u32 {
     let mut drive = Drive::new(DriveConfig { position, travel, ..DriveConfig::default() });
@@ -109,7 +110,7 @@ fn stuck_inputs_in_0x60fd() {
     let mut bench = Bench::new(travel(CAM), 0);
     for (input, bit) in [(Input::NegativeLimit, 0), (Input::PositiveLimit, 1), (Input::Home, 2)] {
         for (value, shown) in [(Some(true), 1), (Some(false), 0), (None, u32::from(bit == 2))] {
-            assert!(bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(input), value }));
+            assert!(bench.rig.drive.apply_fault(stick(input, value)));
             assert_eq!(bench.rig.read(0x60FD, 0) >> bit & 1, shown, "{input:?} {value:?}");
         }
     }
@@ -119,11 +120,7 @@ fn stuck_inputs_in_0x60fd() {
     );
     assert!(!bench.rig.drive.apply_fault(Fault::Jam { axis: 1, jammed: true }));
     let mut io = Io::default();
-    assert!(
-        !io.apply_fault(Fault::Stick { axis: 0, input: Some(Input::Home), value: None })
-            && !io.apply_fault(Fault::Jam { axis: 0, jammed: true }),
-        "nor any axis of an IO module"
-    );
+    assert!(!io.apply_fault(stick(Input::Home, None)) && !io.apply_fault(jam(true)), "nor any axis of an IO module");
 }
 
 /// A jammed shaft stands whatever the torque; the following error grows on its own and is a fault, which ends homing.
@@ -132,7 +129,7 @@ fn jammed() {
     let mut bench = Bench::new(travel(CAM), -190_000);
     bench.start(20);
     bench.run_for_ms(50);
-    assert!(bench.rig.drive.apply_fault(Fault::Jam { axis: 0, jammed: true }));
+    assert!(bench.rig.drive.apply_fault(jam(true)));
     bench.cycle();
     let stands = bench.shaft();
     let mut torque = 0;
@@ -144,7 +141,7 @@ fn jammed() {
     assert_eq!((torque, bench.rig.read(0x603F, 0)), (3000, 0x8611));
     bench.run_for_ms(500);
     assert_eq!((bench.bits(), bench.error(), bench.shaft()), (Bits::Error, HomingError::PowerLost, stands));
-    assert!(bench.rig.drive.apply_fault(Fault::Jam { axis: 0, jammed: false }));
+    assert!(bench.rig.drive.apply_fault(jam(false)));
     bench.rig.out.controlword.0 = 0x80;
     bench.cycle();
     bench.rig.enable();
@@ -157,11 +154,11 @@ fn jammed() {
 fn jammed_in_cyclic_modes() {
     for mode in [Mode::Csv, Mode::Cst] {
         let mut rig = crate::rig::Rig::enabled(DriveConfig::default(), mode, MS);
-        rig.drive.apply_fault(Fault::Jam { axis: 0, jammed: true });
+        rig.drive.apply_fault(jam(true));
         rig.out.target = 500;
         rig.run_for(100 * MS);
         assert_eq!((rig.position(), rig.velocity(), rig.state()), (0, 0.0, DriveState::OperationEnabled));
-        rig.drive.apply_fault(Fault::Jam { axis: 0, jammed: false });
+        rig.drive.apply_fault(jam(false));
         rig.run_for(100 * MS);
         assert!(rig.position() > 10, "{mode}");
     }
@@ -172,7 +169,7 @@ fn jammed_in_cyclic_modes() {
 fn end_stops() {
     let stops = (-250_000, 310_000);
     let mut bench = Bench::new(Travel { stops: Some(stops), ..travel(CAM) }, 150_000);
-    bench.rig.drive.apply_fault(Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: Some(false) });
+    bench.rig.drive.apply_fault(stick(Input::PositiveLimit, Some(false)));
     bench.start(2);
     bench.run_for_ms(2_000);
     assert_eq!((bench.shaft(), bench.rig.state(), bench.bits()), (stops.1, DriveState::Fault, Bits::Error));
@@ -208,7 +205,7 @@ fn by_the_handle_of_the_bus() {
         bus.handle.apply_fault(slave, Fault::Stick { axis, input: Some(Input::PositiveLimit), value: Some(true) });
     }
     assert_eq!(read(&mut bus), [cam, cam | 0b10, cam]);
-    bus.handle.apply_fault(2, Fault::Stick { axis: 0, input: Some(Input::PositiveLimit), value: None });
+    bus.handle.apply_fault(2, stick(Input::PositiveLimit, None));
     assert_eq!(read(&mut bus), [cam; 3]);
     for (slave, axis) in [(3, 0), (0, 0), (2, 1), (40, 0)] {
         bus.handle.apply_fault(slave, Fault::Jam { axis, jammed: true });
@@ -224,6 +221,6 @@ fn by_the_handle_of_the_bus() {
     };
     assert_eq!(follow(&mut bus, 100)[1], Some(3_000));
     assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(3_000)]);
-    bus.handle.apply_fault(3, Fault::Jam { axis: 0, jammed: false });
+    bus.handle.apply_fault(3, jam(false));
     assert_eq!(follow(&mut bus, 0), [Some(22_000), Some(23_000)]);
 }

@@ -2,11 +2,12 @@
 
 use ecmsk::coe::SdoSize;
 use ecmsk::slave::homing::HomingError;
-use ecmsk::slave::{Fault, HomeSwitch, Input, Slave, Travel};
+use ecmsk::slave::{HomeSwitch, Input, Slave, Travel};
 use proptest::prelude::*;
 
 use super::bench::{Bench, INDEX, TURN};
 use super::methods::{METHODS, final_edge, pulse_beyond};
+use crate::wired::stick;
 
 #[derive(Debug)]
 struct Case {
@@ -90,7 +91,7 @@ proptest! {
         }
         bench.rig.write(0x609A, 0, SdoSize::Four, case.ramp);
         if let Some((input, value)) = case.stuck {
-            let stuck = Fault::Stick { axis: 0, input: Some(input), value: Some(value) };
+            let stuck = stick(input, Some(value));
             prop_assert!(bench.rig.drive.apply_fault(stuck));
         }
         // A 20th for what the loops overshoot when a ramp ends, and the ramp for the while they lag.

@@ -1,4 +1,4 @@
-//! The usual start of an application, to two drives that move; what an exchange costs; any bytes.
+//! What an exchange costs, that runs are the same, and any bytes.
 
 use allocation_counter::measure;
 use ecmsk::cia402::DriveState;
@@ -6,56 +6,21 @@ use ecmsk::ethercat::Ns;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::xf::chip::{Chip, ChipPort, Controllers, Profile, SimulatedNetwork, SlaveModels};
 use ecmsk::xf::request::{
-    Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, FirmwareVersionGet, HelperConfigSet, HelperControl,
-    HelperStateGet, HelperStateSet, InfoUpdate, MappedObject, PdoAssignment, PdoConfigSet, PdoData, PdoDataFifo,
-    PdoMap, PdoOperation, Reconfig, SdoOperation, SlaveCountGet, SpiReconfig,
+    FifoEnable, HelperConfigSet, HelperControl, HelperStateGet, HelperStateSet, PdoDataFifo, PdoOperation,
 };
-use ecmsk::xf::{
-    AnswerPacket, CheckRule, CommandHeader, Coverage, DataSize, Errors, EtherCatState, MAX_PACKET, Received,
-    write_request,
-};
+use ecmsk::xf::{AnswerPacket, CheckRule, CommandHeader, Coverage, EtherCatState, MAX_PACKET, Received, write_request};
 use proptest::prelude::*;
 
-use super::{Host, INIT, MS, drive, sdo, to_all};
+use super::{Host, MS};
+use crate::network::{INIT, drive, to_all};
 use crate::{motor, slave};
 
-fn position(tx: &[u8], drive: usize) -> i32 {
-    i32::from_le_bytes(tx[6 * drive + 2..][..4].try_into().expect("4 bytes"))
-}
-
-/// The RxPDO of both drives, whose controlwords the helper makes.
-fn targets(positions: [i32; 2]) -> [u8; 12] {
-    let mut rx = [0; 12];
-    for (axis, position) in rx.chunks_exact_mut(6).zip(positions) {
-        axis[2..].copy_from_slice(&position.to_le_bytes());
-    }
-    rx
-}
-
-/// Every step of the usual start, and where the drives stand then.
-fn start(host: &mut Host) -> [i32; 2] {
-    host.call(&SpiReconfig { size: DataSize::MANUAL });
+/// Two drives that are led to Operation enabled, the FIFO on.
+fn in_op() -> Host {
+    let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
     host.use_crc();
-    assert_eq!(host.call(&FirmwareVersionGet).to(&FirmwareVersionGet).version, 0x22);
-    host.wait();
-    host.run(&FifoEnable { on: false });
-    host.run(&FifoClear { fifos: Fifos::Both });
-    host.run(&INIT);
-    assert_eq!(host.call(&SlaveCountGet).header.ret, 2);
-    host.run(&to_all(EtherCatState::PreOp));
-    for n in 0..2 {
-        host.run(&sdo(n, 0x6060, 0, SdoOperation::Write(&[8])));
-        for (assignment, map, objects) in [
-            (PdoAssignment::Rx, 0x1600, [0x6040_0010, 0x607A_0020_u32]),
-            (PdoAssignment::Tx, 0x1A00, [0x6041_0010, 0x6064_0020]),
-        ] {
-            let objects = objects.map(|entry| MappedObject { index: (entry >> 16) as u16, sub: 0, bits: entry as u8 });
-            let maps = [PdoMap::new(map, &objects).expect("2 objects")];
-            host.run(&PdoConfigSet::new(slave(n), assignment, &maps).expect("1 PDO"));
-        }
-    }
-    host.run(&Reconfig);
-    host.run(&to_all(EtherCatState::SafeOp));
+    host.bring_to(EtherCatState::Op);
+    host.run(&FifoEnable { on: true });
     for n in 0..2 {
         host.run(&HelperConfigSet {
             motor: motor(n),
@@ -64,21 +29,6 @@ fn start(host: &mut Host) -> [i32; 2] {
             control: HelperControl::ON | HelperControl::RESET_ONCE,
             slave: slave(n),
         });
-    }
-    for fifo in [Fifo::Rx, Fifo::Tx] {
-        assert_eq!(host.call(&FifoPackSizeGet { fifo }).to(&FifoPackSizeGet { fifo }), 12);
-    }
-    host.pass(5 * MS);
-    let read = PdoData { operation: PdoOperation::VALID | PdoOperation::READ, data: &[] };
-    let got = host.call(&read);
-    let tx = got.to(&read).data;
-    let positions = [position(tx, 0), position(tx, 1)];
-    // The drives hold where they are.
-    let write = PdoOperation::VALID | PdoOperation::WRITE;
-    host.run(&PdoData { operation: write, data: &targets(positions) });
-    host.run(&to_all(EtherCatState::Op));
-    host.run(&FifoEnable { on: true });
-    for n in 0..2 {
         host.run(&HelperStateSet { motor: motor(n), state: DriveState::OperationEnabled });
     }
     host.pass(1000 * MS);
@@ -86,71 +36,40 @@ fn start(host: &mut Host) -> [i32; 2] {
         let get = HelperStateGet { motor: motor(n) };
         assert_eq!(host.call(&get).to(&get).state(), Some(DriveState::OperationEnabled));
     }
-    positions
+    host
 }
 
-/// XF-11.58 The usual start of an application ends with two drives in CSP that follow the RxPDOs of the FIFO, and whose
-/// positions come back in TxPDOs.
-#[test]
-fn two_drives_move() {
-    let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
-    let begin = start(&mut host);
-    host.run(&FifoClear { fifos: Fifos::Both });
-    host.pace = MS;
-    let both = PdoOperation::WRITE | PdoOperation::READ;
-    let (mut newest, mut read) = (begin, 0);
-    for n in 1..=1000 {
-        let rx = targets([begin[0] + 10 * n, begin[1] - 20 * n]);
-        let request = PdoDataFifo { count: 1, operation: both, data: &rx };
-        let got = host.send(&request);
-        assert_eq!(got.errors(), Errors::NONE);
-        if n > 1 && PdoOperation(got.header.ret).contains(PdoOperation::READ) {
-            let tx = got.to(&request).data;
-            newest = [position(tx, 0), position(tx, 1)];
-            read += 1;
-        }
+const BOTH: PdoOperation = PdoOperation(PdoOperation::WRITE.0 | PdoOperation::READ.0);
+
+/// The RxPDO of both drives, whose controlwords the helper makes: both have that target.
+fn targets(position: i32) -> [u8; 12] {
+    let mut rx = [0; 12];
+    for axis in rx.chunks_exact_mut(6) {
+        axis[2..].copy_from_slice(&position.to_le_bytes());
     }
-    assert!(read > 990, "{read} TxPDOs");
-    let moved = [newest[0] - begin[0], newest[1] - begin[1]];
-    assert!((9_900..=10_000).contains(&moved[0]) && (-20_000..=-19_800).contains(&moved[1]), "{moved:?}");
-    // Nothing new comes: the newest is repeated, and the drives arrive.
-    host.pass(100 * MS);
-    let shafts = [0, 1].map(|n| host.chip.network().slave(n).and_then(|slave| slave.shaft(0)).expect("an axis"));
-    assert!((shafts[0] - 10_000).abs() < 10 && (shafts[1] + 20_000).abs() < 10, "{shafts:?}");
-    assert_eq!(host.call(&InfoUpdate).header.wkc_errors, 0);
+    rx
 }
 
 /// XF-11.59 The same packets at the same times give the same bytes.
 #[test]
 fn runs_are_the_same() {
     let run = || {
-        let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
-        let begin = start(&mut host);
-        (0..50)
-            .map(|n| {
-                host.send(&PdoDataFifo {
-                    count: 1,
-                    operation: PdoOperation::WRITE | PdoOperation::READ,
-                    data: &targets([begin[0] + n, begin[1]]),
-                })
-            })
-            .collect::<Vec<_>>()
+        let mut host = in_op();
+        (0..50).map(|n| host.send(&PdoDataFifo { count: 1, operation: BOTH, data: &targets(n) })).collect::<Vec<_>>()
     };
     assert_eq!(run(), run());
 }
 
 /// Moves two drives in OP by 200 exchanges of `exchange`, none of which may allocate.
 fn exchange_without_allocation(exchange: impl Fn(&mut ChipPort<SlaveModels>, Ns, &[u8], &mut [u8])) {
-    let mut host = Host::new(Profile::NEW, vec![drive(), drive()]);
-    start(&mut host);
+    let host = in_op();
     let (size, mut now) = (host.chip.size(), host.now);
     let mut port = ChipPort::new(host.chip);
     let (mut command, mut answer) = ([0; MAX_PACKET], [0; MAX_PACKET]);
     let answer = &mut answer[..size.packet_len()];
     let counted = measure(|| {
         for n in 1..=200_u8 {
-            let request =
-                PdoDataFifo { count: 1, operation: PdoOperation::WRITE | PdoOperation::READ, data: &targets([0, 0]) };
+            let request = PdoDataFifo { count: 1, operation: BOTH, data: &targets(n.into()) };
             let header = CommandHeader::with_index(n);
             let packet = write_request(&mut command, size, CheckRule::CRC32, header, &request).expect("it fits");
             now += MS;
@@ -159,7 +78,7 @@ fn exchange_without_allocation(exchange: impl Fn(&mut ChipPort<SlaveModels>, Ns,
     });
     assert_eq!(counted.count_total, 0);
     let Ok(Received::Answer(packet)) = AnswerPacket::parse(answer, size, Coverage::All) else { panic!("an answer") };
-    assert_eq!((packet.header.index, packet.header.len), (199, 12), "TxPDOs come");
+    assert_eq!((packet.header.index, packet.header.len), (199, 20), "TxPDOs come");
 }
 
 /// XF-11.60 In OP an exchange and the cycles before it allocate nothing.

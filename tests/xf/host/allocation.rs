@@ -18,8 +18,8 @@ fn the_driver_allocates_nothing() {
         let mut exchange = false;
         let sent = measure(|| {
             let _ = host.process(ProcessData::Exchange { count: 1, outputs: &pdo(n) });
-            if let Ok(ticket) = host.submit(*now, &super::faults::dac(n % 4096)) {
-                let _ = host.take(ticket, &super::faults::dac(n % 4096));
+            if let Ok(ticket) = host.submit(*now, &super::commands::dac(n % 4096)) {
+                let _ = host.take(ticket, &super::commands::dac(n % 4096));
             }
             match host.next(*now) {
                 Ok(Next::Exchange(bytes)) => {

@@ -17,16 +17,16 @@ fn vendor(n: u8) -> SlaveInfoGet {
     SlaveInfoGet { slave: slave(n), item: SlaveInfoItem::Vendor }
 }
 
-fn dac(n: u32) -> DacSetData {
+pub fn dac(n: u32) -> DacSetData {
     DacSetData { value: Analog::new(n).expect("12 bits") }
 }
 
-fn sdo(index: u16, operation: SdoOperation<'_>) -> SdoRequest<'_> {
+pub fn sdo(index: u16, operation: SdoOperation<'_>) -> SdoRequest<'_> {
     let object = ObjectAddress::new(index, 0);
     SdoRequest { slave: slave(0), object, scope: SdoScope::Entry, timeout_us: 1000, operation }
 }
 
-const READ: SdoOperation<'static> = SdoOperation::Read { bytes: 4 };
+pub const READ: SdoOperation<'static> = SdoOperation::Read { bytes: 4 };
 const BUSY_NS: u64 = 1_000_000_000;
 
 /// How often a command ran.
@@ -57,8 +57,7 @@ fn a_command_and_its_answer() {
 fn indices_go_round() {
     let mut rig = Rig::running(HostConfig::default());
     for n in 0..600 {
-        let ticket = rig.submit(&dac(n));
-        rig.done(ticket);
+        let ticket = rig.ended(&dac(n));
         assert_eq!(rig.host.take(ticket, &dac(n)), Some(Ok(())));
     }
     assert!(rig.chip.taken.iter().all(|(index, _)| *index > 0));
@@ -107,16 +106,14 @@ fn one_exchange_goes_wrong() {
 #[test]
 fn a_lost_answer() {
     let mut rig = Rig::running(HostConfig::default());
-    let ticket = rig.submit(&vendor(3));
     rig.faults = vec![Fault::None, Fault::ToHost(500)];
-    rig.done(ticket);
+    let ticket = rig.ended(&vendor(3));
     assert_eq!(rig.host.take(ticket, &vendor(3)), Some(Ok(SlaveInfo::U32(1003))));
     assert_eq!((ran(&rig, CommandCode::SlaveInfoGet), rig.host.counters().asked_again), (2, 1));
     assert_ne!(rig.chip.taken[0].0, rig.chip.taken[1].0);
 
-    let ticket = rig.submit(&CrcErrorCountClear);
     rig.faults = vec![Fault::None, Fault::ToHost(500)];
-    rig.done(ticket);
+    let ticket = rig.ended(&CrcErrorCountClear);
     let lost = HostError::AnswerLost { code: CommandCode::CrcErrorCountClear };
     assert_eq!(rig.host.take(ticket, &CrcErrorCountClear), Some(Err(lost)));
     assert_eq!((ran(&rig, CommandCode::CrcErrorCountClear), rig.host.counters().answers_lost), (1, 1));
@@ -131,8 +128,7 @@ fn one_non_immediate_command_at_a_time() {
     let full = rig.host.submit(rig.now, &StateUpdate);
     assert_eq!(full, Err(HostError::QueueFull { code: CommandCode::StateUpdate, slots: NON_IMMEDIATE_SLOTS }));
     for (done, update) in updates.iter().enumerate() {
-        let get = rig.submit(&vendor(1));
-        rig.done(get);
+        let get = rig.ended(&vendor(1));
         assert!(!rig.host.is_done(*update), "an immediate command overtakes");
         assert_eq!(rig.host.take(get, &vendor(1)), Some(Ok(SlaveInfo::U32(1001))));
         rig.done(*update);
@@ -208,8 +204,7 @@ fn a_command_without_an_answer() {
     assert!(copies > 5 && waited_ns >= 100_000_000, "{error}");
     assert!(error.to_string().contains("whether it ran is unknown"), "{error}");
     rig.faults.clear();
-    let next = rig.submit(&dac(2));
-    rig.done(next);
+    rig.ended(&dac(2));
     rig.chip.ran.retain(|(code, _)| *code != CommandCode::InfoUpdate);
     assert_eq!(rig.chip.ran, [(CommandCode::DacFunction, 2)]);
 }
@@ -222,8 +217,7 @@ fn the_count_of_errors_is_at_its_end() {
     rig.chip.crc_errors = u8::MAX;
     rig.until("the count is seen", |rig| rig.host.header().is_some_and(|header| header.crc_errors == u8::MAX));
     rig.faults = vec![Fault::ToChip(600); 20];
-    let ticket = rig.submit(&dac(1));
-    rig.done(ticket);
+    let ticket = rig.ended(&dac(1));
     assert_eq!(rig.host.take(ticket, &dac(1)), Some(Ok(())));
     assert_eq!(ran(&rig, CommandCode::DacFunction), 1);
 }
@@ -270,8 +264,7 @@ fn the_header_is_polled() {
 fn what_headers_carry() {
     let mut rig = Rig::running(HostConfig::default());
     let headers = |rig: &mut Rig| {
-        let ticket = rig.submit(&SlaveCountGet);
-        rig.done(ticket);
+        let ticket = rig.ended(&SlaveCountGet);
         let _ = rig.host.take(ticket, &SlaveCountGet);
         let sent = rig.sent.pop().expect("it was sent");
         CommandHeader::decode(sent.first_chunk().expect("24 bytes")).1

@@ -1,16 +1,14 @@
 //! Error bits in the header that are those of another packet: whatever they say, each command and all process data end
 //! as they ended in the chip.
 
-use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::host::{Deadlines, HostConfig, HostError, ProcessData, ProcessOutcome};
-use ecmsk::xf::request::{SdoOperation, SdoRequest};
+use ecmsk::xf::request::SdoOperation;
 use ecmsk::xf::{CommandCode, Errors};
 
 use super::Rig;
 use super::chip::{Fault, PDO};
-use super::faults::dac;
+use super::commands::{dac, sdo};
 use super::process::{PIPELINED, pdo, report, write};
-use crate::slave;
 
 /// Short, so that few exchanges pass until a packet has ended without its answer.
 const IMPATIENT: HostConfig =
@@ -34,24 +32,12 @@ fn refused_unseen(config: HostConfig) -> Rig {
 
 /// How a command ends that sets the DAC.
 fn end_of_dac(rig: &mut Rig, n: u32) -> Result<(), HostError> {
-    let ticket = rig.submit(&dac(n));
-    rig.done(ticket);
+    let ticket = rig.ended(&dac(n));
     rig.host.take(ticket, &dac(n)).expect("it is done").map(drop)
 }
 
 fn ran(rig: &Rig, n: u32) -> usize {
     rig.chip.ran.iter().filter(|ran| **ran == (CommandCode::DacFunction, n)).count()
-}
-
-/// A download that the scripted chip's slave aborts.
-fn failing_sdo() -> SdoRequest<'static> {
-    SdoRequest {
-        slave: slave(0),
-        object: ObjectAddress::new(0x6040, 0),
-        scope: SdoScope::Entry,
-        timeout_us: 1000,
-        operation: SdoOperation::Write(&[0x55, 0x55, 0, 0]),
-    }
 }
 
 const REFUSED: Result<(), HostError> = Err(HostError::Refused { code: CommandCode::DacFunction });
@@ -95,7 +81,8 @@ fn refused_process_data_whose_answer_is_lost() {
 /// meanwhile, at any moment, is cleared, and says what it says.
 #[test]
 fn an_error_that_stays_hides_no_other() {
-    let failing = failing_sdo();
+    // A download that the scripted chip's slave aborts.
+    let failing = sdo(0x6040, SdoOperation::Write(&[0x55, 0x55, 0, 0]));
     for moment in 0..12 {
         let mut rig = Rig::running(HostConfig::default());
         rig.chip.stays = Errors::FIFO;

@@ -18,8 +18,7 @@ pub fn pdo(n: u32) -> [u8; PDO] {
 /// A host whose chip puts the FIFO out.
 pub fn with_fifo_on(config: HostConfig) -> Rig {
     let mut rig = Rig::running(config);
-    let ticket = rig.submit(&FifoEnable { on: true });
-    rig.done(ticket);
+    let ticket = rig.ended(&FifoEnable { on: true });
     let _ = rig.host.take(ticket, &FifoEnable { on: true });
     rig
 }
@@ -225,7 +224,7 @@ fn commands_and_process_data_take_turns() {
     for config in [HostConfig::DEFAULT, PIPELINED] {
         let mut rig = with_fifo_on(config);
         rig.chip.cycle = 1;
-        let tickets: Vec<_> = (0..4).map(|n| rig.submit(&super::faults::dac(n))).collect();
+        let tickets: Vec<_> = (0..4).map(|n| rig.submit(&super::commands::dac(n))).collect();
         let before = rig.host.counters();
         for n in 0..30 {
             let _ = rig.host.process(ProcessData::Write { count: 1, outputs: &pdo(n) });

@@ -1,12 +1,12 @@
 //! From a chip of which nothing is known to one that runs, and what has a deadline.
 
-use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::host::{Deadlines, Host, HostConfig, HostError, HostState, Next, Pacing, ProcessData, StartStep};
-use ecmsk::xf::request::{SdoOperation, SdoRequest, SlaveInfoItem};
+use ecmsk::xf::request::{SdoOperation, SlaveInfoItem};
 use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize};
 
 use super::Rig;
 use super::chip::{Chip, Fault};
+use super::commands::sdo;
 use crate::slave;
 
 fn codes(rig: &Rig) -> Vec<u8> {
@@ -19,7 +19,7 @@ fn n_and_the_offset_are_found() {
     for offset in 0..144 {
         let mut rig = Rig::new(HostConfig::default(), Chip::new(DataSize::MANUAL));
         rig.chip.clock(&vec![0; offset]);
-        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        rig.until_running();
         assert_eq!(rig.host.size(), DataSize::MANUAL);
         assert_eq!((codes(&rig), rig.chip.kind), (vec![25, 20, 56, 0, 18, 51], CheckType::Crc32), "offset {offset}");
         assert_eq!(rig.host.version().map(|version| version.version), Some(0x22));
@@ -37,10 +37,9 @@ fn chips_of_all_kinds_are_started() {
                 (chip.coverages, chip.kind) = (coverage.into(), kind);
                 chip.clock(&[0; 2000]);
                 let mut rig = Rig::new(HostConfig::default(), chip);
-                rig.until("running", |rig| rig.host.state() == HostState::Running);
+                rig.until_running();
                 assert_eq!(rig.host.size().bytes(), n);
-                let ticket = rig.submit(&ecmsk::xf::request::SpiPackSizeGet);
-                rig.done(ticket);
+                rig.ended(&ecmsk::xf::request::SpiPackSizeGet);
             }
         }
     }
@@ -57,7 +56,7 @@ fn what_a_crc_covers_is_found_for_each_direction() {
                 (chip.coverages, chip.kind) = (Coverages { commands, answers }, kind);
                 chip.clock(&[0; 500]);
                 let mut rig = Rig::new(HostConfig::default(), chip);
-                rig.until("running", |rig| rig.host.state() == HostState::Running);
+                rig.until_running();
                 let found = rig.host.coverages();
                 assert_eq!((found, rig.host.check()), (Coverages { commands, answers }, CheckType::Crc32));
                 assert!(!rig.host.gave_crc_up());
@@ -65,14 +64,7 @@ fn what_a_crc_covers_is_found_for_each_direction() {
                 rig.chip.ran.clear();
                 // Of 13, 14, 15 and 16 bytes.
                 for value in [&[1, 0, 0, 0][..], &[2, 0, 0, 0, 0], &[3, 0, 0, 0, 0, 0], &[4, 0, 0, 0, 0, 0, 0]] {
-                    let ticket = rig.submit(&SdoRequest {
-                        slave: slave(0),
-                        object: ObjectAddress::new(0x2000, 0),
-                        scope: SdoScope::Entry,
-                        timeout_us: 1000,
-                        operation: SdoOperation::Write(value),
-                    });
-                    rig.done(ticket);
+                    rig.ended(&sdo(0x2000, SdoOperation::Write(value)));
                 }
                 let after = rig.host.counters();
                 assert_eq!((after.damaged, after.rejected), (before.damaged, before.rejected));
@@ -90,11 +82,10 @@ fn a_crc_that_covers_nothing_known_is_given_up() {
         let mut chip = Chip::new(DataSize::MANUAL);
         chip.strange = strange;
         let mut rig = Rig::new(HostConfig::default(), chip);
-        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        rig.until_running();
         assert!(rig.host.gave_crc_up(), "{strange:?}");
         assert_eq!((rig.host.check(), rig.chip.kind), (CheckType::Fixed, CheckType::Fixed));
-        let ticket = rig.submit(&ecmsk::xf::request::SlaveInfoGet { slave: slave(3), item: SlaveInfoItem::Vendor });
-        rig.done(ticket);
+        rig.ended(&ecmsk::xf::request::SlaveInfoGet { slave: slave(3), item: SlaveInfoItem::Vendor });
         assert_eq!(rig.host.counters().chip_resets, 0);
     }
 }
@@ -104,10 +95,10 @@ fn a_crc_that_covers_nothing_known_is_given_up() {
 fn a_wrong_size_is_corrected() {
     let config = HostConfig { size: Some(DataSize::NEWER), ..HostConfig::default() };
     let mut rig = Rig::new(config, Chip::new(DataSize::NEWER));
-    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    rig.until_running();
     assert_eq!(rig.host.counters().searches, 0);
     let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
-    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    rig.until_running();
     assert_eq!((rig.host.size(), rig.host.counters().searches), (DataSize::MANUAL, 1));
 }
 
@@ -121,7 +112,7 @@ fn the_size_is_set() {
         rig.chip.resize_resets_kind = resize_resets_kind;
         rig.until("resized", |rig| rig.chip.size.bytes() == 300);
         let before = rig.now;
-        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        rig.until_running();
         assert!(rig.now - before >= 100_000_000);
         assert_eq!(codes(&rig)[..5], [25, 20, 23, 25, 20]);
         assert_eq!((rig.host.size().bytes(), rig.chip.kind), (300, CheckType::Crc32));
@@ -132,9 +123,8 @@ fn the_size_is_set() {
 /// XF-12.1 One packet alone has the fixed check word: CRC_TYPE_SET.
 #[test]
 fn one_packet_has_the_fixed_check_word() {
-    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
-    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
-    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    let mut rig = Rig::starting(HostConfig::default());
+    rig.until_running();
     let fixed = |packet: &&Vec<u8>| packet[packet.len() - 8..][..4] == [0x78, 0x56, 0x34, 0x12];
     let codes: Vec<u8> = rig.sent.iter().filter(fixed).map(|packet| packet[0x0C]).collect();
     // And what fetches its answer.
@@ -144,16 +134,11 @@ fn one_packet_has_the_fixed_check_word() {
 /// XF-12.2 XF-12.4 A chip that is not ready for SPI_RECONFIG_OP has lost it: it is sent again, after more idle time.
 #[test]
 fn a_chip_that_is_not_ready_for_its_size() {
-    let config = HostConfig {
-        size: Some(DataSize::MANUAL),
-        wanted_size: DataSize::new(300),
-        idle_ns: 20_000,
-        ..HostConfig::default()
-    };
-    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    let config = HostConfig { wanted_size: DataSize::new(300), idle_ns: 20_000, ..HostConfig::default() };
+    let mut rig = Rig::starting(config);
     // CRC_TYPE_SET, SPI_PACK_SIZE_GET and their answers, then SPI_RECONFIG_OP.
     rig.faults = [vec![Fault::None; 4], vec![Fault::NotReady; 2]].concat();
-    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    rig.until_running();
     assert_eq!(codes(&rig)[..4], [25, 20, 23, 25]);
     assert_eq!((rig.host.size().bytes(), rig.host.counters().searches), (300, 0));
     assert_eq!(rig.host.counters().not_ready, 2);
@@ -177,12 +162,11 @@ fn each_exchange_of_the_start_may_fail() {
     ];
     for fault in all {
         for at in 0..16 {
-            let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
-            let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+            let mut rig = Rig::starting(HostConfig::default());
             rig.faults = vec![Fault::None; at];
             rig.faults.push(fault);
             rig.exchanges(at + 1);
-            rig.until("running", |rig| rig.host.state() == HostState::Running);
+            rig.until_running();
             assert_eq!(rig.chip.kind, CheckType::Crc32, "{fault:?} at {at}");
         }
     }
@@ -220,13 +204,12 @@ fn a_silent_chip_has_a_deadline() {
 /// XF-12.3 A chip that stays busy at the start has a deadline, and one that is never ready.
 #[test]
 fn a_start_that_does_not_end() {
-    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
-    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    let mut rig = Rig::starting(HostConfig::default());
     rig.chip.keep_busy();
     let error = rig.stops();
     assert!(matches!(error, HostError::StartTooLong { step: StartStep::NotBusy, .. }), "{error}");
 
-    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    let mut rig = Rig::starting(HostConfig::default());
     rig.faults = vec![Fault::NotReady; 100_000];
     let error = rig.stops();
     assert!(matches!(error, HostError::StartTooLong { .. } | HostError::Silent { .. }), "{error}");
@@ -254,10 +237,9 @@ fn idle_time() {
 /// row end it.
 #[test]
 fn int0() {
-    let config = HostConfig { pacing: Pacing::Int0, ..HostConfig::default() };
-    let mut rig = Rig::new(HostConfig { size: Some(DataSize::MANUAL), ..config }, Chip::new(DataSize::MANUAL));
+    let mut rig = Rig::starting(HostConfig { pacing: Pacing::Int0, ..HostConfig::default() });
     rig.int0_ns = Some(30_000);
-    rig.until("running", |rig| rig.host.state() == HostState::Running);
+    rig.until_running();
     let exchanges = rig.host.counters().exchanges;
     assert!(rig.now < exchanges * 71_000 + 2_000_000, "{} exchanges in {} ns", exchanges, rig.now);
 
@@ -274,12 +256,11 @@ fn a_reset_is_seen() {
     for start in [DataSize::MANUAL, DataSize::NEWER] {
         let mut rig = Rig::running(HostConfig::default());
         rig.chip.start = start;
-        let ticket = rig.submit(&ecmsk::xf::request::SlaveCountGet);
         rig.faults = vec![Fault::Reset];
-        rig.done(ticket);
+        let ticket = rig.ended(&ecmsk::xf::request::SlaveCountGet);
         let result = rig.host.take(ticket, &ecmsk::xf::request::SlaveCountGet);
         assert_eq!(result, Some(Err(HostError::ChipReset)), "{start:?}");
-        rig.until("running", |rig| rig.host.state() == HostState::Running);
+        rig.until_running();
         assert_eq!((rig.host.counters().chip_resets, rig.host.size()), (1, start));
         assert!(!rig.chip.ran.iter().any(|(code, _)| *code == CommandCode::SlaveCountGet));
     }
@@ -325,8 +306,7 @@ fn a_chip_falls_silent() {
 /// XF-12.1 A chip that says that n is another one than its packets have is not started.
 #[test]
 fn a_chip_that_contradicts_itself() {
-    let config = HostConfig { size: Some(DataSize::MANUAL), ..HostConfig::default() };
-    let mut rig = Rig::new(config, Chip::new(DataSize::MANUAL));
+    let mut rig = Rig::starting(HostConfig::default());
     rig.chip.claims = Some(DataSize::NEWER);
     let error = rig.stops();
     assert_eq!(error, HostError::OtherSize { expected: DataSize::MANUAL, found: DataSize::NEWER });

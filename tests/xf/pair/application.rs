@@ -8,11 +8,11 @@ use ecmsk::xf::host::{Budget, HostConfig, ProcessData, ProcessOutcome};
 use ecmsk::xf::request::{
     DcTiming, EcatInit, Fifo, FifoClear, FifoEnable, FifoPackSizeGet, Fifos, HelperConfigSet, HelperControl,
     HelperStateGet, HelperStateSet, MappedObject, PdoAssignment, PdoConfigSet, PdoMap, PdoWorkingCounterGet, Reconfig,
-    SdoOperation, SlaveCountGet, SlaveInfoGet, SlaveInfoItem, WorkingCounterItem,
+    SlaveCountGet, SlaveInfoGet, SlaveInfoItem, WorkingCounterItem,
 };
 use ecmsk::xf::{DataSize, EtherCatState, NetworkState, Status};
 
-use super::{INIT, MS, Pair, S, drive, sdo, to_all};
+use super::{INIT, MS, Pair, S, drive, to_all};
 use crate::{motor, slave};
 
 /// Controlword and target position; statusword and actual position.
@@ -64,7 +64,7 @@ fn start(profile: Profile, config: HostConfig) -> Pair {
     assert_eq!(pair.get(&SlaveCountGet, |count| count), 2);
     pair.run(&to_all(EtherCatState::PreOp));
     for n in 0..2 {
-        pair.run(&sdo(n, 0x6060, 0, SdoOperation::Write(&[8])));
+        pair.write(n, 0x6060, 0, &[8]);
         map(&mut pair, n);
     }
     pair.run(&Reconfig);
@@ -149,8 +149,8 @@ fn follows(pair: &mut Pair, distance: i64, cycles: u32) {
     assert_eq!(positions(pair.host.inputs()), end);
 }
 
-/// XF-13.3 The usual start of an application, step by step, with a size that was chosen for the cycle: two drives with
-/// distributed clocks follow a path, there and back.
+/// XF-13.3 XF-11.58 The usual start of an application, step by step, with a size that was chosen for the cycle: two
+/// drives with distributed clocks follow a path, there and back.
 #[test]
 fn two_drives_follow_a_path() {
     let budget =

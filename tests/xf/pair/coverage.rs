@@ -124,7 +124,7 @@ fn every_function_has_a_test() {
     assert_eq!(functions.collect::<Vec<Function>>(), shown);
 }
 
-/// XF-13.2 What slave models have not is tested to be refused.
+/// XF-13.2 XF-11.8 What slave models have not is tested to be refused.
 #[test]
 fn what_models_have_not_is_refused() {
     #[rustfmt::skip]

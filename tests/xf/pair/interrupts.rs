@@ -16,13 +16,13 @@ fn enable(polarity: Polarity, sources: Interrupts) -> InterruptSetEnable {
     }
 }
 
-fn int1(pair: &mut Pair) -> bool {
+pub fn int1(pair: &mut Pair) -> bool {
     let now = pair.now;
     pair.chip().int1(now)
 }
 
-/// XF-13.1 INT_SET_ENABLE (XF EN 1310): INT1 is active, low at first, while a flag that is enabled is set; the header
-/// of the next packet clears it. INT_GET_ENABLE (XF EN 1327) tells what was set.
+/// XF-13.1 XF-11.46 XF-11.47 XF-11.48 INT_SET_ENABLE (XF EN 1310): INT1 is active, low at first, while a flag that is
+/// enabled is set; the header of the next packet clears it. INT_GET_ENABLE (XF EN 1327) tells what was set.
 #[test]
 pub fn int1_and_its_flags() {
     let mut pair = Pair::running();
@@ -31,6 +31,8 @@ pub fn int1_and_its_flags() {
         pair.run(&InfoUpdate);
         !pair.header().interrupts.contains(Interrupts::CRC)
     };
+    let first = pair.get(&InterruptGetEnable, |enable| enable);
+    assert_eq!(first, enable(Polarity::INT0_HIGH, Interrupts::NONE).enable);
     pair.damages_next = true;
     pair.run(&InfoUpdate);
     assert!(pair.header().interrupts.contains(Interrupts::CRC), "it is set whether it is enabled or not");
@@ -48,10 +50,35 @@ pub fn int1_and_its_flags() {
     }
     pair.run(&enable(Polarity::INT0_HIGH, Interrupts::ETHERCAT));
     assert!(int1(&mut pair), "another one is enabled");
+    let peripherals = PeripheralInterrupts::GPIO_9;
+    let all = InterruptEnable { polarity: Polarity::INT1_HIGH, sources: Interrupts::CRC, gpio: 0x81, peripherals };
+    pair.run(&InterruptSetEnable { enable: all });
+    assert_eq!(pair.get(&InterruptGetEnable, |enable| enable), all);
 }
 
-/// XF-13.1 Masks of INT_SET_ENABLE for GPIO 0 to 7 and 8 to 11 (XF EN 1310): a channel raises INT1 by its own bit
-/// alone.
+/// XF-11.46 XF-11.48 Each cycle raises the flag of the process data, each wrong working counter its own; the header
+/// clears both.
+#[test]
+fn flags_of_cycles() {
+    let mut pair = Pair::in_state(EtherCatState::SafeOp);
+    let flags = |pair: &mut Pair| pair.header_now().interrupts;
+    pair.run(&enable(Polarity::INT0_HIGH, Interrupts::WORKING_COUNTER));
+    assert!(flags(&mut pair).contains(Interrupts::ETHERCAT));
+    for is_silent in [false, true, false] {
+        pair.silence(0, is_silent);
+        pair.pass(2 * MS);
+        pair.host.clear_interrupts(Interrupts::ETHERCAT | Interrupts::WORKING_COUNTER, 0);
+        pair.run(&InfoUpdate);
+        pair.pass(5 * MS);
+        let flags = flags(&mut pair);
+        assert!(flags.contains(Interrupts::ETHERCAT), "the next cycle sets it again");
+        assert_eq!(flags.contains(Interrupts::WORKING_COUNTER), is_silent);
+        assert_eq!(int1(&mut pair), !is_silent, "active is low");
+    }
+}
+
+/// XF-13.1 XF-11.52 Masks of INT_SET_ENABLE for GPIO 0 to 7 and 8 to 11 (XF EN 1310): a channel raises INT1 by its own
+/// bit alone.
 #[test]
 fn int1_and_gpio() {
     for (channel, gpio, peripherals) in
@@ -76,9 +103,9 @@ fn int1_and_gpio() {
     }
 }
 
-/// XF-13.1 INT0 (XF EN 1706) is high when the chip is ready: a driver that goes by it exchanges faster than one that
-/// leaves 150 us of idle time, and none of its packets meets a chip that is not ready; while the chip starts it does
-/// not come, and the driver waits.
+/// XF-13.1 XF-11.47 INT0 (XF EN 1706) is high when the chip is ready: a driver that goes by it exchanges faster than
+/// one that leaves 150 us of idle time, and none of its packets meets a chip that is not ready; while the chip starts
+/// it does not come, and the driver waits.
 #[test]
 fn int0_paces() {
     let exchanges = |pacing, skips_to: EtherCatState| {

@@ -8,15 +8,15 @@ use ecmsk::ethercat::sii::VENDOR_WORD;
 use ecmsk::slave::{DeviceFault, Dp3cl, Dp3clConfig, Fault, Io, Slave};
 use ecmsk::xf::EtherCatState;
 use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, HostError, ProcessData};
+use ecmsk::xf::host::{HostConfig, ProcessData};
 use ecmsk::xf::request::*;
 
-use super::{INIT, MS, OVER_CONTROLLERS, Pair, drive, sdo, to_all};
+use super::{INIT, MS, OVER_CONTROLLERS, Pair, drive, drives_and_io, sdo, to_all};
 use crate::slave;
 
 /// Two servo drives and an IO module behind controllers, in a state.
 pub fn in_state(state: EtherCatState) -> Pair {
-    let mut pair = of(vec![drive(), drive(), Box::new(Io::default())]);
+    let mut pair = of(drives_and_io());
     pair.bring_to(state);
     pair
 }
@@ -26,17 +26,6 @@ pub fn of(slaves: Vec<Box<dyn Slave>>) -> Pair {
     let pair = Pair::running_with(Profile::NEW, HostConfig::DEFAULT, slaves);
     OVER_CONTROLLERS.set(before);
     pair
-}
-
-/// A command that takes time and fails.
-pub fn fails<'d, C: Call<'d>>(pair: &mut Pair, call: &C) -> Option<AbortCode> {
-    match pair.fails(call) {
-        HostError::Failed { code, abort, .. } => {
-            assert_eq!(code, C::CODE);
-            abort
-        }
-        error => panic!("{error}"),
-    }
 }
 
 const fn raw(operation: RawOperation, adp: u16, ado: u16, data: &[u8]) -> RawRequest<'_> {
@@ -112,7 +101,7 @@ fn datagrams_that_do_not_come_back() {
     pair.is_refused(&RawGet);
     pair.chip().network().handle().cut_after(0);
     for timeout_us in [0, 1000, 20_000] {
-        fails(&mut pair, &RawRequest { timeout_us, ..raw(RawOperation::Brd, 0, 0, &[5]) });
+        pair.ends_in_failure(&RawRequest { timeout_us, ..raw(RawOperation::Brd, 0, 0, &[5]) });
         assert_eq!(pair.get(&RawGet, |answer| (answer.working_counter, answer.data.to_vec())), (-1, vec![5]));
     }
 }
@@ -154,13 +143,13 @@ fn eeproms_that_are_not_read() {
     let read = pair.read(&eeprom(0, 0xFFFE, EepromOperation::Read), &EepromGet, |answer| answer.data.to_vec());
     assert_eq!(read, Ok(vec![0xFF; 4]));
     // One that acknowledges nothing may be busy for 100 ms.
-    fails(&mut pair, &EepromRequest { timeout_us: 300_000, ..eeprom(0, 0xFFFE, EepromOperation::Write(1)) });
+    pair.ends_in_failure(&EepromRequest { timeout_us: 300_000, ..eeprom(0, 0xFFFE, EepromOperation::Write(1)) });
     assert_eq!(pair.get(&EepromGet, |answer| (answer.error, answer.data.len())), (3, 0));
     pair.is_refused(&eeprom(3, 0, EepromOperation::Read));
-    fails(&mut pair, &EepromRequest { timeout_us: 0, ..eeprom(0, 0, EepromOperation::Read) });
+    pair.ends_in_failure(&EepromRequest { timeout_us: 0, ..eeprom(0, 0, EepromOperation::Read) });
     assert_eq!(pair.get(&EepromGet, |answer| answer.error), 2);
     pair.silence(0, true);
-    fails(&mut pair, &eeprom(0, 0, EepromOperation::Read));
+    pair.ends_in_failure(&eeprom(0, 0, EepromOperation::Read));
     assert_eq!(pair.get(&EepromGet, |answer| (answer.error, answer.data.len())), (1, 0));
 }
 
@@ -198,7 +187,7 @@ fn sync_managers_that_do_not_fit() {
     pair.run(&ConfigSyncManager { length: 6, ..right });
     pair.run(&Reconfig);
     assert_eq!(sizes(&mut pair), bytes + 4);
-    fails(&mut pair, &to_all(EtherCatState::SafeOp));
+    pair.ends_in_failure(&to_all(EtherCatState::SafeOp));
     let status = SlaveInfoGet { slave: slave(2), item: SlaveInfoItem::AlStatus };
     assert_eq!(pair.get(&status, |info| info.number()), Some(0x1D));
     pair.run(&right);
@@ -206,7 +195,7 @@ fn sync_managers_that_do_not_fit() {
     pair.run(&Reconfig);
     assert_eq!(sizes(&mut pair), bytes);
     pair.run(&to_all(EtherCatState::Op));
-    fails(&mut pair, &ConfigSyncManager { number: 16, ..right });
+    pair.ends_in_failure(&ConfigSyncManager { number: 16, ..right });
     pair.is_refused(&ConfigSyncManager { slave: slave(3), ..right });
 }
 
@@ -240,7 +229,7 @@ pub fn direct_assign() {
         pair.run(&assign(Direction::Output, 0));
         assert_eq!(sizes(&mut pair), [rx - 6, tx - 10 + 20]);
         // The slave maps other lengths, and says so.
-        fails(&mut pair, &to_all(EtherCatState::SafeOp));
+        pair.ends_in_failure(&to_all(EtherCatState::SafeOp));
         pair.run(&DirectAssign::Switch { slave: slave(0), on: false });
         pair.run(&to_all(EtherCatState::PreOp));
         assert_eq!(sizes(&mut pair), [rx, tx]);
@@ -290,7 +279,7 @@ pub fn mailboxes() {
     assert_eq!(listed(&mut pair), [(1, 0x3210), (0, 0x3210)], "the newest first");
     assert_eq!(polled(&mut pair, MailboxStatus::ReadFlags), [false; 3]);
     // It is empty now; what was fetched stays.
-    fails(&mut pair, &ReceiveMailbox::Request { slave: slave(1) });
+    pair.ends_in_failure(&ReceiveMailbox::Request { slave: slave(1) });
     assert_eq!(pair.get(&part(0, 16), <[u8]>::to_vec), mail);
     let MailboxHeader { protocol, .. } = message.header;
     assert_eq!(protocol, MailboxProtocol::Coe);
@@ -312,7 +301,7 @@ fn the_answer_to_a_datagram_is_the_hosts() {
     assert_eq!(mail[8..12], [0x43, 0x00, 0x10, 0], "{mail:?}");
     assert_eq!(sent(&mut pair, &raw(RawOperation::Fpwr, 0x1002, 0x1000, &request)).0, 1);
     pair.pass(1_100 * MS);
-    fails(&mut pair, &ReceiveMailbox::Request { slave: slave(1) });
+    pair.ends_in_failure(&ReceiveMailbox::Request { slave: slave(1) });
 }
 
 /// XF-11.66 Without a network there is no mail and no polling, and parts behind a mailbox are refused.
@@ -323,7 +312,7 @@ fn mailboxes_that_there_are_not() {
     pair.is_refused(&MailboxStatus::SetPolling(SlaveBits::for_slaves(1)));
     pair.is_refused(&MailboxStatus::ReadPolling);
     pair.run(&INIT);
-    fails(&mut pair, &ReceiveMailbox::Request { slave: slave(0) });
+    pair.ends_in_failure(&ReceiveMailbox::Request { slave: slave(0) });
     pair.is_refused(&ReceiveMailbox::Read(MailboxPart::new(0, 1).expect("below 64")));
 }
 
@@ -380,7 +369,7 @@ fn files_that_are_not_moved() {
     let mut pair = of(vec![drive()]);
     pair.bring_to(EtherCatState::PreOp);
     let error = |pair: &mut Pair, request: FoeRequest<'_>| {
-        fails(pair, &request);
+        pair.ends_in_failure(&request);
         pair.get(&SdoAbortCodeGet, |code| code.0)
     };
     let firmware = b"firmware".as_slice();

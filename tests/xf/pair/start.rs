@@ -9,7 +9,7 @@ use ecmsk::xf::request::{
 };
 use ecmsk::xf::{CheckType, CommandCode, Coverage, Coverages, DataSize, Errors, EtherCatState, NetworkState, Status};
 
-use super::{INIT, MS, Pair, S, drive, sdo};
+use super::{INIT, MS, Pair, S, drive, drives_and_io, sdo};
 
 const PROFILES: [Profile; 3] = [Profile::OLD, Profile::NEW, Profile::XFU];
 
@@ -34,8 +34,7 @@ fn a_crc_of_any_coverage() {
         for answers in Coverage::EVERY {
             let coverages = Coverages { commands, answers };
             for profile in [Profile::OLD, Profile::XFU].map(|profile| Profile { coverages, ..profile }) {
-                let slaves = vec![drive(), drive(), Box::new(Io::default()) as Box<_>];
-                let mut pair = Pair::running_with(profile, HostConfig::DEFAULT, slaves);
+                let mut pair = Pair::running_with(profile, HostConfig::DEFAULT, drives_and_io());
                 assert_eq!((pair.host.coverages(), pair.host.check()), (coverages, CheckType::Crc32));
                 let before = pair.host.counters();
                 pair.bring_to(EtherCatState::Op);
@@ -61,7 +60,7 @@ pub fn info_update() {
     assert_eq!(pair.host.header().expect("it runs").gpio_inputs, 1 << 5);
 }
 
-/// XF-13.1 FW_VERSION_GET (XF EN 1285, XF ZH 1208) and SPI_PACK_SIZE_GET (XF EN 704) of each firmware.
+/// XF-13.1 XF-11.13 FW_VERSION_GET (XF EN 1285, XF ZH 1208) and SPI_PACK_SIZE_GET (XF EN 704) of each firmware.
 #[test]
 pub fn version_and_size() {
     for (profile, version, has_data, n) in

@@ -4,14 +4,13 @@ use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, AlStatus, Ns};
 use ecmsk::slave::Slave;
 use ecmsk::xf::EtherCatState;
-use ecmsk::xf::chip::Profile;
-use ecmsk::xf::host::{HostConfig, HostError};
+use ecmsk::xf::chip::{FLASH_BYTES, Profile};
+use ecmsk::xf::host::HostConfig;
 use ecmsk::xf::request::{
     Fifo, FifoPackSizeGet, FlashAddress, FlashBytes, FoeFile, FoeGet, FoeRequest, MappedObject, PdoAssignment,
     PdoConfigForm, PdoConfigGet, PdoConfigRequest, PdoConfigSet, PdoMap, Reconfig, SdoAbortCodeGet, SdoGet,
-    SdoOperation, SdoRequest,
+    SdoOperation, SdoRequest, WarmReset,
 };
-use ecmsk::xf::{CommandCode, CommandCode as Code};
 
 use super::{MS, OVER_CONTROLLERS, Pair, drive, sdo, to_all};
 use crate::slave;
@@ -20,20 +19,13 @@ fn reads(bytes: u16) -> SdoOperation<'static> {
     SdoOperation::Read { bytes }
 }
 
-/// The abort code of a command that has failed.
-fn abort_of(error: HostError, expected: CommandCode) -> Option<AbortCode> {
-    match error {
-        HostError::Failed { code, abort, .. } if code == expected => abort,
-        other => panic!("{other}"),
-    }
-}
-
-/// XF-13.1 SDO_REQ (XF EN 579) writes an object of a slave, and reads one for SDO_GET (XF EN 606), an entry or all of
-/// them.
+/// XF-13.1 XF-11.36 SDO_REQ (XF EN 579) writes an object of a slave, and reads one for SDO_GET (XF EN 606), an entry or
+/// all of them. After a read that fails SDO_GET has no bytes.
 #[test]
 pub fn objects() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
-    pair.run(&sdo(1, 0x6065, 0, SdoOperation::Write(&20_000_u32.to_le_bytes())));
+    pair.is_refused(&SdoGet);
+    pair.write(1, 0x6065, 0, &20_000_u32.to_le_bytes());
     assert_eq!(pair.object(1, 0x6065, 0), 20_000);
     assert_ne!(pair.object(0, 0x6065, 0), 20_000, "of the other drive");
     let read = pair.read(&sdo(1, 0x6065, 0, reads(4)), &SdoGet, <[u8]>::to_vec);
@@ -41,6 +33,10 @@ pub fn objects() {
     let all = SdoRequest { scope: SdoScope::Complete, ..sdo(0, 0x1C12, 0, reads(64)) };
     let read = pair.read(&all, &SdoGet, |data| data[..4].to_vec());
     assert_eq!(read, Ok(vec![1, 0, 0x00, 0x16]));
+    let name = pair.read(&sdo(2, 0x1008, 0, reads(64)), &SdoGet, <[u8]>::to_vec);
+    assert_eq!(name, Ok(b"IO16 simulated digital IO".to_vec()));
+    pair.ends_in_failure(&sdo(2, 0x5FFF, 0, reads(4)));
+    pair.get(&SdoGet, |data| assert_eq!(data, [0; 0]));
 }
 
 /// A slave that aborts every transfer.
@@ -85,8 +81,26 @@ const ABORT_CODES: [u32; 29] = [
     0x0800_0000, 0x0800_0020, 0x0800_0021, 0x0800_0022, 0x0800_0023,
 ];
 
-/// XF-13.1 SDO_ABORTCODE_GET (XF EN 1358): a read and a write that the slave aborts end with its code, whichever of the
-/// manual's list it is, and a transfer that succeeds ends with 0.
+/// XF-11.37 What a drive refuses ends with its abort code, which is kept until the next transfer.
+#[test]
+fn refused_transfers() {
+    let mut pair = Pair::in_state(EtherCatState::SafeOp);
+    for (index, sub, operation, abort) in [
+        (0x5FFF, 0, reads(4), AbortCode::NO_OBJECT),
+        (0x1018, 9, reads(4), AbortCode::NO_SUB_INDEX),
+        (0x1000, 0, SdoOperation::Write(&[1, 2, 3, 4]), AbortCode::READ_ONLY),
+        (0x6065, 0, SdoOperation::Write(&[1, 2]), AbortCode::TOO_SHORT),
+        (0x6065, 0, SdoOperation::Write(&[1, 2, 3, 4, 5]), AbortCode::TOO_LONG),
+        (0x1C12, 0, SdoOperation::Write(&[0]), AbortCode::DEVICE_STATE),
+    ] {
+        assert_eq!(pair.ends_in_failure(&sdo(0, index, sub, operation)), Some(abort), "{index:04X}:{sub}");
+        assert_eq!(pair.get(&SdoAbortCodeGet, |code| code), abort, "it is kept");
+    }
+    pair.is_refused(&sdo(3, 0x1000, 0, reads(4)));
+}
+
+/// XF-13.1 XF-11.37 SDO_ABORTCODE_GET (XF EN 1358): a read and a write that the slave aborts end with its code,
+/// whichever of the manual's list it is, and a transfer that succeeds ends with 0.
 #[test]
 pub fn abort_codes() {
     for code in ABORT_CODES.map(AbortCode) {
@@ -97,9 +111,8 @@ pub fn abort_codes() {
         pair.bring_to(EtherCatState::PreOp);
         pair.chip().network().handle().abort_sdo(1, Some(code));
         for operation in [reads(4), SdoOperation::Write(&[1])] {
-            let error = pair.fails(&sdo(0, 0x2000, 1, operation));
             // A slave that says "timeout" is one more that does not answer: both wait for the time limit.
-            assert_eq!(abort_of(error, Code::SdoRequest), Some(code));
+            assert_eq!(pair.ends_in_failure(&sdo(0, 0x2000, 1, operation)), Some(code));
             assert_eq!(pair.get(&SdoAbortCodeGet, |abort| abort), code);
         }
         pair.run(&sdo(1, 0x1000, 0, reads(4)));
@@ -107,19 +120,22 @@ pub fn abort_codes() {
     }
 }
 
-/// XF-13.1 A slave that does not answer is waited for until the time limit of SDO_REQ, in microseconds (XF EN 579).
+/// XF-13.1 XF-11.38 A slave that does not answer is waited for until the time limit of SDO_REQ, in microseconds (XF EN
+/// 579), and so is one in Init, where no mailbox answers.
 #[test]
 fn objects_of_a_slave_that_does_not_answer() {
-    let mut pair = Pair::in_state(EtherCatState::PreOp);
-    pair.silence(0, true);
-    let since = pair.now;
-    let error = pair.fails(&SdoRequest { timeout_us: 250_000, ..sdo(0, 0x1000, 0, reads(4)) });
-    assert_eq!(abort_of(error, Code::SdoRequest), Some(AbortCode::TIMEOUT));
-    assert!((250 * MS..270 * MS).contains(&(pair.now - since)));
+    for (state, is_silent) in [(EtherCatState::PreOp, true), (EtherCatState::Init, false)] {
+        let mut pair = Pair::in_state(state);
+        pair.silence(0, is_silent);
+        let since = pair.now;
+        let read = SdoRequest { timeout_us: 250_000, ..sdo(0, 0x1000, 0, reads(4)) };
+        assert_eq!(pair.ends_in_failure(&read), Some(AbortCode::TIMEOUT), "{state:?}");
+        assert!((250 * MS..270 * MS).contains(&(pair.now - since)), "{state:?}");
+    }
 }
 
-/// XF-13.1 PDO_CONFIG_SET (XF EN 468) writes a slave's mapping, PDO_CONFIG_REQ (XF EN 517) reads it for PDO_CONFIG_GET
-/// (XF EN 533), with room for 3 PDOs or, newer, 4; process data are laid out by it.
+/// XF-13.1 XF-11.39 PDO_CONFIG_SET (XF EN 468) writes a slave's mapping, PDO_CONFIG_REQ (XF EN 517) reads it for
+/// PDO_CONFIG_GET (XF EN 533), with room for 3 PDOs or, newer, 4; process data are laid out by it.
 #[test]
 pub fn mapping() {
     for (profile, form) in [(Profile::OLD, PdoConfigForm::Three), (Profile::NEW, PdoConfigForm::Four)] {
@@ -145,21 +161,23 @@ pub fn mapping() {
     }
 }
 
-/// XF-13.1 A mapping that the slave refuses makes PDO_CONFIG_SET fail (XF EN 468).
+/// XF-13.1 XF-11.40 A mapping that the slave refuses makes PDO_CONFIG_SET fail (XF EN 468), with its abort code.
 #[test]
 fn refused_mapping() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
     let maps = [PdoMap::new(0x1600, &[MappedObject::new(ObjectAddress::new(0x5FFF, 0), 16)]).expect("at most 8")];
-    let error = pair.fails(&PdoConfigSet::new(slave(0), PdoAssignment::Rx, &maps).expect("at most 3"));
-    assert!(matches!(error, HostError::Failed { code: Code::PdoConfigSet, .. }), "{error}");
+    pair.ends_in_failure(&PdoConfigSet::new(slave(0), PdoAssignment::Rx, &maps).expect("at most 3"));
+    assert_ne!(pair.get(&SdoAbortCodeGet, |code| code), AbortCode(0));
+    pair.is_refused(&PdoConfigGet);
 }
 
-/// XF-13.1 FOE_FUNC_REQ (XF EN 1598) writes and reads the flash memory, FOE_FUNC_GET (XF EN 1621) gives what was read;
-/// files of slaves, operations 1 and 2, slave models have not.
+/// XF-13.1 XF-11.41 FOE_FUNC_REQ (XF EN 1598) writes and reads the flash memory, FOE_FUNC_GET (XF EN 1621) gives what
+/// was read; the memory outlives WARM_RESET. Files of slaves, operations 1 and 2, slave models have not.
 #[test]
 pub fn flash() {
     let mut pair = Pair::in_state(EtherCatState::PreOp);
     let at = |place| FlashAddress::new(place).expect("below 0x40000");
+    assert_eq!(pair.chip().flash().len(), FLASH_BYTES);
     let data: Vec<u8> = (0..=255).collect();
     for start in [0x100, 0x3_FF00] {
         pair.run(&FoeRequest::WriteFlash { start: at(start), data: &data });
@@ -172,4 +190,9 @@ pub fn flash() {
         pair.is_refused(&FoeRequest::Upload(file));
         pair.is_refused(&FoeRequest::Download(file));
     }
+    let behind = FlashBytes::new(2).expect("at most 256");
+    pair.is_refused(&FoeRequest::ReadFlash { start: at(0x3_FFFF), bytes: behind });
+    pair.submit(&WarmReset);
+    pair.until("the reset", |host| host.counters().chip_resets == 1);
+    assert_eq!(pair.chip().flash()[0x100..0x200], data);
 }

@@ -5,13 +5,12 @@ use allocation_counter::measure;
 use ecmsk::coe::{AbortCode, ObjectAddress};
 use ecmsk::ethercat::registers::{self, Fmmu};
 use ecmsk::ethercat::{AlState, AlStatus};
-use ecmsk::slave::Io;
 use ecmsk::xf::EtherCatState;
-use ecmsk::xf::host::{HostError, ProcessData};
+use ecmsk::xf::host::ProcessData;
 use ecmsk::xf::request::*;
 
-use super::registers::{fails, in_state, of, peek};
-use super::{INIT, MS, Pair, drive, sdo, to_all};
+use super::registers::{in_state, of, peek};
+use super::{INIT, MS, Pair, drive, drives_and_io, sdo, to_all};
 use crate::slave;
 
 fn item(pair: &mut Pair, n: u8, item: SlaveInfoItem) -> u32 {
@@ -43,8 +42,8 @@ fn a_silent_slave_is_counted() {
     assert_eq!(states(&mut pair), [8, 0x10, 8]);
     // 3 of each of two slaves.
     assert_eq!(pair.get(&PdoWorkingCounterGet { which: WorkingCounterItem::Counter }, |counter| counter), 6);
-    let error = pair.fails(&SdoRequest { timeout_us: 30_000, ..sdo(1, 0x1000, 0, SdoOperation::Read { bytes: 4 }) });
-    assert!(matches!(error, HostError::Failed { abort: Some(AbortCode::TIMEOUT), .. }), "{error}");
+    let read = SdoRequest { timeout_us: 30_000, ..sdo(1, 0x1000, 0, SdoOperation::Read { bytes: 4 }) };
+    assert_eq!(pair.ends_in_failure(&read), Some(AbortCode::TIMEOUT));
     pair.run(&sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
     pair.silence(1, false);
     pair.pass(50 * MS);
@@ -91,7 +90,7 @@ fn a_cut_cable_is_told_of() {
     pair.run(&to_all(EtherCatState::Op));
     assert_eq!(states(&mut pair), [8, 8, 8]);
     pair.chip().network().handle().cut_after(0);
-    fails(&mut pair, &INIT);
+    pair.ends_in_failure(&INIT);
 }
 
 /// XF-11.69 XF-11.33 Without LRW a slave with outputs adds 1 to an LWR, which the chip counts twice, so that the sum stays; FMMUs map
@@ -165,7 +164,7 @@ fn scripts_act_on_controllers() {
     let mut pair = in_state(EtherCatState::PreOp);
     let handle = pair.chip().network().handle();
     handle.refuse(2, Some((AlState::SafeOp, AlStatus::NO_MEMORY)));
-    fails(&mut pair, &to_all(EtherCatState::SafeOp));
+    pair.ends_in_failure(&to_all(EtherCatState::SafeOp));
     assert_eq!(states(&mut pair), [4, 0x12, 4]);
     assert_eq!(item(&mut pair, 1, SlaveInfoItem::AlStatus), u32::from(AlStatus::NO_MEMORY.0));
     handle.refuse(2, None);
@@ -184,7 +183,7 @@ fn scripts_act_on_controllers() {
     handle.delay_sdo(1, 0);
     let object = ObjectAddress::new(0x1000, 0);
     handle.abort_object(1, Some((object, AbortCode(0x0800_0021))));
-    let abort = fails(&mut pair, &sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
+    let abort = pair.ends_in_failure(&sdo(0, 0x1000, 0, SdoOperation::Read { bytes: 4 }));
     assert_eq!(abort, Some(AbortCode(0x0800_0021)));
     pair.run(&sdo(0, 0x1008, 0, SdoOperation::Read { bytes: 4 }));
 }
@@ -216,7 +215,7 @@ fn the_same_calls_give_the_same_bytes() {
 /// XF-11.60 In OP over controllers a cycle allocates nothing.
 #[test]
 fn cycles_over_controllers_allocate_nothing() {
-    let mut pair = of(vec![drive(), drive(), Box::new(Io::default())]);
+    let mut pair = of(drives_and_io());
     pair.bring_to(EtherCatState::Op);
     pair.run(&FifoEnable { on: true });
     let bytes = pair.get(&FifoPackSizeGet { fifo: Fifo::Rx }, usize::from);

@@ -10,148 +10,100 @@ use ecmsk::xf::request::{
     GpioSetModeExt, GpioSetValue, GpioTrigger, UpperPins,
 };
 
-use super::{Function, case, long, short};
+use super::{case, long, short};
 use crate::{Printed, bytes};
 
-pub fn cases() -> Vec<Function> {
-    [gpio_modes(), gpio_interrupts(), gpio_values(), encoder(), dac(), adc()].concat()
-}
-
-/// XF EN 825 to 876.
-fn gpio_modes() -> Vec<Function> {
+/// XF-10.1 What GPIOs are, and how they are debounced. XF EN 825 to 876.
+#[test]
+pub fn gpio_configuration() {
     let modes =
         [(GpioMode::Input, 0), (GpioMode::Output, 1), (GpioMode::OpenDrain, 2), (GpioMode::QuasiBidirectional, 3)];
     let pulls = [(GpioPull::None, 0), (GpioPull::Up, 1), (GpioPull::Down, 2)];
     let upper = UpperPins::new(0x0B).expect("4 bits");
-    let mut cases = Vec::new();
     for (mode, i2) in modes {
         for (pull, i3) in pulls {
-            cases.push(case(GpioSetMode { pins: 0x8001, mode, pull }, short(31, 0, [0x01, 0x80, i2, i3])));
-            cases.push(case(GpioSetModeExt { pins: upper, mode, pull }, short(31, 8, [0x0B, 0, i2, i3])));
+            case(GpioSetMode { pins: 0x8001, mode, pull }, short(31, 0, [0x01, 0x80, i2, i3]));
+            case(GpioSetModeExt { pins: upper, mode, pull }, short(31, 8, [0x0B, 0, i2, i3]));
         }
     }
     for on in [false, true] {
         let i2 = u8::from(on);
-        cases.push(case(GpioEnableDebounce { pins: 0x1234, on }, short(31, 2, [0x34, 0x12, i2, 0])));
-        cases.push(case(GpioEnableDebounceExt { pins: upper, on }, short(31, 9, [0x0B, 0, i2, 0])));
+        case(GpioEnableDebounce { pins: 0x1234, on }, short(31, 2, [0x34, 0x12, i2, 0]));
+        case(GpioEnableDebounceExt { pins: upper, on }, short(31, 9, [0x0B, 0, i2, 0]));
     }
     for (exponent, source, i0) in [(0, DebounceSource::Mhz192, 0), (15, DebounceSource::Khz10, 0x1F)] {
         let clock = DebounceClock::new(exponent, source).expect("0 to 15");
         assert_eq!((clock.exponent(), clock.source()), (exponent, source));
-        cases.push(case(GpioSetDebounceClock { clock }, short(31, 3, [i0, 0, 0, 0])));
+        case(GpioSetDebounceClock { clock }, short(31, 3, [i0, 0, 0, 0]));
     }
-    cases
 }
 
-/// XF EN 890 to 910.
-fn gpio_interrupts() -> Vec<Function> {
+/// XF-10.1 Interrupts of GPIOs, XF-10.2 with the types of the manuals and of the vendor's driver. XF EN 890 to 910.
+#[test]
+pub fn gpio_interrupt_types() {
     use GpioTrigger::{Both, Driver4, Driver5, Falling, Off, Rising};
     let channel = GpioChannel::new(19).expect("0 to 19");
-    let mut cases = vec![
-        case(GpioIntClear { pins: 0x4002 }, short(31, 4, [0x02, 0x40, 0, 0])),
-        case(GpioIntClearExt { pins: AllPins::new(0xF_1234).expect("20 bits") }, short(31, 6, [0x34, 0x12, 0x0F, 0])),
-    ];
+    case(GpioIntClear { pins: 0x4002 }, short(31, 4, [0x02, 0x40, 0, 0]));
+    case(GpioIntClearExt { pins: AllPins::new(0xF_1234).expect("20 bits") }, short(31, 6, [0x34, 0x12, 0x0F, 0]));
     for (trigger, i1) in [(Off, 0), (Both, 1), (Falling, 2), (Rising, 3), (Driver4, 4), (Driver5, 5)] {
-        cases.push(case(GpioIntEnable { channel, trigger }, short(31, 1, [19, i1, 0, 0])));
+        case(GpioIntEnable { channel, trigger }, short(31, 1, [19, i1, 0, 0]));
     }
-    cases
 }
 
-/// XF EN 920 to 980.
-fn gpio_values() -> Vec<Function> {
-    vec![
-        case(GpioSetValue { values: 0x8001 }, short(32, 0, [0x01, 0x80, 0, 0])),
-        case(GpioExtSetValue { values: AllPins::new(0x9_8001).expect("20 bits") }, short(32, 2, [0x01, 0x80, 0x09, 0])),
-        case(GpioGetValue, short(32, 1, [0; 4])),
-        case(GpioExtGetValue, short(32, 3, [0; 4])),
-        case(GpioGetIntFlag, short(32, 5, [0; 4])),
-        case(GpioExtGetIntFlag, short(32, 7, [0; 4])),
-    ]
+/// XF-10.3 Outputs and inputs. XF EN 920 to 980.
+#[test]
+pub fn gpio_outputs_and_inputs() {
+    case(GpioSetValue { values: 0x8001 }, short(32, 0, [0x01, 0x80, 0, 0]));
+    case(GpioExtSetValue { values: AllPins::new(0x9_8001).expect("20 bits") }, short(32, 2, [0x01, 0x80, 0x09, 0]));
+    case(GpioGetValue, short(32, 1, [0; 4]));
+    case(GpioExtGetValue, short(32, 3, [0; 4]));
+    case(GpioGetIntFlag, short(32, 5, [0; 4]));
+    case(GpioExtGetIntFlag, short(32, 7, [0; 4]));
 }
 
-/// XF EN 995 to 1021.
-fn encoder() -> Vec<Function> {
+/// XF-10.4 The encoder. XF EN 995 to 1021.
+#[test]
+pub fn encoder_functions() {
     use EncoderMode::{X2Compare, X2Free, X4Compare, X4Free};
-    let modes = [(X4Free, 0x000), (X2Free, 0x100), (X4Compare, 0x200), (X2Compare, 0x300)];
-    let open = |(mode, number): (_, u32)| case(EncOpen { mode }, long(33, 4, bytes![number]));
-    let mut cases: Vec<Function> = modes.into_iter().map(open).collect();
-    cases.extend([
-        case(EncStart, short(33, 5, [0; 4])),
-        case(EncStop, short(33, 6, [0; 4])),
-        case(EncGetCount, short(33, 21, [0; 4])),
-    ]);
-    cases
+    let modes = [(X4Free, 0x000_u32), (X2Free, 0x100), (X4Compare, 0x200), (X2Compare, 0x300)];
+    for (mode, number) in modes {
+        case(EncOpen { mode }, long(33, 4, bytes![number]));
+    }
+    case(EncStart, short(33, 5, [0; 4]));
+    case(EncStop, short(33, 6, [0; 4]));
+    case(EncGetCount, short(33, 21, [0; 4]));
 }
 
-/// XF EN 1034 to 1069.
-fn dac() -> Vec<Function> {
+/// XF-10.5 The DAC. XF EN 1034 to 1069.
+#[test]
+pub fn dac_functions() {
     use DacTrigger::{PinFalling, PinHigh, PinLow, PinRising, SetData, StartConv};
-    let triggers = [
-        (SetData, 0x0000),
+    for (trigger, number) in [
+        (SetData, 0x0000_u32),
         (StartConv, 0x0010),
         (PinLow, 0x0030),
         (PinHigh, 0x1030),
         (PinRising, 0x2030),
         (PinFalling, 0x3030),
-    ];
-    let open = |(trigger, number): (_, u32)| case(DacOpen { trigger }, long(34, 20, bytes![number]));
-    let mut cases: Vec<Function> = triggers.into_iter().map(open).collect();
-    cases.extend([
-        case(DacClose, short(34, 21, [0; 4])),
-        case(DacSetDelayTime { delay: DacDelay::MAX }, long(34, 22, bytes![1023_u32])),
-        case(DacSetData { value: Analog::MAX }, long(34, 11, bytes![4095_u32])),
-        case(DacStartConv, short(34, 0, [0; 4])),
-    ]);
-    cases
+    ] {
+        case(DacOpen { trigger }, long(34, 20, bytes![number]));
+    }
+    case(DacClose, short(34, 21, [0; 4]));
+    case(DacSetDelayTime { delay: DacDelay::MAX }, long(34, 22, bytes![1023_u32]));
+    case(DacSetData { value: Analog::MAX }, long(34, 11, bytes![4095_u32]));
+    case(DacStartConv, short(34, 0, [0; 4]));
 }
 
-/// XF EN 1076 to 1128.
-fn adc() -> Vec<Function> {
-    vec![
-        case(AdcOpen { mode: AdcMode::SingleEnded }, long(35, 40, bytes![0_u32])),
-        case(AdcOpen { mode: AdcMode::Differential }, long(35, 40, bytes![0x100_u32])),
-        case(AdcClose, short(35, 41, [0; 4])),
-        case(AdcConfigSampleModule, long(35, 42, vec![0; 12])),
-        case(AdcGetDataValidFlag, long(35, 17, bytes![0x1000_u32])),
-        case(AdcStartConv, long(35, 12, bytes![0x1000_u32])),
-        case(AdcGetConvData, long(35, 15, bytes![12_u32])),
-    ]
-}
-
-/// XF-10.1 What GPIOs are, and how they are debounced.
+/// XF-10.6 The ADC. XF EN 1076 to 1128.
 #[test]
-fn gpio_configuration() {
-    gpio_modes();
-}
-
-/// XF-10.1 Interrupts of GPIOs, XF-10.2 with the types of the manuals and of the vendor's driver.
-#[test]
-fn gpio_interrupt_types() {
-    gpio_interrupts();
-}
-
-/// XF-10.3 Outputs and inputs.
-#[test]
-fn gpio_outputs_and_inputs() {
-    gpio_values();
-}
-
-/// XF-10.4 The encoder.
-#[test]
-fn encoder_functions() {
-    encoder();
-}
-
-/// XF-10.5 The DAC.
-#[test]
-fn dac_functions() {
-    dac();
-}
-
-/// XF-10.6 The ADC.
-#[test]
-fn adc_functions() {
-    adc();
+pub fn adc_functions() {
+    case(AdcOpen { mode: AdcMode::SingleEnded }, long(35, 40, bytes![0_u32]));
+    case(AdcOpen { mode: AdcMode::Differential }, long(35, 40, bytes![0x100_u32]));
+    case(AdcClose, short(35, 41, [0; 4]));
+    case(AdcConfigSampleModule, long(35, 42, vec![0; 12]));
+    case(AdcGetDataValidFlag, long(35, 17, bytes![0x1000_u32]));
+    case(AdcStartConv, long(35, 12, bytes![0x1000_u32]));
+    case(AdcGetConvData, long(35, 15, bytes![12_u32]));
 }
 
 /// XF-10.6 Numbers of the ADC that are reserved say nothing, and neither do bits beside the fixed 0x1000.

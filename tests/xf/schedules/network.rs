@@ -3,8 +3,9 @@
 
 use ecmsk::coe::{AbortCode, ObjectAddress, SdoScope};
 use ecmsk::ethercat::{AlState, Ns};
-use ecmsk::slave::{Drive, DriveConfig, Slave};
 use ecmsk::xf::chip::{AtOnce, EnterError, IMAGE_MAX, Identity, Place, SlaveModels};
+
+use crate::network::drive;
 
 /// SDO writes of a number go here.
 pub const WRITTEN: ObjectAddress = ObjectAddress::new(0x2100, 0);
@@ -47,7 +48,6 @@ pub struct Logged {
 
 impl Logged {
     pub fn new() -> Self {
-        let drive = || Box::new(Drive::new(DriveConfig::default())) as Box<dyn Slave>;
         Self { models: SlaveModels::new(vec![drive(), drive()]), log: Log::default() }
     }
 

@@ -91,3 +91,38 @@ pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     /// A field has a value that the manuals do not allow.
     fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed>;
 }
+
+/// The fields of an answer's layout.
+macro_rules! answer_fields {
+    ($($type:tt)*) => {
+        $crate::xf::fields::AnswerFields::of($crate::xf::layout::field_slice!(
+            <$crate::xf::layout::type_of!($($type)*) as $crate::xf::layout::Layout<'static>>::FIELDS.returned()
+        ))
+    };
+}
+
+/// Answers whose layout says all.
+macro_rules! answers {
+    ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(
+        $(#[$doc])*
+        impl<'d> $crate::xf::response::Answer<'d> for $name $(<$life>)? {
+            fn encode(&self, data: &mut [u8]) -> Result<$crate::xf::response::Returned, $crate::xf::Malformed> {
+                $crate::xf::layout::Layout::answered(self, data)
+            }
+
+            fn decode(
+                returned: $crate::xf::response::Returned,
+                data: &'d [u8],
+            ) -> Result<Self, $crate::xf::Malformed> {
+                $crate::xf::layout::Layout::of_answer(returned, data)
+            }
+        }
+
+        impl $crate::xf::layout::Forms for $crate::xf::layout::type_of!($name $(<$life>)?) {
+            const FORMS: &'static [$crate::xf::fields::AnswerFields] =
+                &[$crate::xf::response::answer_fields!($name $(<$life>)?)];
+        }
+    )*};
+}
+
+use {answer_fields, answers};

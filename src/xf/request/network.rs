@@ -176,16 +176,23 @@ pub struct EcatInit {
 }
 
 impl EcatInit {
-    /// `par`, 48 for special slaves.
-    const SPECIAL: Spot = par().one_of(&[("no", 0), ("yes", 48)]).or(0).of::<u8>("special_slaves");
+    /// `par` for special slaves.
+    const SPECIAL_SLAVES: u8 = 48;
+    const SPECIAL: Spot =
+        par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
     /// Two of the reserve bits.
     const RESERVE: Spot = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
     /// @0, a fixed value.
     const ALL_SLAVES: Spot = at(0).of::<u8>("slaves");
-    /// @1: whether the FIFO is on at start. `[OURS]` The manuals know 0x81, off, alone and call it fixed; any other value
-    /// is taken for on.
-    const FIFO: Spot = at(1).one_of(&[("on", 0), ("off", 0x81)]).or(0x81).of::<u8>("fifo");
+    /// @1: the FIFO is off at start.
+    const FIFO_OFF: u8 = 0x81;
+    /// @1: the FIFO is on. `[OURS]` The manuals know 0x81 alone and call it fixed; any other value is taken for on.
+    const FIFO_ON: u8 = 0;
+    const FIFO: Spot = at(1)
+        .one_of(&[("on", Self::FIFO_ON as u32), ("off", Self::FIFO_OFF as u32)])
+        .or(Self::FIFO_OFF as u32)
+        .of::<u8>("fifo");
 }
 
 impl Layout<'_> for EcatInit {
@@ -200,10 +207,10 @@ impl Layout<'_> for EcatInit {
             ReferenceClock::FirstSlave => Reserve::MASTER_SHIFT,
         };
         let lrw = if self.lrw { Reserve::LRW } else { Reserve::NONE };
-        Self::SPECIAL.put(if self.special_slaves { &48_u8 } else { &0 }, to)?;
+        Self::SPECIAL.put(if self.special_slaves { &Self::SPECIAL_SLAVES } else { &0 }, to)?;
         Self::RESERVE.put(&(clock | lrw).0, to)?;
         Self::ALL_SLAVES.put(&0xFF_u8, to)?;
-        Self::FIFO.put(if self.fifo_on { &0_u8 } else { &0x81 }, to)?;
+        Self::FIFO.put(if self.fifo_on { &Self::FIFO_ON } else { &Self::FIFO_OFF }, to)?;
         self.dc.put(to)
     }
 
@@ -211,10 +218,10 @@ impl Layout<'_> for EcatInit {
         let reserve = from.arguments.reserve;
         let is_chip = !reserve.contains(Reserve::MASTER_SHIFT);
         Ok(Self {
-            special_slaves: Self::SPECIAL.take::<u8>(from)? == 48,
+            special_slaves: Self::SPECIAL.take::<u8>(from)? == Self::SPECIAL_SLAVES,
             reference_clock: if is_chip { ReferenceClock::Chip } else { ReferenceClock::FirstSlave },
             lrw: reserve.contains(Reserve::LRW),
-            fifo_on: Self::FIFO.take::<u8>(from)? != 0x81,
+            fifo_on: Self::FIFO.take::<u8>(from)? != Self::FIFO_OFF,
             dc: DcTiming::take(from)?,
         })
     }

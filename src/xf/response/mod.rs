@@ -103,26 +103,26 @@ macro_rules! answer_fields {
 
 /// Answers whose layout says all.
 macro_rules! answers {
-    ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(
+    ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(const _: () = {
+        use $crate::xf::layout::{Forms, Layout, type_of};
+        use $crate::xf::response::{Answer, Returned, answer_fields};
+        use $crate::xf::{Malformed, fields::AnswerFields};
+
         $(#[$doc])*
-        impl<'d> $crate::xf::response::Answer<'d> for $name $(<$life>)? {
-            fn encode(&self, data: &mut [u8]) -> Result<$crate::xf::response::Returned, $crate::xf::Malformed> {
-                $crate::xf::layout::Layout::answered(self, data)
+        impl<'d> Answer<'d> for $name $(<$life>)? {
+            fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
+                self.answered(data)
             }
 
-            fn decode(
-                returned: $crate::xf::response::Returned,
-                data: &'d [u8],
-            ) -> Result<Self, $crate::xf::Malformed> {
-                $crate::xf::layout::Layout::of_answer(returned, data)
+            fn decode(returned: Returned, data: &'d [u8]) -> Result<Self, Malformed> {
+                Self::of_answer(returned, data)
             }
         }
 
-        impl $crate::xf::layout::Forms for $crate::xf::layout::type_of!($name $(<$life>)?) {
-            const FORMS: &'static [$crate::xf::fields::AnswerFields] =
-                &[$crate::xf::response::answer_fields!($name $(<$life>)?)];
+        impl Forms for type_of!($name $(<$life>)?) {
+            const FORMS: &'static [AnswerFields] = &[answer_fields!($name $(<$life>)?)];
         }
-    )*};
+    };)*};
 }
 
 use {answer_fields, answers};

@@ -1,79 +1,9 @@
 //! The two headers of 24 bytes, of a command and of an answer (XF EN 211 and 235, tables 1 and 2; XF ZH 190).
 
-use bytemuck::{Pod, Zeroable};
-
 use super::code::CommandCode;
 use super::value::EtherCatState;
 use super::{CheckType, HEADER_LEN, START_WORD};
 use crate::ethercat::bits;
-use crate::ethercat::{U16Le, U32Le};
-
-/// The header of a command as bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-struct CommandLayout {
-    /// 0x00: [`START_WORD`].
-    start: U32Le,
-    /// 0x04..0x07.
-    info: [u8; 4],
-    /// 0x08.
-    reserve: U16Le,
-    /// 0x0A.
-    control: u8,
-    /// 0x0B.
-    index: u8,
-    /// 0x0C.
-    code: u8,
-    /// 0x0D.
-    parameter: u8,
-    /// 0x0E.
-    len: U16Le,
-    /// 0x10.
-    interrupt_clear: U32Le,
-    /// 0x14..0x15.
-    gpio_interrupt_clear: [u8; 2],
-    /// 0x16..0x17.
-    gpio_outputs: [u8; 2],
-}
-
-/// The header of an answer as bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-struct AnswerLayout {
-    /// 0x00: [`START_WORD`].
-    start: U32Le,
-    /// 0x04.
-    crc_errors: u8,
-    /// 0x05.
-    wkc_errors: u8,
-    /// 0x06.
-    tx_fifo: u8,
-    /// 0x07.
-    rx_fifo: u8,
-    /// 0x08.
-    state: u8,
-    /// 0x09.
-    errors: u8,
-    /// 0x0A.
-    status: u8,
-    /// 0x0B.
-    index: u8,
-    /// 0x0C.
-    code: u8,
-    /// 0x0D.
-    ret: u8,
-    /// 0x0E.
-    len: U16Le,
-    /// 0x10.
-    interrupts: U32Le,
-    /// 0x14..0x15.
-    gpio_interrupts: [u8; 2],
-    /// 0x16..0x17.
-    gpio_inputs: [u8; 2],
-}
-
-const _: () = assert!(size_of::<CommandLayout>() == HEADER_LEN && align_of::<CommandLayout>() == 1);
-const _: () = assert!(size_of::<AnswerLayout>() == HEADER_LEN && align_of::<AnswerLayout>() == 1);
 
 bits! {
     /// Word 0x08 of a command, which the manuals call reserve.
@@ -223,31 +153,133 @@ impl From<EtherCatState> for NetworkState {
     }
 }
 
-/// The header of a command, without its start word.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct CommandHeader {
-    /// 0x04..0x07: `i0` to `i3`, by command.
-    pub info: [u8; 4],
-    /// 0x08.
-    pub reserve: Reserve,
-    /// 0x0A.
-    pub control: Control,
-    /// 0x0B: tells the answer to this command from others. A packet with the index and the code of the one before it
-    /// counts as INFO_UPDATE_OP.
-    pub index: u8,
-    /// 0x0C.
-    pub code: CommandCode,
-    /// 0x0D: `par`, by command.
-    pub parameter: u8,
-    /// 0x0E: how many bytes of the data segment are used; in SPI_RECONFIG_OP the new n.
-    pub len: u16,
-    /// 0x10: the interrupt flags to clear, bits 31 and 29.
-    pub interrupt_clear: Interrupts,
-    /// 0x14..0x15: the interrupt flags of GPIO 0..15 to clear; bit k is GPIO k.
-    pub gpio_interrupt_clear: u16,
-    /// 0x16..0x17: outputs, taken if [`Reserve::GPIO_OUTPUTS_VALID`]. Bit k is GPIO k, for k up to 11; from firmware
-    /// 0x1E on also 12 to 15, see [`swap_gpio_12_and_13`] (XF ZH 246).
-    pub gpio_outputs: u16,
+/// Headers, with the place of each field.
+macro_rules! headers {
+    ($($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty = $at:literal,)* })*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        impl $name {
+            /// The header in `bytes`, and their start word, whatever that is.
+            pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
+                (u32::from_le_bytes(bytes_at(bytes, 0)), Self { $($field: HeaderField::get(bytes, $at),)* })
+            }
+
+            /// The header as bytes, with its start word.
+            pub fn encode(&self) -> [u8; HEADER_LEN] {
+                let mut bytes = [0; HEADER_LEN];
+                bytes[..4].copy_from_slice(&START_WORD.to_le_bytes());
+                $(self.$field.put(&mut bytes, $at);)*
+                bytes
+            }
+        }
+    )*};
+}
+
+/// What stands in a header.
+trait HeaderField {
+    fn get(bytes: &[u8; HEADER_LEN], at: usize) -> Self;
+    fn put(self, bytes: &mut [u8; HEADER_LEN], at: usize);
+}
+
+macro_rules! header_fields {
+    ($($type:ty, |$value:ident| $bytes:expr, |$found:ident| $read:expr;)*) => {$(
+        impl HeaderField for $type {
+            #[inline(always)]
+            fn get(bytes: &[u8; HEADER_LEN], at: usize) -> Self {
+                let $found = bytes_at(bytes, at);
+                $read
+            }
+
+            #[inline(always)]
+            fn put(self, bytes: &mut [u8; HEADER_LEN], at: usize) {
+                let $value = self;
+                let value = $bytes;
+                bytes[at..at + value.len()].copy_from_slice(&value);
+            }
+        }
+    )*};
+}
+
+header_fields! {
+    u8, |byte| [byte], |bytes| u8::from_le_bytes(bytes);
+    u16, |word| word.to_le_bytes(), |bytes| u16::from_le_bytes(bytes);
+    [u8; 4], |info| info, |bytes| bytes;
+    CommandCode, |code| [code.code()], |bytes| CommandCode::from_code(u8::from_le_bytes(bytes));
+    NetworkState, |state| [state.0], |bytes| Self(u8::from_le_bytes(bytes));
+    Control, |control| [control.0], |bytes| Self(u8::from_le_bytes(bytes));
+    Errors, |errors| [errors.0], |bytes| Self(u8::from_le_bytes(bytes));
+    Status, |status| [status.0], |bytes| Self(u8::from_le_bytes(bytes));
+    Reserve, |reserve| reserve.0.to_le_bytes(), |bytes| Self(u16::from_le_bytes(bytes));
+    Interrupts, |flags| flags.0.to_le_bytes(), |bytes| Self(u32::from_le_bytes(bytes));
+}
+
+#[inline(always)]
+fn bytes_at<const N: usize>(bytes: &[u8; HEADER_LEN], at: usize) -> [u8; N] {
+    core::array::from_fn(|n| bytes[at + n])
+}
+
+headers! {
+    /// The header of a command, without its start word.
+    CommandHeader {
+        /// 0x04..0x07: `i0` to `i3`, by command.
+        info: [u8; 4] = 0x04,
+        /// 0x08.
+        reserve: Reserve = 0x08,
+        /// 0x0A.
+        control: Control = 0x0A,
+        /// 0x0B: tells the answer to this command from others. A packet with the index and the code of the one before it
+        /// counts as INFO_UPDATE_OP.
+        index: u8 = 0x0B,
+        /// 0x0C.
+        code: CommandCode = 0x0C,
+        /// 0x0D: `par`, by command.
+        parameter: u8 = 0x0D,
+        /// 0x0E: how many bytes of the data segment are used; in SPI_RECONFIG_OP the new n.
+        len: u16 = 0x0E,
+        /// 0x10: the interrupt flags to clear, bits 31 and 29.
+        interrupt_clear: Interrupts = 0x10,
+        /// 0x14..0x15: the interrupt flags of GPIO 0..15 to clear; bit k is GPIO k.
+        gpio_interrupt_clear: u16 = 0x14,
+        /// 0x16..0x17: outputs, taken if [`Reserve::GPIO_OUTPUTS_VALID`]. Bit k is GPIO k, for k up to 11; from firmware
+        /// 0x1E on also 12 to 15, see [`swap_gpio_12_and_13`] (XF ZH 246).
+        gpio_outputs: u16 = 0x16,
+    }
+
+    /// The header of an answer, without its start word.
+    AnswerHeader {
+        /// 0x04: packets that the chip received with a wrong check word.
+        crc_errors: u8 = 0x04,
+        /// 0x05: cycles in which the working counter was wrong.
+        wkc_errors: u8 = 0x05,
+        /// 0x06: TxPDOs in the FIFO that the host has not read yet. It lags two exchanges behind (OBS).
+        tx_fifo: u8 = 0x06,
+        /// 0x07: RxPDOs in the FIFO that are not sent yet. It lags two exchanges behind (OBS).
+        rx_fifo: u8 = 0x07,
+        /// 0x08: the state of the network.
+        state: NetworkState = 0x08,
+        /// 0x09.
+        errors: Errors = 0x09,
+        /// 0x0A.
+        status: Status = 0x0A,
+        /// 0x0B: the index of the command that is answered.
+        index: u8 = 0x0B,
+        /// 0x0C: the code of the command that is answered.
+        code: CommandCode = 0x0C,
+        /// 0x0D: `ret`, by command.
+        ret: u8 = 0x0D,
+        /// 0x0E: how many bytes of the data segment are valid.
+        len: u16 = 0x0E,
+        /// 0x10: the interrupt flags.
+        interrupts: Interrupts = 0x10,
+        /// 0x14..0x15: the interrupt flags of GPIO 0..15; bit k is GPIO k.
+        gpio_interrupts: u16 = 0x14,
+        /// 0x16..0x17: the inputs of GPIO 0..15; bit k is GPIO k.
+        gpio_inputs: u16 = 0x16,
+    }
 }
 
 impl CommandHeader {
@@ -266,123 +298,11 @@ impl CommandHeader {
             gpio_outputs: 0,
         }
     }
-
-    /// The header in `bytes`, and their start word, whatever that is.
-    pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
-        let layout: &CommandLayout = bytemuck::cast_ref(bytes);
-        let header = Self {
-            info: layout.info,
-            reserve: Reserve(layout.reserve.get()),
-            control: Control(layout.control),
-            index: layout.index,
-            code: CommandCode::from_code(layout.code),
-            parameter: layout.parameter,
-            len: layout.len.get(),
-            interrupt_clear: Interrupts(layout.interrupt_clear.get()),
-            gpio_interrupt_clear: u16::from_le_bytes(layout.gpio_interrupt_clear),
-            gpio_outputs: u16::from_le_bytes(layout.gpio_outputs),
-        };
-        (layout.start.get(), header)
-    }
-
-    /// The header as bytes, with its start word.
-    pub fn encode(&self) -> [u8; HEADER_LEN] {
-        bytemuck::cast(CommandLayout {
-            start: START_WORD.into(),
-            info: self.info,
-            reserve: self.reserve.0.into(),
-            control: self.control.0,
-            index: self.index,
-            code: self.code.code(),
-            parameter: self.parameter,
-            len: self.len.into(),
-            interrupt_clear: self.interrupt_clear.0.into(),
-            gpio_interrupt_clear: self.gpio_interrupt_clear.to_le_bytes(),
-            gpio_outputs: self.gpio_outputs.to_le_bytes(),
-        })
-    }
-}
-
-/// The header of an answer, without its start word.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct AnswerHeader {
-    /// 0x04: packets that the chip received with a wrong check word.
-    pub crc_errors: u8,
-    /// 0x05: cycles in which the working counter was wrong.
-    pub wkc_errors: u8,
-    /// 0x06: TxPDOs in the FIFO that the host has not read yet. It lags two exchanges behind (OBS).
-    pub tx_fifo: u8,
-    /// 0x07: RxPDOs in the FIFO that are not sent yet. It lags two exchanges behind (OBS).
-    pub rx_fifo: u8,
-    /// 0x08: the state of the network.
-    pub state: NetworkState,
-    /// 0x09.
-    pub errors: Errors,
-    /// 0x0A.
-    pub status: Status,
-    /// 0x0B: the index of the command that is answered.
-    pub index: u8,
-    /// 0x0C: the code of the command that is answered.
-    pub code: CommandCode,
-    /// 0x0D: `ret`, by command.
-    pub ret: u8,
-    /// 0x0E: how many bytes of the data segment are valid.
-    pub len: u16,
-    /// 0x10: the interrupt flags.
-    pub interrupts: Interrupts,
-    /// 0x14..0x15: the interrupt flags of GPIO 0..15; bit k is GPIO k.
-    pub gpio_interrupts: u16,
-    /// 0x16..0x17: the inputs of GPIO 0..15; bit k is GPIO k.
-    pub gpio_inputs: u16,
 }
 
 impl AnswerHeader {
     /// The status and the length in `bytes`, which are what the check word of an answer depends on.
     pub(super) fn status_and_len(bytes: &[u8; HEADER_LEN]) -> (Status, u16) {
-        let layout: &AnswerLayout = bytemuck::cast_ref(bytes);
-        (Status(layout.status), layout.len.get())
-    }
-
-    /// The header in `bytes`, and their start word, whatever that is.
-    pub fn decode(bytes: &[u8; HEADER_LEN]) -> (u32, Self) {
-        let layout: &AnswerLayout = bytemuck::cast_ref(bytes);
-        let header = Self {
-            crc_errors: layout.crc_errors,
-            wkc_errors: layout.wkc_errors,
-            tx_fifo: layout.tx_fifo,
-            rx_fifo: layout.rx_fifo,
-            state: NetworkState(layout.state),
-            errors: Errors(layout.errors),
-            status: Status(layout.status),
-            index: layout.index,
-            code: CommandCode::from_code(layout.code),
-            ret: layout.ret,
-            len: layout.len.get(),
-            interrupts: Interrupts(layout.interrupts.get()),
-            gpio_interrupts: u16::from_le_bytes(layout.gpio_interrupts),
-            gpio_inputs: u16::from_le_bytes(layout.gpio_inputs),
-        };
-        (layout.start.get(), header)
-    }
-
-    /// The header as bytes, with its start word.
-    pub fn encode(&self) -> [u8; HEADER_LEN] {
-        bytemuck::cast(AnswerLayout {
-            start: START_WORD.into(),
-            crc_errors: self.crc_errors,
-            wkc_errors: self.wkc_errors,
-            tx_fifo: self.tx_fifo,
-            rx_fifo: self.rx_fifo,
-            state: self.state.0,
-            errors: self.errors.0,
-            status: self.status.0,
-            index: self.index,
-            code: self.code.code(),
-            ret: self.ret,
-            len: self.len.into(),
-            interrupts: self.interrupts.0.into(),
-            gpio_interrupts: self.gpio_interrupts.to_le_bytes(),
-            gpio_inputs: self.gpio_inputs.to_le_bytes(),
-        })
+        (HeaderField::get(bytes, 0x0A), HeaderField::get(bytes, 0x0E))
     }
 }

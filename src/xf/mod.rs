@@ -22,6 +22,7 @@
 //! | [`request`] | the 91 functions as requests, one type each, and [`Request`] over all |
 //! | [`response`] | what the chip answers to them |
 //! | [`fields`] | what each function does and which fields it and its answer have, as a table |
+//! | `layout` | how the layouts of requests and answers are declared, from which encoding, decoding and fields follow |
 //! | [`malformed`] | what is wrong with a field |
 //! | [`host`] | the driver of a host: what to exchange next, and what came back |
 //! | `chip` | with the feature `sim`: a model of the chip, the other end of the wire |
@@ -58,6 +59,7 @@ pub mod code;
 pub mod fields;
 pub mod header;
 pub mod host;
+mod layout;
 pub mod malformed;
 pub mod packet;
 pub mod request;

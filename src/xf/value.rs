@@ -1,6 +1,8 @@
 //! Values that several requests have, always in their range.
 
-use super::Malformed;
+use super::fields::Kind;
+use super::layout::{FieldValue, field_values};
+use super::{Malformed, NetworkState};
 use crate::ethercat::AlState;
 
 /// Defines numbers with an upper limit.
@@ -29,11 +31,21 @@ macro_rules! numbers {
             /// # Errors
             /// It is above [`Self::MAX`].
             pub fn decode(n: $int) -> Result<Self, Malformed> {
-                Self::new(n).ok_or(Malformed {
-                    field: $field,
-                    found: n.into(),
-                    allowed: super::Allowed::Between(0, $most),
-                })
+                <Self as FieldValue>::of(n.into())
+            }
+        }
+
+        impl FieldValue for $name {
+            const BYTES: u8 = size_of::<$int>() as u8;
+            const KIND: Kind = Kind::Number;
+
+            fn number(self) -> u32 {
+                self.0.into()
+            }
+
+            fn of(found: u32) -> Result<Self, Malformed> {
+                let malformed = Malformed { field: $field, found, allowed: super::Allowed::Between(0, $most) };
+                <$int>::try_from(found).ok().and_then(Self::new).ok_or(malformed)
             }
         }
     )*};
@@ -60,14 +72,6 @@ numbers! {
     FlashAddress(u32), "flash address", 0..=0x3_FFFF;
 }
 
-impl SlaveNumber {
-    /// From a field of 16 bits.
-    pub(super) fn decode_wide(n: u16) -> Result<Self, Malformed> {
-        let malformed = Malformed { field: "slave number", found: n.into(), allowed: super::Allowed::Between(0, 127) };
-        u8::try_from(n).ok().and_then(Self::new).ok_or(malformed)
-    }
-}
-
 /// One slave or all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Slaves {
@@ -88,14 +92,17 @@ impl Slaves {
             Self::All => Self::ALL,
         }
     }
+}
 
-    pub(super) fn decode(code: u8) -> Result<Self, Malformed> {
-        match (code, SlaveNumber::new(code)) {
-            (Self::ALL, _) => Ok(Self::All),
-            (_, Some(slave)) => Ok(Self::One(slave)),
-            (code, None) => Err(Malformed::only("slave number", code.into(), "0 to 127, or 255 for all")),
-        }
-    }
+field_values! {
+    Slaves, 1, Kind::Named(&[("all", Slaves::ALL as u32)]), |slaves| slaves.code().into(), |code| match code as u8 {
+        Slaves::ALL => Ok(Slaves::All),
+        number => match SlaveNumber::new(number) {
+            Some(slave) => Ok(Slaves::One(slave)),
+            None => Err(Malformed::only("slave number", code, "0 to 127, or 255 for all")),
+        },
+    };
+    bool, 1, Switch::KIND, |on| on.into(), |code| Ok(Switch::of(code)? == Switch::On);
 }
 
 impl From<SlaveNumber> for Slaves {
@@ -104,9 +111,9 @@ impl From<SlaveNumber> for Slaves {
     }
 }
 
-/// Enums of a few codes, which are all that the manuals allow.
+/// Enums of a few codes, which are all that the manuals allow, but for bits that mean nothing here.
 macro_rules! choices {
-    ($($(#[$doc:meta])* $vis:vis $name:ident($int:ty), $field:literal, $allowed:literal {
+    ($($(#[$doc:meta])* $vis:vis $name:ident($int:ty), $field:literal, $allowed:literal $(, but for $ignored:ident)? {
         $($(#[$variant_doc:meta])* $variant:ident = $code:literal,)*
     })*) => {$(
         $(#[$doc])*
@@ -136,9 +143,20 @@ macro_rules! choices {
             pub const fn code(self) -> $int {
                 self as $int
             }
+        }
 
-            pub(in crate::xf) fn decode(code: $int) -> Result<Self, $crate::xf::Malformed> {
-                Self::from_code(code).ok_or($crate::xf::Malformed::only($field, code.into(), $allowed))
+        impl $crate::xf::layout::FieldValue for $name {
+            const BYTES: u8 = size_of::<$int>() as u8;
+            const KIND: $crate::xf::fields::Kind = $crate::xf::fields::Kind::Choice(Self::NAMES);
+
+            fn number(self) -> u32 {
+                self.code().into()
+            }
+
+            fn of(number: u32) -> Result<Self, $crate::xf::Malformed> {
+                let code = number $(& !$ignored)?;
+                let known = <$int>::try_from(code).ok().and_then(Self::from_code);
+                known.ok_or($crate::xf::Malformed::only($field, code, $allowed))
             }
         }
     )*};
@@ -146,9 +164,13 @@ macro_rules! choices {
 
 pub(super) use choices;
 
+/// Bit 4, which may stand beside a state that is asked for and acknowledges an error as in a slave's AL control: an
+/// application sends 0x12 after one (OBS). `[OURS]` It is left out: an error is acknowledged on the way to any state.
+const ACKNOWLEDGE: u32 = NetworkState::ERROR as u32;
+
 choices! {
     /// An EtherCAT state as the chip counts them (XF EN 619). [`AlState`] has no Boot, which no slave of ours knows.
-    pub EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP" {
+    pub EtherCatState(u8), "EtherCAT state", "1 Init, 2 PreOP, 3 Boot, 4 SafeOP, 8 OP", but for ACKNOWLEDGE {
         /// 1: Init.
         Init = 1,
         /// 2: Pre-operational.
@@ -159,14 +181,6 @@ choices! {
         SafeOp = 4,
         /// 8: Operational.
         Op = 8,
-    }
-
-    /// Whether something is read or written, where 0 is to write.
-    pub(super) WriteOrRead(u8), "operation", "0 write, 1 read" {
-        /// 0: write.
-        Write = 0,
-        /// 1: read.
-        Read = 1,
     }
 
     /// A switch.

@@ -303,7 +303,11 @@ fn set_state_acts_on_a_full_fifo() {
     assert_eq!(after.full, 1);
     assert!(after.executed - before.executed < 160, "it did not wait for the entries: {after:?}");
     assert_eq!(after.executed - before.executed + after.cleared, 160);
-    assert_eq!(host.answer().id, CommandId::LocalRead.code(), "the FIFO had no SET_STATE: the id is that of the command before");
+    assert_eq!(
+        host.answer().id,
+        CommandId::LocalRead.code(),
+        "the FIFO had no SET_STATE: the id is that of the command before"
+    );
 }
 
 /// SK-5.18 SW_RESET acts when the FIFO is full.

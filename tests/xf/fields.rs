@@ -2,25 +2,15 @@
 
 use ecmsk::coe::AbortCode;
 use ecmsk::xf::code::AnswerForm;
-use ecmsk::xf::fields::{Draft, FUNCTIONS, Field, FunctionFields, Kind, Place, Value, function};
+use ecmsk::xf::fields::{Draft, FUNCTIONS, Field, Kind, Place, Value, function};
 use ecmsk::xf::request::{
-    Encode, InterruptEnable, MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, PeripheralInterrupts,
-    Polarity,
+    InterruptEnable, MappedObject, PdoAssignment, PdoConfig, PdoConfigForm, PdoMap, PeripheralInterrupts, Polarity,
 };
 use ecmsk::xf::response::{Answer, FirmwareIdentity, FirmwareVersion, RawAnswer, Returned, Series, SlaveInfo};
 use ecmsk::xf::{Interrupts, NetworkState, Request};
 
 use crate::codes::{MANUAL, functions};
 use crate::slave;
-
-/// Fields that the manuals fix: their types hold no other value.
-const FIXED: [(&str, &str); 5] = [
-    ("HelperControlSet", "key"),
-    ("AdcConfigSampleModule", "trigger"),
-    ("AdcGetDataValidFlag", "number"),
-    ("AdcStartConv", "number"),
-    ("AdcGetConvData", "number"),
-];
 
 /// XF-18.12 Each of the 91 functions has one row, in the order of codes and parameters, with the manuals' name.
 #[test]
@@ -67,15 +57,6 @@ fn functions_are_found_by_their_names() {
     assert_eq!(found("ECM_CMD_CYCTIME_SET"), [""; 0]);
 }
 
-/// Values to try in a field.
-fn candidates(field: &Field) -> Vec<i64> {
-    match field.kind {
-        Kind::Choice(names) | Kind::Bits(names) => names.iter().map(|(_, number)| i64::from(*number)).collect(),
-        Kind::DriveState => vec![0x40, 0x21],
-        _ => vec![1, 2, 3, 112],
-    }
-}
-
 /// What is written into a field that is no number.
 fn bytes_for(kind: Kind) -> &'static [u8] {
     match kind {
@@ -83,74 +64,6 @@ fn bytes_for(kind: Kind) -> &'static [u8] {
         Kind::SlaveSet => &[0b101],
         _ => &[0x10, 0x00, 0x40, 0x60],
     }
-}
-
-/// A request with these values, and the data segments that the table and the type write; `None` if it is not allowed.
-fn written(row: &'static FunctionFields, values: &[(&Field, Value<'_>)]) -> Option<(String, Vec<u8>, Vec<u8>)> {
-    let (mut data, mut back) = (vec![0xA5; 1408], vec![0; 1408]);
-    let mut draft = Draft::new(row, &mut data);
-    for (field, value) in values {
-        draft.put(field, *value).ok()?;
-    }
-    let request = draft.request().ok()?;
-    request.command(&mut back).ok()?;
-    assert_eq!(request.code(), row.code);
-    let shown = format!("{request:?}");
-    Some((shown, data, back))
-}
-
-/// XF-18.12 Each field of the table is one of its request's type, at the place where the type has it.
-#[test]
-fn each_field_reaches_its_type() {
-    for row in &FUNCTIONS {
-        let required: Vec<&Field> = row.request.iter().filter(|field| field.default.is_none()).collect();
-        // Some fields count with certain operations or counts alone.
-        let bases: Vec<Vec<(&Field, Value<'_>)>> = match required.split_first() {
-            None => vec![vec![]],
-            Some(_) => (0..4)
-                .flat_map(|n| required.iter().map(move |chosen| (n, *chosen)))
-                .map(|(n, chosen)| {
-                    let value = |field: &Field| {
-                        let all = candidates(field);
-                        let last = all.len() - 1;
-                        Value::Number(all[if *field == *chosen { n.min(last) } else { 0 }])
-                    };
-                    required.iter().map(|field| (*field, value(field))).collect()
-                })
-                .collect(),
-        };
-        let size = row.type_name == "SpiReconfig";
-        for field in row.request {
-            let is_fixed = FIXED.contains(&(row.type_name, field.name)) || size;
-            let values: Vec<Value<'_>> = if field.is_number() {
-                candidates(field).into_iter().map(Value::Number).collect()
-            } else {
-                vec![Value::Bytes(bytes_for(field.kind))]
-            };
-            let mut reached = false;
-            for base in &bases {
-                let Some((before, ..)) = written(row, base) else { continue };
-                for value in &values {
-                    let mut with = base.clone();
-                    with.retain(|(known, _)| known.name != field.name);
-                    with.push((field, *value));
-                    let Some((after, table, typed)) = written(row, &with) else { continue };
-                    reached |= after != before
-                        && match field.place {
-                            Place::Data(at) => {
-                                let place = at.into()..usize::from(at) + usize::from(field.bytes).max(1);
-                                table[place.clone()] == typed[place]
-                            }
-                            _ => true,
-                        };
-                }
-            }
-            assert!(reached || is_fixed, "{} {}: the type has no such field", row.type_name, field.name);
-        }
-    }
-    let row = function("SPI_RECONFIG_OP").next().expect("a row");
-    let (shown, ..) = written(row, &[(&row.request[0], Value::Number(112))]).expect("a size that is allowed");
-    assert!(shown.contains("112"), "{shown}");
 }
 
 /// XF-18.12 A number that is too large for its field, and data that are too long, are errors that name the field; what the

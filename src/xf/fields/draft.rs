@@ -2,15 +2,15 @@
 
 use super::FunctionFields;
 use super::field::{Field, Kind, Place, Value};
+use crate::xf::layout::Writer;
 use crate::xf::request::{Arguments, Encode, Request};
-use crate::xf::{DataSize, Malformed, Reserve, segment};
+use crate::xf::{DataSize, Malformed, segment};
 
 /// A request whose fields are written one by one.
 #[derive(Debug)]
 pub struct Draft<'b> {
     function: &'static FunctionFields,
-    arguments: Arguments,
-    data: &'b mut [u8],
+    written: Writer<'b>,
 }
 
 impl<'b> Draft<'b> {
@@ -20,11 +20,11 @@ impl<'b> Draft<'b> {
     pub fn new(function: &'static FunctionFields, data: &'b mut [u8]) -> Self {
         data.fill(0);
         let arguments = Arguments { parameter: function.function.unwrap_or(0), ..Arguments::NONE };
-        let mut draft = Self { function, arguments, data };
+        let mut draft = Self { function, written: Writer { arguments, data } };
         for field in function.request {
             if let (true, Some(default @ 1..)) = (field.is_number(), field.default) {
                 // A default fits into its field; if the segment is too short for it, so it is for `put`.
-                let _ = draft.put_number(field, default);
+                let _ = field.put(default, &mut draft.written);
             }
         }
         draft
@@ -36,10 +36,7 @@ impl<'b> Draft<'b> {
     /// The value does not fit into the field, or the field does not fit into the data segment.
     pub fn put(&mut self, field: &Field, value: Value<'_>) -> Result<(), Malformed> {
         match value {
-            Value::Number(number) => {
-                let number = field.checked(number)?;
-                self.put_number(field, number)
-            }
+            Value::Number(number) => field.put(field.checked(number)?, &mut self.written),
             Value::Bytes(bytes) => self.put_bytes(field, bytes),
         }
     }
@@ -49,38 +46,14 @@ impl<'b> Draft<'b> {
         if field.bytes > 0 {
             Malformed::at_most(field.name, bytes.len(), field.bytes.into())?;
         }
-        let end = segment::put_at(self.data, at.into(), bytes)?;
-        self.arguments.len = self.arguments.len.max(end);
+        self.written.put_at(at.into(), bytes)?;
         if let Kind::Objects { count_at } = field.kind {
             let count = (bytes.len() / 4) as u16;
-            segment::put_at(self.data, count_at.into(), &count.to_le_bytes())?;
+            segment::put_at(self.written.data, count_at.into(), &count.to_le_bytes())?;
         }
         let counting = self.function.request.iter().find(|count| count.counts == Some(field.name));
         let length = i64::try_from(bytes.len()).unwrap_or(i64::MAX);
-        counting.map_or(Ok(()), |count| self.put_number(count, count.checked(length)?))
-    }
-
-    fn put_number(&mut self, field: &Field, number: u32) -> Result<(), Malformed> {
-        let Self { arguments, data, .. } = self;
-        let width = usize::from(field.bytes);
-        let merged = |before: u32| before & !(field.mask() << field.shift) | number << field.shift;
-        match field.place {
-            Place::Parameter => arguments.parameter = merged(arguments.parameter.into()) as u8,
-            Place::Reserve => arguments.reserve = Reserve(merged(arguments.reserve.0.into()) as u16),
-            Place::Length => arguments.len = number as u16,
-            Place::Info(byte) => {
-                let bytes = &mut arguments.info[usize::from(byte)..][..width];
-                bytes.copy_from_slice(&merged(read(bytes)).to_le_bytes()[..width]);
-            }
-            Place::Data(at) => {
-                let before = read(segment::get_at(data, at.into(), width)?);
-                let end = segment::put_at(data, at.into(), &merged(before).to_le_bytes()[..width])?;
-                arguments.len = arguments.len.max(end);
-            }
-            // No request has it.
-            Place::Return => {}
-        }
-        Ok(())
+        counting.map_or(Ok(()), |count| count.put(count.checked(length)?, &mut self.written))
     }
 
     /// Whether the request has that field as it was written. Some fields count with certain operations alone, such as the
@@ -88,19 +61,19 @@ impl<'b> Draft<'b> {
     pub fn keeps(&self, field: &Field) -> bool {
         let mut data = [0; DataSize::MAX.bytes()];
         let Ok((_, arguments)) = self.request().and_then(|request| request.command(&mut data)) else { return false };
-        let width = usize::from(field.bytes);
+        let (width, written) = (usize::from(field.bytes), &self.written);
         match field.place {
-            Place::Parameter => arguments.parameter == self.arguments.parameter,
+            Place::Parameter => arguments.parameter == written.arguments.parameter,
             Place::Info(byte) => {
                 let place = byte.into()..usize::from(byte) + width;
-                arguments.info[place.clone()] == self.arguments.info[place]
+                arguments.info[place.clone()] == written.arguments.info[place]
             }
             Place::Data(at) => {
                 let is_tail = width == 0;
-                let end = if is_tail { self.arguments.len.into() } else { usize::from(at) + width };
+                let end = if is_tail { written.arguments.len.into() } else { usize::from(at) + width };
                 let place = usize::from(at)..end;
                 let is_there = !is_tail || usize::from(arguments.len) >= end;
-                is_there && data.get(place.clone()) == self.data.get(place)
+                is_there && data.get(place.clone()) == written.data.get(place)
             }
             Place::Reserve | Place::Length | Place::Return => true,
         }
@@ -111,10 +84,6 @@ impl<'b> Draft<'b> {
     /// # Errors
     /// A field has a value that the manuals do not allow.
     pub fn request(&self) -> Result<Request<'_>, Malformed> {
-        Request::decode(self.function.code, &self.arguments, self.data)
+        Request::decode(self.function.code, &self.written.arguments, self.written.data)
     }
-}
-
-fn read(bytes: &[u8]) -> u32 {
-    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }

@@ -1,7 +1,8 @@
 //! A field of a request or an answer.
 
-use crate::xf::Malformed;
+use crate::xf::layout::{Reader, Writer};
 use crate::xf::response::Returned;
+use crate::xf::{Malformed, Reserve, segment};
 
 /// Names of values, or of bits, with their numbers.
 pub type Names = &'static [(&'static str, u32)];
@@ -88,84 +89,13 @@ pub enum Value<'a> {
 }
 
 impl Field {
-    const fn new(name: &'static str, place: Place, bytes: u8, kind: Kind) -> Self {
-        Self {
-            name,
-            place,
-            bytes,
-            shift: 0,
-            width: if bytes > 4 { 0 } else { bytes * 8 },
-            kind,
-            default: None,
-            counts: None,
-        }
-    }
-
-    pub(super) const fn par(name: &'static str) -> Self {
-        Self::new(name, Place::Parameter, 1, Kind::Number)
-    }
-
-    pub(super) const fn ret(name: &'static str) -> Self {
-        Self::new(name, Place::Return, 1, Kind::Number)
-    }
-
-    pub(super) const fn info(name: &'static str, byte: u8, bytes: u8) -> Self {
-        Self::new(name, Place::Info(byte), bytes, Kind::Number)
-    }
-
-    pub(super) const fn word(name: &'static str, place: Place) -> Self {
-        Self::new(name, place, 2, Kind::Number)
-    }
-
-    pub(super) const fn at(name: &'static str, byte: u16, bytes: u8) -> Self {
-        Self::new(name, Place::Data(byte), bytes, Kind::Number)
-    }
-
-    /// A field that goes to the end of what is valid. A request need not have it.
-    pub(super) const fn tail(name: &'static str, byte: u16, kind: Kind) -> Self {
-        Self { default: Some(0), ..Self::new(name, Place::Data(byte), 0, kind) }
-    }
-
-    pub(super) const fn objects(name: &'static str, byte: u16, count_at: u16) -> Self {
-        Self { default: Some(0), ..Self::new(name, Place::Data(byte), 32, Kind::Objects { count_at }) }
-    }
-
-    pub(super) const fn kind(self, kind: Kind) -> Self {
-        Self { kind, ..self }
-    }
-
-    pub(super) const fn hex(self) -> Self {
-        self.kind(Kind::Hex)
-    }
-
-    pub(super) const fn one_of(self, names: Names) -> Self {
-        self.kind(Kind::Choice(names))
-    }
-
-    pub(super) const fn bits(self, names: Names) -> Self {
-        self.kind(Kind::Bits(names))
-    }
-
-    pub(super) const fn or(self, default: u32) -> Self {
-        Self { default: Some(default), ..self }
-    }
-
-    pub(super) const fn counts(self, field: &'static str) -> Self {
-        Self { default: Some(0), counts: Some(field), ..self }
-    }
-
-    /// Some bits of the field's bytes.
-    pub(super) const fn part(self, shift: u8, width: u8) -> Self {
-        Self { shift, width, ..self }
-    }
-
     /// Whether it is a number; other fields are bytes.
     pub const fn is_number(&self) -> bool {
         !matches!(self.kind, Kind::Bytes | Kind::Text | Kind::Objects { .. } | Kind::SlaveSet)
     }
 
     /// The bits of the field.
-    pub(super) const fn mask(&self) -> u32 {
+    const fn mask(&self) -> u32 {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
 
@@ -193,11 +123,52 @@ impl Field {
         }
     }
 
-    /// The field among the little-endian bytes that it shares with others.
+    /// The field among the bytes that it shares with others.
     fn number(&self, bytes: &[u8]) -> Value<'static> {
-        let number = bytes.iter().rev().fold(0_u32, |number, byte| number << 8 | u32::from(*byte));
+        let number = little_endian(bytes);
         let number = if self.bytes == 0 { number } else { number >> self.shift & self.mask() };
         Value::Number(if self.kind == Kind::Signed { (number as i32).into() } else { number.into() })
+    }
+
+    /// Writes a number, and leaves the bits beside it.
+    ///
+    /// # Errors
+    /// The data segment is too short.
+    #[inline]
+    pub(in crate::xf) fn put(&self, number: u32, to: &mut Writer<'_>) -> Result<(), Malformed> {
+        let (width, arguments) = (usize::from(self.bytes), &mut to.arguments);
+        let merged = |before: u32| before & !(self.mask() << self.shift) | number << self.shift;
+        match self.place {
+            Place::Parameter | Place::Return => arguments.parameter = merged(arguments.parameter.into()) as u8,
+            Place::Reserve => arguments.reserve = Reserve(merged(arguments.reserve.0.into()) as u16),
+            Place::Length => arguments.len = number as u16,
+            Place::Info(byte) => {
+                let bytes = &mut arguments.info[usize::from(byte)..][..width];
+                bytes.copy_from_slice(&merged(little_endian(bytes)).to_le_bytes()[..width]);
+            }
+            Place::Data(at) => {
+                let before = little_endian(segment::get_at(to.data, at.into(), width)?);
+                to.put_at(at.into(), &merged(before).to_le_bytes()[..width])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the number.
+    ///
+    /// # Errors
+    /// The data segment is too short.
+    #[inline]
+    pub(in crate::xf) fn take(&self, from: &Reader<'_>) -> Result<u32, Malformed> {
+        let (width, arguments) = (usize::from(self.bytes), &from.arguments);
+        let number = match self.place {
+            Place::Parameter | Place::Return => arguments.parameter.into(),
+            Place::Reserve => arguments.reserve.0.into(),
+            Place::Length => arguments.len.into(),
+            Place::Info(byte) => little_endian(&arguments.info[usize::from(byte)..][..width]),
+            Place::Data(at) => little_endian(segment::get_at(from.data, at.into(), width)?),
+        };
+        Ok(number >> self.shift & self.mask())
     }
 
     /// The number as the bits of the field.
@@ -213,4 +184,8 @@ impl Field {
         let found = u32::try_from(number).unwrap_or(u32::MAX);
         Err(Malformed { field: self.name, found, allowed: crate::xf::Allowed::Between(0, most) })
     }
+}
+
+fn little_endian(bytes: &[u8]) -> u32 {
+    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }

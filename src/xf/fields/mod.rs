@@ -22,19 +22,15 @@
 //! - `mod.rs`: the rows of the table, and finding one by its name
 //! - `field.rs`: a field: its place, its kind, its value
 //! - `draft.rs`: a request from fields
-//! - `table.rs`, `network.rs`, `chip.rs`, `units.rs`: the table, by subject; `rows.rs`: how it is written
+//!
+//! The functions are listed in `request/table.rs`; their fields are those of the layouts of requests and answers.
 
-mod chip;
 mod draft;
 mod field;
-mod network;
-mod rows;
-mod table;
-mod units;
 
+pub use super::request::table::FUNCTIONS;
 pub use draft::Draft;
 pub use field::{Field, Kind, Names, Place, Value};
-pub use table::FUNCTIONS;
 
 use super::CommandCode;
 use super::code::{AnswerForm, Timing};
@@ -66,6 +62,13 @@ pub struct AnswerFields {
     pub every: Option<u16>,
     /// The fields.
     pub fields: &'static [Field],
+}
+
+impl AnswerFields {
+    /// These fields, in any answer.
+    pub(super) const fn of(fields: &'static [Field]) -> Self {
+        Self { len: None, every: None, fields }
+    }
 }
 
 impl FunctionFields {

@@ -223,7 +223,7 @@ impl Host {
             return self.send_short(now, Purpose::Start(step), step.control(), &request);
         }
         let header = self.new_header(step.control());
-        let arguments = Arguments::NONE.len(step.len());
+        let arguments = Arguments { len: step.len(), ..Arguments::NONE };
         self.packets[self.current].fill(0);
         match write_around(&mut self.packets[self.current], self.size, self.rule, header, request.code(), arguments) {
             Ok(_) => self.launch(now, Purpose::Start(step), request.code()),

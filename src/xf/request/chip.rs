@@ -1,70 +1,96 @@
 //! The chip itself: packets, check words, version, resets, error counts, PHY.
 
-use super::{Arguments, Call, WriteOrRead, plain, short};
 use crate::ethercat::bits;
-use crate::xf::response::{FirmwareVersion, MdioAnswer};
-use crate::xf::{CheckType, CommandCode, DataSize, Malformed};
+use crate::xf::fields::{Kind, Names};
+use crate::xf::layout::{field_values, layout};
+use crate::xf::{CheckType, DataSize, Malformed};
 
-plain! {
+layout! {
     /// SPI_PACK_SIZE_GET, code 20: n, @0 u16 (XF EN 704).
-    SpiPackSizeGet, SpiPackSizeGet -> DataSize;
+    pub struct SpiPackSizeGet;
+
     /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words; what `ret` means the manuals do not say
     /// (XF EN 730).
-    CrcErrorCountClear, CrcErrorCountClear -> u8;
+    pub struct CrcErrorCountClear;
+
     /// FW_VERSION_GET, code 56: version and series of the chip (XF EN 1285).
-    FirmwareVersionGet, FirmwareVersionGet -> FirmwareVersion;
+    pub struct FirmwareVersionGet;
+
     /// WARM_RESET, code 127: all is as after power-on; the next command has to wait until the chip has started, for
     /// which the vendor's driver takes 1 s (XF EN 1517).
-    WarmReset, WarmReset -> ();
-    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: wrong working counters one after the other, in `ret` (XF EN 1526).
-    WkcErrorCountGet, WkcErrorCountGet -> u8;
-    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: how many of them are allowed, in `ret` (XF EN 1538).
-    WkcErrorMaxGet, WkcErrorMaxGet -> WkcErrorLimit;
-}
+    pub struct WarmReset;
 
-short! {
+    /// ECAT_WKC_CONTI_ERR_CNT_GET, code 130: wrong working counters one after the other, in `ret` (XF EN 1526).
+    pub struct WkcErrorCountGet;
+
+    /// ECAT_WKC_CONTI_ERR_MAX_GET, code 131: how many of them are allowed, in `ret` (XF EN 1538).
+    pub struct WkcErrorMaxGet;
+
     /// CRC_TYPE_SET, code 25: what the check word is, from the answer to this command on. `par` the type (XF EN 741).
-    CrcTypeSet {
+    pub struct CrcTypeSet {
         /// The type.
-        pub kind: CheckType,
-    }, CrcTypeSet -> (),
-        |request| Arguments::NONE.parameter(request.kind.code()),
-        |a| Self {
-            kind: CheckType::from_code(a.parameter)
-                .ok_or(Malformed::only("CRC_TYPE_SET type", a.parameter.into(), "0 fixed, 3 CRC-32"))?,
-        };
+        pub kind: CheckType = par(),
+    }
 
     /// SPI_RECONFIG_OP, code 23: another n. The length field is the new n, and the check word of this packet is always
     /// the fixed one (XF EN 715). An ECM-XFU keeps its 992 bytes.
-    SpiReconfig {
+    pub struct SpiReconfig {
         /// The new size of the data segment.
-        pub size: DataSize,
-    }, SpiReconfig -> (),
-        |request| Arguments::NONE.len(request.size.get()),
-        |a| Self { size: data_size("SPI_RECONFIG_OP size", a.len)? };
+        pub size: DataSize = length(),
+    }
 
     /// ASYNCCMD_RESET, code 75: ends what keeps the chip busy; it is always taken. `par` what (XF EN 1446).
-    AsyncReset {
-        actions: AsyncResetActions,
-    }, AsyncReset -> (),
-        |request| Arguments::NONE.parameter(request.actions.0),
-        |a| Self::new(AsyncResetActions(a.parameter)).ok_or(Malformed::only(
-            "ASYNCCMD_RESET action",
-            a.parameter.into(),
-            "1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
-        ))?;
+    pub struct AsyncReset {
+        actions: AsyncResetActions = par().named("action"),
+    }
 
     /// ECAT_WKC_CONTI_ERR_MAX_SET, code 132: how many wrong working counters one after the other are allowed. Beyond
     /// them process data are exchanged no more, and bits 4 and 6 of the status are clear. `par` the limit (XF EN 1553).
-    WkcErrorMaxSet {
-        limit: WkcErrorLimit,
-    }, WkcErrorMaxSet -> (),
-        |request| Arguments::NONE.parameter(request.limit.code()),
-        |a| Self::new(WkcErrorLimit(a.parameter)).ok_or(Malformed::only(
+    pub struct WkcErrorMaxSet {
+        limit: WkcErrorLimit = par(),
+    }
+
+    /// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16
+    /// data.
+    pub enum Mdio by operation: u8 = par(), "operation", "0 write, 1 read" {
+        /// Writes a register.
+        Write = 0 {
+            /// Address of the PHY.
+            phy: u8 = info(1),
+            /// Number of the register.
+            register: u8 = info(0),
+            /// The value.
+            value: u16 = info(2).hex().or(0),
+        },
+        /// Reads a register; the answer has 2 bytes, @0 u16.
+        Read = 1 {
+            /// Address of the PHY.
+            phy: u8 = info(1),
+            /// Number of the register.
+            register: u8 = info(0),
+        },
+    }
+}
+
+/// What [`AsyncReset`] ends, as bits.
+const RESETS: Names = &[("clear_busy", 1), ("skip_port_wait", 2), ("give_up", 4)];
+
+field_values! {
+    CheckType, 1, Kind::Choice(&[("fixed", 0), ("crc32", 3)]), |kind| kind.code().into(),
+        |code| CheckType::from_code(code as u8).ok_or(Malformed::only("CRC_TYPE_SET type", code, "0 fixed, 3 CRC-32"));
+    DataSize, 2, Kind::Number, |size| size.get().into(), |n| data_size("SPI_RECONFIG_OP size", n as u16);
+    AsyncResetActions, 1, Kind::Bits(RESETS), |actions| actions.0.into(),
+        |bits| AsyncReset::new(AsyncResetActions(bits as u8)).map(AsyncReset::actions).ok_or(Malformed::only(
+            "ASYNCCMD_RESET action",
+            bits,
+            "1 clear busy, 2 skip the port's wait, 4 give up the command, or a sum of them",
+        ));
+    WkcErrorLimit, 1, Kind::Named(WkcErrorLimit::NAMES), |limit| limit.code().into(),
+        |code| WkcErrorMaxSet::new(WkcErrorLimit(code as u8)).map(WkcErrorMaxSet::limit).ok_or(Malformed::only(
             "working counter error limit",
-            a.parameter.into(),
+            code,
             "1 to 254, or 255 for none",
-        ))?;
+        ));
 }
 
 impl WkcErrorMaxSet {
@@ -98,6 +124,7 @@ impl Default for WkcErrorLimit {
 impl WkcErrorLimit {
     /// 255: any number.
     pub const NONE: Self = Self(0xFF);
+    pub(in crate::xf) const NAMES: Names = &[("none", Self::NONE.0 as u32)];
 
     /// The limit with this code: 0..=254, or 255 for none. The chip may report 0, but does not take it.
     pub const fn from_code(code: u8) -> Self {
@@ -140,49 +167,5 @@ impl AsyncReset {
     /// What is ended.
     pub const fn actions(self) -> AsyncResetActions {
         self.actions
-    }
-}
-
-/// MDIO, code 81: a register of a PHY (XF EN 1455). `par` 0 write, 1 read; `i0` register, `i1` PHY, `i2`, `i3` u16
-/// data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Mdio {
-    /// Writes a register.
-    Write {
-        /// Address of the PHY.
-        phy: u8,
-        /// Number of the register.
-        register: u8,
-        /// The value.
-        value: u16,
-    },
-    /// Reads a register; the answer has 2 bytes, @0 u16.
-    Read {
-        /// Address of the PHY.
-        phy: u8,
-        /// Number of the register.
-        register: u8,
-    },
-}
-
-impl Call<'_> for Mdio {
-    const CODE: CommandCode = CommandCode::Mdio;
-    type Answer<'a> = MdioAnswer;
-
-    fn encode(&self, _: &mut [u8]) -> Result<Arguments, Malformed> {
-        let (operation, phy, register, value) = match *self {
-            Self::Write { phy, register, value } => (WriteOrRead::Write, phy, register, value),
-            Self::Read { phy, register } => (WriteOrRead::Read, phy, register, 0),
-        };
-        let [low, high] = value.to_le_bytes();
-        Ok(Arguments::NONE.parameter(operation.code()).info([register, phy, low, high]))
-    }
-
-    fn decode(arguments: &Arguments, _: &[u8]) -> Result<Self, Malformed> {
-        let [register, phy, low, high] = arguments.info;
-        Ok(match WriteOrRead::decode(arguments.parameter)? {
-            WriteOrRead::Write => Self::Write { phy, register, value: u16::from_le_bytes([low, high]) },
-            WriteOrRead::Read => Self::Read { phy, register },
-        })
     }
 }

@@ -1,15 +1,15 @@
 //! The analog output: code 34, DAC_FUNC_OP.
 
-use super::{Analog, Arguments, Call, DacDelay, plain};
-use crate::ethercat::U32Le;
+use super::{Analog, DacDelay};
+use crate::xf::layout::layout;
 use crate::xf::value::choices;
-use crate::xf::{CommandCode, Malformed, segment};
 
-plain! {
+layout! {
     /// ECM_DacClose, code 34, `par` 21: closes the DAC (XF EN 1042).
-    DacClose, DacFunction(21) -> ();
+    pub struct DacClose;
+
     /// ECM_DacStartConv, code 34, `par` 0: puts out what was set (XF EN 1069).
-    DacStartConv, DacFunction(0) -> ();
+    pub struct DacStartConv;
 }
 
 choices! {
@@ -30,51 +30,22 @@ choices! {
     }
 }
 
-/// Requests with one u32 @0.
-macro_rules! with_number {
-    ($(
-        $(#[$doc:meta])*
-        $name:ident { $(#[$field_doc:meta])* $field:ident: $type:ident = $function:literal, $get:ident }
-    )*) => {$(
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        pub struct $name {
-            $(#[$field_doc])*
-            pub $field: $type,
-        }
-
-        impl Call<'_> for $name {
-            const CODE: CommandCode = CommandCode::DacFunction;
-            const FUNCTION: Option<u8> = Some($function);
-            type Answer<'a> = ();
-
-            fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-                Ok(Arguments::NONE.len(segment::put(data, &U32Le::new(self.$field.$get()))?))
-            }
-
-            fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-                Ok(Self { $field: $type::decode(segment::get::<U32Le>(data)?.get())? })
-            }
-        }
-    )*};
-}
-
-with_number! {
+layout! {
     /// ECM_DacOpen, code 34, `par` 20: opens the DAC (XF EN 1034). 4 bytes: @0 u32 trigger.
-    DacOpen {
+    pub struct DacOpen {
         /// What makes it put out what was set.
-        trigger: DacTrigger = 20, code
+        pub trigger: DacTrigger = at(0),
     }
 
     /// ECM_DacSetDelayTime, code 34, `par` 22: how long a conversion takes (XF EN 1050). 4 bytes: @0 u32 in 1/96 us.
-    DacSetDelayTime {
+    pub struct DacSetDelayTime {
         /// The time.
-        delay: DacDelay = 22, get
+        pub delay: DacDelay = at(0),
     }
 
     /// ECM_DacSetData, code 34, `par` 11: the value (XF EN 1058). 4 bytes: @0 u32, 0..=4095 for 0 V to 3.3 V.
-    DacSetData {
+    pub struct DacSetData {
         /// The value.
-        value: Analog = 11, get
+        pub value: Analog = at(0),
     }
 }

@@ -1,17 +1,17 @@
 //! The encoder input: code 33, QEI_FUNC_OP.
 
-use super::{Arguments, Call, plain};
-use crate::ethercat::U32Le;
+use crate::xf::layout::layout;
 use crate::xf::value::choices;
-use crate::xf::{CommandCode, Malformed, segment};
 
-plain! {
+layout! {
     /// ECM_EncStart, code 33, `par` 5: starts to count (XF EN 1007).
-    EncStart, EncoderFunction(5) -> ();
+    pub struct EncStart;
+
     /// ECM_EncStop, code 33, `par` 6: stops to count (XF EN 1014).
-    EncStop, EncoderFunction(6) -> ();
+    pub struct EncStop;
+
     /// ECM_EncGetCount, code 33, `par` 21: the count, @0 u32 (XF EN 1021).
-    EncGetCount, EncoderFunction(21) -> u32;
+    pub struct EncGetCount;
 }
 
 choices! {
@@ -28,23 +28,10 @@ choices! {
     }
 }
 
-/// ECM_EncOpen, code 33, `par` 4: opens the encoder (XF EN 995). 4 bytes: @0 u32 mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct EncOpen {
-    /// How it counts.
-    pub mode: EncoderMode,
-}
-
-impl Call<'_> for EncOpen {
-    const CODE: CommandCode = CommandCode::EncoderFunction;
-    const FUNCTION: Option<u8> = Some(4);
-    type Answer<'a> = ();
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        Ok(Arguments::NONE.len(segment::put(data, &U32Le::new(self.mode.code()))?))
-    }
-
-    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        Ok(Self { mode: EncoderMode::decode(segment::get::<U32Le>(data)?.get())? })
+layout! {
+    /// ECM_EncOpen, code 33, `par` 4: opens the encoder (XF EN 995). 4 bytes: @0 u32 mode.
+    pub struct EncOpen {
+        /// How it counts.
+        pub mode: EncoderMode = at(0),
     }
 }

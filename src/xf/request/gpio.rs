@@ -2,19 +2,23 @@
 //!
 //! The functions whose names end in `Ext` are for chips or firmware that have GPIO 16 to 19 or more functions.
 
-use super::{AllPins, Arguments, GpioChannel, Switch, UpperPins, plain, short};
+use super::{AllPins, GpioChannel, UpperPins};
+use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
-plain! {
+layout! {
     /// ECM_GpioGetValue, code 32, `par` 1: the inputs, @0 u16, bit k is GPIO k (XF EN 940).
-    GpioGetValue, GpioFunction(1) -> u16;
+    pub struct GpioGetValue;
+
     /// ECM_GpioExtGetValue, code 32, `par` 3, from firmware 9 on: the inputs, @0 u32, bit k is GPIO k, 0 to 19
     /// (XF EN 953).
-    GpioExtGetValue, GpioFunction(3) -> u32;
+    pub struct GpioExtGetValue;
+
     /// ECM_GpioGetIntFlag, code 32, `par` 5: the interrupt flags, @0 u16, bit k is GPIO k (XF EN 968).
-    GpioGetIntFlag, GpioFunction(5) -> u16;
+    pub struct GpioGetIntFlag;
+
     /// ECM_GpioExtGetIntFlag, code 32, `par` 7: the interrupt flags, @0 u32, bit k is GPIO k, 0 to 19 (XF EN 980).
-    GpioExtGetIntFlag, GpioFunction(7) -> u32;
+    pub struct GpioExtGetIntFlag;
 }
 
 choices! {
@@ -66,131 +70,90 @@ choices! {
     }
 }
 
-/// A mask of GPIO 0 to 15 as `i0` and `i1`.
-const fn low([i0, i1, ..]: [u8; 4]) -> u16 {
-    u16::from_le_bytes([i0, i1])
-}
-
-/// `i0` and `i1` with a mask of GPIO 0 to 15, and the other two.
-const fn with_low(pins: u16, i2: u8, i3: u8) -> [u8; 4] {
-    let [i0, i1] = pins.to_le_bytes();
-    [i0, i1, i2, i3]
-}
-
-/// A mask of GPIO 0 to 19 as `i0` to `i2`.
-const fn all([i0, i1, i2, _]: [u8; 4]) -> u32 {
-    u32::from_le_bytes([i0, i1, i2, 0])
-}
-
-short! {
+layout! {
     /// ECM_GpioSetMode, code 31, `par` 0: what GPIO 0 to 15 are. `i0`, `i1` mask, `i2` mode, `i3` pull (XF EN 825).
-    GpioSetMode {
+    pub struct GpioSetMode {
         /// Which ones: bit k is GPIO k.
-        pub pins: u16,
+        pub pins: u16 = info(0).hex(),
         /// What they are.
-        pub mode: GpioMode,
+        pub mode: GpioMode = info(2),
         /// Their resistor.
-        pub pull: GpioPull,
-    }, GpioConfig(0) -> (),
-        |request| Arguments::NONE.info(with_low(request.pins, request.mode.code(), request.pull.code())),
-        |a| Self { pins: low(a.info), mode: GpioMode::decode(a.info[2])?, pull: GpioPull::decode(a.info[3])? };
+        pub pull: GpioPull = info(3).or(0),
+    }
 
     /// ECM_GpioSetMode, code 31, `par` 8: what GPIO 16 to 19 are. `i0` mask, `i2` mode, `i3` pull (XF EN 838).
-    GpioSetModeExt {
+    pub struct GpioSetModeExt {
         /// Which ones.
-        pub pins: UpperPins,
+        pub pins: UpperPins = info(0).hex(),
         /// What they are.
-        pub mode: GpioMode,
+        pub mode: GpioMode = info(2),
         /// Their resistor.
-        pub pull: GpioPull,
-    }, GpioConfig(8) -> (),
-        |request| Arguments::NONE.info([request.pins.get(), 0, request.mode.code(), request.pull.code()]),
-        |a| Self {
-            pins: UpperPins::decode(a.info[0])?,
-            mode: GpioMode::decode(a.info[2])?,
-            pull: GpioPull::decode(a.info[3])?,
-        };
+        pub pull: GpioPull = info(3).or(0),
+    }
 
     /// ECM_GpioEnableDebounce, code 31, `par` 2: whether inputs among GPIO 0 to 15 are debounced. `i0`, `i1` mask, `i2`
     /// switch (XF EN 850).
-    GpioEnableDebounce {
+    pub struct GpioEnableDebounce {
         /// Which ones: bit k is GPIO k.
-        pub pins: u16,
+        pub pins: u16 = info(0).hex(),
         /// They are debounced.
-        pub on: bool,
-    }, GpioConfig(2) -> (),
-        |request| Arguments::NONE.info(with_low(request.pins, request.on.into(), 0)),
-        |a| Self { pins: low(a.info), on: Switch::decode(a.info[2])? == Switch::On };
+        pub on: bool = info(2),
+    }
 
     /// ECM_GpioEnableDebounce, code 31, `par` 9: whether inputs among GPIO 16 to 19 are debounced. `i0` mask, `i2`
     /// switch (XF EN 861).
-    GpioEnableDebounceExt {
+    pub struct GpioEnableDebounceExt {
         /// Which ones.
-        pub pins: UpperPins,
+        pub pins: UpperPins = info(0).hex(),
         /// They are debounced.
-        pub on: bool,
-    }, GpioConfig(9) -> (),
-        |request| Arguments::NONE.info([request.pins.get(), 0, request.on.into(), 0]),
-        |a| Self { pins: UpperPins::decode(a.info[0])?, on: Switch::decode(a.info[2])? == Switch::On };
+        pub on: bool = info(2),
+    }
 
     /// ECM_GpioSetDebounceClock, code 31, `par` 3: inputs are sampled every 2^exponent periods of the source. `i0` bits
     /// 0 to 3 exponent, bit 4 source (XF EN 876).
-    GpioSetDebounceClock {
+    pub struct GpioSetDebounceClock {
         /// The clock.
         pub clock: DebounceClock,
-    }, GpioConfig(3) -> (),
-        |request| Arguments::NONE.info([request.clock.code(), 0, 0, 0]),
-        |a| Self { clock: DebounceClock::decode(a.info[0])? };
+    }
 
     /// ECM_GpioIntEnable, code 31, `par` 1: which edges of a GPIO raise an interrupt. `i0` channel, `i1` edges
     /// (XF EN 890).
-    GpioIntEnable {
+    pub struct GpioIntEnable {
         /// Which one; above 15 with certain versions alone.
-        pub channel: GpioChannel,
+        pub channel: GpioChannel = info(0),
         /// Which edges.
-        pub trigger: GpioTrigger,
-    }, GpioConfig(1) -> (),
-        |request| Arguments::NONE.info([request.channel.get(), request.trigger.code(), 0, 0]),
-        |a| Self { channel: GpioChannel::decode(a.info[0])?, trigger: GpioTrigger::decode(a.info[1])? };
+        pub trigger: GpioTrigger = info(1),
+    }
 
     /// ECM_GpioIntClear, code 31, `par` 4: clears interrupt flags. `i0`, `i1` mask (XF EN 899).
-    GpioIntClear {
+    pub struct GpioIntClear {
         /// Which ones: bit k is GPIO k.
-        pub pins: u16,
-    }, GpioConfig(4) -> (),
-        |request| Arguments::NONE.info(with_low(request.pins, 0, 0)),
-        |a| Self { pins: low(a.info) };
+        pub pins: u16 = info(0).hex(),
+    }
 
     /// ECM_GpioIntClear, code 31, `par` 6, from firmware 9 on: clears interrupt flags. `i0` to `i2` mask (XF EN 910).
-    GpioIntClearExt {
+    pub struct GpioIntClearExt {
         /// Which ones.
-        pub pins: AllPins,
-    }, GpioConfig(6) -> (),
-        |request| Arguments::NONE.info(request.pins.get().to_le_bytes()),
-        |a| Self { pins: AllPins::decode(all(a.info))? };
+        pub pins: AllPins = info(0).bytes(3).hex(),
+    }
 
     /// ECM_GpioSetValue, code 32, `par` 0: the outputs. `i0`, `i1` bits (XF EN 920).
-    GpioSetValue {
+    pub struct GpioSetValue {
         /// Bit k is GPIO k.
-        pub values: u16,
-    }, GpioFunction(0) -> (),
-        |request| Arguments::NONE.info(with_low(request.values, 0, 0)),
-        |a| Self { values: low(a.info) };
+        pub values: u16 = info(0).hex(),
+    }
 
     /// ECM_GpioExtSetValue, code 32, `par` 2, from firmware 9 on: the outputs. `i0` to `i2` bits (XF EN 930).
-    GpioExtSetValue {
+    pub struct GpioExtSetValue {
         /// Bit k is GPIO k.
-        pub values: AllPins,
-    }, GpioFunction(2) -> (),
-        |request| Arguments::NONE.info(request.values.get().to_le_bytes()),
-        |a| Self { values: AllPins::decode(all(a.info))? };
-}
+        pub values: AllPins = info(0).bytes(3).hex(),
+    }
 
-/// How often debounced inputs are sampled: every 2^exponent periods of the source.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct DebounceClock {
-    exponent: u8,
-    source: DebounceSource,
+    /// How often debounced inputs are sampled: every 2^exponent periods of the source.
+    pub struct DebounceClock {
+        exponent: u8 = info(0).part(0, 4),
+        source: DebounceSource = info(0).part(4, 4),
+    }
 }
 
 impl DebounceClock {
@@ -207,13 +170,5 @@ impl DebounceClock {
     /// The source.
     pub const fn source(self) -> DebounceSource {
         self.source
-    }
-
-    const fn code(self) -> u8 {
-        self.exponent | self.source.code() << 4
-    }
-
-    fn decode(code: u8) -> Result<Self, super::Malformed> {
-        Ok(Self { exponent: code & 0x0F, source: DebounceSource::decode(code >> 4)? })
     }
 }

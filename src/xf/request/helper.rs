@@ -1,10 +1,11 @@
 //! The CiA 402 helper: the chip itself leads the state machines of drives, by their controlwords.
 
-use super::{Arguments, MotorNumber, SlaveNumber, short};
+use super::{MotorNumber, SlaveNumber};
 use crate::ethercat::bits;
 use crate::ethercat::cia402::{DriveState, Statusword};
 use crate::xf::Malformed;
-use crate::xf::response::DriveStateByte;
+use crate::xf::fields::Kind;
+use crate::xf::layout::{Fixed, field_values, info, layout};
 
 bits! {
     /// What the helper does with an axis.
@@ -19,108 +20,75 @@ bits! {
     }
 }
 
-short! {
+layout! {
     /// 402_CONFIG_SET, code 26: where an axis has its words. `par` motor, `i0` offset of the controlword, `i1` of the
     /// statusword, `i2` control byte, `i3` slave (XF EN 750, XF ZH 708).
-    HelperConfigSet {
+    pub struct HelperConfigSet {
         /// Which axis.
-        pub motor: MotorNumber,
+        pub motor: MotorNumber = par(),
         /// Bytes from the beginning of the slave's RxPDO to the controlword.
-        pub controlword_offset: u8,
+        pub controlword_offset: u8 = info(0),
         /// Bytes from the beginning of the slave's TxPDO to the statusword.
-        pub statusword_offset: u8,
+        pub statusword_offset: u8 = info(1),
         /// What the helper does.
-        pub control: HelperControl,
+        pub control: HelperControl = info(2),
         /// Which slave the axis belongs to.
-        pub slave: SlaveNumber,
-    }, HelperConfigSet -> (),
-        |request| Arguments::NONE.parameter(request.motor.get()).info([
-            request.controlword_offset,
-            request.statusword_offset,
-            request.control.0,
-            request.slave.get(),
-        ]),
-        |a| Self {
-            motor: MotorNumber::decode(a.parameter)?,
-            controlword_offset: a.info[0],
-            statusword_offset: a.info[1],
-            control: HelperControl(a.info[2]),
-            slave: SlaveNumber::decode(a.info[3])?,
-        };
+        pub slave: SlaveNumber = info(3),
+    }
 
     /// 402_STATE_SET, code 27: the state an axis shall reach. `par` motor, `i0` state (XF EN 767).
-    HelperStateSet {
+    pub struct HelperStateSet {
         /// Which axis.
-        pub motor: MotorNumber,
+        pub motor: MotorNumber = par(),
         /// The state.
-        pub state: DriveState,
-    }, HelperStateSet -> (),
-        |request| Arguments::NONE.parameter(request.motor.get()).info([request.state.status_bits(), 0, 0, 0]),
-        |a| Self { motor: MotorNumber::decode(a.parameter)?, state: requested_state(a.info[0])? };
+        pub state: DriveState = info(0),
+    }
 
     /// 402_STATE_GET, code 28: the state of an axis, in `ret`. `par` motor (XF EN 778).
-    HelperStateGet {
+    pub struct HelperStateGet {
         /// Which axis.
-        pub motor: MotorNumber,
-    }, HelperStateGet -> DriveStateByte,
-        |request| Arguments::NONE.parameter(request.motor.get()),
-        |a| Self { motor: MotorNumber::decode(a.parameter)? };
+        pub motor: MotorNumber = par(),
+    }
 
     /// 402_CTL_SET, code 29: what the helper does with an axis. `par` motor, `i0` control byte, `i1` 0x5A, `i2` number
     /// of motors, `i3` slave (XF EN 795).
-    HelperControlSet {
+    pub struct HelperControlSet {
         /// Which axis.
-        pub motor: MotorNumber,
+        pub motor: MotorNumber = par(),
         /// What the helper does.
-        pub control: HelperControl,
+        pub control: HelperControl = info(0),
         /// How many axes there are.
-        pub motors: u8,
+        pub motors: u8 = info(2).after(CONTROL_KEY),
         /// Which slave the axis belongs to.
-        pub slave: SlaveNumber,
-    }, HelperControlSet -> (),
-        |request| Arguments::NONE.parameter(request.motor.get()).info([
-            request.control.0,
-            CONTROL_KEY,
-            request.motors,
-            request.slave.get(),
-        ]),
-        |a| Self {
-            motor: MotorNumber::decode(a.parameter)?,
-            control: HelperControl(a.info[0]),
-            motors: keyed(a.info[1], a.info[2])?,
-            slave: SlaveNumber::decode(a.info[3])?,
-        };
+        pub slave: SlaveNumber = info(3),
+    }
 
     /// 402_CTL_GET, code 30: what the helper does with an axis, in `ret`. `par` motor (XF EN 813).
-    HelperControlGet {
+    pub struct HelperControlGet {
         /// Which axis.
-        pub motor: MotorNumber,
-    }, HelperControlGet -> HelperControl,
-        |request| Arguments::NONE.parameter(request.motor.get()),
-        |a| Self { motor: MotorNumber::decode(a.parameter)? };
+        pub motor: MotorNumber = par(),
+    }
 
     /// 402_GET_STATUSWORD, code 74: the statusword of an axis, @0 u16. `par` motor (XF EN 1432).
-    HelperStatuswordGet {
+    pub struct HelperStatuswordGet {
         /// Which axis.
-        pub motor: MotorNumber,
-    }, HelperStatuswordGet -> Statusword,
-        |request| Arguments::NONE.parameter(request.motor.get()),
-        |a| Self { motor: MotorNumber::decode(a.parameter)? };
+        pub motor: MotorNumber = par(),
+    }
 }
 
-/// `i1` of [`HelperControlSet`], a fixed value.
-const CONTROL_KEY: u8 = 0x5A;
+/// `i1` of [`HelperControlSet`].
+const CONTROL_KEY: Fixed = Fixed::new::<u8>(info(1).named("key").hex().or(0x5A), 0xFF, "402_CTL_SET i1", "0x5A");
 
-/// `value` if `key` is the fixed one.
-fn keyed(key: u8, value: u8) -> Result<u8, Malformed> {
-    if key == CONTROL_KEY { Ok(value) } else { Err(Malformed::only("402_CTL_SET i1", key.into(), "0x5A")) }
+field_values! {
+    HelperControl, 1, Kind::Bits(HelperControl::NAMES), |bits| bits.0.into(), |bits| Ok(HelperControl(bits as u8));
+    DriveState, 1, Kind::DriveState, |state| state.status_bits().into(), |code| requested_state(code);
 }
 
 /// The state that a code asks for, which has to be one of the table's.
-fn requested_state(code: u8) -> Result<DriveState, Malformed> {
+fn requested_state(code: u32) -> Result<DriveState, Malformed> {
     let allowed = "0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F or 0x08";
-    match Statusword(code.into()).state() {
-        Some(state) if state.status_bits() == code => Ok(state),
-        _ => Err(Malformed::only("402_STATE_SET state", code.into(), allowed)),
+    match Statusword(code as u16).state() {
+        Some(state) if u32::from(state.status_bits()) == code => Ok(state),
+        _ => Err(Malformed::only("402_STATE_SET state", code, allowed)),
     }
 }

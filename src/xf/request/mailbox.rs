@@ -1,24 +1,52 @@
 //! Mailboxes of slaves, and the emergencies that came through them.
 
-use super::{Arguments, Call, SlaveNumber, short};
-use crate::xf::response::Emergencies;
-use crate::xf::value::choices;
-use crate::xf::{CommandCode, Malformed, segment};
+use core::fmt;
+
+use super::SlaveNumber;
+use crate::xf::fields::Kind;
+use crate::xf::layout::{Part, Reader, Spot, Writer, field_values, layout};
+use crate::xf::{Malformed, segment};
 
 /// The most emergencies that the chip lists.
 pub const EMERGENCIES_MAX: usize = 8;
 
-short! {
+layout! {
     /// COE_EMERGENCY, code 83: the newest emergencies. `par` how many (XF EN 1490).
-    CoeEmergency {
+    pub struct CoeEmergency {
         /// How many.
-        pub count: EmergencyCount,
-    }, CoeEmergency -> Emergencies,
-        |request| Arguments::NONE.parameter(request.count.get()),
-        |a| Self {
-            count: EmergencyCount::new(a.parameter)
-                .ok_or(Malformed::only("COE_EMERGENCY count", a.parameter.into(), "1 to 8"))?,
-        };
+        pub count: EmergencyCount = par(),
+    }
+
+    /// A part of a mailbox.
+    pub struct MailboxPart {
+        start: PartNumber = info(0).or(0),
+        length: PartNumber = info(2).or(0),
+    }
+
+    /// RECV_MAILBOX, code 143: what a slave sent by mailbox (XF EN 1646, XF ZH 1563). The answer to the second form has the
+    /// bytes.
+    pub enum ReceiveMailbox by operation: u8 = par(), "RECV_MAILBOX operation", "0 request, 1 read" {
+        /// `par` 0: the chip fetches a slave's mailbox. `i0`, `i1` u16 slave.
+        Request = 0 {
+            /// Which slave.
+            slave: SlaveNumber = info(0).bytes(2).or(0),
+        },
+        /// `par` 1: a part of what it fetched. `i0`, `i1` start, `i2`, `i3` length.
+        Read = 1 (part: MailboxPart),
+    }
+
+    /// MBX_STAT, code 144: which slaves have mail, and which are asked (XF EN 1663, XF ZH 1580). The answers to the first
+    /// and the last form have the bits.
+    pub enum MailboxStatus by operation: u8 = par(),
+        "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling"
+    {
+        /// `par` 0: which mailboxes are full, in OP.
+        ReadFlags = 0,
+        /// `par` 1: which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The data are the bits.
+        SetPolling = 1 (slaves: SlaveBits = tail(0)),
+        /// `par` 2: which mailboxes the chip polls.
+        ReadPolling = 2,
+    }
 }
 
 /// How many emergencies are asked for, 1..=8.
@@ -37,114 +65,49 @@ impl EmergencyCount {
     }
 }
 
-choices! {
-    /// `par` of [`ReceiveMailbox`].
-    pub(in crate::xf) ReceiveMailboxOperation(u8), "RECV_MAILBOX operation", "0 request, 1 read" {
-        /// 0: the chip fetches the mailbox.
-        Request = 0,
-        /// 1: a part of what it fetched is given.
-        Read = 1,
-    }
-
-    /// `par` of [`MailboxStatus`].
-    pub(in crate::xf) MailboxStatusOperation(u8), "MBX_STAT operation", "0 read flags, 1 set polling, 2 read polling" {
-        /// 0: which mailboxes are full.
-        ReadFlags = 0,
-        /// 1: which mailboxes are polled, is set.
-        SetPolling = 1,
-        /// 2: which mailboxes are polled, is read.
-        ReadPolling = 2,
-    }
-}
-
-/// A part of a mailbox.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct MailboxPart {
-    start: u16,
-    length: u16,
-}
-
 impl MailboxPart {
     /// From byte `start`, 0..=63, so many bytes, 0..=63; `None` for others.
     ///
     /// Above these the manuals can be read in two ways, as 64 or as 256 times the high byte, so that a host does not
     /// ask for them.
     pub const fn new(start: u8, length: u8) -> Option<Self> {
-        if start < 64 && length < 64 { Some(Self { start: start as u16, length: length as u16 }) } else { None }
+        let part = Self { start: PartNumber(start as u16), length: PartNumber(length as u16) };
+        if start < 64 && length < 64 { Some(part) } else { None }
     }
 
     /// The first byte.
     pub const fn start(self) -> u16 {
-        self.start
+        self.start.0
     }
 
     /// How many bytes.
     pub const fn length(self) -> u16 {
-        self.length
-    }
-
-    /// Two information bytes as a number, up to 16575. `[OURS]` As the manuals' text has it, high * 64 + low; their
-    /// drawing shows a field of 16 bits, where the high byte would count 256.
-    const fn number(low: u8, high: u8) -> u16 {
-        high as u16 * 64 + low as u16
-    }
-
-    /// The other way round. A number that [`Self::number`] gave fits.
-    const fn bytes(number: u16) -> [u8; 2] {
-        // The largest, 255 * 64 + 255, has no low part below 64.
-        let high = if number / 64 > 255 { 255 } else { number / 64 };
-        [(number - high * 64) as u8, high as u8]
+        self.length.0
     }
 }
 
-/// RECV_MAILBOX, code 143: what a slave sent by mailbox (XF EN 1646, XF ZH 1563). The answer to the second form has the
-/// bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ReceiveMailbox {
-    /// `par` 0: the chip fetches a slave's mailbox. `i0`, `i1` u16 slave.
-    Request {
-        /// Which slave.
-        slave: SlaveNumber,
-    },
-    /// `par` 1: a part of what it fetched. `i0`, `i1` start, `i2`, `i3` length.
-    Read(MailboxPart),
-}
+/// A number in two information bytes, up to 16575. `[OURS]` As the manuals' text has it, high * 64 + low; their drawing
+/// shows a field of 16 bits, where the high byte would count 256.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct PartNumber(u16);
 
-impl ReceiveMailbox {
-    pub(super) const fn parameter(&self) -> u8 {
-        match self {
-            Self::Request { .. } => ReceiveMailboxOperation::Request.code(),
-            Self::Read(_) => ReceiveMailboxOperation::Read.code(),
-        }
+impl fmt::Debug for PartNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
     }
 }
 
-impl Call<'_> for ReceiveMailbox {
-    const CODE: CommandCode = CommandCode::ReceiveMailbox;
-    type Answer<'a> = &'a [u8];
-
-    fn encode(&self, _: &mut [u8]) -> Result<Arguments, Malformed> {
-        let info = match *self {
-            Self::Request { slave } => [slave.get(), 0, 0, 0],
-            Self::Read(MailboxPart { start, length }) => {
-                let ([i0, i1], [i2, i3]) = (MailboxPart::bytes(start), MailboxPart::bytes(length));
-                [i0, i1, i2, i3]
-            }
-        };
-        Ok(Arguments::NONE.parameter(self.parameter()).info(info))
-    }
-
-    fn decode(arguments: &Arguments, _: &[u8]) -> Result<Self, Malformed> {
-        let [i0, i1, i2, i3] = arguments.info;
-        Ok(match ReceiveMailboxOperation::decode(arguments.parameter)? {
-            ReceiveMailboxOperation::Request => {
-                Self::Request { slave: SlaveNumber::decode_wide(u16::from_le_bytes([i0, i1]))? }
-            }
-            ReceiveMailboxOperation::Read => {
-                Self::Read(MailboxPart { start: MailboxPart::number(i0, i1), length: MailboxPart::number(i2, i3) })
-            }
-        })
-    }
+field_values! {
+    PartNumber, 2, Kind::Number,
+        |number| {
+            // The largest number, 255 * 64 + 255, has no low part below 64.
+            let high = (number.0 / 64).min(255);
+            (high << 8 | (number.0 - high * 64)).into()
+        },
+        |bytes| Ok(PartNumber((bytes >> 8) as u16 * 64 + (bytes & 0xFF) as u16));
+    EmergencyCount, 1, Kind::Number,
+        |count| count.get().into(),
+        |count| EmergencyCount::new(count as u8).ok_or(Malformed::only("COE_EMERGENCY count", count, "1 to 8"));
 }
 
 /// A bit for each slave: bit b of byte k is slave 8 k + b.
@@ -156,12 +119,12 @@ pub struct SlaveBits {
 
 impl SlaveBits {
     /// The bytes of a set for 128 slaves.
-    const BYTES: usize = 16;
+    const MOST: usize = 16;
 
     /// No slave of a network of so many, 0..=128; more count as 128.
     pub const fn for_slaves(slaves: u8) -> Self {
         let bytes = slaves.div_ceil(8);
-        Self { bits: 0, bytes: if bytes as usize > Self::BYTES { Self::BYTES as u8 } else { bytes } }
+        Self { bits: 0, bytes: if bytes as usize > Self::MOST { Self::MOST as u8 } else { bytes } }
     }
 
     /// The same set with that slave in it, and with as many bytes as it needs for that.
@@ -182,56 +145,27 @@ impl SlaveBits {
         self.bytes
     }
 
-    /// Writes all 16 bytes and returns how many the length field counts.
-    pub(in crate::xf) fn write(self, data: &mut [u8]) -> Result<u16, Malformed> {
-        segment::put(data, &self.bits.to_le_bytes())?;
-        Ok(self.bytes.into())
-    }
-
-    /// Reads all 16 bytes, whatever the length field counts.
-    pub(in crate::xf) fn read(data: &[u8], len: u16) -> Result<Self, Malformed> {
-        let bits = u128::from_le_bytes(segment::get(data)?);
-        Ok(Self { bits, bytes: len.min(Self::BYTES as u16) as u8 })
-    }
-
     /// Reads the bytes that an answer has, those for the first 128 slaves.
     pub(in crate::xf) fn read_valid(valid: &[u8]) -> Self {
-        let (mut bytes, len) = ([0; Self::BYTES], valid.len().min(Self::BYTES));
+        let (mut bytes, len) = ([0; Self::MOST], valid.len().min(Self::MOST));
         bytes[..len].copy_from_slice(&valid[..len]);
         Self { bits: u128::from_le_bytes(bytes), bytes: len as u8 }
     }
 }
 
-/// MBX_STAT, code 144: which slaves have mail, and which are asked (XF EN 1663, XF ZH 1580). The answers to the first
-/// and the last form have the bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum MailboxStatus {
-    /// `par` 0: which mailboxes are full, in OP.
-    ReadFlags,
-    /// `par` 1: which mailboxes the chip polls, from the next [`Reconfig`](super::Reconfig) on. The data are the bits.
-    SetPolling(SlaveBits),
-    /// `par` 2: which mailboxes the chip polls.
-    ReadPolling,
-}
+/// All 16 bytes, whatever the length field counts.
+impl Part<'_> for SlaveBits {
+    const BYTES: u8 = 0;
+    const KIND: Kind = Kind::SlaveSet;
 
-impl Call<'_> for MailboxStatus {
-    const CODE: CommandCode = CommandCode::MailboxStatus;
-    type Answer<'a> = SlaveBits;
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let (operation, len) = match self {
-            Self::ReadFlags => (MailboxStatusOperation::ReadFlags, 0),
-            Self::SetPolling(slaves) => (MailboxStatusOperation::SetPolling, slaves.write(data)?),
-            Self::ReadPolling => (MailboxStatusOperation::ReadPolling, 0),
-        };
-        Ok(Arguments::NONE.parameter(operation.code()).len(len))
+    fn put(&self, _: &Spot, to: &mut Writer<'_>) -> Result<(), Malformed> {
+        segment::put(to.data, &self.bits.to_le_bytes())?;
+        to.arguments.len = self.bytes.into();
+        Ok(())
     }
 
-    fn decode(arguments: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        Ok(match MailboxStatusOperation::decode(arguments.parameter)? {
-            MailboxStatusOperation::ReadFlags => Self::ReadFlags,
-            MailboxStatusOperation::SetPolling => Self::SetPolling(SlaveBits::read(data, arguments.len)?),
-            MailboxStatusOperation::ReadPolling => Self::ReadPolling,
-        })
+    fn take(_: &Spot, from: &Reader<'_>) -> Result<Self, Malformed> {
+        let bits = u128::from_le_bytes(segment::get(from.data)?);
+        Ok(Self { bits, bytes: from.arguments.len.min(Self::MOST as u16) as u8 })
     }
 }

@@ -1,81 +1,98 @@
 //! Initialisation, states, slaves and clocks.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::{Arguments, Call, SlaveNumber, Slaves, Switch, plain, short};
-use crate::ethercat::{I32Le, U16Le, U32Le};
+use super::{SlaveNumber, Slaves};
+use crate::xf::fields::Names;
+use crate::xf::layout::{FieldList, Layout, Reader, Spot, Writer, at, layout, par, reserve};
 use crate::xf::response::{Answer as _, Returned, SlaveInfo};
 use crate::xf::value::choices;
-use crate::xf::{CommandCode, EtherCatState, Malformed, NetworkState, Reserve, segment};
+use crate::xf::{EtherCatState, Malformed, Reserve};
 
-plain! {
+layout! {
     /// INFO_UPDATE_OP, code 0: asks for a new header and nothing else (XF EN 369).
-    InfoUpdate, InfoUpdate -> ();
+    pub struct InfoUpdate;
+
     /// ECAT_RECONFIG_OP, code 2: the chip lays out its memory anew after a change of process data (XF EN 402).
-    Reconfig, Reconfig -> ();
+    pub struct Reconfig;
+
     /// ECAT_INIT_DC_OP, code 3: initialises the distributed clocks, as is needed after [`DcSync`] (XF EN 413).
-    InitDc, InitDc -> ();
+    pub struct InitDc;
+
     /// ECAT_SLV_CNT_GET, code 16: how many slaves there are, in `ret` (XF EN 661).
-    SlaveCountGet, SlaveCountGet -> u8;
+    pub struct SlaveCountGet;
+
     /// ECAT_STATE_UPDATE, code 57: the chip reads the states of the slaves into its memory (XF EN 1304).
-    StateUpdate, StateUpdate -> ();
+    pub struct StateUpdate;
+
     /// ECAT_CONFIG_MAP, code 73: as [`Reconfig`], for slaves that fall back to their default process data with that
     /// (XF EN 1421, XF ZH 410).
-    ConfigMap, ConfigMap -> ();
-}
+    pub struct ConfigMap;
 
-/// The state that a code asks for. Bit 4 may stand beside it, which acknowledges an error as in a slave's AL control: an application
-/// sends 0x12 after one (OBS). `[OURS]` It is left out: an error is acknowledged on the way to any state.
-fn requested_state(code: u8) -> Result<EtherCatState, Malformed> {
-    EtherCatState::decode(code & !NetworkState::ERROR)
-}
-
-short! {
     /// ECAT_STATE_SET, code 12: brings slaves to a state. `par` slaves, `i0` state, to which bit 4 may be added (XF EN 619; OBS).
-    StateSet {
+    pub struct StateSet {
         /// Which slaves.
-        pub slaves: Slaves,
+        pub slaves: Slaves = par(),
         /// The state they shall reach.
-        pub state: EtherCatState,
-    }, StateSet -> (),
-        |request| Arguments::NONE.parameter(request.slaves.code()).info([request.state.code(), 0, 0, 0]),
-        |a| Self { slaves: Slaves::decode(a.parameter)?, state: requested_state(a.info[0])? };
+        pub state: EtherCatState = info(0),
+    }
 
     /// ECAT_STATE_CHECK, code 41: what [`StateSet`], [`StateUpdate`] and [`StateGet`] do, in one (XF EN 1187).
-    StateCheck {
+    pub struct StateCheck {
         /// Which slaves.
-        pub slaves: Slaves,
+        pub slaves: Slaves = par(),
         /// The state they shall reach.
-        pub state: EtherCatState,
-    }, StateCheck -> (),
-        |request| Arguments::NONE.parameter(request.slaves.code()).info([request.state.code(), 0, 0, 0]),
-        |a| Self { slaves: Slaves::decode(a.parameter)?, state: requested_state(a.info[0])? };
+        pub state: EtherCatState = info(0),
+    }
 
     /// ECAT_STATE_GET, code 13: the state in the chip's memory, which [`StateUpdate`] renews. `par` slaves; `ret` the
     /// state (XF EN 627).
-    StateGet {
+    pub struct StateGet {
         /// Which slaves.
-        pub slaves: Slaves,
-    }, StateGet -> NetworkState,
-        |request| Arguments::NONE.parameter(request.slaves.code()),
-        |a| Self { slaves: Slaves::decode(a.parameter)? };
+        pub slaves: Slaves = par(),
+    }
 
     /// ECAT_PDO_WC_GET, code 4: numbers about the working counter. `par` which; the answer @0 u32 (XF EN 421).
-    PdoWorkingCounterGet {
+    pub struct PdoWorkingCounterGet {
         /// Which number.
-        pub which: WorkingCounterItem,
-    }, PdoWorkingCounterGet -> u32,
-        |request| Arguments::NONE.parameter(request.which.code()),
-        |a| Self { which: WorkingCounterItem::decode(a.parameter)? };
+        pub which: WorkingCounterItem = par(),
+    }
 
     /// ENABLE_LRW, code 142: whether process data travel in one LRW datagram, if the slaves can, or in LRD and LWR.
     /// `par` the switch (XF EN 1635).
-    EnableLrw {
+    pub struct EnableLrw {
         /// LRW; otherwise LRD and LWR.
-        pub lrw: bool,
-    }, EnableLrw -> (),
-        |request| Arguments::NONE.parameter(request.lrw.into()),
-        |a| Self { lrw: Switch::decode(a.parameter)? == Switch::On };
+        pub lrw: bool = par(),
+    }
+
+    /// ECAT_SLV_INFO_GET, code 15: an item about a slave. `par` slave, `i0` item (XF EN 643).
+    pub struct SlaveInfoGet {
+        /// Which slave.
+        pub slave: SlaveNumber = par(),
+        /// Which item.
+        pub item: SlaveInfoItem = info(0),
+    }
+
+    /// The times of the distributed clocks.
+    #[derive(Default)]
+    pub struct DcTiming {
+        /// The word AssignActivate of the slave's description, such as 0x0300 for SYNC0.
+        pub assign_activate: u16 = at(2).hex().or(0),
+        /// Cycle of SYNC0 in nanoseconds.
+        pub sync0_ns: u32 = at(4),
+        /// Cycle of SYNC1 in nanoseconds.
+        pub sync1_ns: u32 = at(8).or(0),
+        /// Shift of SYNC0 in nanoseconds.
+        // The manuals print 0x12 and draw 12.
+        pub shift_ns: i32 = at(12).or(0),
+    }
+
+    /// ECAT_DCSYNC, code 50: other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201, XF ZH 1136).
+    /// 16 bytes as with [`EcatInit`], but @0 is the slave, and @1 is reserved.
+    pub struct DcSync {
+        /// Which slave. `[OURS]` 0xFF is all of them, as elsewhere.
+        pub slaves: Slaves = at(0),
+        /// The times of the distributed clock.
+        pub dc: DcTiming,
+    }
 }
 
 choices! {
@@ -131,87 +148,12 @@ choices! {
     }
 }
 
-/// ECAT_SLV_INFO_GET, code 15: an item about a slave. `par` slave, `i0` item (XF EN 643).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct SlaveInfoGet {
-    /// Which slave.
-    pub slave: SlaveNumber,
-    /// Which item.
-    pub item: SlaveInfoItem,
-}
-
-impl Call<'_> for SlaveInfoGet {
-    const CODE: CommandCode = CommandCode::SlaveInfoGet;
-    type Answer<'a> = SlaveInfo<'a>;
-
-    fn encode(&self, _: &mut [u8]) -> Result<Arguments, Malformed> {
-        Ok(Arguments::NONE.parameter(self.slave.get()).info([self.item.code(), 0, 0, 0]))
-    }
-
-    fn decode(arguments: &Arguments, _: &[u8]) -> Result<Self, Malformed> {
-        let slave = SlaveNumber::decode(arguments.parameter)?;
-        Ok(Self { slave, item: SlaveInfoItem::decode(arguments.info[0])? })
-    }
-
-    fn answer<'a>(&self, returned: Returned, data: &'a [u8]) -> Result<SlaveInfo<'a>, Malformed> {
+impl SlaveInfoGet {
+    /// The answer, whose length says what it is unless a text is asked for.
+    pub(super) fn info<'a>(&self, returned: Returned, data: &'a [u8]) -> Result<SlaveInfo<'a>, Malformed> {
         match self.item {
             SlaveInfoItem::Name => Ok(SlaveInfo::Text(returned.valid(data)?)),
             _ => SlaveInfo::decode(returned, data),
-        }
-    }
-}
-
-/// The times of the distributed clocks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct DcTiming {
-    /// The word AssignActivate of the slave's description, such as 0x0300 for SYNC0.
-    pub assign_activate: u16,
-    /// Cycle of SYNC0 in nanoseconds.
-    pub sync0_ns: u32,
-    /// Cycle of SYNC1 in nanoseconds.
-    pub sync1_ns: u32,
-    /// Shift of SYNC0 in nanoseconds.
-    pub shift_ns: i32,
-}
-
-/// The data segment of [`EcatInit`] and [`DcSync`].
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct DcLayout {
-    /// @0: the slave's number in [`DcSync`], 0xFF in [`EcatInit`].
-    slave: u8,
-    /// @1: 0x81 in [`EcatInit`] if the FIFO is off at start.
-    fifo: u8,
-    /// @2.
-    assign_activate: U16Le,
-    /// @4.
-    sync0_ns: U32Le,
-    /// @8.
-    sync1_ns: U32Le,
-    /// @12: the manuals print 0x12 and draw 12.
-    shift_ns: I32Le,
-}
-
-const _: () = assert!(size_of::<DcLayout>() == 16 && align_of::<DcLayout>() == 1);
-
-impl DcLayout {
-    fn new(slave: u8, fifo: u8, dc: DcTiming) -> Self {
-        Self {
-            slave,
-            fifo,
-            assign_activate: dc.assign_activate.into(),
-            sync0_ns: dc.sync0_ns.into(),
-            sync1_ns: dc.sync1_ns.into(),
-            shift_ns: dc.shift_ns.into(),
-        }
-    }
-
-    fn timing(&self) -> DcTiming {
-        DcTiming {
-            assign_activate: self.assign_activate.get(),
-            sync0_ns: self.sync0_ns.get(),
-            sync1_ns: self.sync1_ns.get(),
-            shift_ns: self.shift_ns.get(),
         }
     }
 }
@@ -235,65 +177,52 @@ pub struct EcatInit {
 
 impl EcatInit {
     /// `par` for special slaves.
-    const SPECIAL: u8 = 48;
+    const SPECIAL_SLAVES: u8 = 48;
+    const SPECIAL: Spot =
+        par().one_of(&[("no", 0), ("yes", Self::SPECIAL_SLAVES as u32)]).or(0).of::<u8>("special_slaves");
+    /// Two of the reserve bits.
+    const RESERVE: Spot = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
+    const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
     /// @0, a fixed value.
-    const ALL_SLAVES: u8 = 0xFF;
+    const ALL_SLAVES: Spot = at(0).of::<u8>("slaves");
     /// @1: the FIFO is off at start.
     const FIFO_OFF: u8 = 0x81;
     /// @1: the FIFO is on. `[OURS]` The manuals know 0x81 alone and call it fixed; any other value is taken for on.
     const FIFO_ON: u8 = 0;
+    const FIFO: Spot = at(1)
+        .one_of(&[("on", Self::FIFO_ON as u32), ("off", Self::FIFO_OFF as u32)])
+        .or(Self::FIFO_OFF as u32)
+        .of::<u8>("fifo");
 }
 
-impl Call<'_> for EcatInit {
-    const CODE: CommandCode = CommandCode::EcatInit;
-    type Answer<'a> = ();
+impl Layout<'_> for EcatInit {
+    const FIELDS: FieldList = FieldList::of(Self::SPECIAL)
+        .and(FieldList::of(Self::RESERVE))
+        .and(FieldList::of(Self::FIFO))
+        .and(<DcTiming as Layout<'_>>::FIELDS);
 
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let fifo = if self.fifo_on { Self::FIFO_ON } else { Self::FIFO_OFF };
-        let len = segment::put(data, &DcLayout::new(Self::ALL_SLAVES, fifo, self.dc))?;
+    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
         let clock = match self.reference_clock {
             ReferenceClock::Chip => Reserve::NONE,
             ReferenceClock::FirstSlave => Reserve::MASTER_SHIFT,
         };
         let lrw = if self.lrw { Reserve::LRW } else { Reserve::NONE };
-        let parameter = if self.special_slaves { Self::SPECIAL } else { 0 };
-        Ok(Arguments { parameter, info: [0; 4], reserve: clock | lrw, len })
+        Self::SPECIAL.put(if self.special_slaves { &Self::SPECIAL_SLAVES } else { &0 }, to)?;
+        Self::RESERVE.put(&(clock | lrw).0, to)?;
+        Self::ALL_SLAVES.put(&0xFF_u8, to)?;
+        Self::FIFO.put(if self.fifo_on { &Self::FIFO_ON } else { &Self::FIFO_OFF }, to)?;
+        self.dc.put(to)
     }
 
-    fn decode(arguments: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        let layout: DcLayout = segment::get(data)?;
-        let master_shift = arguments.reserve.contains(Reserve::MASTER_SHIFT);
+    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+        let reserve = from.arguments.reserve;
+        let is_chip = !reserve.contains(Reserve::MASTER_SHIFT);
         Ok(Self {
-            special_slaves: arguments.parameter == Self::SPECIAL,
-            reference_clock: if master_shift { ReferenceClock::FirstSlave } else { ReferenceClock::Chip },
-            lrw: arguments.reserve.contains(Reserve::LRW),
-            fifo_on: layout.fifo != Self::FIFO_OFF,
-            dc: layout.timing(),
+            special_slaves: Self::SPECIAL.take::<u8>(from)? == Self::SPECIAL_SLAVES,
+            reference_clock: if is_chip { ReferenceClock::Chip } else { ReferenceClock::FirstSlave },
+            lrw: reserve.contains(Reserve::LRW),
+            fifo_on: Self::FIFO.take::<u8>(from)? != Self::FIFO_OFF,
+            dc: DcTiming::take(from)?,
         })
-    }
-}
-
-/// ECAT_DCSYNC, code 50: other times for one slave, after [`EcatInit`] and before [`InitDc`] (XF EN 1201, XF ZH 1136).
-/// 16 bytes as with [`EcatInit`], but @0 is the slave, and @1 is reserved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct DcSync {
-    /// Which slave. `[OURS]` 0xFF is all of them, as elsewhere.
-    pub slaves: Slaves,
-    /// The times of the distributed clock.
-    pub dc: DcTiming,
-}
-
-impl Call<'_> for DcSync {
-    const CODE: CommandCode = CommandCode::DcSync;
-    type Answer<'a> = ();
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let len = segment::put(data, &DcLayout::new(self.slaves.code(), 0, self.dc))?;
-        Ok(Arguments::NONE.len(len))
-    }
-
-    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        let layout: DcLayout = segment::get(data)?;
-        Ok(Self { slaves: Slaves::decode(layout.slave)?, dc: layout.timing() })
     }
 }

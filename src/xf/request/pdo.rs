@@ -1,15 +1,16 @@
 //! Process data and their configuration.
 
-use super::{Arguments, Call, SlaveNumber, plain};
+use super::SlaveNumber;
 use crate::ethercat::bits;
 use crate::ethercat::coe::ObjectAddress;
-use crate::xf::response::PdoExchange;
+use crate::xf::fields::Kind;
+use crate::xf::layout::{FieldList, FieldValue as _, Layout, Reader, Writer, at, field_values, layout};
 use crate::xf::value::choices;
-use crate::xf::{CommandCode, Malformed, segment};
+use crate::xf::{Malformed, segment};
 
-plain! {
+layout! {
     /// ECAT_PDO_CONFIG_GET, code 9: what [`PdoConfigRequest`] has read (XF EN 533).
-    PdoConfigGet, PdoConfigGet -> PdoConfig;
+    pub struct PdoConfigGet;
 }
 
 bits! {
@@ -27,58 +28,37 @@ bits! {
     }
 }
 
-/// The data of a request that goes by the length field.
-fn sized<'d>(arguments: &Arguments, data: &'d [u8]) -> Result<&'d [u8], Malformed> {
-    segment::get_at(data, 0, arguments.len.into())
+field_values! {
+    PdoOperation, 1, Kind::Bits(PdoOperation::NAMES), |bits| bits.0.into(), |bits| Ok(PdoOperation(bits as u8));
 }
 
-/// ECAT_PDO_DATA_FIFO_OP, code 5: RxPDOs into the FIFO, TxPDOs out of it (XF EN 436). `par` how many PDOs, `i0` what is
-/// done; the length is that of all RxPDOs together (OBS).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct PdoDataFifo<'d> {
-    /// How many PDOs are written, and read at most.
-    pub count: u8,
-    /// Write, read or both.
-    pub operation: PdoOperation,
-    /// The RxPDOs one after the other.
-    pub data: &'d [u8],
-}
-
-impl<'d> Call<'d> for PdoDataFifo<'d> {
-    const CODE: CommandCode = CommandCode::PdoDataFifo;
-    type Answer<'a> = PdoExchange<'a>;
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let len = segment::put_at(data, 0, self.data)?;
-        Ok(Arguments::NONE.parameter(self.count).info([self.operation.0, 0, 0, 0]).len(len))
+layout! {
+    /// ECAT_PDO_DATA_FIFO_OP, code 5: RxPDOs into the FIFO, TxPDOs out of it (XF EN 436). `par` how many PDOs, `i0` what is
+    /// done; the length is that of all RxPDOs together (OBS).
+    pub struct PdoDataFifo<'d> {
+        /// How many PDOs are written, and read at most.
+        pub count: u8 = par(),
+        /// Write, read or both.
+        pub operation: PdoOperation = info(0),
+        /// The RxPDOs one after the other.
+        pub data: &'d [u8] = tail(0),
     }
 
-    fn decode(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
-        let operation = PdoOperation(arguments.info[0]);
-        Ok(Self { count: arguments.parameter, operation, data: sized(arguments, data)? })
-    }
-}
-
-/// ECAT_PDO_DATA_OP, code 6: outputs and inputs past the FIFO (XF EN 452). `i0` what is done; the data are one RxPDO.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct PdoData<'d> {
-    /// Write, read or both; with [`PdoOperation::VALID`].
-    pub operation: PdoOperation,
-    /// The RxPDO.
-    pub data: &'d [u8],
-}
-
-impl<'d> Call<'d> for PdoData<'d> {
-    const CODE: CommandCode = CommandCode::PdoData;
-    type Answer<'a> = PdoExchange<'a>;
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let len = segment::put_at(data, 0, self.data)?;
-        Ok(Arguments::NONE.info([self.operation.0, 0, 0, 0]).len(len))
+    /// ECAT_PDO_DATA_OP, code 6: outputs and inputs past the FIFO (XF EN 452). `i0` what is done; the data are one RxPDO.
+    pub struct PdoData<'d> {
+        /// Write, read or both; with [`PdoOperation::VALID`].
+        pub operation: PdoOperation = info(0),
+        /// The RxPDO.
+        pub data: &'d [u8] = tail(0),
     }
 
-    fn decode(arguments: &Arguments, data: &'d [u8]) -> Result<Self, Malformed> {
-        Ok(Self { operation: PdoOperation(arguments.info[0]), data: sized(arguments, data)? })
+    /// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0,
+    /// @2 u16 assignment.
+    pub struct PdoConfigRequest {
+        /// Which slave.
+        pub slave: SlaveNumber = at(0),
+        /// Outputs or inputs.
+        pub assignment: PdoAssignment = at(2),
     }
 }
 
@@ -199,6 +179,24 @@ impl PdoConfigForm {
     const fn objects_at(self) -> usize {
         4 + 4 * self.maps()
     }
+
+    /// The fields: each PDO with its objects.
+    pub(in crate::xf) const fn fields(self) -> FieldList {
+        const NAMES: [(&str, &str); 4] =
+            [("pdo1", "objects1"), ("pdo2", "objects2"), ("pdo3", "objects3"), ("pdo4", "objects4")];
+        let mut list = FieldList::of(at(0).of::<SlaveNumber>("slave"))
+            .then(at(1).of::<u8>("count"))
+            .then(at(2).of::<PdoAssignment>("assignment"));
+        let mut n = 0;
+        while n < self.maps() {
+            let count_at = (self.counts_at() + 2 * n) as u16;
+            let objects = at((self.objects_at() + 4 * PdoMap::OBJECTS * n) as u16).kind(Kind::Objects { count_at });
+            list = list.then(at(4 + 2 * n as u16).hex().or(0).of::<u16>(NAMES[n].0));
+            list = list.then(objects.or(0).of::<[u8; 4 * PdoMap::OBJECTS]>(NAMES[n].1));
+            n += 1;
+        }
+        list
+    }
 }
 
 const _: () = assert!(PdoConfigForm::Three.bytes() == 112 && PdoConfigForm::Four.bytes() == 148);
@@ -246,9 +244,9 @@ impl PdoConfig {
     pub(in crate::xf) fn read(data: &[u8], form: PdoConfigForm) -> Result<Self, Malformed> {
         let data = segment::get_at(data, 0, form.bytes())?;
         let word = |at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
-        let slave = SlaveNumber::decode(data[0])?;
+        let slave = SlaveNumber::of(data[0].into())?;
         let count = Malformed::at_most("PDO count", data[1].into(), form.maps())?;
-        let assignment = PdoAssignment::decode(word(2))?;
+        let assignment = PdoAssignment::of(word(2).into())?;
         let mut maps = [PdoMap::default(); 4];
         for (i, map) in maps[..count].iter_mut().enumerate() {
             let counted = word(form.counts_at() + 2 * i);
@@ -283,41 +281,15 @@ impl PdoConfigSet {
     }
 }
 
-impl Call<'_> for PdoConfigSet {
-    const CODE: CommandCode = CommandCode::PdoConfigSet;
-    type Answer<'a> = ();
+impl Layout<'_> for PdoConfigSet {
+    const FIELDS: FieldList = PdoConfigForm::Three.fields();
 
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        Ok(Arguments::NONE.len(self.config.write(data)?))
+    fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+        to.arguments.len = self.config.write(to.data)?;
+        Ok(())
     }
 
-    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        Ok(Self { config: PdoConfig::read(data, PdoConfigForm::Three)? })
-    }
-}
-
-/// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave for [`PdoConfigGet`] (XF EN 517). 4 bytes: @0 slave, @1 0,
-/// @2 u16 assignment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct PdoConfigRequest {
-    /// Which slave.
-    pub slave: SlaveNumber,
-    /// Outputs or inputs.
-    pub assignment: PdoAssignment,
-}
-
-impl Call<'_> for PdoConfigRequest {
-    const CODE: CommandCode = CommandCode::PdoConfigRequest;
-    type Answer<'a> = ();
-
-    fn encode(&self, data: &mut [u8]) -> Result<Arguments, Malformed> {
-        let [low, high] = self.assignment.code().to_le_bytes();
-        Ok(Arguments::NONE.len(segment::put(data, &[self.slave.get(), 0, low, high])?))
-    }
-
-    fn decode(_: &Arguments, data: &[u8]) -> Result<Self, Malformed> {
-        let [slave, _, low, high] = segment::get::<[u8; 4]>(data)?;
-        let assignment = PdoAssignment::decode(u16::from_le_bytes([low, high]))?;
-        Ok(Self { slave: SlaveNumber::decode(slave)?, assignment })
+    fn take(from: &Reader<'_>) -> Result<Self, Malformed> {
+        Ok(Self { config: PdoConfig::read(from.data, PdoConfigForm::Three)? })
     }
 }

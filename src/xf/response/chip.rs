@@ -1,11 +1,10 @@
 //! Version and series of the chip, the limit of working counter errors, registers of PHYs, the size of packets.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::{Answer, Returned};
-use crate::ethercat::U16Le;
+use crate::xf::fields::{AnswerFields, Kind};
+use crate::xf::layout::{FieldList, Forms, Layout, field_slice, field_values, layout, ret, value};
 use crate::xf::request::{WkcErrorLimit, data_size};
-use crate::xf::{DataSize, Malformed, segment};
+use crate::xf::{DataSize, Malformed};
 
 /// The answer to FW_VERSION_GET (XF EN 1285): `ret` version; newer firmware adds 20 bytes, older has none (XF ZH 1208).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -16,62 +15,47 @@ pub struct FirmwareVersion {
     pub identity: Option<FirmwareIdentity>,
 }
 
-/// What newer firmware says about itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct FirmwareIdentity {
-    /// @0 u16: the extended version.
-    pub extended: u16,
-    /// @3: which chip it is.
-    pub series: Series,
-    /// @4..@19: for the vendor's own use.
-    pub identification: [u8; 16],
+layout! {
+    /// What newer firmware says about itself.
+    pub struct FirmwareIdentity {
+        /// @0 u16: the extended version.
+        // The drawing has lost a column; that these two bytes are the extended version is our reading of it.
+        pub extended: u16 = at(0).hex(),
+        /// @3: which chip it is.
+        pub series: Series = at(3),
+        /// @4..@19: for the vendor's own use.
+        pub identification: [u8; 16] = at(4),
+    }
 }
 
 /// Which chip it is. The manual names ECM-XF, ECM-XFL, ECM-XFU and ECM-XM, and gives none a number (XF EN 1285).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Series(pub u8);
 
-/// The data segment of [`FirmwareVersion`].
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct IdentityLayout {
-    /// @0: the drawing has lost a column; that these two bytes are the extended version is our reading of it.
-    extended: U16Le,
-    /// @2.
-    reserved: u8,
-    /// @3.
-    series: u8,
-    /// @4.
-    identification: [u8; 16],
+field_values! {
+    Series, 1, Kind::Number, |series| series.0.into(), |number| Ok(Series(number as u8));
 }
-
-const IDENTITY: usize = size_of::<IdentityLayout>();
-const _: () = assert!(IDENTITY == 20 && align_of::<IdentityLayout>() == 1);
 
 impl Answer<'_> for FirmwareVersion {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        let Some(FirmwareIdentity { extended, series, identification }) = self.identity else {
-            return Ok(Returned::value(self.version));
-        };
-        let layout = IdentityLayout { extended: extended.into(), reserved: 0, series: series.0, identification };
-        Ok(Returned { ret: self.version, len: segment::put(data, &layout)? })
+        let identity = self.identity.map_or(Ok(Returned::NONE), |identity| identity.answered(data))?;
+        Ok(Returned { ret: self.version, ..identity })
     }
 
     fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
         let identity = match returned.valid(data)?.len() {
             0 => None,
-            IDENTITY => {
-                let layout: IdentityLayout = segment::get(data)?;
-                Some(FirmwareIdentity {
-                    extended: layout.extended.get(),
-                    series: Series(layout.series),
-                    identification: layout.identification,
-                })
-            }
+            FirmwareIdentity::END => Some(FirmwareIdentity::of_answer(returned, data)?),
             _ => return Err(Malformed::only("FW_VERSION_GET valid data length", returned.len.into(), "0 or 20")),
         };
         Ok(Self { version: returned.ret, identity })
     }
+}
+
+impl Forms for FirmwareVersion {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(field_slice!(
+        FieldList::of(ret().hex().of::<u8>("version")).and(<FirmwareIdentity as Layout<'static>>::FIELDS)
+    ))];
 }
 
 /// The answer to MDIO (XF EN 1455): @0 u16 what was read; nothing after a write.
@@ -91,6 +75,10 @@ impl Answer<'_> for MdioAnswer {
     }
 }
 
+impl Forms for MdioAnswer {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[value("value").hex().returned::<u16>()])];
+}
+
 /// The return byte.
 impl Answer<'_> for WkcErrorLimit {
     fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
@@ -102,6 +90,10 @@ impl Answer<'_> for WkcErrorLimit {
     }
 }
 
+impl Forms for WkcErrorLimit {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[ret().of::<WkcErrorLimit>("limit").field])];
+}
+
 /// @0 u16: n.
 impl Answer<'_> for DataSize {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
@@ -111,4 +103,8 @@ impl Answer<'_> for DataSize {
     fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
         data_size("SPI_PACK_SIZE_GET size", u16::decode(returned, data)?)
     }
+}
+
+impl Forms for DataSize {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[value("bytes").returned::<u16>()])];
 }

@@ -1,8 +1,9 @@
 //! States of axes of the CiA 402 helper, and enabled interrupts.
 
-use super::{Answer, Returned};
+use super::answers;
 use crate::ethercat::cia402::{DriveState, Statusword};
-use crate::xf::Malformed;
+use crate::xf::fields::Kind;
+use crate::xf::layout::field_values;
 use crate::xf::request::InterruptEnable;
 
 /// The answer to [`HelperStateGet`](crate::xf::request::HelperStateGet): `ret` bits of the statusword (XF EN 778).
@@ -25,23 +26,11 @@ impl From<DriveState> for DriveStateByte {
     }
 }
 
-impl Answer<'_> for DriveStateByte {
-    fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned::value(self.0))
-    }
-
-    fn decode(returned: Returned, _: &[u8]) -> Result<Self, Malformed> {
-        Ok(Self(returned.ret))
-    }
+field_values! {
+    DriveStateByte, 1, Kind::DriveState, |state| state.0.into(), |code| Ok(DriveStateByte(code as u8));
 }
 
-/// `ret` polarity; 6 bytes as in the command (XF EN 1327).
-impl Answer<'_> for InterruptEnable {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned { ret: self.polarity.0, len: self.write(data)? })
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        Self::read(returned.ret, returned.valid(data)?)
-    }
+answers! {
+    /// `ret` polarity; 6 bytes as in the command (XF EN 1327).
+    InterruptEnable;
 }

@@ -1,71 +1,34 @@
 //! Emergencies that came through mailboxes, and sets of slaves.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::{Answer, Returned};
-use crate::ethercat::U16Le;
+use super::{Answer, Returned, answer_fields};
+use crate::xf::fields::{AnswerFields, Kind};
+use crate::xf::layout::{Forms, Layout, Reader, Writer, layout, tail};
 use crate::xf::request::{EMERGENCIES_MAX, SlaveBits};
 use crate::xf::{Malformed, segment};
 
-/// An emergency of a slave (CoE).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Emergency {
-    /// @0: its place in the list, 0..=7.
-    pub number: u8,
-    /// @1: the slave.
-    pub slave: u8,
-    /// @2 u16: which one it is since the chip has started.
-    pub running_number: u16,
-    /// @4 u16: the error code, as object 0x603F has it.
-    pub code: u16,
-    /// @6: the error register, object 0x1001.
-    pub register: u8,
-    /// @7..@11: what the slave's maker says more.
-    pub data: [u8; 5],
+layout! {
+    /// An emergency of a slave (CoE).
+    #[derive(Default)]
+    pub struct Emergency {
+        /// @0: its place in the list, 0..=7.
+        pub number: u8 = at(0).kind(Kind::Named(&[("none", NO_EMERGENCY as u32)])),
+        /// @1: the slave.
+        pub slave: u8 = at(1),
+        /// @2 u16: which one it is since the chip has started.
+        pub running_number: u16 = at(2),
+        /// @4 u16: the error code, as object 0x603F has it.
+        pub code: u16 = at(4).hex(),
+        /// @6: the error register, object 0x1001.
+        pub register: u8 = at(6).hex(),
+        /// @7..@11: what the slave's maker says more.
+        pub data: [u8; 5] = at(7),
+    }
 }
 
-/// An emergency as bytes.
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct EmergencyLayout {
-    /// @0: 0xFF if there is none.
-    number: u8,
-    /// @1.
-    slave: u8,
-    /// @2.
-    running_number: U16Le,
-    /// @4.
-    code: U16Le,
-    /// @6.
-    register: u8,
-    /// @7.
-    data: [u8; 5],
-}
-
-const EMERGENCY: usize = size_of::<EmergencyLayout>();
-const _: () = assert!(EMERGENCY == 12 && align_of::<EmergencyLayout>() == 1);
+const EMERGENCY: usize = Emergency::END;
 
 /// The number of a place without an emergency.
 const NO_EMERGENCY: u8 = 0xFF;
-
-impl EmergencyLayout {
-    fn of(emergency: Option<Emergency>) -> Self {
-        let number = emergency.map_or(NO_EMERGENCY, |emergency| emergency.number);
-        let Emergency { slave, running_number, code, register, data, .. } = emergency.unwrap_or_default();
-        Self { number, slave, running_number: running_number.into(), code: code.into(), register, data }
-    }
-
-    fn emergency(self) -> Option<Emergency> {
-        (self.number != NO_EMERGENCY).then_some(Emergency {
-            number: self.number,
-            slave: self.slave,
-            running_number: self.running_number.get(),
-            code: self.code.get(),
-            register: self.register,
-            data: self.data,
-        })
-    }
-}
 
 /// The answer to COE_EMERGENCY (XF EN 1490): 12 bytes for each emergency that was asked for, 1 to 8 of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -101,7 +64,9 @@ impl Answer<'_> for Emergencies {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         let mut len = 0;
         for (i, place) in self.places().iter().enumerate() {
-            len = segment::put_at(data, EMERGENCY * i, bytemuck::bytes_of(&EmergencyLayout::of(*place)))?;
+            let none = Emergency { number: NO_EMERGENCY, ..Emergency::default() };
+            len = segment::put_at(data, EMERGENCY * (i + 1), &[])?;
+            place.unwrap_or(none).put(&mut Writer::new(&mut data[EMERGENCY * i..]))?;
         }
         Ok(Returned::data(len))
     }
@@ -115,19 +80,31 @@ impl Answer<'_> for Emergencies {
         }
         let mut list = Self { count: count as u8, ..Self::default() };
         for (place, bytes) in list.places.iter_mut().zip(valid.chunks_exact(EMERGENCY)) {
-            *place = segment::get::<EmergencyLayout>(bytes)?.emergency();
+            let emergency = Emergency::take(&Reader::of(returned, bytes))?;
+            *place = Some(emergency).filter(|emergency| emergency.number != NO_EMERGENCY);
         }
         Ok(list)
     }
 }
 
+impl Forms for Emergencies {
+    const FORMS: &'static [AnswerFields] =
+        &[AnswerFields { every: Some(EMERGENCY as u16), ..answer_fields!(Emergency) }];
+}
+
 /// A bit for each slave (XF EN 1663); as many bytes as the length counts.
 impl Answer<'_> for SlaveBits {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        self.write(data).map(Returned::data)
+        let mut to = Writer::new(data);
+        tail(0).put(self, &mut to)?;
+        Ok(to.returned())
     }
 
     fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
         returned.valid(data).map(Self::read_valid)
     }
+}
+
+impl Forms for SlaveBits {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[tail(0).of::<SlaveBits>("slaves").field])];
 }

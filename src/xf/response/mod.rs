@@ -91,3 +91,38 @@ pub trait Answer<'a>: Copy + fmt::Debug + PartialEq {
     /// A field has a value that the manuals do not allow.
     fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed>;
 }
+
+/// The fields of an answer's layout.
+macro_rules! answer_fields {
+    ($($type:tt)*) => {
+        $crate::xf::fields::AnswerFields::of($crate::xf::layout::field_slice!(
+            <$crate::xf::layout::type_of!($($type)*) as $crate::xf::layout::Layout<'static>>::FIELDS.returned()
+        ))
+    };
+}
+
+/// Answers whose layout says all.
+macro_rules! answers {
+    ($($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?;)*) => {$(const _: () = {
+        use $crate::xf::layout::{Forms, Layout, type_of};
+        use $crate::xf::response::{Answer, Returned, answer_fields};
+        use $crate::xf::{Malformed, fields::AnswerFields};
+
+        $(#[$doc])*
+        impl<'d> Answer<'d> for $name $(<$life>)? {
+            fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
+                self.answered(data)
+            }
+
+            fn decode(returned: Returned, data: &'d [u8]) -> Result<Self, Malformed> {
+                Self::of_answer(returned, data)
+            }
+        }
+
+        impl Forms for type_of!($name $(<$life>)?) {
+            const FORMS: &'static [AnswerFields] = &[answer_fields!($name $(<$life>)?)];
+        }
+    };)*};
+}
+
+use {answer_fields, answers};

@@ -2,6 +2,8 @@
 
 use super::{Answer, Returned};
 use crate::xf::Malformed;
+use crate::xf::fields::{AnswerFields, Kind};
+use crate::xf::layout::{Forms, tail};
 
 /// The answer to [`SlaveInfoGet`](crate::xf::request::SlaveInfoGet). The manuals give no sizes, so that the answer's
 /// length says what it is (XF EN 643).
@@ -49,4 +51,9 @@ impl<'a> Answer<'a> for SlaveInfo<'a> {
             ref text => Self::Text(text),
         })
     }
+}
+
+impl Forms for SlaveInfo<'_> {
+    const FORMS: &'static [AnswerFields] =
+        &[AnswerFields::of(&[tail(0).kind(Kind::NumberOrText).of::<&[u8]>("value").field])];
 }

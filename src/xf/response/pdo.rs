@@ -1,29 +1,26 @@
 //! Process data and their configuration.
 
-use super::{Answer, Returned};
+use super::{Answer, Returned, answers};
+use crate::xf::Malformed;
+use crate::xf::fields::{AnswerFields, Field};
+use crate::xf::layout::{Forms, field_slice, layout};
 use crate::xf::request::{PdoConfig, PdoConfigForm, PdoOperation};
-use crate::xf::{Malformed, segment};
 
-/// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): `ret`
-/// what was done, the data TxPDOs (XF EN 436 and 452).
-///
-/// `[OURS]` To a read of several PDOs the chip answers with as many whole TxPDOs as it has, but not more than that.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct PdoExchange<'a> {
-    /// What was done: written, read; or that it failed.
-    pub done: PdoOperation,
-    /// The TxPDOs one after the other.
-    pub data: &'a [u8],
+layout! {
+    /// The answer to [`PdoDataFifo`](crate::xf::request::PdoDataFifo) and [`PdoData`](crate::xf::request::PdoData): `ret`
+    /// what was done, the data TxPDOs (XF EN 436 and 452).
+    ///
+    /// `[OURS]` To a read of several PDOs the chip answers with as many whole TxPDOs as it has, but not more than that.
+    pub struct PdoExchange<'d> {
+        /// What was done: written, read; or that it failed.
+        pub done: PdoOperation = ret(),
+        /// The TxPDOs one after the other.
+        pub data: &'d [u8] = tail(0),
+    }
 }
 
-impl<'a> Answer<'a> for PdoExchange<'a> {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned { ret: self.done.0, len: segment::put_at(data, 0, self.data)? })
-    }
-
-    fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed> {
-        Ok(Self { done: PdoOperation(returned.ret), data: returned.valid(data)? })
-    }
+answers! {
+    PdoExchange<'d>;
 }
 
 /// 112 bytes for 3 PDOs (XF EN 533), 148 bytes for 4 of newer firmware (OBS): the length says which.
@@ -41,4 +38,15 @@ impl Answer<'_> for PdoConfig {
         }
         Err(Malformed::only("PDO_CONFIG_GET valid data length", returned.len.into(), "112 or 148"))
     }
+}
+
+impl Forms for PdoConfig {
+    const FORMS: &'static [AnswerFields] = {
+        const fn form(form: PdoConfigForm, fields: &'static [Field]) -> AnswerFields {
+            AnswerFields { len: Some(form.bytes() as u16), every: None, fields }
+        }
+        const THREE: &[Field] = field_slice!(PdoConfigForm::Three.fields());
+        const FOUR: &[Field] = field_slice!(PdoConfigForm::Four.fields());
+        &[form(PdoConfigForm::Three, THREE), form(PdoConfigForm::Four, FOUR)]
+    };
 }

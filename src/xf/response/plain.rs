@@ -1,9 +1,12 @@
 //! Answers that are a number, bytes, or a word that other parts of the crate have a type for.
 
-use super::{Answer, Returned};
+use super::{Answer, DriveStateByte, Returned};
 use crate::ethercat::cia402::Statusword;
 use crate::ethercat::coe::AbortCode;
+use crate::xf::fields::{AnswerFields, Kind, Place};
+use crate::xf::layout::{FieldValue, Forms, Part, Reader, ValueAnswer, Writer, field_values, ret, tail, value};
 use crate::xf::request::{Analog, HelperControl};
+use crate::xf::value::{EtherCatState, Switch};
 use crate::xf::{Malformed, NetworkState, segment};
 
 /// No result: length 0; what the return byte holds means nothing.
@@ -17,93 +20,67 @@ impl Answer<'_> for () {
     }
 }
 
-/// The return byte.
-impl Answer<'_> for u8 {
-    fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned::value(*self))
-    }
-
-    fn decode(returned: Returned, _: &[u8]) -> Result<Self, Malformed> {
-        Ok(returned.ret)
-    }
+field_values! {
+    NetworkState, 1, Kind::Named(EtherCatState::NAMES), |state| state.0.into(), |bits| Ok(NetworkState(bits as u8));
+    Statusword, 2, Kind::Hex, |word| word.0.into(), |word| Ok(Statusword(word as u16));
 }
 
-/// The return byte as the state of the network or of a slave.
-impl Answer<'_> for NetworkState {
-    fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned::value(self.0))
-    }
+/// Answers that are one value.
+macro_rules! value_answers {
+    ($($(#[$doc:meta])* $type:ty = $place:expr;)*) => {$(
+        impl ValueAnswer for $type {
+            const AT: Place = $place;
+        }
 
-    fn decode(returned: Returned, _: &[u8]) -> Result<Self, Malformed> {
-        Ok(Self(returned.ret))
-    }
+        $(#[$doc])*
+        impl Answer<'_> for $type {
+            fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
+                let mut to = Writer::new(data);
+                value("").returned::<Self>().put(self.number(), &mut to)?;
+                Ok(to.returned())
+            }
+
+            fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
+                let data = match Self::AT {
+                    Place::Data(_) => returned.first(data, <Self as Part<'_>>::BYTES.into())?,
+                    _ => data,
+                };
+                Self::of(value("").returned::<Self>().take(&Reader::of(returned, data))?)
+            }
+        }
+    )*};
 }
 
-/// The return byte as the helper's control byte.
-impl Answer<'_> for HelperControl {
-    fn encode(&self, _: &mut [u8]) -> Result<Returned, Malformed> {
-        Ok(Returned::value(self.0))
-    }
-
-    fn decode(returned: Returned, _: &[u8]) -> Result<Self, Malformed> {
-        Ok(Self(returned.ret))
-    }
+value_answers! {
+    /// The return byte.
+    u8 = Place::Return;
+    /// The return byte as the state of the network or of a slave.
+    NetworkState = Place::Return;
+    /// The return byte as the helper's control byte.
+    HelperControl = Place::Return;
+    /// The return byte.
+    DriveStateByte = Place::Return;
+    /// @0 u16.
+    u16 = Place::Data(0);
+    /// @0 u32.
+    u32 = Place::Data(0);
+    /// @0 u16, a statusword.
+    Statusword = Place::Data(0);
+    /// @0 u32, why an SDO transfer failed; 0 if it did not.
+    AbortCode = Place::Data(0);
+    /// @0 u32, 0..=4095.
+    Analog = Place::Data(0);
 }
 
-/// @0 u16.
-impl Answer<'_> for u16 {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        segment::put(data, &self.to_le_bytes()).map(Returned::data)
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        segment::get(returned.first(data, 2)?).map(Self::from_le_bytes)
-    }
+/// The state, and the bit of an error beside it.
+impl Forms for NetworkState {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[
+        ret().part(0, 4).of::<NetworkState>("state").field,
+        ret().part(4, 1).one_of(Switch::NAMES).of::<u8>("error").field,
+    ])];
 }
 
-/// @0 u32.
-impl Answer<'_> for u32 {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        segment::put(data, &self.to_le_bytes()).map(Returned::data)
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        segment::get(returned.first(data, 4)?).map(Self::from_le_bytes)
-    }
-}
-
-/// @0 u16, a statusword.
-impl Answer<'_> for Statusword {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        self.0.encode(data)
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        u16::decode(returned, data).map(Self)
-    }
-}
-
-/// @0 u32, why an SDO transfer failed; 0 if it did not.
-impl Answer<'_> for AbortCode {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        self.0.encode(data)
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        u32::decode(returned, data).map(Self)
-    }
-}
-
-/// @0 u32, 0..=4095.
-impl Answer<'_> for Analog {
-    fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
-        self.get().encode(data)
-    }
-
-    fn decode(returned: Returned, data: &[u8]) -> Result<Self, Malformed> {
-        Self::decode(u32::decode(returned, data)?)
-    }
-}
+const _: () = assert!(NetworkState::ERROR == 1 << 4);
 
 /// The valid bytes of the data segment.
 impl<'a> Answer<'a> for &'a [u8] {
@@ -114,4 +91,8 @@ impl<'a> Answer<'a> for &'a [u8] {
     fn decode(returned: Returned, data: &'a [u8]) -> Result<Self, Malformed> {
         returned.valid(data)
     }
+}
+
+impl Forms for &[u8] {
+    const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[tail(0).of::<&[u8]>("data").field])];
 }

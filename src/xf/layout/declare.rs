@@ -1,0 +1,140 @@
+//! The macro that declares types with their layouts.
+
+/// Types whose values have places: `pub struct` and `pub enum` are defined here, those after `impl` elsewhere. A value
+/// without a place is a layout of its own.
+///
+/// The variants of an enum are told apart by a number, whose place and name stand after `by`, with what an error calls
+/// it and what may be there.
+macro_rules! layout {
+    () => {};
+
+    ($(#[$meta:meta])* pub struct $name:ident; $($rest:tt)*) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+        pub struct $name;
+
+        $crate::xf::layout::layout! { impl $name {} $($rest)* }
+    };
+
+    ($(#[$meta:meta])* pub struct $name:ident $(<$life:lifetime>)? {
+        $($(#[$doc:meta])* $vis:vis $field:ident: $type:ty $(= $spot:expr)?,)*
+    } $($rest:tt)*) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub struct $name $(<$life>)? {
+            $($(#[$doc])* $vis $field: $type,)*
+        }
+
+        $crate::xf::layout::layout! { impl $name $(<$life>)? { $($field: $type $(= $spot)?,)* } $($rest)* }
+    };
+
+    (impl $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty $(= $spot:expr)?,)* } $($rest:tt)*) => {
+        #[allow(unused_imports, unused_variables, reason = "a request without fields needs none")]
+        const _: () = {
+            use $crate::xf::Malformed;
+            use $crate::xf::layout::*;
+
+            impl<'d> Layout<'d> for $name $(<$life>)? {
+                const FIELDS: FieldList = FieldList::NONE $(.and(part!(fields $field: $type $(= $spot)?)))*;
+
+                fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+                    $(part!(put &self.$field, to, $field: $type $(= $spot)?)?;)*
+                    Ok(())
+                }
+
+                fn take(from: &Reader<'d>) -> Result<Self, Malformed> {
+                    Ok(Self { $($field: part!(take from, $field: $type $(= $spot)?)?,)* })
+                }
+            }
+        };
+
+        $crate::xf::layout::layout! { $($rest)* }
+    };
+
+    ($(#[$meta:meta])* pub enum $name:ident $(<$life:lifetime>)?
+        by $operation:ident: $int:ident = $by:expr, $called:literal, $allowed:literal
+    {
+        $(
+            $(#[$variant_doc:meta])*
+            $variant:ident = $code:literal
+            $({ $($(#[$doc:meta])* $field:ident: $type:ty $(= $spot:expr)?,)* })?
+            $(($inner:ident: $inner_type:ty $(= $inner_spot:expr)?))?,
+        )*
+    } $($rest:tt)*) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum $name $(<$life>)? {
+            $($(#[$variant_doc])* $variant $({ $($(#[$doc])* $field: $type,)* })? $(($inner_type))?,)*
+        }
+
+        const _: () = {
+            use $crate::xf::Malformed;
+            use $crate::xf::layout::*;
+
+            const NAMES: $crate::xf::fields::Names = &[$((stringify!($variant), $code),)*];
+            const OPERATION: Spot = $by.one_of(NAMES).of::<$int>(stringify!($operation));
+
+            impl $(<$life>)? $name $(<$life>)? {
+                /// The number of the variant.
+                pub(in crate::xf) const fn $operation(&self) -> $int {
+                    match self {
+                        $(Self::$variant { .. } => $code,)*
+                    }
+                }
+            }
+
+            impl<'d> Layout<'d> for $name $(<$life>)? {
+                const FIELDS: FieldList = FieldList::NONE
+                    $($($(.and(part!(fields $field: $type $(= $spot)?)))*)?
+                    $(.and(part!(fields $inner: $inner_type $(= $inner_spot)?)))?)*
+                    .after(OPERATION.field);
+
+                fn put(&self, to: &mut Writer<'_>) -> Result<(), Malformed> {
+                    OPERATION.put(&self.$operation(), to)?;
+                    match self {
+                        $(Self::$variant $({ $($field),* })? $(($inner))? => {
+                            $($(part!(put $field, to, $field: $type $(= $spot)?)?;)*)?
+                            $(part!(put $inner, to, $inner: $inner_type $(= $inner_spot)?)?;)?
+                        })*
+                    }
+                    Ok(())
+                }
+
+                fn take(from: &Reader<'d>) -> Result<Self, Malformed> {
+                    Ok(match OPERATION.take::<$int>(from)? {
+                        $($code => Self::$variant
+                            $({ $($field: part!(take from, $field: $type $(= $spot)?)?),* })?
+                            $((part!(take from, $inner: $inner_type $(= $inner_spot)?)?))?,)*
+                        other => return Err(Malformed::only($called, other.into(), $allowed)),
+                    })
+                }
+            }
+        };
+
+        $crate::xf::layout::layout! { $($rest)* }
+    };
+}
+
+/// A part of a layout, with a spot or a layout of its own: its fields, how it is written, how it is read.
+macro_rules! part {
+    (fields $name:ident: $type:ty) => {
+        <$type as Layout<'_>>::FIELDS
+    };
+    (fields $name:ident: $type:ty = $spot:expr) => {
+        FieldList::of($spot.of::<$type>(stringify!($name)))
+    };
+    (put $part:expr, $to:ident, $name:ident: $type:ty) => {
+        Layout::put($part, $to)
+    };
+    (put $part:expr, $to:ident, $name:ident: $type:ty = $spot:expr) => {
+        const { $spot.of::<$type>(stringify!($name)) }.put($part, $to)
+    };
+    (take $from:ident, $name:ident: $type:ty) => {
+        <$type as Layout<'_>>::take($from)
+    };
+    (take $from:ident, $name:ident: $type:ty = $spot:expr) => {
+        const { $spot.of::<$type>(stringify!($name)) }.take::<$type>($from)
+    };
+}
+
+pub(in crate::xf) use {layout, part};

@@ -1,0 +1,156 @@
+//! Lists of fields that are made while the crate is compiled.
+
+use super::{Count, Fixed, Spot};
+use crate::xf::fields::{Field, Place};
+
+/// The fields of a layout, by their places, each name once.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldList {
+    fields: [Field; Self::MOST],
+    len: usize,
+}
+
+impl FieldList {
+    /// The most fields that a function has.
+    const MOST: usize = 12;
+    /// No field.
+    pub const NONE: Self = Self { fields: [super::par().field; Self::MOST], len: 0 };
+
+    /// The field of a spot, and those that go with it.
+    pub const fn of(spot: Spot) -> Self {
+        let list = match spot.count {
+            Some(Count { field, .. }) => Self::NONE.with(Field { counts: Some(spot.field.name), ..field }),
+            None => Self::NONE,
+        };
+        match spot.fixed {
+            Some(Fixed { field, .. }) => list.with(field).with(spot.field),
+            None => list.with(spot.field),
+        }
+    }
+
+    /// This list with another one.
+    pub const fn and(mut self, other: Self) -> Self {
+        let mut n = 0;
+        while n < other.len {
+            self = self.with(other.fields[n]);
+            n += 1;
+        }
+        self
+    }
+
+    /// This list and behind it the field of a spot, wherever that stands.
+    pub const fn then(mut self, spot: Spot) -> Self {
+        self.fields[self.len] = spot.field;
+        self.len += 1;
+        self
+    }
+
+    /// This list with a field, which is known already if its name is.
+    pub const fn with(mut self, field: Field) -> Self {
+        let mut n = 0;
+        while n < self.len {
+            if same(self.fields[n].name, field.name) {
+                return self;
+            }
+            n += 1;
+        }
+        while n > 0 && order(&self.fields[n - 1]) > order(&field) {
+            self.fields[n] = self.fields[n - 1];
+            n -= 1;
+        }
+        self.fields[n] = field;
+        self.len += 1;
+        self
+    }
+
+    /// A list that begins with that field, wherever that stands.
+    pub const fn after(self, first: Field) -> Self {
+        let (mut list, mut n) = (Self::NONE.with(first), 0);
+        while n < self.len {
+            list.fields[n + 1] = self.fields[n];
+            n += 1;
+        }
+        list.len += n;
+        list
+    }
+
+    /// The fields as those of an answer: `par` is `ret`, and what counts is seen from what it counts.
+    pub const fn returned(self) -> Self {
+        let (mut list, mut n) = (Self::NONE, 0);
+        while n < self.len {
+            let field = self.fields[n];
+            if field.counts.is_none() {
+                let place = if matches!(field.place, Place::Parameter) { Place::Return } else { field.place };
+                list = list.with(Field { place, ..field });
+            }
+            n += 1;
+        }
+        list
+    }
+
+    /// Where the last field in the data segment ends, or begins if it goes to the end of what is valid.
+    pub const fn end(&self) -> usize {
+        let (mut end, mut n) = (0, 0);
+        while n < self.len {
+            if let Place::Data(byte) = self.fields[n].place {
+                let field_end = byte as usize + self.fields[n].bytes as usize;
+                end = if field_end > end { field_end } else { end };
+            }
+            n += 1;
+        }
+        end
+    }
+
+    /// How many fields there are.
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The fields as an array of just that many.
+    pub const fn array<const N: usize>(&self) -> [Field; N] {
+        let (mut fields, mut n) = ([self.fields[0]; N], 0);
+        while n < N {
+            fields[n] = self.fields[n];
+            n += 1;
+        }
+        fields
+    }
+}
+
+/// A list as a slice that lives as long as the program.
+macro_rules! field_slice {
+    ($list:expr) => {{
+        const LIST: $crate::xf::layout::FieldList = $list;
+        const FIELDS: [$crate::xf::fields::Field; LIST.len()] = LIST.array();
+        &FIELDS
+    }};
+}
+
+/// A type, its data living as long as the program.
+macro_rules! type_of {
+    ($name:ident) => { $name };
+    ($name:ident <$life:lifetime>) => { $name<'static> };
+}
+
+pub(in crate::xf) use {field_slice, type_of};
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut n = 0;
+    while n < a.len() && n < b.len() && a[n] == b[n] {
+        n += 1;
+    }
+    n == a.len() && n == b.len()
+}
+
+/// Where a field stands: the header before the data segment.
+const fn order(field: &Field) -> u32 {
+    let (part, byte) = match field.place {
+        Place::Parameter | Place::Return => (0, 0),
+        Place::Info(byte) => (1, byte as u32),
+        Place::Reserve => (2, 0),
+        Place::Length => (3, 0),
+        Place::Data(byte) => (4, byte as u32),
+    };
+    part << 28 | byte << 8 | field.shift as u32
+}

@@ -17,7 +17,7 @@ use crate::fieldbus::RingState;
 use crate::link::chip_link::ChipLink;
 #[cfg(feature = "sim")]
 use crate::link::chip_link::{ChipOptions, host_config};
-use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
+use crate::master::{DatagramError, Ending, FrameCounters, Job, MailboxInfo, Master, SdoError, Settings, upstreams};
 #[cfg(feature = "sim")]
 use crate::recording::Clock;
 #[cfg(feature = "sim")]
@@ -150,18 +150,18 @@ impl Mailboxes for XfNetwork {
         Ok(self.master.slave(JOINED).and_then(|info| info.mailbox))
     }
 
-    fn run(&mut self, _: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
-        let id = start(&mut self.master, JOINED);
+    fn run<T: Ending>(&mut self, _: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError> {
+        let job = start(&mut self.master, JOINED);
         let mut wire = ChipWire::new(&mut self.xf);
         loop {
             self.master.poll(wire.now(), &mut wire);
-            if let Some((_, done)) = self.master.take_done() {
-                return Ok(done);
+            if let Some(end) = self.master.take(job) {
+                return Ok(end);
             }
             // An emergency that a slave sends meanwhile is taken with its answers, and the chip never lists it.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(TURN) {
-                self.master.cancel(id);
+                self.master.cancel(job);
                 return Err(error.into());
             }
         }

@@ -1,7 +1,7 @@
 //! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
 
-use super::JobDone;
 use super::bus::Bus;
+use super::handle::{End, Ending};
 use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 use crate::coe::{
     AbortCode, CoeMessage, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope,
@@ -202,13 +202,13 @@ impl NumberTransfer {
         Some(Self::Download(bytes, value.len()))
     }
 
-    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> JobDone {
+    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> End {
         match self {
             Self::Upload => {
                 let beginning = upload(bus, peer, object, scope).await;
-                JobDone::UploadNumber(beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)))
+                beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)).into_end()
             }
-            Self::Download(bytes, len) => JobDone::Download(download(bus, peer, object, scope, &bytes[..len]).await),
+            Self::Download(bytes, len) => download(bus, peer, object, scope, &bytes[..len]).await.into_end(),
         }
     }
 }

@@ -2,13 +2,13 @@
 //! which the board does it.
 
 use super::answer_wait_ns;
-use super::jobs::is_busy;
+use super::jobs::{BUSY, Transfer};
 use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
+use crate::master::{JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
 /// How many slaves are configured at once. \[OURS]
@@ -80,26 +80,12 @@ impl Left {
 /// A slave that is being configured.
 struct OneSlave {
     slave: u8,
-    id: JobId,
+    transfer: Transfer,
     stage: Stage,
     /// How the transfer has ended that it waits for.
-    ended: Option<Ended>,
+    ended: Option<Result<Option<u32>, SdoError>>,
     /// How often it was asked for.
     tries: u32,
-}
-
-/// How a transfer has ended.
-#[derive(Clone, Copy)]
-enum Ended {
-    Done,
-    /// An object was read that holds that, or begins with it.
-    Holds(u32),
-    Aborted(AbortCode),
-    /// The slave answers, and the transfer has failed with this code: there was no answer in time, or a wrong one.
-    Failed(AbortCode),
-    /// The mailbox was in use.
-    Busy,
-    NoAnswer,
 }
 
 /// How often a transfer is asked for whose mailbox is in use, as long as an answer is fetched that nobody waits for. \[OURS]
@@ -132,23 +118,14 @@ impl Configuring {
     }
 
     pub(super) fn cancel(&mut self, master: &mut Master) {
-        self.under_way.drain(..).for_each(|one| master.cancel(one.id));
+        self.under_way.drain(..).for_each(|one| master.cancel(one.transfer.id()));
     }
 
     /// A transfer has ended.
-    pub(super) fn take(&mut self, id: JobId, done: &JobDone) {
-        let Some(one) = self.under_way.iter_mut().find(|one| one.id == id) else { return };
-        one.ended = Some(match done {
-            JobDone::UploadNumber(Err(SdoError::Abort(code))) | JobDone::Download(Err(SdoError::Abort(code))) => {
-                Ended::Aborted(*code)
-            }
-            done if is_busy(done) && one.tries < TRIES => Ended::Busy,
-            JobDone::UploadNumber(Err(SdoError::Mailbox(MailboxError::NoAnswer)))
-            | JobDone::Download(Err(SdoError::Mailbox(MailboxError::NoAnswer))) => Ended::NoAnswer,
-            JobDone::UploadNumber(Err(error)) | JobDone::Download(Err(error)) => Ended::Failed(error.abort_code()),
-            JobDone::UploadNumber(Ok(number)) => Ended::Holds(*number),
-            _ => Ended::Done,
-        });
+    pub(super) fn take(&mut self, id: JobId, master: &mut Master) {
+        if let Some(one) = self.under_way.iter_mut().find(|one| one.transfer.id() == id) {
+            one.ended = one.transfer.take(master);
+        }
     }
 
     /// Goes on with all slaves; how it has ended. `mapped` is told what is mapped in a slave.
@@ -222,9 +199,9 @@ impl Configuring {
         uses: [SiiSmType; MANAGERS_MAX],
         master: &mut Master,
     ) {
-        let id = ask_for_manager_use(slave, sub, master);
+        let transfer = ask_for_manager_use(slave, sub, master);
         let stage = Stage::ManagerUses { sub, count, uses };
-        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+        self.under_way.push(OneSlave { slave, transfer, stage, ended: None, tries: 0 });
     }
 
     /// The slave has said what a sync manager is for, or how many there are.
@@ -257,9 +234,9 @@ impl Configuring {
             return self.take_as_described(slave, master, mapped);
         }
         if matches!(role, Role::Hsp(_)) {
-            let id = ask_for_second_axis(slave, master);
+            let transfer = ask_for_second_axis(slave, master);
             let stage = Stage::SecondAxis;
-            self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+            self.under_way.push(OneSlave { slave, transfer, stage, ended: None, tries: 0 });
         } else {
             self.write_first(slave, false, master);
         }
@@ -291,9 +268,9 @@ impl Configuring {
     /// Goes on with the next download. False: there is none.
     fn write_next(&mut self, slave: u8, wanted: Wanted, mut left: Left, master: &mut Master) -> bool {
         let Some(current) = left.next() else { return false };
-        let id = download(slave, &current, master);
+        let transfer = download(slave, &current, master);
         let stage = Stage::Writing { wanted, left, current, refused: None };
-        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+        self.under_way.push(OneSlave { slave, transfer, stage, ended: None, tries: 0 });
         true
     }
 
@@ -321,27 +298,30 @@ impl Configuring {
     fn go_on(
         &mut self,
         one: OneSlave,
-        ended: Ended,
+        ended: Result<Option<u32>, SdoError>,
         master: &mut Master,
         mapped: &mut dyn FnMut(u8, Option<ProcessData>),
     ) {
         let OneSlave { slave, tries, stage, .. } = one;
         let ended = match ended {
-            Ended::Done => Ok(None),
-            Ended::Holds(value) => Ok(Some(value)),
-            Ended::Aborted(code) => Err(code),
-            Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
-            Ended::Failed(code) => {
-                return self.refuse(Refusal { slave, al_status: 0, abort: Some((stage.object(slave, master), code)) });
-            }
-            Ended::Busy => {
-                let id = match &stage {
+            Ok(read) => Ok(read),
+            Err(SdoError::Abort(code)) => Err(code),
+            Err(BUSY) if tries < TRIES => {
+                let transfer = match &stage {
                     Stage::ManagerUses { sub, .. } => ask_for_manager_use(slave, *sub, master),
                     Stage::SecondAxis => ask_for_second_axis(slave, master),
                     Stage::Writing { current, refused: None, .. } => download(slave, current, master),
                     Stage::Writing { current, .. } => upload(slave, current, master),
                 };
-                return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: tries + 1 });
+                return self.under_way.push(OneSlave { slave, transfer, stage, ended: None, tries: tries + 1 });
+            }
+            Err(SdoError::Mailbox(MailboxError::NoAnswer)) => {
+                return self.refuse(Refusal { slave, al_status: 0, abort: None });
+            }
+            // The slave answers, but not in time, or wrongly.
+            Err(error) => {
+                let abort = Some((stage.object(slave, master), error.abort_code()));
+                return self.refuse(Refusal { slave, al_status: 0, abort });
             }
         };
         match stage {
@@ -370,9 +350,9 @@ impl Configuring {
                         return self.cannot_map(refusal, (wanted, current, code), master);
                     }
                     if !current.takes_away() {
-                        let id = upload(slave, &current, master);
+                        let transfer = upload(slave, &current, master);
                         let stage = Stage::Writing { wanted, left, current, refused: Some(code) };
-                        return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
+                        return self.under_way.push(OneSlave { slave, transfer, stage, ended: None, tries: 0 });
                     }
                 }
                 if self.write_next(slave, wanted, left, master) {
@@ -411,12 +391,16 @@ fn is_described(info: &SlaveInfo) -> bool {
     info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
 }
 
-fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {
-    master.upload_number(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
+fn read(slave: u8, object: ObjectAddress, master: &mut Master) -> Transfer {
+    Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, SDO_TIMEOUT_NS))
 }
 
-fn ask_for_manager_use(slave: u8, sub: u8, master: &mut Master) -> JobId {
-    master.upload_number(slave, ObjectAddress::new(MANAGER_USES, sub), SdoScope::Entry, SDO_TIMEOUT_NS)
+fn ask_for_second_axis(slave: u8, master: &mut Master) -> Transfer {
+    read(slave, pdo::SECOND_CONTROLWORD, master)
+}
+
+fn ask_for_manager_use(slave: u8, sub: u8, master: &mut Master) -> Transfer {
+    read(slave, ObjectAddress::new(MANAGER_USES, sub), master)
 }
 
 /// The object of a slave that a download is for.
@@ -426,17 +410,12 @@ fn object_in(slave: u8, download: &Download, master: &Master) -> ObjectAddress {
     download.object_for(managers)
 }
 
-fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    let bytes = download.value.to_le_bytes();
-    master.download(
-        slave,
-        object_in(slave, download, master),
-        SdoScope::Entry,
-        &bytes[..usize::from(download.size.bytes())],
-        SDO_TIMEOUT_NS,
-    )
+fn download(slave: u8, download: &Download, master: &mut Master) -> Transfer {
+    let object = object_in(slave, download, master);
+    let bytes = &download.value.to_le_bytes()[..usize::from(download.size.bytes())];
+    Transfer::Download(master.download(slave, object, SdoScope::Entry, bytes, SDO_TIMEOUT_NS))
 }
 
-fn upload(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    master.upload_number(slave, object_in(slave, download, master), SdoScope::Entry, SDO_TIMEOUT_NS)
+fn upload(slave: u8, download: &Download, master: &mut Master) -> Transfer {
+    read(slave, object_in(slave, download, master), master)
 }

@@ -53,13 +53,13 @@ use super::{
     AlState, BusError, Busy, CardsGone, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs,
     Pacing, RingState, SdoRequest, SlaveSet, Strangers,
 };
-use crate::master::{self, Master, Settings};
+use crate::master::{Master, Settings};
 use crate::sk::CycleTime;
 use ages::Ages;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
 use configure::Configuring;
-use jobs::Running;
+use jobs::{Running, Transfer};
 use missed::Missed;
 pub use ring::{GRACE_NS, Ring};
 pub use wires::{CardPair, NicWires};
@@ -126,7 +126,7 @@ struct Station {
 #[derive(Clone, Copy, Debug)]
 struct RunningSdo {
     request: SdoRequest,
-    id: master::JobId,
+    transfer: Transfer,
     /// When the slave has not answered, on the wires' clock.
     until: Ns,
 }
@@ -318,8 +318,8 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn cancel_sdo(&mut self) {
-        if let Some(RunningSdo { id, .. }) = self.sdo.take() {
-            self.master.cancel(id);
+        if let Some(RunningSdo { transfer, .. }) = self.sdo.take() {
+            self.master.cancel(transfer.id());
         }
         self.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
     }

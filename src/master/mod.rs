@@ -131,7 +131,7 @@ mod information;
 mod jobs;
 mod mailbox;
 mod pace;
-mod place;
+pub(crate) mod place;
 mod process_data;
 mod registers;
 mod scan;

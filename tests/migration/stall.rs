@@ -38,7 +38,7 @@ impl Stalling {
         let stood = self.stood.load(Ordering::Relaxed);
         let stall = stood - std::mem::replace(&mut self.seen, stood);
         if stall > 0 {
-            let wires = self.inner.wires_mut();
+            let mut wires = self.inner.wires_mut();
             let Ok(()) = wires.wait_until(wires.now() + stall);
         }
         now + stood

@@ -102,6 +102,10 @@ impl Rig {
         Self { master: Master::new(Settings::default()), wire, open: Vec::new(), is_cyclic: false }
     }
 
+    fn ended(&self) -> Option<JobId> {
+        self.master.ended().next()
+    }
+
     fn pass(&mut self, ns: Ns) {
         self.wire.now += ns;
         let now = self.wire.now;
@@ -111,7 +115,7 @@ impl Rig {
         self.master.poll(now, &mut self.wire);
         let _ = self.master.take_cycle();
         while self.master.take_event().is_some() {}
-        while let Some(id) = self.master.ended() {
+        while let Some(id) = self.ended() {
             let at = self.open.iter().position(|open| *open == id).expect("it was started and has not ended");
             self.open.remove(at);
             self.master.cancel(id);
@@ -222,7 +226,7 @@ impl Rig {
                 self.master.cycle(now, &mut self.wire);
             }
             self.master.poll(now, &mut self.wire);
-            if let Some(ended) = self.master.ended() {
+            if let Some(ended) = self.ended() {
                 assert_eq!(ended, job.id());
                 return self.master.take(job).expect("it has ended");
             }

@@ -149,9 +149,14 @@ impl Master {
         self.done.remove(place).and_then(|(_, end)| T::of(end))
     }
 
-    /// What has ended first of all whose ends were not taken. [`Self::cancel`] forgets an end that nobody wants.
-    pub fn ended(&self) -> Option<JobId> {
-        self.done.front().map(|(id, _)| *id)
+    /// What has ended and was not taken, the first one first. [`Self::cancel`] forgets an end that nobody wants.
+    pub fn ended(&self) -> impl Iterator<Item = JobId> {
+        self.done.iter().map(|(id, _)| *id)
+    }
+
+    /// What was started last.
+    pub(crate) const fn newest(&self) -> JobId {
+        JobId(self.next_job)
     }
 
     /// Gives up something that was started. Its end is never told; what was sent takes effect.

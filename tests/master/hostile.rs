@@ -93,7 +93,7 @@ fn nothing_panics_and_everything_ends() {
         (rig.net.hostile, rig.net.faults) = (None, Faults::NONE);
         rig.next_cycle = None;
         rig.run_for(20 * MS);
-        assert_eq!(rig.master.ended(), None);
+        assert_eq!(rig.master.ended().next(), None);
         let now = rig.net.now;
         (0..rig.net.chain.len()).for_each(|n| rig.net.chain.slave_mut(n).power_on(now));
         rig.scan();

@@ -64,7 +64,8 @@ impl Rig {
         let until = self.line.now() + 600 * SECOND;
         while self.line.now() < until {
             self.step();
-            if let Some(ended) = self.master.ended() {
+            let ended = self.master.ended().next();
+            if let Some(ended) = ended {
                 assert_eq!(ended, job.id(), "another one has ended");
                 return self.master.take(job).expect("it has ended");
             }

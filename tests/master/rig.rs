@@ -230,7 +230,7 @@ impl Rig {
         let until = self.net.now + 60 * SECOND;
         while self.net.now < until {
             self.step();
-            if let Some(ended) = self.master.ended() {
+            if let Some(ended) = self.master.ended().next() {
                 assert_eq!(ended, id, "another one has ended");
                 return;
             }

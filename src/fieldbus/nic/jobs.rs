@@ -72,14 +72,9 @@ impl Transfer {
 /// The mailbox is in use: an emergency or an answer that nobody waits for is fetched.
 pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
 
-/// The slave does not answer.
-const fn no_answer(slave: u8) -> Refusal {
-    Refusal { slave, al_status: 0, abort: None }
-}
-
-/// The AL status code with which a slave is told that answers.
-fn told(code: AlStatus) -> u16 {
-    if code == AlStatus::NONE { Refusal::WITHOUT_REASON } else { code.0 }
+/// A slave that answers is told with its AL status code.
+fn told(slave: u8, code: AlStatus) -> Refusal {
+    Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
 }
 
 impl<W: NicWires> NicBus<W> {
@@ -87,11 +82,11 @@ impl<W: NicWires> NicBus<W> {
         self.job = match job {
             Job::Scan => {
                 self.forget_slaves();
-                Some(Running::Scan(self.master.scan()))
+                Some(Running::Scan(self.master.lock().scan()))
             }
             Job::Configure(config) => {
                 self.set_cycle(config.cycle);
-                let mut configuring = self.spare.take().unwrap_or_else(Configuring::place);
+                let mut configuring = self.spare.take().unwrap_or_else(|| Configuring::place(&self.master));
                 configuring.begin_all(config, self.found);
                 Some(Running::Configure(configuring))
             }
@@ -125,7 +120,7 @@ impl<W: NicWires> NicBus<W> {
     /// Cycles of that length keep step with the reference clock: a frame passes it when a cycle of its time begins.
     fn set_cycle(&mut self, cycle: CycleTime) {
         if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
-            self.master.set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
+            self.master.lock().set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
             self.is_paced = true;
         }
     }
@@ -165,13 +160,13 @@ impl<W: NicWires> NicBus<W> {
     /// The board gives up a change under way.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
-            Running::Scan(job) => self.master.cancel(job),
+            Running::Scan(job) => self.master.lock().cancel(job),
             Running::State(change) => {
                 self.stay_in_op(&change);
-                change.job.into_iter().for_each(|job| self.master.cancel(job));
+                change.job.into_iter().for_each(|job| self.master.lock().cancel(job));
             }
             Running::Configure(mut configuring) => {
-                configuring.cancel(&mut self.master);
+                configuring.cancel(&self.master);
                 self.spare = Some(configuring);
             }
         }
@@ -191,7 +186,7 @@ impl<W: NicWires> NicBus<W> {
 
     pub(super) fn start_sdo(&mut self, request: SdoRequest) {
         let SdoRequest { slave, object, write, timeout_ns } = request;
-        let master = &mut self.master;
+        let mut master = self.master.lock();
         let transfer = match write {
             // Of a longer value the board shows the first 4 bytes (SK-6).
             None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
@@ -203,39 +198,49 @@ impl<W: NicWires> NicBus<W> {
         self.sdo = Some(RunningSdo { request, transfer, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
-    /// Takes from the master what has ended, in that order.
+    /// Takes from the master what has ended, in that order. What belongs to a configuration its sequences take.
     pub(super) fn take_ends(&mut self) {
-        while let Some(id) = self.master.ended() {
+        while let Some(id) = self.next_ended() {
             self.take_end(id);
-            // If it was nobody's it is forgotten.
-            self.master.cancel(id);
         }
-        while self.master.take_event().is_some() {}
+        while self.master.lock().take_event().is_some() {}
+    }
+
+    fn next_ended(&self) -> Option<JobId> {
+        let sdo = self.sdo.map(|sdo| sdo.transfer.id());
+        let job = match &self.job {
+            Some(Running::Scan(scan)) => Some(scan.id()),
+            Some(Running::State(change)) => change.job.map(master::Job::id),
+            Some(Running::Configure(_)) | None => None,
+        };
+        self.master.lock().ended().find(|id| [sdo, job].contains(&Some(*id)))
     }
 
     fn take_end(&mut self, id: JobId) {
         if let Some(sdo) = self.sdo.take_if(|sdo| sdo.transfer.id() == id) {
-            if let Some(result) = sdo.transfer.take(&mut self.master) {
+            let ended = sdo.transfer.take(&mut self.master.lock());
+            if let Some(result) = ended {
                 self.end_sdo(sdo, result);
             }
             return;
         }
-        match &mut self.job {
-            Some(Running::Configure(configuring)) => configuring.take(id, &mut self.master),
+        match &self.job {
             Some(Running::Scan(scan)) => {
-                if let Some(found) = self.master.take(*scan) {
+                let found = self.master.lock().take(*scan);
+                if let Some(found) = found {
                     self.job = None;
                     self.end_scan(found);
                 }
             }
             Some(Running::State(change)) => {
                 let change = *change;
-                if let Some(ended) = change.job.and_then(|job| self.master.take(job)) {
+                let ended = change.job.and_then(|job| self.master.lock().take(job));
+                if let Some(ended) = ended {
                     self.job = None;
                     self.end_part(change, ended);
                 }
             }
-            None => {}
+            Some(Running::Configure(_)) | None => {}
         }
     }
 
@@ -289,9 +294,9 @@ impl<W: NicWires> NicBus<W> {
         let now = self.wires.now();
         let refused = || {
             slaves.iter().find_map(|slave| {
-                let status = self.master.status(slave).filter(|status| status.is_present)?;
+                let status = self.master.lock().status(slave).filter(|status| status.is_present)?;
                 let is_refused = status.status.contains(AlStatusRegister::ERROR);
-                is_refused.then_some(Refusal { slave, al_status: told(status.code), abort: None })
+                is_refused.then(|| told(slave, status.code))
             })
         };
         let result = match ended.map_err(|StateError { slave, reason, .. }| (refused(), slave, reason)) {
@@ -302,8 +307,8 @@ impl<W: NicWires> NicBus<W> {
                 self.job = Some(Running::State(Change { job: None, again_at, ..change }));
                 return;
             }
-            Err((None, slave, StateReason::NoAnswer)) => Err(no_answer(slave)),
-            Err((None, slave, reason)) => Err(Refusal { al_status: told(reason.code()), ..no_answer(slave) }),
+            Err((None, slave, StateReason::NoAnswer)) => Err(Refusal::no_answer(slave)),
+            Err((None, slave, reason)) => Err(told(slave, reason.code())),
         };
         if result.is_err() {
             self.stay_in_op(&change);
@@ -324,7 +329,7 @@ impl<W: NicWires> NicBus<W> {
         }
         self.prepare_change(change.target, change.slaves);
         let left = change.until.saturating_sub(self.wires.now());
-        change.job = Some(self.master.request_state(change.slaves, change.target, left));
+        change.job = Some(self.master.lock().request_state(change.slaves, change.target, left));
         change.takes_no_more |= std::mem::take(&mut change.sends_first);
     }
 

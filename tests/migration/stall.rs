@@ -39,7 +39,8 @@ impl Stalling {
         let stall = stood - std::mem::replace(&mut self.seen, stood);
         if stall > 0 {
             let mut wires = self.inner.wires_mut();
-            let Ok(()) = wires.wait_until(wires.now() + stall);
+            let until = wires.now() + stall;
+            let Ok(()) = wires.wait_until(until);
         }
         now + stood
     }

@@ -28,8 +28,10 @@ const HOST_MAIL_NS: Ns = 1_000_000_000;
 struct Pending {
     jobs: Vec<JobId>,
     /// The answer, when all jobs have ended.
-    answer: Box<dyn FnMut(&mut Master) -> Option<Answer> + Send>,
+    answer: Answering,
 }
+
+type Answering = Box<dyn FnMut(&mut Master) -> Option<Answer> + Send>;
 
 impl Pending {
     /// The answer is made of what the last of these jobs ends with.
@@ -147,20 +149,18 @@ impl Controllers {
         self.answer = Some(answer);
     }
 
-    /// Starts the jobs of the master that an operation is.
-    ///
-    /// # Errors
-    /// It cannot be, or nothing is to be done: the answer.
-    fn begin(&mut self, operation: Operation) -> Result<Pending, Answer> {
+    /// Starts the jobs of the master that an operation is; `None`: there are none, and the answer is there.
+    fn begin(&mut self, operation: Operation) -> Option<Pending> {
         let master = &mut self.master;
-        Ok(match operation {
+        Some(match operation {
             Operation::Scan => Pending::new(vec![master.scan()], |_, found| Answer::Scanned(found.unwrap_or(0))),
             Operation::ReadStates => Pending::new(vec![master.read_states()], |_, ()| Answer::StatesRead),
             Operation::Enter(slaves) => {
                 let changes = request_states(master, &slaves);
                 let answer = move |master: &Master, _| Answer::Entered(entered(master, &slaves));
                 if changes.is_empty() {
-                    return Err(Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))));
+                    self.answer = Some(Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))));
+                    return None;
                 }
                 Pending::new(changes, answer)
             }
@@ -193,7 +193,8 @@ impl Controllers {
             }
             Operation::SetManager { slave, number, registers } => {
                 if master.set_manager(slave + 1, number, registers).is_err() {
-                    return Err(Answer::ManagerSet(false));
+                    self.answer = Some(Answer::ManagerSet(false));
+                    return None;
                 }
                 // It takes its start and its length while it is off.
                 let mut off = registers;
@@ -361,11 +362,8 @@ impl Network for Controllers {
 
     fn start(&mut self, operation: Operation) -> Option<Answer> {
         self.give_up();
-        match self.begin(operation) {
-            Ok(pending) => (self.pending, self.next_work) = (Some(pending), self.wire.now),
-            Err(answer) => return Some(answer),
-        }
-        None
+        (self.pending, self.next_work) = (self.begin(operation), self.wire.now);
+        self.answer.take()
     }
 
     fn poll(&mut self) -> Option<Answer> {

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use ecmsk::coe::{EntryRequest, ObjectAddress, ObjectListType, SdoScope, ValueInfo};
 use ecmsk::ethercat::{AlState, Command, Ns, SlaveSet, each_datagram};
-use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Pace, Settings, SyncSignals, Wire, WireDown};
+use ecmsk::master::{Ending, FrameBuffer, Job, JobId, Master, Pace, Settings, SyncSignals, Wire, WireDown};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 use ecmsk::slave::{Drive, DriveConfig, Hsp, HspConfig, Io, Slave};
 use libfuzzer_sys::fuzz_target;
@@ -102,6 +102,10 @@ impl Rig {
         Self { master: Master::new(Settings::default()), wire, open: Vec::new(), is_cyclic: false }
     }
 
+    fn ended(&self) -> Option<JobId> {
+        self.master.ended().next()
+    }
+
     fn pass(&mut self, ns: Ns) {
         self.wire.now += ns;
         let now = self.wire.now;
@@ -111,9 +115,10 @@ impl Rig {
         self.master.poll(now, &mut self.wire);
         let _ = self.master.take_cycle();
         while self.master.take_event().is_some() {}
-        while let Some((id, _)) = self.master.take_done() {
+        while let Some(id) = self.ended() {
             let at = self.open.iter().position(|open| *open == id).expect("it was started and has not ended");
             self.open.remove(at);
+            self.master.cancel(id);
         }
     }
 
@@ -125,20 +130,20 @@ impl Rig {
         let id = match what % 29 {
             0 => {
                 self.open.clear();
-                self.master.scan()
+                self.master.scan().id()
             }
             1..4 => {
                 let target = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op][usize::from(b % 4)];
                 let slaves = SlaveSet::from_bits(u64::from(a) & 0x0F);
-                self.master.request_state(slaves, target, 10 * timeout)
+                self.master.request_state(slaves, target, 10 * timeout).id()
             }
-            4 => self.master.upload(slave, object, SdoScope::Entry, timeout),
-            5 => self.master.download(slave, object, SdoScope::Complete, &step, timeout),
-            6 => self.master.object_list(slave, ObjectListType::from_code(b.into()), timeout),
-            7 => self.master.describe_object(slave, object.index, timeout),
-            8 => self.master.describe_entry(slave, EntryRequest { object, wanted: ValueInfo(e) }, timeout),
-            9 => self.master.read_file(slave, &step, 0, timeout),
-            10 => self.master.write_file(slave, &step, 0, &[b; 200], timeout),
+            4 => self.master.upload(slave, object, SdoScope::Entry, timeout).id(),
+            5 => self.master.download(slave, object, SdoScope::Complete, &step, timeout).id(),
+            6 => self.master.object_list(slave, ObjectListType::from_code(b.into()), timeout).id(),
+            7 => self.master.describe_object(slave, object.index, timeout).id(),
+            8 => self.master.describe_entry(slave, EntryRequest { object, wanted: ValueInfo(e) }, timeout).id(),
+            9 => self.master.read_file(slave, &step, 0, timeout).id(),
+            10 => self.master.write_file(slave, &step, 0, &[b; 200], timeout).id(),
             11 => {
                 let _ = self.master.configure(slave, b.into(), c.into());
                 return;
@@ -171,11 +176,11 @@ impl Rig {
                 let n = usize::from(a) % self.wire.chain.len();
                 return self.wire.chain.connect(n, b & 1 == 0);
             }
-            21 => self.master.read_eeprom(slave, object.index, d.into()),
-            22 => self.master.write_eeprom(slave, object.index, &[object.index; 3]),
-            23 => self.master.read_registers(slave, object.index, d.into()),
-            24 => self.master.write_registers(slave, object.index, &step),
-            25 => self.master.datagram(Command::from_code(e), u32::from_le_bytes([a, b, c, d]), &step),
+            21 => self.master.read_eeprom(slave, object.index, d.into()).id(),
+            22 => self.master.write_eeprom(slave, object.index, &[object.index; 3]).id(),
+            23 => self.master.read_registers(slave, object.index, d.into()).id(),
+            24 => self.master.write_registers(slave, object.index, &step).id(),
+            25 => self.master.datagram(Command::from_code(e), u32::from_le_bytes([a, b, c, d]), &step).id(),
             19 | 20 => return (0..a % 32).for_each(|_| self.pass(u64::from(b) * 10_000)),
             _ => return self.wire.changes.extend((0..1 + e % 8).map(|n| [a, b.wrapping_add(n), c, d])),
         };
@@ -202,17 +207,17 @@ impl Rig {
         // Frames of before are counted and dropped, but a scan takes the first ones for its own if they fit.
         (0..200).for_each(|_| self.pass(MS));
         let id = self.master.scan();
-        assert_eq!(self.wait(id), JobDone::Scan(Ok(count)));
+        assert_eq!(self.wait(id), Ok(count));
         let all = SlaveSet::first(count);
         (1..=count).for_each(|slave| self.master.configure_as_described(slave).expect("it is described"));
         for target in [AlState::PreOp, AlState::SafeOp, AlState::Op] {
             let id = self.master.request_state(all, target, 10_000 * MS);
-            assert_eq!(self.wait(id), JobDone::State(Ok(())));
+            assert_eq!(self.wait(id), Ok(()));
             self.is_cyclic = target == AlState::SafeOp;
         }
     }
 
-    fn wait(&mut self, id: JobId) -> JobDone {
+    fn wait<T: Ending>(&mut self, job: Job<T>) -> T {
         let until = self.wire.now + END_NS;
         while self.wire.now < until {
             self.wire.now += 200_000;
@@ -221,9 +226,9 @@ impl Rig {
                 self.master.cycle(now, &mut self.wire);
             }
             self.master.poll(now, &mut self.wire);
-            if let Some((ended, done)) = self.master.take_done() {
-                assert_eq!(ended, id);
-                return done;
+            if let Some(ended) = self.ended() {
+                assert_eq!(ended, job.id());
+                return self.master.take(job).expect("it has ended");
             }
         }
         panic!("it does not end");

@@ -13,7 +13,15 @@ use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DES
 use crate::ethercat::sii::SiiIdentity;
 use crate::fieldbus::RingState;
 use crate::link::chip_link::ChipLink;
-use crate::master::{DatagramError, FrameCounters, JobDone, JobId, MailboxInfo, Master, SdoError, Settings, upstreams};
+#[cfg(feature = "sim")]
+use crate::link::chip_link::{ChipOptions, host_config};
+use crate::master::{DatagramError, Ending, FrameCounters, Job, MailboxInfo, Master, SdoError, Settings, upstreams};
+#[cfg(feature = "sim")]
+use crate::recording::Clock;
+#[cfg(feature = "sim")]
+use crate::testbed::chip::SimChip;
+#[cfg(feature = "sim")]
+use crate::testbed::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostConfig, HostError};
 use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};
@@ -130,18 +138,18 @@ impl Mailboxes for XfNetwork {
         Ok(self.master.slave(JOINED).and_then(|info| info.mailbox))
     }
 
-    fn run(&mut self, _: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
-        let id = start(&mut self.master, JOINED);
+    fn run<T: Ending>(&mut self, _: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError> {
+        let job = start(&mut self.master, JOINED);
         let mut wire = ChipWire::new(&mut self.xf);
         loop {
             self.master.poll(wire.now(), &mut wire);
-            if let Some((_, done)) = self.master.take_done() {
-                return Ok(done);
+            if let Some(end) = self.master.take(job) {
+                return Ok(end);
             }
             // An emergency that a slave sends meanwhile is taken with its answers, and the chip never lists it.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(TURN) {
-                self.master.cancel(id);
+                self.master.cancel(job);
                 return Err(error.into());
             }
         }

@@ -6,7 +6,7 @@ use crate::ethercat::Ns;
 use crate::ethercat::coe::{EntryRequest, ObjectListType};
 use crate::ethercat::registers::AL_STATUS;
 use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
-use crate::master::{FileError, JobDone, JobId, MailboxInfo, Master, SdoError};
+use crate::master::{Ending, FileError, Job, MailboxInfo, Master, SdoError};
 
 /// \[OURS] How long a slave may take for each answer of its mailbox.
 pub(super) const ANSWER_MAX_NS: Ns = 5_000_000_000;
@@ -23,7 +23,7 @@ pub(super) trait Mailboxes: Network {
     ///
     /// # Errors
     /// The way to the slaves is broken.
-    fn run(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError>;
+    fn run<T: Ending>(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError>;
 }
 
 /// Checks that a slave has a mailbox for a protocol, and brings it to PreOP.
@@ -46,10 +46,8 @@ fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<(), BusEr
 /// [`Network::object_list`]
 pub(super) fn object_list(network: &mut impl Mailboxes, slave: u8) -> Result<Vec<u16>, BusError> {
     open_information(network, slave)?;
-    match network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))? {
-        JobDone::ObjectList(list) => list.map_err(|error| failed_information(network, slave, error)),
-        _ => Err(BusError::NoInformation { slave }),
-    }
+    let list = network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))?;
+    list.map_err(|error| failed_information(network, slave, error))
 }
 
 /// [`Network::describe_object`]
@@ -69,13 +67,10 @@ pub(super) fn describe_entry(
 fn describe(
     network: &mut impl Mailboxes,
     slave: u8,
-    start: impl FnOnce(&mut Master, u8) -> JobId,
+    start: impl FnOnce(&mut Master, u8) -> Job<Result<Vec<u8>, SdoError>>,
 ) -> Result<Vec<u8>, BusError> {
     open_information(network, slave)?;
-    match network.run(slave, start)? {
-        JobDone::Description(described) => described.map_err(|error| failed_information(network, slave, error)),
-        _ => Err(BusError::NoInformation { slave }),
-    }
+    network.run(slave, start)?.map_err(|error| failed_information(network, slave, error))
 }
 
 /// [`Network::read_file`]
@@ -86,10 +81,8 @@ pub(super) fn read_file(
     password: u32,
 ) -> Result<Vec<u8>, BusError> {
     open(network, slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
-    match network.run(slave, |master, slave| master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS))? {
-        JobDone::ReadFile(read) => read.map_err(|error| failed_file(network, slave, name, error)),
-        _ => Err(BusError::NoFoe { slave }),
-    }
+    let start = |master: &mut Master, slave| master.read_file(slave, name.as_bytes(), password, ANSWER_MAX_NS);
+    network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
 /// [`Network::write_file`]
@@ -103,10 +96,7 @@ pub(super) fn write_file(
     open(network, slave, MailboxProtocols::FOE, BusError::NoFoe { slave })?;
     let start =
         |master: &mut Master, slave| master.write_file(slave, name.as_bytes(), password, content, ANSWER_MAX_NS);
-    match network.run(slave, start)? {
-        JobDone::WriteFile(written) => written.map_err(|error| failed_file(network, slave, name, error)),
-        _ => Err(BusError::NoFoe { slave }),
-    }
+    network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
 fn failed_information(network: &mut impl Mailboxes, slave: u8, error: SdoError) -> BusError {

@@ -7,7 +7,7 @@ use crate::address::uri::LinkUri;
 use crate::ethercat::Command;
 use crate::ethercat::registers::AL_STATUS;
 use crate::fieldbus::nic::NicWires;
-use crate::master::{JobDone, Master, Settings};
+use crate::master::{Master, Settings};
 use crate::own_board::nic::{Wires, wires};
 
 /// \[OURS] How long a poll waits for a frame at most, ns.
@@ -56,20 +56,20 @@ fn measure(mut wires: impl NicWires, settings: Settings, times: u32) -> Option<R
     let (mut took, mut lost, mut slaves) = (Vec::with_capacity(times as usize), 0, 0);
     for _ in 0..times {
         let begin = wires.now();
-        let id = master.datagram(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2]);
-        let done = loop {
+        let job = master.datagram(Command::Brd, u32::from(AL_STATUS) << 16, &[0; 2]);
+        let answer = loop {
             master.poll(wires.now(), &mut wires);
-            if let Some((_, done)) = master.take_done().filter(|(ended, _)| *ended == id) {
-                break done;
+            if let Some(answer) = master.take(job) {
+                break answer;
             }
             wires.wait(wires.now().saturating_add(TURN_NS));
         };
-        match done {
-            JobDone::Datagram(Ok(answer)) => {
+        match answer {
+            Ok(answer) => {
                 slaves = answer.working_counter;
                 took.push(Duration::from_nanos(wires.now() - begin));
             }
-            _ => lost += 1,
+            Err(_) => lost += 1,
         }
         if took.is_empty() && lost >= 3 {
             return None;

@@ -10,9 +10,7 @@ use crate::ethercat::sii::MailboxProtocols;
 use crate::ethercat::{AlState, Command, Ns, SlaveSet};
 use crate::fieldbus::RingState;
 use crate::fieldbus::nic::NicWires;
-use crate::master::{
-    DatagramAnswer, FrameCounters, JobDone, JobId, MailboxInfo, Master, Settings, SlaveInfo, StateError, StateReason,
-};
+use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Master, Settings, SlaveInfo};
 
 /// \[OURS] How long a slave may take to PreOP, as ESI files say it most often.
 const PREOP_MAX_NS: Ns = 10_000_000_000;
@@ -45,13 +43,11 @@ impl<W: NicWires> SoftwareNetwork<W> {
     }
 
     /// Waits for the end of something that was started.
-    fn wait_for(&mut self, id: JobId) -> JobDone {
+    fn wait_for<T: Ending>(&mut self, job: Job<T>) -> T {
         loop {
             self.master.poll(self.wires.now(), &mut self.wires);
-            while let Some((ended, done)) = self.master.take_done() {
-                if ended == id {
-                    return done;
-                }
+            if let Some(end) = self.master.take(job) {
+                return end;
             }
             // Nobody asks for them, and they would fill the room that they have.
             while self.master.take_event().is_some() {}
@@ -63,11 +59,8 @@ impl<W: NicWires> SoftwareNetwork<W> {
     fn datagram(&mut self, command: Command, position: u16, address: u16, len: usize) -> Option<DatagramAnswer> {
         (0..TRIES).find_map(|_| {
             let address = u32::from(position) | u32::from(address) << 16;
-            let id = self.master.datagram(command, address, &vec![0; len]);
-            match self.wait_for(id) {
-                JobDone::Datagram(answer) => answer.ok(),
-                _ => None,
-            }
+            let job = self.master.datagram(command, address, &vec![0; len]);
+            self.wait_for(job).ok()
         })
     }
 
@@ -92,9 +85,9 @@ impl<W: NicWires> SoftwareNetwork<W> {
     ///
     /// # Errors
     /// [`BusError::CardGone`]
-    fn finish(&mut self, id: JobId) -> Result<JobDone, BusError> {
-        let done = self.wait_for(id);
-        self.check_cards().map(|()| done)
+    fn finish<T: Ending>(&mut self, job: Job<T>) -> Result<T, BusError> {
+        let end = self.wait_for(job);
+        self.check_cards().map(|()| end)
     }
 
     /// # Errors
@@ -117,25 +110,21 @@ impl<W: NicWires> Mailboxes for SoftwareNetwork<W> {
         Ok(self.info(slave)?.mailbox)
     }
 
-    fn run(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> JobId) -> Result<JobDone, BusError> {
-        let id = start(&mut self.master, slave);
-        self.finish(id)
+    fn run<T: Ending>(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError> {
+        let job = start(&mut self.master, slave);
+        self.finish(job)
     }
 }
 
 impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError> {
         self.look()?;
-        let id = self.master.scan();
-        match self.finish(id)? {
-            JobDone::Scan(Ok(1..)) => {}
-            JobDone::Scan(Err(error)) => return Err(error.into()),
-            _ => {
-                return Err(match self.master.counters().unpassed {
-                    0 => BusError::NoSlave,
-                    frames => BusError::Echo { frames },
-                });
-            }
+        let scan = self.master.scan();
+        if self.finish(scan)?? == 0 {
+            return Err(match self.master.counters().unpassed {
+                0 => BusError::NoSlave,
+                frames => BusError::Echo { frames },
+            });
         }
         let mut slaves = Vec::new();
         let found = std::mem::take(&mut self.found).into_iter().map(Some).chain(std::iter::repeat(None));
@@ -189,10 +178,10 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
         let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
         while self.wires.now() < until {
             // Slaves pass it on and do nothing.
-            let id = self.master.datagram(Command::Nop, 0, &[LOAD_BYTE; LOAD_BYTES]);
+            let job = self.master.datagram(Command::Nop, 0, &[LOAD_BYTE; LOAD_BYTES]);
             let next = until.min(self.wires.now().saturating_add(LOAD_NS));
             // Lost frames are what this is for.
-            self.wait_for(id);
+            let _ = self.wait_for(job);
             self.wait(Duration::from_nanos(next.saturating_sub(self.wires.now())))?;
         }
         Ok(())
@@ -200,53 +189,36 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 
     fn read(&mut self, slave: u8, address: u16, data: &mut [u8]) -> Result<(), BusError> {
         self.info(slave)?;
-        let id = self.master.read_registers(slave, address, data.len());
-        if let JobDone::ReadRegisters(read) = self.finish(id)? {
-            let read = read.map_err(|error| BusError::Register { slave, address, error })?;
-            data.iter_mut().zip(read).for_each(|(to, from)| *to = from);
-        }
+        let job = self.master.read_registers(slave, address, data.len());
+        let read = self.finish(job)?.map_err(|error| BusError::Register { slave, address, error })?;
+        data.iter_mut().zip(read).for_each(|(to, from)| *to = from);
         Ok(())
     }
 
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError> {
         self.info(slave)?;
-        let id = self.master.write_registers(slave, address, data);
-        match self.finish(id)? {
-            JobDone::WriteRegisters(written) => written.map_err(|error| BusError::Register { slave, address, error }),
-            _ => Ok(()),
-        }
+        let job = self.master.write_registers(slave, address, data);
+        self.finish(job)?.map_err(|error| BusError::Register { slave, address, error })
     }
 
     fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError> {
         self.info(slave)?;
-        let id = self.master.request_state([slave].into_iter().collect::<SlaveSet>(), AlState::PreOp, PREOP_MAX_NS);
-        match self.finish(id)? {
-            JobDone::State(Ok(())) => Ok(()),
-            JobDone::State(Err(error)) => Err(BusError::State(error)),
-            _ => Err(BusError::State(StateError { slave, target: AlState::PreOp, reason: StateReason::NoAnswer })),
-        }
+        let job = self.master.request_state([slave].into_iter().collect::<SlaveSet>(), AlState::PreOp, PREOP_MAX_NS);
+        self.finish(job)?.map_err(BusError::State)
     }
 
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError> {
         mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
-        let id = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
-        match self.finish(id)? {
-            JobDone::Upload(value) => {
-                value.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
-            }
-            _ => Err(BusError::NoCoe { slave }),
-        }
+        let job = self.master.upload(slave, object, scope, ANSWER_MAX_NS);
+        let value = self.finish(job)?;
+        value.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
     }
 
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError> {
         mailboxes::open(self, slave, MailboxProtocols::COE, BusError::NoCoe { slave })?;
-        let id = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
-        match self.finish(id)? {
-            JobDone::Download(written) => {
-                written.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
-            }
-            _ => Err(BusError::NoCoe { slave }),
-        }
+        let job = self.master.download(slave, object, scope, value, ANSWER_MAX_NS);
+        let written = self.finish(job)?;
+        written.map_err(|error| mailboxes::unless_gone(self, slave, BusError::Sdo { slave, object, error }))
     }
 
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError> {
@@ -267,20 +239,14 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
 
     fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError> {
         self.info(slave)?;
-        let id = self.master.read_eeprom(slave, first, count);
-        match self.finish(id)? {
-            JobDone::ReadEeprom(words) => words.map_err(|error| BusError::Eeprom { slave, error }),
-            _ => Ok(Vec::new()),
-        }
+        let job = self.master.read_eeprom(slave, first, count);
+        self.finish(job)?.map_err(|error| BusError::Eeprom { slave, error })
     }
 
     fn write_eeprom_words(&mut self, slave: u8, first: u16, words: &[u16]) -> Result<(), BusError> {
         self.info(slave)?;
-        let id = self.master.write_eeprom(slave, first, words);
-        match self.finish(id)? {
-            JobDone::WriteEeprom(written) => written.map_err(|error| BusError::Eeprom { slave, error }),
-            _ => Ok(()),
-        }
+        let job = self.master.write_eeprom(slave, first, words);
+        self.finish(job)?.map_err(|error| BusError::Eeprom { slave, error })
     }
 
     fn read_file(&mut self, slave: u8, name: &str, password: u32) -> Result<Vec<u8>, BusError> {
@@ -352,8 +318,8 @@ mod tests {
             for look in 0..4 {
                 let mut network = SoftwareNetwork::new(wires, Settings::default());
                 // Also where it was left in OP.
-                let id = network.master.scan();
-                assert_eq!(network.wait_for(id), JobDone::Scan(Ok(1)));
+                let scan = network.master.scan();
+                assert_eq!(network.wait_for(scan), Ok(1));
                 // As many requests as make each counter the last one now and then.
                 for _ in 0..=look {
                     let begin = network.wires.now();
@@ -406,7 +372,7 @@ mod tests {
         let second: SlaveSet = [2].into_iter().collect();
         other.master.configure_as_described(2).expect("process data");
         for state in [AlState::SafeOp, AlState::Op] {
-            let id = other.master.request_state(second, state, 1_000_000_000);
+            let change = other.master.request_state(second, state, 1_000_000_000);
             loop {
                 let SoftwareNetwork { master, wires, .. } = &mut other;
                 if state == AlState::Op {
@@ -414,8 +380,8 @@ mod tests {
                 }
                 wires.wait(wires.now() + 500_000);
                 master.poll(wires.now(), wires);
-                if let Some((ended, done)) = master.take_done() {
-                    assert_eq!((ended, done), (id, JobDone::State(Ok(()))));
+                if let Some(ended) = master.take(change) {
+                    assert_eq!(ended, Ok(()));
                     break;
                 }
             }

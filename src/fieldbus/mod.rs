@@ -30,9 +30,10 @@ pub mod xf;
 
 use std::sync::Arc;
 
-use crate::ethercat::cia402::{Controlword, Mode, Statusword};
-use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
-use crate::sk::{CycleTime, DriveSync, SlaveKind};
+use crate::cia402::{Controlword, Mode, Statusword};
+use crate::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::ethercat::AlStatus;
+use crate::sk::{CycleTime, DriveSync};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
@@ -222,6 +223,16 @@ impl Refusal {
     /// In the place of an AL status code: the slave answers, is not in the state that was asked for, and does not say why. \[OURS] No
     /// slave that is known has this code.
     pub const WITHOUT_REASON: u16 = u16::MAX;
+
+    /// A slave that has this AL status code.
+    pub(crate) const fn of(slave: u8, AlStatus(al_status): AlStatus) -> Self {
+        Self { slave, al_status, abort: None }
+    }
+
+    /// A slave that has not answered.
+    pub(crate) const fn no_answer(slave: u8) -> Self {
+        Self::of(slave, AlStatus::NONE)
+    }
 }
 
 /// What the hardware that runs a bus cannot do, whatever its slaves can.

@@ -12,9 +12,9 @@
 //!
 //! - [`Master::poll`] as often as the user likes, say each 50 us: it takes the frames that have come, goes on with what is
 //!   under way, and sends what that needs.
-//! - What takes more than a frame is started and gives a [`JobId`]: [`Master::scan`], [`Master::request_state`],
+//! - What takes more than a frame is started and gives a [`Job`]: [`Master::scan`], [`Master::request_state`],
 //!   [`Master::upload`], [`Master::download`], [`Master::object_list`], [`Master::read_file`], [`Master::write_eeprom`], [`Master::datagram`] and others.
-//!   [`Master::take_done`] tells how it has ended; everything ends. Several may run at once: SDOs to several slaves, changes
+//!   [`Master::take`] tells how it has ended; everything ends. Several may run at once: SDOs to several slaves, changes
 //!   of state of several sets of slaves, both beside cycles.
 //! - [`Master::configure`] in PreOP, once a slave's process data are mapped.
 //! - [`Master::cycle`] once a cycle, from SafeOP on: it sends the process data. When its frames have come back,
@@ -33,7 +33,7 @@
 //! ```
 //! # #[cfg(feature = "sim")] {
 //! use ecmsk::ethercat::{AlState, Ns, SlaveSet};
-//! use ecmsk::master::{FrameBuffer, JobDone, JobId, Master, Settings, Wire, WireDown};
+//! use ecmsk::master::{Ending, FrameBuffer, Job, Master, Settings, Wire, WireDown};
 //! use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
 //! use ecmsk::slave::{Drive, DriveConfig};
 //!
@@ -61,16 +61,15 @@
 //! }
 //!
 //! /// Polls each 50 us, with a cycle each millisecond if there are some, until something has ended.
-//! fn wait(master: &mut Master, wire: &mut Slaves, id: JobId, cyclic: bool) -> JobDone {
+//! fn wait<T: Ending>(master: &mut Master, wire: &mut Slaves, job: Job<T>, cyclic: bool) -> T {
 //!     loop {
 //!         wire.now += 50_000;
 //!         if cyclic && wire.now % 1_000_000 == 0 {
 //!             master.cycle(wire.now, wire);
 //!         }
 //!         master.poll(wire.now, wire);
-//!         if let Some((ended, done)) = master.take_done() {
-//!             assert_eq!(ended, id);
-//!             return done;
+//!         if let Some(end) = master.take(job) {
+//!             return end;
 //!         }
 //!     }
 //! }
@@ -80,14 +79,14 @@
 //! let mut wire = Slaves { chain: Chain::line([slave]), now: 0, back: Vec::new() };
 //! let mut master = Master::new(Settings::default());
 //!
-//! let id = master.scan();
-//! assert_eq!(wait(&mut master, &mut wire, id, false), JobDone::Scan(Ok(1)));
+//! let scan = master.scan();
+//! assert_eq!(wait(&mut master, &mut wire, scan, false), Ok(1));
 //! let all = SlaveSet::first(1);
 //! master.configure_as_described(1).expect("the EEPROM says which process data there are");
-//! let id = master.request_state(all, AlState::SafeOp, 2_000_000_000);
-//! assert_eq!(wait(&mut master, &mut wire, id, false), JobDone::State(Ok(())));
-//! let id = master.request_state(all, AlState::Op, 2_000_000_000);
-//! assert_eq!(wait(&mut master, &mut wire, id, true), JobDone::State(Ok(())));
+//! let change = master.request_state(all, AlState::SafeOp, 2_000_000_000);
+//! assert_eq!(wait(&mut master, &mut wire, change, false), Ok(()));
+//! let change = master.request_state(all, AlState::Op, 2_000_000_000);
+//! assert_eq!(wait(&mut master, &mut wire, change, true), Ok(()));
 //!
 //! // Controlword 0x0006, whatever the target: the drive is ready to switch on.
 //! master.outputs_mut(1).expect("a slave")[0] = 6;
@@ -105,7 +104,7 @@
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | the [`Master`]: its turns |
-//! | `jobs.rs`, `configure.rs` | what a user starts; process data of slaves |
+//! | `jobs.rs`, `handle.rs`, `configure.rs` | what a user starts, and the types of its ends; process data of slaves |
 //! | `place.rs` | where sequences run that allocate nothing |
 //! | `settings.rs`, `wire.rs` | [`Settings`], [`Wire`] |
 //! | `exchange.rs` | the frame layer: indices, what belongs to which frame, lost and late frames |
@@ -129,13 +128,14 @@ mod configure;
 mod cycle_end;
 mod exchange;
 mod foe;
+mod handle;
 mod info;
 mod information;
 mod jobs;
 mod mailbox;
 mod mailbox_state;
 mod pace;
-mod place;
+pub(crate) mod place;
 mod process_data;
 mod registers;
 mod scan;
@@ -160,8 +160,8 @@ use parking_lot::Mutex;
 pub use clock_tree::{ReferenceClock, SyncSignals};
 pub use exchange::FrameCounters;
 pub use foe::FileError;
+pub use handle::{Ending, Job, JobId};
 pub use info::{MAILBOX_BYTES_MAX, MAILBOX_BYTES_MIN, MailboxInfo, ProcessManager, SlaveInfo};
-pub use jobs::{JobDone, JobId};
 pub use mailbox::MailboxError;
 pub use pace::Pace;
 pub use process_data::{ConfigureError, CycleDone, SEGMENT_BYTES_MAX};
@@ -177,7 +177,7 @@ pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
 use bus::{Bus, Task};
-use cycle_end::judge;
+use handle::End;
 use jobs::{JOBS, Places, Running};
 use process_data::ProcessData;
 use shared::Shared;
@@ -191,7 +191,7 @@ pub struct Master {
     jobs: Vec<Running>,
     places: Places,
     next_job: u64,
-    done: VecDeque<(JobId, JobDone)>,
+    done: VecDeque<(JobId, End)>,
     slaves: Vec<SlaveInfo>,
     process: ProcessData,
     /// The watch over the slaves that were found.

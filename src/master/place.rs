@@ -8,10 +8,10 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 
 /// A place for one sequence at a time, each of which is asked for by a `Q` and gives an `R`.
-pub(super) type Place<Q, R> = Box<dyn Sequences<Q, R>>;
+pub(crate) type Place<Q, R> = Box<dyn Sequences<Q, R>>;
 
 /// What can be done with a [`Place`].
-pub(super) trait Sequences<Q, R>: Send {
+pub(crate) trait Sequences<Q, R>: Send {
     /// Begins a sequence. One that is under way is given up.
     fn begin(&mut self, order: Q);
 
@@ -23,7 +23,7 @@ pub(super) trait Sequences<Q, R>: Send {
 }
 
 /// A place for the sequences that `begin` makes.
-pub(super) fn place<Q, R, F>(begin: impl FnMut(Q) -> F + Send + 'static) -> Place<Q, R>
+pub(crate) fn place<Q, R, F>(begin: impl FnMut(Q) -> F + Send + 'static) -> Place<Q, R>
 where
     Q: 'static,
     F: Future<Output = R> + Send + 'static,

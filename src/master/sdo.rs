@@ -1,6 +1,7 @@
 //! SDO transfers: values of any length, expedited, normal or in segments, one sub-index or all.
 
 use super::bus::Bus;
+use super::handle::{End, Ending};
 use super::mailbox::{FIRST_OBJECT, Mailbox, MailboxError, Peer};
 use crate::ethercat::Ns;
 use crate::ethercat::coe::{
@@ -207,13 +208,13 @@ impl NumberTransfer {
         Some(Self::Download(bytes, value.len()))
     }
 
-    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> NumberDone {
+    pub(super) async fn run(self, bus: Bus, peer: Peer, object: ObjectAddress, scope: SdoScope) -> End {
         match self {
             Self::Upload => {
                 let beginning = upload(bus, peer, object, scope).await;
-                NumberDone::Upload(beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)))
+                beginning.map(|Beginning { bytes, .. }| u32::from_le_bytes(bytes)).into_end()
             }
-            Self::Download(bytes, len) => NumberDone::Download(download(bus, peer, object, scope, &bytes[..len]).await),
+            Self::Download(bytes, len) => download(bus, peer, object, scope, &bytes[..len]).await.into_end(),
         }
     }
 }

@@ -41,7 +41,7 @@ impl ChipUse {
     }
 
     /// The bus of the board over that link.
-    pub fn bus<L: ChipLink>(&self, link: L) -> XfBus<L> {
+    pub fn bus<L: ChipLink + 'static>(&self, link: L) -> XfBus<L> {
         let info = link.info();
         let options = XfBusOptions {
             ahead: self.ahead,

@@ -8,7 +8,7 @@ use ecmsk::ethercat::mailbox::{MailboxCounter, MailboxHeader, MailboxMessage, Ma
 use ecmsk::ethercat::registers::{SmStatus, sync_manager_status};
 use ecmsk::ethercat::sii::{MailboxProtocols, SII_INFO_LEN, SiiInfo};
 use ecmsk::ethercat::{AlState, Command, each_datagram};
-use ecmsk::master::{FileError, JobDone, MailboxError};
+use ecmsk::master::{FileError, MailboxError};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, eeprom_of};
 use support::blob::bytes;
 
@@ -127,13 +127,13 @@ fn files_are_read() {
     for len in [0, 1, PACKET - 1, PACKET, PACKET + 1, 5 * PACKET, 5000] {
         let (mut rig, _) = rig(bytes(len));
         let id = rig.master.read_file(1, b"file", 7, SECOND);
-        assert_eq!(rig.wait(id), JobDone::ReadFile(Ok(bytes(len))), "{len}");
+        assert_eq!(rig.wait(id), Ok(bytes(len)), "{len}");
     }
     let (mut rig, _) = rig(Vec::new());
     let id = rig.master.read_file(1, b"other", 7, SECOND);
-    assert_eq!(rig.wait(id), JobDone::ReadFile(Err(FileError::File(FoeError::NOT_FOUND))));
+    assert_eq!(rig.wait(id), Err(FileError::File(FoeError::NOT_FOUND)));
     let id = rig.master.read_file(1, &[b'x'; 200], 7, SECOND);
-    assert_eq!(rig.wait(id), JobDone::ReadFile(Err(MailboxError::TooLong.into())));
+    assert_eq!(rig.wait(id), Err(MailboxError::TooLong.into()));
 }
 
 /// MASTER-5.9 A file of any length is written, and a packet for which the slave is too busy is sent again.
@@ -142,7 +142,7 @@ fn files_are_written() {
     for len in [0, 1, PACKET - 1, PACKET, PACKET + 1, 5 * PACKET, 5000] {
         let (mut rig, server) = rig(Vec::new());
         let id = rig.master.write_file(1, b"file", 7, &bytes(len), SECOND);
-        assert_eq!(rig.wait(id), JobDone::WriteFile(Ok(())), "{len}");
+        assert_eq!(rig.wait(id), Ok(()), "{len}");
         assert_eq!(server.borrow().file, bytes(len));
     }
 }

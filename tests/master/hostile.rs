@@ -42,8 +42,8 @@ fn vandal(seed: u64, one_in: u64) -> Hostile {
 
 /// Does everything that a user can start, whatever comes of it; each thing has to end.
 fn use_everything(rig: &mut Rig, dice: &mut Dice) {
-    let id = rig.master.scan();
-    rig.wait(id);
+    let scan = rig.master.scan();
+    let _ = rig.wait(scan);
     rig.master.set_pace(Some(Pace { cycle_ns: CYCLE, phase_ns: dice.below(CYCLE) }));
     for _ in 0..12 {
         let slave = dice.below(5) as u8;
@@ -52,12 +52,12 @@ fn use_everything(rig: &mut Rig, dice: &mut Dice) {
         let id = match dice.below(8) {
             0..3 => {
                 let target = dice.pick(&[AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op]);
-                rig.master.request_state(slaves, target, SECOND)
+                rig.master.request_state(slaves, target, SECOND).id()
             }
-            3 => rig.master.upload(slave, object, SdoScope::Entry, 50 * MS),
-            4 => rig.master.download(slave, object, SdoScope::Complete, &[1, 2, 3, 4, 5, 6], 50 * MS),
-            5 => rig.master.object_list(slave, ObjectListType::All, 50 * MS),
-            6 => rig.master.read_file(slave, b"name", 0, 50 * MS),
+            3 => rig.master.upload(slave, object, SdoScope::Entry, 50 * MS).id(),
+            4 => rig.master.download(slave, object, SdoScope::Complete, &[1, 2, 3, 4, 5, 6], 50 * MS).id(),
+            5 => rig.master.object_list(slave, ObjectListType::All, 50 * MS).id(),
+            6 => rig.master.read_file(slave, b"name", 0, 50 * MS).id(),
             _ => {
                 let _ = rig.master.configure(slave, dice.below(30) as u16, dice.below(30) as u16);
                 let _ = rig
@@ -70,9 +70,8 @@ fn use_everything(rig: &mut Rig, dice: &mut Dice) {
         if dice.one_in(8) {
             rig.run_for(dice.below(10 * MS));
             rig.master.cancel(id);
-            while rig.master.take_done().is_some() {}
         } else {
-            rig.wait(id);
+            rig.wait_for_end(id);
         }
         while rig.master.take_event().is_some() {}
     }
@@ -94,7 +93,7 @@ fn nothing_panics_and_everything_ends() {
         (rig.net.hostile, rig.net.faults) = (None, Faults::NONE);
         rig.next_cycle = None;
         rig.run_for(20 * MS);
-        while rig.master.take_done().is_some() {}
+        assert_eq!(rig.master.ended().next(), None);
         let now = rig.net.now;
         (0..rig.net.chain.len()).for_each(|n| rig.net.chain.slave_mut(n).power_on(now));
         rig.scan();

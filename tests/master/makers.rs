@@ -7,7 +7,7 @@ use ecmsk::ethercat::sii::{
     SiiInfo, SiiPdo, SiiPdoEntry, SiiSmEnable, SiiSmType, SiiSyncManager, SiiWriter, UNCHECKED, checksum,
 };
 use ecmsk::ethercat::{AlState, Command, each_datagram};
-use ecmsk::master::{Event, JobDone, SiiError};
+use ecmsk::master::{Event, SiiError};
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave};
 
 use super::rig::{CYCLE, MS, Rig, SECOND, device, slave};
@@ -48,7 +48,7 @@ fn slaves_that_copy_the_acknowledgement_come_to_op() {
     for n in [0, 2] {
         let station = 0x1001 + n as u32;
         let id = rig.master.datagram(Command::Fpwr, station | 0x0120 << 16, &[0x12, 0]);
-        assert!(matches!(rig.wait(id), JobDone::Datagram(Ok(_))));
+        assert!(rig.wait(id).is_ok());
         assert_eq!(copied(&rig, n).0, 0x12);
     }
     rig.reach(AlState::SafeOp);
@@ -288,14 +288,14 @@ fn slow_and_silent_eeproms_are_read_and_written() {
         let mut rig = Rig::of(Chain::line([slave("io", settings(MS, silence_ns))]));
         rig.scan();
         let id = rig.master.write_eeprom(1, 14, &[0x1111, 0x2222, 0x3333]);
-        assert_eq!(rig.wait(id), JobDone::WriteEeprom(Ok(())), "{silence_ns}");
+        assert_eq!(rig.wait(id), Ok(()), "{silence_ns}");
         let id = rig.master.read_eeprom(1, 14, 3);
-        assert_eq!(rig.wait(id), JobDone::ReadEeprom(Ok(vec![0x1111, 0x2222, 0x3333])), "{silence_ns}");
+        assert_eq!(rig.wait(id), Ok(vec![0x1111, 0x2222, 0x3333]), "{silence_ns}");
     }
     let mut broken = Rig::of(Chain::line([slave("io", settings(0, SECOND))]));
     broken.scan();
     let id = broken.master.write_eeprom(1, 14, &[1, 2]);
-    assert!(matches!(broken.wait(id), JobDone::WriteEeprom(Err(SiiError::Command(_)))));
+    assert!(matches!(broken.wait(id), Err(SiiError::Command(_))));
 }
 
 /// Changes each message that a slave sends, once: what it has of the mailbox.
@@ -315,7 +315,7 @@ fn change_answer(rig: &mut Rig, mut change: impl FnMut(&mut [u8]) -> bool + 'sta
 mod wrong_answers {
     use ecmsk::coe::{AbortCode, ObjectAddress, ObjectListType, SdoScope};
     use ecmsk::ethercat::AlState;
-    use ecmsk::master::{JobDone, MailboxError, SdoError};
+    use ecmsk::master::{MailboxError, SdoError};
     use ecmsk::slave::esc::Chain;
     use support::blob::{BLOB, Blob, bytes};
 
@@ -393,9 +393,9 @@ mod wrong_answers {
         let mut rig = blob(3);
         rig.net.chain.slave_mut(0).delay_sdo(100 * MS);
         let id = rig.master.upload(1, ObjectAddress::new(0x2000, 0), SdoScope::Entry, 50 * MS);
-        assert_eq!(rig.wait(id), JobDone::Upload(Err(MailboxError::TimeUp.into())));
+        assert_eq!(rig.wait(id), Err(MailboxError::TimeUp.into()));
         let id = rig.master.download(1, BLOB, SdoScope::Entry, &[7], SECOND);
-        assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+        assert_eq!(rig.wait(id), Ok(()));
     }
 
     /// MASTER-5.10 SDO information with fragments that do not count down ends at once.
@@ -410,7 +410,7 @@ mod wrong_answers {
         });
         let begin = rig.net.now;
         let id = rig.master.object_list(1, ObjectListType::All, SECOND);
-        assert_eq!(rig.wait(id), JobDone::ObjectList(Err(MailboxError::WrongAnswer.into())));
+        assert_eq!(rig.wait(id), Err(MailboxError::WrongAnswer.into()));
         assert!(rig.net.now - begin < 20 * MS);
     }
 }

@@ -8,7 +8,7 @@ use ecmsk::coe::{
     SdoScope, ValueInfo,
 };
 use ecmsk::ethercat::AlState;
-use ecmsk::master::{Event, JobDone, MailboxError, SdoError};
+use ecmsk::master::{Event, MailboxError, SdoError};
 use ecmsk::slave::esc::Chain;
 use support::blob::{BLOB, Blob, bytes};
 
@@ -57,7 +57,7 @@ fn a_number_is_the_beginning_of_a_value() {
         let mut first = [0; 4];
         first.iter_mut().zip(&value).for_each(|(to, byte)| *to = *byte);
         let id = rig.master.upload_number(1, BLOB, SdoScope::Entry, SECOND);
-        assert_eq!(rig.wait(id), JobDone::UploadNumber(Ok(u32::from_le_bytes(first))), "{len}");
+        assert_eq!(rig.wait(id), Ok(u32::from_le_bytes(first)), "{len}");
         let begin = &value[..len.min(4)];
         assert_eq!(rig.download(1, BLOB.index, BLOB.sub, begin), Ok(()), "{len}");
         assert_eq!(rig.upload(1, BLOB.index, BLOB.sub).as_deref(), Ok(begin), "{len}");
@@ -107,20 +107,23 @@ fn transfers_run_side_by_side() {
     let mut rig = Rig::of(Chain::line((0..3).map(|n| Blob::of(500 + n).slave())));
     rig.scan();
     rig.reach(AlState::PreOp);
-    let mut ids: Vec<_> = (1..=3).map(|slave| rig.master.upload(slave, BLOB, SdoScope::Entry, SECOND)).collect();
+    let mut reads: Vec<_> = (1..=3).map(|slave| rig.master.upload(slave, BLOB, SdoScope::Entry, SECOND)).collect();
     let again = rig.master.upload(2, BLOB, SdoScope::Entry, SECOND);
-    ids.push(rig.master.request_state([3].into_iter().collect(), AlState::SafeOp, SECOND));
-    assert_eq!(rig.wait(again), JobDone::Upload(Err(MailboxError::Busy.into())));
-    while !ids.is_empty() {
+    let mut change = Some(rig.master.request_state([3].into_iter().collect(), AlState::SafeOp, SECOND));
+    assert_eq!(rig.wait(again), Err(MailboxError::Busy.into()));
+    while !reads.is_empty() || change.is_some() {
         rig.step();
-        while let Some((id, done)) = rig.master.take_done() {
-            let at = ids.iter().position(|other| *other == id).expect("it was started");
-            ids.remove(at);
-            match done {
-                JobDone::Upload(value) => assert!(value.is_ok_and(|value| value.len() >= 500)),
-                done => assert_eq!(done, JobDone::State(Ok(()))),
-            }
+        reads.retain(|read| {
+            let value = rig.master.take(*read);
+            let is_left = value.is_none();
+            assert!(is_left || value.is_some_and(|value| value.is_ok_and(|value| value.len() >= 500)));
+            is_left
+        });
+        if let Some(ended) = change.and_then(|job| rig.master.take(job)) {
+            assert_eq!(ended, Ok(()));
+            change = None;
         }
+        assert_eq!(rig.master.ended().next(), None, "it was started");
     }
 }
 
@@ -137,7 +140,7 @@ fn emergencies_are_events() {
         let id = rig.master.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry, SECOND);
         (0..n).for_each(|_| rig.step());
         rig.net.chain.slave_mut(0).send_emergency(emergency(n));
-        assert!(matches!(rig.wait(id), JobDone::Upload(Ok(_))), "{n}");
+        assert!(rig.wait(id).is_ok(), "{n}");
         rig.run_for(20 * MS);
         assert_eq!(rig.master.take_event(), Some(Event::Emergency { slave: 1, emergency: emergency(n) }));
     }
@@ -150,23 +153,23 @@ fn objects_are_listed_and_described() {
     let mut rig = Rig::scanned(&["dp3cl"]);
     rig.reach(AlState::PreOp);
     let id = rig.master.object_list(1, ObjectListType::All, SECOND);
-    let JobDone::ObjectList(Ok(all)) = rig.wait(id) else { panic!("no list") };
+    let Ok(all) = rig.wait(id) else { panic!("no list") };
     assert_eq!(all, device("dp3cl").object_list(ObjectListType::All));
     assert!(all.len() > 60, "it does not fit into a mailbox");
     let id = rig.master.object_list(1, ObjectListType::Lengths, SECOND);
-    let JobDone::ObjectList(Ok(lengths)) = rig.wait(id) else { panic!("no lengths") };
+    let Ok(lengths) = rig.wait(id) else { panic!("no lengths") };
     assert_eq!((lengths.len(), usize::from(lengths[0])), (5, all.len()));
     let id = rig.master.describe_object(1, 0x1018, SECOND);
-    let JobDone::Description(Ok(description)) = rig.wait(id) else { panic!("no description") };
+    let Ok(description) = rig.wait(id) else { panic!("no description") };
     let description = ObjectDescription::decode(&description).expect("a description");
     assert_eq!((description.index, description.max_sub, description.code), (0x1018, 4, ObjectCode::Record));
     let request = EntryRequest { object: ObjectAddress::new(0x6041, 0), wanted: ValueInfo(7) };
     let id = rig.master.describe_entry(1, request, SECOND);
-    let JobDone::Description(Ok(description)) = rig.wait(id) else { panic!("no description") };
+    let Ok(description) = rig.wait(id) else { panic!("no description") };
     let description = EntryDescription::decode(&description).expect("a description");
     assert_eq!((description.object, description.bits), (request.object, 16));
     let id = rig.master.describe_object(1, 0x2FFF, SECOND);
-    assert_eq!(rig.wait(id), JobDone::Description(Err(SdoError::Abort(AbortCode::NO_OBJECT))));
+    assert_eq!(rig.wait(id), Err(SdoError::Abort(AbortCode::NO_OBJECT)));
 }
 
 /// MASTER-5.8 An object is read and written as a whole by complete access.
@@ -175,7 +178,7 @@ fn objects_are_read_as_a_whole() {
     let mut rig = Rig::scanned(&["drive"]);
     rig.reach(AlState::PreOp);
     let id = rig.master.upload(1, ObjectAddress::new(0x1018, 0), SdoScope::Complete, SECOND);
-    let JobDone::Upload(Ok(whole)) = rig.wait(id) else { panic!("no value") };
+    let Ok(whole) = rig.wait(id) else { panic!("no value") };
     let mut expected = vec![4, 0];
     for sub in 1..=4 {
         expected.extend(rig.upload(1, 0x1018, sub).expect("it can be read"));
@@ -184,9 +187,9 @@ fn objects_are_read_as_a_whole() {
     let mapping = [1, 0, 0x00, 0x1A];
     let object = ObjectAddress::new(0x1C13, 0);
     let id = rig.master.download(1, object, SdoScope::Complete, &mapping, SECOND);
-    assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+    assert_eq!(rig.wait(id), Ok(()));
     let id = rig.master.upload(1, object, SdoScope::Complete, SECOND);
-    assert_eq!(rig.wait(id), JobDone::Upload(Ok(mapping.to_vec())));
+    assert_eq!(rig.wait(id), Ok(mapping.to_vec()));
 }
 
 /// A transfer that was given up leaves the mailbox to the next one.

@@ -4,7 +4,7 @@ use ecmsk::coe::{AbortCode, EntryDescription, EntryRequest, ObjectAddress, Objec
 use ecmsk::ethercat::{AlState, SlaveSet};
 use ecmsk::fieldbus::nic::NicWires;
 use ecmsk::master::{
-    CycleDone, Event, FileError, JobDone, JobId, MailboxError, Master, SdoError, Settings, SiiError, StateReason,
+    CycleDone, Ending, Event, FileError, Job, MailboxError, Master, SdoError, Settings, SiiError, StateReason,
     SyncSignals,
 };
 use support::odd_line::{Beyond, Change, Device, OddLine, OddSlave, coupler, drive, drive_of, number, sii, terminal};
@@ -60,13 +60,14 @@ impl Rig {
     }
 
     #[track_caller]
-    fn wait(&mut self, id: JobId) -> JobDone {
+    fn wait<T: Ending>(&mut self, job: Job<T>) -> T {
         let until = self.line.now() + 600 * SECOND;
         while self.line.now() < until {
             self.step();
-            if let Some((ended, done)) = self.master.take_done() {
-                assert_eq!(ended, id, "another one has ended: {done:?}");
-                return done;
+            let ended = self.master.ended().next();
+            if let Some(ended) = ended {
+                assert_eq!(ended, job.id(), "another one has ended");
+                return self.master.take(job).expect("it has ended");
             }
         }
         panic!("a job does not end");
@@ -75,38 +76,29 @@ impl Rig {
     #[track_caller]
     fn scan(&mut self) {
         let id = self.master.scan();
-        assert!(matches!(self.wait(id), JobDone::Scan(Ok(1..))));
+        assert!(matches!(self.wait(id), Ok(1..)));
     }
 
     #[track_caller]
     fn reach(&mut self, target: AlState) {
         let all = SlaveSet::first(self.master.slaves().len() as u8);
         let id = self.master.request_state(all, target, 10 * SECOND);
-        assert_eq!(self.wait(id), JobDone::State(Ok(())), "{target:?}");
+        assert_eq!(self.wait(id), Ok(()), "{target:?}");
     }
 
     fn upload(&mut self, index: u16, sub: u8) -> Result<Vec<u8>, SdoError> {
         let id = self.master.upload(1, ObjectAddress::new(index, sub), SdoScope::Entry, SECOND);
-        match self.wait(id) {
-            JobDone::Upload(value) => value,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 
     fn download(&mut self, index: u16, sub: u8, value: &[u8]) -> Result<(), SdoError> {
         let id = self.master.download(1, ObjectAddress::new(index, sub), SdoScope::Entry, value, SECOND);
-        match self.wait(id) {
-            JobDone::Download(ended) => ended,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 
     fn read_file(&mut self, name: &str) -> Result<Vec<u8>, FileError> {
         let id = self.master.read_file(1, name.as_bytes(), 0, SECOND);
-        match self.wait(id) {
-            JobDone::ReadFile(content) => content,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 }
 
@@ -250,10 +242,10 @@ fn eeproms_that_take_their_time() {
     for (busy_ms, silent_ms) in [(0, 3), (2, 10), (5, 60), (0, 90), (60, 0), (90, 5)] {
         let mut rig = Rig::scanned([slave(busy_ms * MS, silent_ms * MS, true)]);
         let id = rig.master.write_eeprom(1, 0x04, &[0x0777, 0, 0]);
-        assert_eq!(rig.wait(id), JobDone::WriteEeprom(Ok(())), "{busy_ms}, {silent_ms}");
+        assert_eq!(rig.wait(id), Ok(()), "{busy_ms}, {silent_ms}");
         assert_eq!(rig.line.slave(1, |slave| slave.eeprom.word(4)), 0x0777);
         let id = rig.master.read_eeprom(1, 0x04, 2);
-        assert_eq!(rig.wait(id), JobDone::ReadEeprom(Ok(vec![0x0777, 0])), "{busy_ms}, {silent_ms}");
+        assert_eq!(rig.wait(id), Ok(vec![0x0777, 0]), "{busy_ms}, {silent_ms}");
     }
 }
 
@@ -278,14 +270,14 @@ fn objects_of_another_server() {
     });
     let mut rig = Rig::in_preop(many);
     let id = rig.master.object_list(1, ObjectListType::All, SECOND);
-    let JobDone::ObjectList(Ok(list)) = rig.wait(id) else { panic!("no list") };
+    let Ok(list) = rig.wait(id) else { panic!("no list") };
     assert!(list.is_sorted() && list.len() > 256 && list.contains(&0x30FF), "{}", list.len());
     let request = EntryRequest { object: ObjectAddress::new(0x1018, 2), wanted: ValueInfo(7) };
     let id = rig.master.describe_entry(1, request, SECOND);
-    let JobDone::Description(Ok(described)) = rig.wait(id) else { panic!("no description") };
+    let Ok(described) = rig.wait(id) else { panic!("no description") };
     assert_eq!(EntryDescription::decode(&described).expect("a description").bits, 32);
     let id = rig.master.upload(1, ObjectAddress::new(0x1018, 0), SdoScope::Complete, SECOND);
-    let JobDone::Upload(Ok(whole)) = rig.wait(id) else { panic!("no value") };
+    let Ok(whole) = rig.wait(id) else { panic!("no value") };
     assert_eq!(whole, [&[4, 0][..], &number(4, 0x1234), &number(4, 0x5678), &number(4, 1), &number(4, 0)].concat());
     assert_eq!(rig.upload(0x5555, 0), Err(SdoError::Abort(AbortCode::NO_OBJECT)));
     assert_eq!(rig.upload(0x1018, 9), Err(SdoError::Abort(AbortCode::NO_SUB_INDEX)));
@@ -387,7 +379,7 @@ fn files_and_packets_with_a_wrong_number() {
     for len in [0, 1, 115, 116, 117, 232, 1000] {
         let content: Vec<u8> = (0..len).map(|n| n as u8).collect();
         let id = rig.master.write_file(1, b"table", 0, &content, SECOND);
-        assert_eq!(rig.wait(id), JobDone::WriteFile(Ok(())), "{len}");
+        assert_eq!(rig.wait(id), Ok(()), "{len}");
         assert_eq!(rig.read_file("table"), Ok(content), "{len}");
     }
     for packet in [0, 1, 2, 3] {
@@ -407,7 +399,7 @@ fn files_and_packets_with_a_wrong_number() {
         }
         let id = rig.master.write_file(1, b"table", 0, &[1; 1000], SECOND);
         let ended = rig.wait(id);
-        assert_eq!(ended, JobDone::WriteFile(Err(FileError::File(FoeError::PACKET_NUMBER))), "{packet}");
+        assert_eq!(ended, Err(FileError::File(FoeError::PACKET_NUMBER)), "{packet}");
         assert!(rig.line.now() - begin < 100 * MS);
         rig.run_for(5 * MS);
         foe(&rig, None);
@@ -423,7 +415,7 @@ fn refusals_and_the_watchdog() {
         let mut rig = Rig::in_preop(drive().with(|slave| slave.states.refuses.push((4, code))));
         rig.master.configure(1, 6, 10).expect("so many");
         let id = rig.master.request_state(SlaveSet::first(1), AlState::SafeOp, SECOND);
-        let JobDone::State(Err(error)) = rig.wait(id) else { panic!("it refuses") };
+        let Err(error) = rig.wait(id) else { panic!("it refuses") };
         assert!(matches!(error.reason, StateReason::Refused { code: refused, .. } if refused.0 == code), "{error}");
         rig.line.slave(1, |slave| slave.states.refuses.clear());
         rig.reach(AlState::SafeOp);
@@ -454,7 +446,7 @@ fn clocks_of_another_kind_keep_together() {
         assert_eq!(delays, [300, 900]);
         rig.reach(AlState::PreOp);
         let id = rig.master.download(2, ObjectAddress::new(0x1C32, 1), SdoScope::Entry, &[2, 0], SECOND);
-        assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+        assert_eq!(rig.wait(id), Ok(()));
         for slave in [1, 2, 4] {
             rig.master.set_sync(slave, Some(SyncSignals::sync0(CYCLE as u32, 0))).expect("a slave");
             rig.master.configure(slave, 6, 10).expect("so many");

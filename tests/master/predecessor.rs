@@ -4,7 +4,7 @@ use ecmsk::cia402::Controlword;
 use ecmsk::ethercat::registers::{AL_STATUS, AlStatusRegister, RequestedState, SII_CONTROL};
 use ecmsk::ethercat::{AlState, AlStatus, Command, DatagramHeader, FrameHeader, FrameWriter, Ns};
 use ecmsk::fieldbus::{SlaveIn, SlaveOut};
-use ecmsk::master::{Event, JobDone, Pace, SiiError};
+use ecmsk::master::{Event, Pace, SiiError};
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, Predecessor};
 use support::dice::Dice;
@@ -149,17 +149,16 @@ fn an_eeprom_that_is_kept_is_none() {
     let mut rig = Rig::line(&["drive"]);
     // It is taken back, and taken again at once.
     rig.net.hostile = None;
-    let id = rig.master.scan();
+    let scan = rig.master.scan();
     let keep = |rig: &mut Rig| rig.net.chain.slave_mut(0).controller_mut().take_eeprom(true);
     let done = loop {
         keep(&mut rig);
         rig.step();
-        if let Some((ended, done)) = rig.master.take_done() {
-            assert_eq!(ended, id);
+        if let Some(done) = rig.master.take(scan) {
             break done;
         }
     };
-    assert_eq!(done, JobDone::Scan(Ok(1)));
+    assert_eq!(done, Ok(1));
     assert_eq!(rig.master.slaves()[0].eeprom, Err(SiiError::Busy));
 }
 

@@ -5,9 +5,7 @@ use ecmsk::ethercat::registers::{
     FMMUS, RX_ERRORS, SII_CONFIGURATION, STATION_ADDRESS, SiiControl, SmControl, SyncManager, TYPE,
 };
 use ecmsk::ethercat::{AlState, Command, DATA_LEN_MAX, SlaveSet};
-use ecmsk::master::{
-    DatagramAnswer, DatagramError, Event, JobDone, MailboxError, ReferenceClock, SiiError, StateReason,
-};
+use ecmsk::master::{DatagramAnswer, DatagramError, Event, MailboxError, ReferenceClock, SiiError, StateReason};
 use ecmsk::slave::esc::{Chain, EscSettings};
 use ecmsk::slave::{DeviceFault, Fault};
 
@@ -15,42 +13,27 @@ use super::rig::{MS, Rig, SECOND, slave};
 
 fn read(rig: &mut Rig, slave: u8, address: u16, len: usize) -> Result<Vec<u8>, DatagramError> {
     let id = rig.master.read_registers(slave, address, len);
-    match rig.wait(id) {
-        JobDone::ReadRegisters(data) => data,
-        done => panic!("{done:?}"),
-    }
+    rig.wait(id)
 }
 
 fn write(rig: &mut Rig, slave: u8, address: u16, data: &[u8]) -> Result<(), DatagramError> {
     let id = rig.master.write_registers(slave, address, data);
-    match rig.wait(id) {
-        JobDone::WriteRegisters(written) => written,
-        done => panic!("{done:?}"),
-    }
+    rig.wait(id)
 }
 
 fn datagram(rig: &mut Rig, command: Command, address: u32, data: &[u8]) -> Result<DatagramAnswer, DatagramError> {
     let id = rig.master.datagram(command, address, data);
-    match rig.wait(id) {
-        JobDone::Datagram(answer) => answer,
-        done => panic!("{done:?}"),
-    }
+    rig.wait(id)
 }
 
 fn read_words(rig: &mut Rig, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, SiiError> {
     let id = rig.master.read_eeprom(slave, first, count);
-    match rig.wait(id) {
-        JobDone::ReadEeprom(words) => words,
-        done => panic!("{done:?}"),
-    }
+    rig.wait(id)
 }
 
 fn write_words(rig: &mut Rig, slave: u8, first: u16, words: &[u16]) -> Result<(), SiiError> {
     let id = rig.master.write_eeprom(slave, first, words);
-    match rig.wait(id) {
-        JobDone::WriteEeprom(written) => written,
-        done => panic!("{done:?}"),
-    }
+    rig.wait(id)
 }
 
 const fn register(adp: u16, ado: u16) -> u32 {
@@ -177,12 +160,10 @@ fn an_eeprom_is_one_sequences_at_a_time() {
     rig.scan();
     let first = rig.master.read_eeprom(1, 0, 16);
     let second = rig.master.write_eeprom(1, 14, &[1]);
-    assert_eq!(rig.wait(second), JobDone::WriteEeprom(Err(SiiError::InUse(1))));
+    assert_eq!(rig.wait(second), Err(SiiError::InUse(1)));
     let up = rig.master.request_state(SlaveSet::first(1), AlState::PreOp, SECOND);
-    match rig.wait(up) {
-        JobDone::State(Err(error)) => assert_eq!((error.slave, error.reason), (1, StateReason::Busy)),
-        done => panic!("{done:?}"),
-    }
+    let error = rig.wait(up).expect_err("the EEPROM is in use");
+    assert_eq!((error.slave, error.reason), (1, StateReason::Busy));
     // Another slave's is free, and one that was given up is free again.
     rig.master.cancel(first);
     assert!(read_words(&mut rig, 2, 0, 1).is_ok());
@@ -190,7 +171,7 @@ fn an_eeprom_is_one_sequences_at_a_time() {
     let up = rig.master.request_state(SlaveSet::first(1), AlState::PreOp, SECOND);
     rig.run_for(5 * MS);
     assert_eq!(read_words(&mut rig, 1, 0, 1), Err(SiiError::InUse(1)));
-    assert_eq!(rig.wait(up), JobDone::State(Ok(())));
+    assert_eq!(rig.wait(up), Ok(()));
 }
 
 /// An EEPROM that the slave's own controller was left with is taken from it.
@@ -218,7 +199,7 @@ fn mail_is_kept_for_a_user() {
     assert!(rig.master.has_mail(1) && !rig.master.has_mail(2));
     assert_eq!(rig.master.take_event(), None);
     let id = rig.master.receive_mail(1);
-    let JobDone::Mail(Ok(Some(mail))) = rig.wait(id) else { panic!("there is mail") };
+    let Ok(Some(mail)) = rig.wait(id) else { panic!("there is mail") };
     let message = MailboxMessage::decode(&mail).expect("a message");
     assert_eq!(message.header.protocol, MailboxProtocol::Coe);
     assert!(
@@ -226,9 +207,9 @@ fn mail_is_kept_for_a_user() {
     );
     assert!(!rig.master.has_mail(1));
     let id = rig.master.receive_mail(1);
-    assert_eq!(rig.wait(id), JobDone::Mail(Ok(None)));
+    assert_eq!(rig.wait(id), Ok(None));
     let id = rig.master.receive_mail(3);
-    assert_eq!(rig.wait(id), JobDone::Mail(Err(MailboxError::NoMailbox)));
+    assert_eq!(rig.wait(id), Err(MailboxError::NoMailbox));
 }
 
 /// States that a slave has left by itself are known once they were read.
@@ -238,7 +219,7 @@ fn states_are_read_when_they_are_wanted() {
     rig.reach(AlState::PreOp);
     rig.net.chain.silence(1, true);
     let id = rig.master.read_states();
-    assert_eq!(rig.wait(id), JobDone::States);
+    rig.wait(id);
     let present = [1, 2].map(|slave| rig.master.status(slave).is_some_and(|status| status.is_present));
     assert_eq!(present, [true, false]);
 }

@@ -8,7 +8,7 @@ use ecmsk::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use ecmsk::fieldbus::Role;
 use ecmsk::fieldbus::pdo::ProcessData;
 use ecmsk::master::{
-    CycleDone, FrameBuffer, JobDone, JobId, Master, SdoError, Settings, StateError, SyncSignals, Wire, WireDown,
+    CycleDone, Ending, FrameBuffer, Job, JobId, Master, SdoError, Settings, StateError, SyncSignals, Wire, WireDown,
 };
 use ecmsk::sk::DriveSync;
 use ecmsk::slave::esc::{Chain, EscSettings, EscSlave, FrameFate};
@@ -213,13 +213,26 @@ impl Rig {
 
     /// Waits for what was started.
     #[track_caller]
-    pub fn wait(&mut self, id: JobId) -> JobDone {
+    pub fn wait<T: Ending>(&mut self, job: Job<T>) -> T {
+        self.wait_until_ended(job.id());
+        self.master.take(job).expect("it has ended")
+    }
+
+    /// Waits for what was started, however it ends.
+    #[track_caller]
+    pub fn wait_for_end(&mut self, id: JobId) {
+        self.wait_until_ended(id);
+        self.master.cancel(id);
+    }
+
+    #[track_caller]
+    fn wait_until_ended(&mut self, id: JobId) {
         let until = self.net.now + 60 * SECOND;
         while self.net.now < until {
             self.step();
-            if let Some((ended, done)) = self.master.take_done() {
-                assert_eq!(ended, id, "another one has ended: {done:?}");
-                return done;
+            if let Some(ended) = self.master.ended().next() {
+                assert_eq!(ended, id, "another one has ended");
+                return;
             }
         }
         panic!("a job does not end");
@@ -228,10 +241,7 @@ impl Rig {
     #[track_caller]
     pub fn scan(&mut self) -> usize {
         let id = self.master.scan();
-        match self.wait(id) {
-            JobDone::Scan(Ok(found)) => found.into(),
-            done => panic!("{done:?}"),
-        }
+        self.wait(id).expect("slaves").into()
     }
 
     pub fn all(&self) -> SlaveSet {
@@ -241,10 +251,7 @@ impl Rig {
     #[track_caller]
     pub fn request(&mut self, slaves: SlaveSet, target: AlState) -> Result<(), StateError> {
         let id = self.master.request_state(slaves, target, 10 * SECOND);
-        match self.wait(id) {
-            JobDone::State(ended) => ended,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 
     #[track_caller]
@@ -255,19 +262,13 @@ impl Rig {
     #[track_caller]
     pub fn upload(&mut self, slave: u8, index: u16, sub: u8) -> Result<Vec<u8>, SdoError> {
         let id = self.master.upload(slave, ObjectAddress::new(index, sub), SdoScope::Entry, SECOND);
-        match self.wait(id) {
-            JobDone::Upload(value) => value,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 
     #[track_caller]
     pub fn download(&mut self, slave: u8, index: u16, sub: u8, value: &[u8]) -> Result<(), SdoError> {
         let id = self.master.download(slave, ObjectAddress::new(index, sub), SdoScope::Entry, value, SECOND);
-        match self.wait(id) {
-            JobDone::Download(ended) => ended,
-            done => panic!("{done:?}"),
-        }
+        self.wait(id)
     }
 
     /// Maps in a slave in PreOP what the board maps for its kind.

@@ -2,7 +2,7 @@
 
 use ecmsk::ethercat::registers::{DL_CONTROL, SYSTEM_TIME_DELAY};
 use ecmsk::fieldbus::nic::{ChainWires, NicWires, Ring};
-use ecmsk::master::{JobDone, Master, Settings};
+use ecmsk::master::{Master, Settings};
 use ecmsk::slave::esc::Chain;
 use ecmsk::slave::handle::SimHandle;
 use ecmsk::slave::{Drive, DriveConfig, Slave};
@@ -15,14 +15,12 @@ fn drives(n: usize) -> Vec<Box<dyn Slave>> {
 
 /// Scans; how many slaves are found.
 fn scan(master: &mut Master, wires: &mut impl NicWires) -> u8 {
-    let id = master.scan();
+    let scan = master.scan();
     let end = NicWires::now(wires) + 10 * SECOND;
     while NicWires::now(wires) < end {
         master.poll(NicWires::now(wires), wires);
-        if let Some((ended, done)) = master.take_done() {
-            assert_eq!(ended, id);
-            let JobDone::Scan(Ok(found)) = done else { panic!("{done:?}") };
-            return found;
+        if let Some(found) = master.take(scan) {
+            return found.expect("slaves");
         }
         let until = NicWires::now(wires) + STEP;
         NicWires::wait(wires, until);

@@ -6,7 +6,7 @@ use ecmsk::ethercat::registers::{AlStatusRegister, Features, RequestedState};
 use ecmsk::ethercat::sii::MailboxProtocols;
 use ecmsk::ethercat::{AlState, AlStatus, SlaveSet};
 use ecmsk::fieldbus::{SlaveIn, SlaveOut};
-use ecmsk::master::{ConfigureError, Event, JobDone, Master, Settings, StateError, StateReason};
+use ecmsk::master::{ConfigureError, Event, Master, Settings, StateError, StateReason};
 use ecmsk::slave::esc::{Chain, EscSettings};
 use support::blob::Blob;
 
@@ -174,7 +174,7 @@ fn a_change_of_state_ends_when_its_time_is_up() {
     let begin = rig.net.now;
     let state = RequestedState::State(AlState::SafeOp);
     let error = StateError { slave: 1, target: AlState::Op, reason: StateReason::TimeUp { state } };
-    assert_eq!(rig.wait(id), JobDone::State(Err(error)));
+    assert_eq!(rig.wait(id), Err(error));
     assert!((100 * MS..110 * MS).contains(&(rig.net.now - begin)));
 }
 
@@ -247,7 +247,7 @@ fn a_cycle_allocates_nothing() {
         }
     });
     assert_eq!((allocated.count_total, allocated.bytes_total), (0, 0));
-    assert_eq!(rig.wait(id), JobDone::Download(Ok(())));
+    assert_eq!(rig.wait(id), Ok(()));
     assert_eq!((rig.last.working_counter, rig.last.expected_working_counter), (120, 120));
 }
 

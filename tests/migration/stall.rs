@@ -38,8 +38,9 @@ impl Stalling {
         let stood = self.stood.load(Ordering::Relaxed);
         let stall = stood - std::mem::replace(&mut self.seen, stood);
         if stall > 0 {
-            let wires = self.inner.wires_mut();
-            let Ok(()) = wires.wait_until(wires.now() + stall);
+            let mut wires = self.inner.wires_mut();
+            let until = wires.now() + stall;
+            let Ok(()) = wires.wait_until(until);
         }
         now + stood
     }

@@ -1,190 +1,114 @@
 //! The process data and the mode of operation of each slave, written in PreOP: several slaves at once, each in the order in
 //! which the board does it.
 
+use std::future::poll_fn;
+use std::sync::Arc;
+use std::task::{Context, Poll, Waker};
+
+use parking_lot::Mutex;
+
 use super::answer_wait_ns;
-use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
+use super::jobs::BUSY;
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
-use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
+use crate::fieldbus::pdo::{self, Download, ProcessData};
 use crate::fieldbus::{BusConfig, Configured, MAX_SLAVES, Refusal, Role, SlaveConfig};
-use crate::master::{JobDone, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
+use crate::master::place::{Place, place};
+use crate::master::{Ending, Job, JobId, MailboxError, Master, ProcessManager, SdoError, SlaveInfo, SyncSignals};
 use crate::sk::{CycleTime, DriveSync};
 
 /// How many slaves are configured at once. \[OURS]
 const AT_ONCE: usize = 8;
 /// How long a slave may take for one SDO of its configuration, ns. \[OURS]
 const SDO_TIMEOUT_NS: Ns = 1_000_000_000;
-
-/// Whether a transfer was refused because the mailbox is in use: an emergency or an answer that nobody waits for is fetched.
-pub(super) const fn is_busy(done: &JobDone) -> bool {
-    use JobDone::{Download, UploadNumber};
-    matches!(
-        done,
-        UploadNumber(Err(SdoError::Mailbox(MailboxError::Busy))) | Download(Err(SdoError::Mailbox(MailboxError::Busy)))
-    )
-}
-
-/// How far a slave has come.
-#[allow(
-    clippy::large_enum_variant,
-    reason = "there are as many as slaves are configured at once, and boxing it would allocate"
-)]
-enum Stage {
-    /// What its sync managers are for is read (object 0x1C00), of which its EEPROM says nothing: the sub-index that is read, and what
-    /// those before it are for. Sub-index 0 says how many there are.
-    ManagerUses { sub: u8, count: u8, uses: [SiiSmType; MANAGERS_MAX] },
-    /// Whether a pulse module has a second axis is read.
-    SecondAxis,
-    /// The downloads that are left, and the one under way. `refused`: the slave has aborted it so, and what the object holds is
-    /// read instead.
-    Writing { wanted: Wanted, left: Left, current: Download, refused: Option<AbortCode> },
-}
-
-impl Stage {
-    /// The object that is read or written.
-    fn object(&self, slave: u8, master: &Master) -> ObjectAddress {
-        match self {
-            Self::ManagerUses { sub, .. } => ObjectAddress::new(MANAGER_USES, *sub),
-            Self::SecondAxis => pdo::SECOND_CONTROLWORD,
-            Self::Writing { current, .. } => object_in(slave, current, master),
-        }
-    }
-}
-
 /// How many sync managers are asked for. \[OURS]
 const MANAGERS_MAX: usize = 8;
 /// The object that says what they are for.
 const MANAGER_USES: u16 = 0x1C00;
-
-/// Which process data a slave is to have.
-#[derive(Clone, Copy)]
-enum Wanted {
-    /// Those that the board maps.
-    Mapped(ProcessData),
-    /// Those that its EEPROM describes, since it cannot map others.
-    Described,
-}
-
-/// The downloads of a slave that are left.
-#[allow(
-    clippy::large_enum_variant,
-    reason = "there are as many as slaves are configured at once, and boxing it would allocate"
-)]
-enum Left {
-    Mapping(<Downloads as IntoIterator>::IntoIter),
-    /// Those of [`Wanted::Described`], which are as many as its EEPROM says.
-    Assigning(std::vec::IntoIter<Download>),
-}
-
-impl Left {
-    fn next(&mut self) -> Option<Download> {
-        match self {
-            Self::Mapping(left) => left.next(),
-            Self::Assigning(left) => left.next(),
-        }
-    }
-}
-
-/// A slave that is being configured.
-struct OneSlave {
-    slave: u8,
-    id: JobId,
-    stage: Stage,
-    /// How the transfer has ended that it waits for.
-    ended: Option<Ended>,
-    /// How often it was asked for.
-    tries: u32,
-}
-
-/// How a transfer has ended.
-#[derive(Clone, Copy)]
-enum Ended {
-    Done,
-    /// An object was read that holds that, or begins with it.
-    Holds(u32),
-    Aborted(AbortCode),
-    /// The slave answers, and the transfer has failed with this code: there was no answer in time, or a wrong one.
-    Failed(AbortCode),
-    /// The mailbox was in use.
-    Busy,
-    NoAnswer,
-}
-
 /// How often a transfer is asked for whose mailbox is in use, as long as an answer is fetched that nobody waits for. \[OURS]
 const TRIES: u32 = 1000;
+
+/// A place for the configuration of one slave, which ends with what is mapped.
+type Seat = Place<(u8, SlaveConfig, CycleTime), Result<Option<ProcessData>, Refusal>>;
+
+/// A slave that is being configured.
+struct UnderWay {
+    slave: u8,
+    seat: Seat,
+    /// The transfer that it waits for.
+    waits_for: JobId,
+}
 
 /// The configuration of slaves under way, and a place for one.
 pub(super) struct Configuring {
     config: BusConfig,
     found: u8,
     next: u8,
-    under_way: Vec<OneSlave>,
+    /// Places that nobody uses.
+    seats: Vec<Seat>,
+    under_way: Vec<UnderWay>,
     second_axes: SlaveSet,
     refusal: Option<Refusal>,
 }
 
 impl Configuring {
     /// A place for one.
-    pub(super) fn place() -> Box<Self> {
+    pub(super) fn place(master: &Arc<Mutex<Master>>) -> Box<Self> {
         let unused = SlaveConfig { role: Role::Unused, sync: DriveSync::FreeRun };
         let slaves = [unused; MAX_SLAVES];
         let config = BusConfig { cycle: CycleTime::DEFAULT, selected: SlaveSet::EMPTY, slaves };
+        let seat = |_| {
+            let master = Arc::clone(master);
+            place(move |(slave, config, cycle)| {
+                OneSlave { master: Arc::clone(&master), slave, config, cycle }.configure()
+            })
+        };
+        let seats = (0..AT_ONCE).map(seat).collect();
         let under_way = Vec::with_capacity(AT_ONCE);
-        Box::new(Self { config, found: 0, next: 1, under_way, second_axes: SlaveSet::EMPTY, refusal: None })
+        Box::new(Self { config, found: 0, next: 1, seats, under_way, second_axes: SlaveSet::EMPTY, refusal: None })
     }
 
     /// Begins one. There is none under way here.
     pub(super) fn begin_all(&mut self, config: BusConfig, found: u8) {
-        (self.config, self.found, self.next) = (config, found, 1);
+        (self.config, self.found, self.next) = (config, found.min(MAX_SLAVES as u8), 1);
         (self.second_axes, self.refusal) = (SlaveSet::EMPTY, None);
     }
 
-    pub(super) fn cancel(&mut self, master: &mut Master) {
-        self.under_way.drain(..).for_each(|one| master.cancel(one.id));
-    }
-
-    /// A transfer has ended.
-    pub(super) fn take(&mut self, id: JobId, done: &JobDone) {
-        let Some(one) = self.under_way.iter_mut().find(|one| one.id == id) else { return };
-        one.ended = Some(match done {
-            JobDone::UploadNumber(Err(SdoError::Abort(code))) | JobDone::Download(Err(SdoError::Abort(code))) => {
-                Ended::Aborted(*code)
-            }
-            done if is_busy(done) && one.tries < TRIES => Ended::Busy,
-            JobDone::UploadNumber(Err(SdoError::Mailbox(MailboxError::NoAnswer)))
-            | JobDone::Download(Err(SdoError::Mailbox(MailboxError::NoAnswer))) => Ended::NoAnswer,
-            JobDone::UploadNumber(Err(error)) | JobDone::Download(Err(error)) => Ended::Failed(error.abort_code()),
-            JobDone::UploadNumber(Ok(number)) => Ended::Holds(*number),
-            _ => Ended::Done,
-        });
+    pub(super) fn cancel(&mut self, master: &Mutex<Master>) {
+        for UnderWay { mut seat, waits_for, .. } in self.under_way.drain(..) {
+            master.lock().cancel(waits_for);
+            seat.give_up();
+            self.seats.push(seat);
+        }
     }
 
     /// Goes on with all slaves; how it has ended. `mapped` is told what is mapped in a slave.
     pub(super) fn run(
         &mut self,
-        master: &mut Master,
+        master: &Mutex<Master>,
         mapped: &mut dyn FnMut(u8, Option<ProcessData>),
     ) -> Option<Result<Configured, Refusal>> {
-        while self.refusal.is_none() && self.next <= self.found.min(MAX_SLAVES as u8) && self.under_way.len() < AT_ONCE
-        {
+        while self.refusal.is_none() && self.next <= self.found && self.under_way.len() < AT_ONCE {
             let slave = self.next;
             self.next += 1;
-            if self.config.selected.contains(slave) {
-                self.begin(slave, master, mapped);
+            if self.config.selected.contains(slave)
+                && let Some(mut seat) = self.seats.pop()
+            {
+                seat.begin((slave, self.config.slaves[usize::from(slave) - 1], self.config.cycle));
+                self.go_on(slave, seat, master, mapped);
             }
         }
         let mut n = 0;
-        while n < self.under_way.len() {
-            let one = &mut self.under_way[n];
-            match one.ended.take() {
-                None => n += 1,
-                Some(ended) => {
-                    let one = self.under_way.swap_remove(n);
-                    self.go_on(one, ended, master, mapped);
-                }
+        while let Some(one) = self.under_way.get(n) {
+            if master.lock().ended().any(|id| id == one.waits_for) {
+                let UnderWay { slave, seat, .. } = self.under_way.swap_remove(n);
+                self.go_on(slave, seat, master, mapped);
+            } else {
+                n += 1;
             }
         }
-        let all_begun = self.refusal.is_some() || self.next > self.found.min(MAX_SLAVES as u8);
+        let all_begun = self.refusal.is_some() || self.next > self.found;
         if !self.under_way.is_empty() || !all_begun {
             return None;
         }
@@ -194,257 +118,207 @@ impl Configuring {
         })
     }
 
-    /// A slave has refused: of several the first one is told.
-    fn refuse(&mut self, refusal: Refusal) {
-        if self.refusal.is_none_or(|before| refusal.slave < before.slave) {
-            self.refusal = Some(refusal);
+    fn go_on(
+        &mut self,
+        slave: u8,
+        mut seat: Seat,
+        master: &Mutex<Master>,
+        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
+    ) {
+        match seat.poll(&mut Context::from_waker(Waker::noop())) {
+            Poll::Pending => {
+                let waits_for = master.lock().newest();
+                return self.under_way.push(UnderWay { slave, seat, waits_for });
+            }
+            Poll::Ready(Ok(data)) => {
+                if data.is_some_and(|data| data.axes() > 1) {
+                    self.second_axes.insert(slave);
+                }
+                mapped(slave, data);
+            }
+            // Of several that refuse the first one is told.
+            Poll::Ready(Err(refusal)) if self.refusal.is_none_or(|before| slave < before.slave) => {
+                self.refusal = Some(refusal);
+            }
+            Poll::Ready(Err(_)) => {}
         }
+        self.seats.push(seat);
     }
+}
 
-    fn begin(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
-        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
+/// A slave as the sequence of its configuration reaches it.
+struct OneSlave {
+    master: Arc<Mutex<Master>>,
+    slave: u8,
+    config: SlaveConfig,
+    cycle: CycleTime,
+}
+
+impl OneSlave {
+    async fn configure(self) -> Result<Option<ProcessData>, Refusal> {
+        let (slave, SlaveConfig { role, sync }) = (self.slave, self.config);
         // A slave that did not answer when the master looked last may answer now: its first SDO shows it.
-        let present = master.status(slave).filter(|status| status.is_present);
+        let present = self.master.lock().status(slave).filter(|status| status.is_present);
         if present.is_some_and(|status| status.state() != Some(AlState::PreOp)) {
-            let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
-            return self.refuse(Refusal { slave, al_status, abort: None });
+            return Err(Refusal::of(self.slave, AlStatus::INVALID_CHANGE));
         }
         // A slave that is not used does not have to answer (SK-4 [OURS]).
         if role == Role::Unused {
-            mapped(slave, None);
             // Without process data none can be too long.
-            let _ = master.configure(slave, 0, 0);
-            return;
+            let _ = self.master.lock().configure(slave, 0, 0);
+            return Ok(None);
         }
-        if master.slave(slave).is_some_and(SlaveInfo::assumes_managers) {
-            return self.ask_for_manager_use(slave, 0, 0, [SiiSmType::Unused; MANAGERS_MAX], master);
+        if self.is(SlaveInfo::assumes_managers) {
+            self.ask_for_manager_uses().await?;
         }
-        self.begin_mapping(slave, master, mapped);
+        if role == Role::Io && self.is(|info| info.lacks_coe() && is_described(info)) {
+            return self.take_as_described();
+        }
+        let has_second_axis = matches!(role, Role::Hsp(_)) && self.read(pdo::SECOND_CONTROLWORD).await?.is_ok();
+        let data = ProcessData::of(role, has_second_axis).ok_or(Refusal { slave, ..pdo::NO_SUCH_MODE })?;
+        for download in data.downloads(sync) {
+            let Err(code) = self.write(&download).await? else { continue };
+            // An IO module has its own process data then, if its EEPROM describes some.
+            if role == Role::Io && download.is_mapping() && self.is(is_described) {
+                return self.assign_its_own().await;
+            }
+            return Err(self.refused(&download, code));
+        }
+        self.exchange(data)
     }
 
-    fn ask_for_manager_use(
-        &mut self,
-        slave: u8,
-        sub: u8,
-        count: u8,
-        uses: [SiiSmType; MANAGERS_MAX],
-        master: &mut Master,
-    ) {
-        let id = ask_for_manager_use(slave, sub, master);
-        let stage = Stage::ManagerUses { sub, count, uses };
-        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
-    }
-
-    /// The slave has said what a sync manager is for, or how many there are.
-    fn take_manager_use(
-        &mut self,
-        slave: u8,
-        (sub, count, mut uses): (u8, u8, [SiiSmType; MANAGERS_MAX]),
-        answer: Option<u32>,
-        master: &mut Master,
-        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
-    ) {
-        let code = answer.map(|value| value as u8);
-        let count = if sub == 0 { code.unwrap_or(0).min(MANAGERS_MAX as u8) } else { count };
-        if let Some(place) = sub.checked_sub(1).and_then(|n| uses.get_mut(usize::from(n))) {
-            *place = SiiSmType::from_code(code.unwrap_or(0));
-        }
-        if sub < count {
-            return self.ask_for_manager_use(slave, sub + 1, count, uses, master);
+    /// What its sync managers are for is read, of which its EEPROM says nothing. Sub-index 0 says how many there are.
+    async fn ask_for_manager_uses(&self) -> Result<(), Refusal> {
+        let mut uses = [SiiSmType::Unused; MANAGERS_MAX];
+        let count = self.manager_use(0).await?;
+        for (sub, place) in (1..=count).zip(&mut uses) {
+            *place = SiiSmType::from_code(self.manager_use(sub).await?);
         }
         if uses.iter().any(|one| matches!(one, SiiSmType::Outputs | SiiSmType::Inputs)) {
             // It is a slave, and its EEPROM says nothing: that was why it was asked.
-            let _ = master.assume_managers(slave, &uses);
+            let _ = self.master.lock().assume_managers(self.slave, &uses);
         }
-        self.begin_mapping(slave, master, mapped);
+        Ok(())
     }
 
-    fn begin_mapping(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
-        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
-        if role == Role::Io && master.slave(slave).is_some_and(|info| info.lacks_coe() && is_described(info)) {
-            return self.take_as_described(slave, master, mapped);
+    async fn manager_use(&self, sub: u8) -> Result<u8, Refusal> {
+        Ok(self.read(ObjectAddress::new(MANAGER_USES, sub)).await?.unwrap_or(0) as u8)
+    }
+
+    /// The PDOs are assigned that are there from the start.
+    async fn assign_its_own(&self) -> Result<Option<ProcessData>, Refusal> {
+        let pdos = self.master.lock().slave(self.slave).map(SlaveInfo::assigned_pdos);
+        let [outputs, inputs] = pdos.unwrap_or_default();
+        for download in Download::assigning(&outputs, &inputs) {
+            if let Err(code) = self.write(&download).await? {
+                return Err(self.refused(&download, code));
+            }
         }
-        if matches!(role, Role::Hsp(_)) {
-            let id = ask_for_second_axis(slave, master);
-            let stage = Stage::SecondAxis;
-            self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
-        } else {
-            self.write_first(slave, false, master);
-        }
+        self.take_as_described()
     }
 
     /// A module that cannot map what the board maps has the process data that its EEPROM describes, whatever their length; see
     /// [`super::cycle`].
-    fn take_as_described(&mut self, slave: u8, master: &mut Master, mapped: &mut dyn FnMut(u8, Option<ProcessData>)) {
-        match master.configure_as_described(slave).and_then(|()| master.set_sync(slave, None)) {
-            Ok(()) => mapped(slave, ProcessData::of(Role::Io, false)),
-            Err(_) => self.refuse_outputs(slave),
+    fn take_as_described(&self) -> Result<Option<ProcessData>, Refusal> {
+        let mut master = self.master.lock();
+        match master.configure_as_described(self.slave).and_then(|()| master.set_sync(self.slave, None)) {
+            Ok(()) => Ok(ProcessData::of(Role::Io, false)),
+            Err(_) => Err(Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)),
         }
     }
 
-    /// The master cannot exchange the process data of a slave.
-    fn refuse_outputs(&mut self, slave: u8) {
-        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-        self.refuse(Refusal { slave, al_status, abort: None });
+    /// These process data are mapped, and are exchanged from SafeOP on.
+    fn exchange(&self, data: ProcessData) -> Result<Option<ProcessData>, Refusal> {
+        let cycle_ns = u32::try_from(self.cycle.ns()).unwrap_or(u32::MAX);
+        // Outputs have arrived then if the answer has come in time, however late the frame was.
+        let shift_ns = u32::try_from(answer_wait_ns(self.cycle)).unwrap_or(u32::MAX);
+        let signals = SyncSignals::sync0(cycle_ns, shift_ns.cast_signed());
+        let sync = (self.config.sync == DriveSync::DcSync).then_some(signals);
+        let mut master = self.master.lock();
+        let configured = master
+            .configure(self.slave, data.output_bytes() as u16, data.input_bytes() as u16)
+            .and_then(|()| master.set_sync(self.slave, sync));
+        // The master cannot exchange them.
+        configured.map_err(|_| Refusal::of(self.slave, AlStatus::INVALID_OUTPUTS)).map(|()| Some(data))
     }
 
-    fn write_first(&mut self, slave: u8, has_second_axis: bool, master: &mut Master) {
-        let SlaveConfig { role, sync } = self.config.slaves[usize::from(slave) - 1];
-        let Some(data) = ProcessData::of(role, has_second_axis) else {
-            return self.refuse(Refusal { slave, ..pdo::NO_SUCH_MODE });
-        };
-        self.write_next(slave, Wanted::Mapped(data), Left::Mapping(data.downloads(sync).into_iter()), master);
+    /// Writes an object, unless it is fixed and as it is wanted, or is one that the slave may lack. The abort code if it is not then
+    /// as it is wanted.
+    async fn write(&self, download: &Download) -> Result<Result<(), AbortCode>, Refusal> {
+        let object = self.object(download);
+        let bytes = &download.value.to_le_bytes()[..usize::from(download.size.bytes())];
+        let start = |master: &mut Master| master.download(self.slave, object, SdoScope::Entry, bytes, SDO_TIMEOUT_NS);
+        let written = self.transfer(object, start).await?;
+        Ok(match written {
+            Err(code) if download.may_fail_with(code) => Ok(()),
+            Err(code) if !download.may_be_fixed() => Err(code),
+            Err(code) if !download.takes_away() && !self.holds(object, download).await? => Err(code),
+            _ => Ok(()),
+        })
     }
 
-    /// Goes on with the next download. False: there is none.
-    fn write_next(&mut self, slave: u8, wanted: Wanted, mut left: Left, master: &mut Master) -> bool {
-        let Some(current) = left.next() else { return false };
-        let id = download(slave, &current, master);
-        let stage = Stage::Writing { wanted, left, current, refused: None };
-        self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
-        true
+    /// Whether an object holds what is wanted, or is one that the slave may lack. The EEPROM says what is assigned in a slave whose
+    /// objects do not say it.
+    async fn holds(&self, object: ObjectAddress, wanted: &Download) -> Result<bool, Refusal> {
+        Ok(match self.read(object).await? {
+            Ok(value) => value == wanted.value,
+            Err(code) if wanted.may_fail_with(code) => true,
+            Err(_) => self.is(|info| wanted.is_assigned_in(&info.assigned_pdos())),
+        })
     }
 
-    /// A slave has aborted a download, or what it holds is something else. An IO module has its own process data then, if its
-    /// EEPROM describes some: the PDOs are assigned that are there from the start.
-    fn cannot_map(
-        &mut self,
-        refusal: Refusal,
-        (wanted, current, code): (Wanted, Download, AbortCode),
-        master: &mut Master,
-    ) {
-        let slave = refusal.slave;
-        let object = object_in(slave, &current, master);
-        let refusal = Refusal { abort: Some((object, code)), ..refusal };
-        let SlaveConfig { role, .. } = self.config.slaves[usize::from(slave) - 1];
-        let may_have_own = role == Role::Io && matches!(wanted, Wanted::Mapped(_)) && current.is_mapping();
-        let Some(info) = master.slave(slave).filter(|info| may_have_own && is_described(info)) else {
-            return self.refuse(refusal);
-        };
-        let [outputs, inputs] = info.assigned_pdos();
-        let downloads = Download::assigning(&outputs, &inputs).into_iter();
-        self.write_next(slave, Wanted::Described, Left::Assigning(downloads), master);
+    async fn read(&self, object: ObjectAddress) -> Result<Result<u32, AbortCode>, Refusal> {
+        let start = |master: &mut Master| master.upload_number(self.slave, object, SdoScope::Entry, SDO_TIMEOUT_NS);
+        self.transfer(object, start).await
     }
 
-    fn go_on(
-        &mut self,
-        one: OneSlave,
-        ended: Ended,
-        master: &mut Master,
-        mapped: &mut dyn FnMut(u8, Option<ProcessData>),
-    ) {
-        let OneSlave { slave, tries, stage, .. } = one;
-        let ended = match ended {
-            Ended::Done => Ok(None),
-            Ended::Holds(value) => Ok(Some(value)),
-            Ended::Aborted(code) => Err(code),
-            Ended::NoAnswer => return self.refuse(Refusal { slave, al_status: 0, abort: None }),
-            Ended::Failed(code) => {
-                return self.refuse(Refusal { slave, al_status: 0, abort: Some((stage.object(slave, master), code)) });
-            }
-            Ended::Busy => {
-                let id = match &stage {
-                    Stage::ManagerUses { sub, .. } => ask_for_manager_use(slave, *sub, master),
-                    Stage::SecondAxis => ask_for_second_axis(slave, master),
-                    Stage::Writing { current, refused: None, .. } => download(slave, current, master),
-                    Stage::Writing { current, .. } => upload(slave, current, master),
-                };
-                return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: tries + 1 });
-            }
-        };
-        match stage {
-            Stage::ManagerUses { sub, count, uses } => {
-                self.take_manager_use(slave, (sub, count, uses), ended.ok().flatten(), master, mapped);
-            }
-            Stage::SecondAxis => {
-                if ended.is_ok() {
-                    self.second_axes.insert(slave);
+    /// The end of a transfer, or with which code the slave has aborted it.
+    async fn transfer<T>(
+        &self,
+        object: ObjectAddress,
+        start: impl Fn(&mut Master) -> Job<Result<T, SdoError>>,
+    ) -> Result<Result<T, AbortCode>, Refusal>
+    where
+        Result<T, SdoError>: Ending,
+    {
+        let mut tries = 0;
+        loop {
+            let job = start(&mut self.master.lock());
+            let ended = poll_fn(|_| self.master.lock().take(job).map_or(Poll::Pending, Poll::Ready)).await;
+            return match ended {
+                Ok(value) => Ok(Ok(value)),
+                Err(SdoError::Abort(code)) => Ok(Err(code)),
+                Err(BUSY) if tries < TRIES => {
+                    tries += 1;
+                    continue;
                 }
-                self.write_first(slave, ended.is_ok(), master);
-            }
-            // What is fixed and as it is wanted need not be written.
-            Stage::Writing { wanted, current, refused: Some(code), .. }
-                if !is_as_wanted(slave, &current, ended, master) =>
-            {
-                self.cannot_map(Refusal { slave, ..current.refused(code) }, (wanted, current, code), master);
-            }
-            Stage::Writing { wanted, left, current, refused } => {
-                if let Err(code) = ended
-                    && refused.is_none()
-                    && !current.may_fail_with(code)
-                {
-                    if !current.may_be_fixed() {
-                        let refusal = Refusal { slave, ..current.refused(code) };
-                        return self.cannot_map(refusal, (wanted, current, code), master);
-                    }
-                    if !current.takes_away() {
-                        let id = upload(slave, &current, master);
-                        let stage = Stage::Writing { wanted, left, current, refused: Some(code) };
-                        return self.under_way.push(OneSlave { slave, id, stage, ended: None, tries: 0 });
-                    }
+                Err(SdoError::Mailbox(MailboxError::NoAnswer)) => Err(Refusal::no_answer(self.slave)),
+                // The slave answers, but not in time, or wrongly.
+                Err(error) => {
+                    Err(Refusal { abort: Some((object, error.abort_code())), ..Refusal::no_answer(self.slave) })
                 }
-                if self.write_next(slave, wanted, left, master) {
-                    return;
-                }
-                let Wanted::Mapped(data) = wanted else { return self.take_as_described(slave, master, mapped) };
-                let SlaveConfig { sync, .. } = self.config.slaves[usize::from(slave) - 1];
-                let cycle_ns = u32::try_from(self.config.cycle.ns()).unwrap_or(u32::MAX);
-                // Outputs have arrived then if the answer has come in time, however late the frame was.
-                let shift_ns = u32::try_from(answer_wait_ns(self.config.cycle)).unwrap_or(u32::MAX);
-                let sync = (sync == DriveSync::DcSync).then(|| SyncSignals::sync0(cycle_ns, shift_ns.cast_signed()));
-                let configured = master
-                    .configure(slave, data.output_bytes() as u16, data.input_bytes() as u16)
-                    .and_then(|()| master.set_sync(slave, sync));
-                match configured {
-                    Ok(()) => mapped(slave, Some(data)),
-                    Err(_) => self.refuse_outputs(slave),
-                }
-            }
+            };
         }
     }
-}
 
-/// Whether an object that a slave does not let be written holds what is wanted, or is one that it may lack. The EEPROM says what is
-/// assigned in a slave whose objects do not say it.
-fn is_as_wanted(slave: u8, wanted: &Download, held: Result<Option<u32>, AbortCode>, master: &Master) -> bool {
-    match held {
-        Ok(value) => value == Some(wanted.value),
-        Err(code) if wanted.may_fail_with(code) => true,
-        Err(_) => master.slave(slave).is_some_and(|info| wanted.is_assigned_in(&info.assigned_pdos())),
+    /// The object of this slave that a download is for.
+    fn object(&self, download: &Download) -> ObjectAddress {
+        let first = |managers: &[ProcessManager]| managers.first().map(|one| one.number);
+        let master = self.master.lock();
+        let managers = master.slave(self.slave).map_or([None; 2], |info| [first(&info.outputs), first(&info.inputs)]);
+        download.object_for(managers)
+    }
+
+    fn is(&self, what: impl FnOnce(&SlaveInfo) -> bool) -> bool {
+        self.master.lock().slave(self.slave).is_some_and(what)
+    }
+
+    fn refused(&self, download: &Download, code: AbortCode) -> Refusal {
+        Refusal { slave: self.slave, abort: Some((self.object(download), code)), ..download.refused(code) }
     }
 }
 
 /// Whether an EEPROM describes process data.
 fn is_described(info: &SlaveInfo) -> bool {
     info.outputs.iter().chain(&info.inputs).any(|one| one.registers.len > 0)
-}
-
-fn ask_for_second_axis(slave: u8, master: &mut Master) -> JobId {
-    master.upload_number(slave, pdo::SECOND_CONTROLWORD, SdoScope::Entry, SDO_TIMEOUT_NS)
-}
-
-fn ask_for_manager_use(slave: u8, sub: u8, master: &mut Master) -> JobId {
-    master.upload_number(slave, ObjectAddress::new(MANAGER_USES, sub), SdoScope::Entry, SDO_TIMEOUT_NS)
-}
-
-/// The object of a slave that a download is for.
-fn object_in(slave: u8, download: &Download, master: &Master) -> ObjectAddress {
-    let first = |managers: &[ProcessManager]| managers.first().map(|one| one.number);
-    let managers = master.slave(slave).map_or([None; 2], |info| [first(&info.outputs), first(&info.inputs)]);
-    download.object_for(managers)
-}
-
-fn download(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    let bytes = download.value.to_le_bytes();
-    master.download(
-        slave,
-        object_in(slave, download, master),
-        SdoScope::Entry,
-        &bytes[..usize::from(download.size.bytes())],
-        SDO_TIMEOUT_NS,
-    )
-}
-
-fn upload(slave: u8, download: &Download, master: &mut Master) -> JobId {
-    master.upload_number(slave, object_in(slave, download, master), SdoScope::Entry, SDO_TIMEOUT_NS)
 }

@@ -23,16 +23,17 @@ impl<W: NicWires> NicBus<W> {
         let due = if late < self.cycle.ns() { sent_at - late.min(sent_at) } else { sent_at };
         let limit = due.saturating_add(answer_wait_ns(self.cycle));
         self.standstill.note(sent_at);
-        self.master.cycle(sent_at, &mut self.wires);
+        self.master.lock().cycle(sent_at, &mut self.wires);
         self.may_have_come = self.has_new_outputs;
         // An answer that was late ends the cycle before now, which is none of this one's.
-        let _ = self.master.take_cycle();
-        while self.master.is_cycle_open() && self.wires.now() < limit {
+        let _ = self.master.lock().take_cycle();
+        while self.master.lock().is_cycle_open() && self.wires.now() < limit {
             self.wires.wait(limit);
-            self.master.poll(self.wires.now(), &mut self.wires);
+            self.master.lock().poll(self.wires.now(), &mut self.wires);
         }
         self.take_ends();
-        match self.master.take_cycle().filter(|done| done.lost == 0 && done.present.is_some()) {
+        let done = self.master.lock().take_cycle();
+        match done.filter(|done| done.lost == 0 && done.present.is_some()) {
             Some(done) => Some(self.answered(now, &done, inputs)),
             None => {
                 self.unanswered = self.unanswered.saturating_add(1);
@@ -59,11 +60,12 @@ impl<W: NicWires> NicBus<W> {
     /// Puts the outputs of all slaves into the images that the frames carry. A slave that is not in OP, has no outputs from there
     /// yet, or is lost, gets such with which nothing moves: it may answer again at any time (SK-4.62).
     fn put_outputs(&mut self) {
+        let mut master = self.master.lock();
         for slave in self.all().iter() {
             let n = usize::from(slave) - 1;
             let station = &self.stations[n];
             let Some(data) = &station.process_data else { continue };
-            let Some(image) = self.master.outputs_mut(slave) else { continue };
+            let Some(image) = master.outputs_mut(slave) else { continue };
             let holds = self.holding.contains(slave) || self.lost.contains(slave);
             if station.commanded == AlState::Op && self.ages.stale.contains(slave) {
                 put_into(data, &data.stopping(&self.inputs[n]), image);
@@ -80,11 +82,12 @@ impl<W: NicWires> NicBus<W> {
         let answers_lost = std::mem::take(&mut self.unanswered);
         let skew = self.skew.unwrap_or(0);
         let mut newly_stale = SlaveSet::EMPTY;
-        for slave in self.all().iter() {
+        let master = self.master.lock();
+        for slave in SlaveSet::first(self.found).iter() {
             let n = usize::from(slave) - 1;
             let Some(data) = &self.stations[n].process_data else { continue };
             let has_inputs = self.stations[n].commanded >= AlState::SafeOp && !self.lost.contains(slave);
-            let Some(image) = self.master.inputs(slave).filter(|image| has_inputs && !image.is_empty()) else {
+            let Some(image) = master.inputs(slave).filter(|image| has_inputs && !image.is_empty()) else {
                 self.ages.renew(slave);
                 continue;
             };
@@ -92,10 +95,12 @@ impl<W: NicWires> NicBus<W> {
                 take_from(data, image, &mut self.inputs[n]);
                 inputs.slaves[n] = self.inputs[n];
                 self.ages.renew(slave);
-            } else if self.ages.hold(slave, done.sent_at, answers_lost, self.cycle.ns(), self.master.searched()) {
+            } else if self.ages.hold(slave, done.sent_at, answers_lost, self.cycle.ns(), master.searched()) {
                 newly_stale.insert(slave);
             }
         }
+        let (lost_part, states_read) = (master.working_counter_of(self.lost), master.states_read());
+        drop(master);
         let is_new = std::mem::take(&mut self.has_new_outputs);
         let outputs = is_new.then_some(self.outputs.id);
         self.sent = outputs.or(self.sent);
@@ -103,9 +108,8 @@ impl<W: NicWires> NicBus<W> {
             self.all_is_sent();
         }
         let missed = done.expected_working_counter.saturating_sub(done.working_counter);
-        let is_short = missed > self.master.working_counter_of(self.lost)
-            || !done.doubtful.difference(self.lost).is_empty()
-            || self.has_fallen_slave(done.states);
+        let is_short =
+            missed > lost_part || !done.doubtful.difference(self.lost).is_empty() || self.has_fallen_slave(done.states);
         let outputs_lost = self.missed.take_cycle(&Cycle {
             sent_at: done.sent_at,
             outputs,
@@ -118,7 +122,7 @@ impl<W: NicWires> NicBus<W> {
         });
         self.update_lost();
         self.lose_stale(newly_stale);
-        self.missed.note_states(self.master.states_read(), self.sent);
+        self.missed.note_states(states_read, self.sent);
         self.tell(inputs);
         CycleDone {
             at: now,
@@ -136,7 +140,7 @@ impl<W: NicWires> NicBus<W> {
     fn has_fallen_slave(&self, states: u16) -> bool {
         let known = |slave| {
             if self.lost.contains(slave) {
-                self.master.status(slave).map_or(0, |status| status.status.0)
+                self.master.lock().status(slave).map_or(0, |status| status.status.0)
             } else {
                 RequestedState::State(self.station(slave).commanded).code().into()
             }
@@ -148,7 +152,7 @@ impl<W: NicWires> NicBus<W> {
     fn update_lost(&mut self) {
         let Self { master, stations, lost, lost_from, ages, missed, found, .. } = self;
         let had_lost = !lost.is_empty();
-        master.look_at_statuses(|slave, status| {
+        master.lock().look_at_statuses(|slave, status| {
             if slave > *found {
                 return;
             }
@@ -188,7 +192,7 @@ impl<W: NicWires> NicBus<W> {
         inputs.stood_still_ns = self.standstill.recent_ns(self.wires.now());
         inputs.left_with = [0; MAX_SLAVES];
         if !self.lost.is_empty() {
-            self.master.look_at_statuses(|slave, status| {
+            self.master.lock().look_at_statuses(|slave, status| {
                 let has_left = status.is_present && status.status.contains(AlStatusRegister::ERROR);
                 if let Some(place) = inputs.left_with.get_mut(usize::from(slave) - 1).filter(|_| has_left) {
                     *place = status.code.0;

@@ -3,16 +3,16 @@
 use super::ages::Ages;
 use super::configure::{Configuring, is_busy};
 use super::{NicBus, NicWires, RunningSdo};
-use crate::ethercat::coe::{AbortCode, SdoScope};
+use crate::coe::SdoScope;
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};
-use crate::master::{self, JobId, Pace, StateError, StateReason};
+use crate::master::{self, JobId, MailboxError, Master, Pace, ScanError, SdoError, StateError, StateReason};
 use crate::sk::CycleTime;
 
 /// A job under way that is no SDO.
 pub(super) enum Running {
-    Scan(JobId),
+    Scan(master::Job<Result<u8, ScanError>>),
     Configure(Box<Configuring>),
     State(Change),
 }
@@ -21,7 +21,7 @@ pub(super) enum Running {
 #[derive(Clone, Copy)]
 pub(super) struct Change {
     /// What the master does for it; `None`: it is asked again when it is time.
-    id: Option<JobId>,
+    job: Option<master::Job<Result<(), StateError>>>,
     target: AlState,
     slaves: SlaveSet,
     /// When the master is asked again, and when time is up, on the wires' clock.
@@ -45,14 +45,36 @@ impl Running {
     }
 }
 
-/// The slave does not answer.
-const fn no_answer(slave: u8) -> Refusal {
-    Refusal { slave, al_status: 0, abort: None }
+/// A transfer of a number that the master was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Transfer {
+    Upload(master::Job<Result<u32, SdoError>>),
+    Download(master::Job<Result<(), SdoError>>),
 }
 
-/// The AL status code with which a slave is told that answers.
-fn told(code: AlStatus) -> u16 {
-    if code == AlStatus::NONE { Refusal::WITHOUT_REASON } else { code.0 }
+impl Transfer {
+    pub(super) const fn id(self) -> JobId {
+        match self {
+            Self::Upload(job) => job.id(),
+            Self::Download(job) => job.id(),
+        }
+    }
+
+    /// What was read, or that it was written, once it has ended.
+    pub(super) fn take(self, master: &mut Master) -> Option<Result<Option<u32>, SdoError>> {
+        match self {
+            Self::Upload(job) => Some(master.take(job)?.map(Some)),
+            Self::Download(job) => Some(master.take(job)?.map(|()| None)),
+        }
+    }
+}
+
+/// The mailbox is in use: an emergency or an answer that nobody waits for is fetched.
+pub(super) const BUSY: SdoError = SdoError::Mailbox(MailboxError::Busy);
+
+/// A slave that answers is told with its AL status code.
+fn told(slave: u8, code: AlStatus) -> Refusal {
+    Refusal::of(slave, if code == AlStatus::NONE { AlStatus(Refusal::WITHOUT_REASON) } else { code })
 }
 
 impl<W: NicWires> NicBus<W> {
@@ -60,11 +82,11 @@ impl<W: NicWires> NicBus<W> {
         self.job = match job {
             Job::Scan => {
                 self.forget_slaves();
-                Some(Running::Scan(self.master.scan()))
+                Some(Running::Scan(self.master.lock().scan()))
             }
             Job::Configure(config) => {
                 self.set_cycle(config.cycle);
-                let mut configuring = self.spare.take().unwrap_or_else(Configuring::place);
+                let mut configuring = self.spare.take().unwrap_or_else(|| Configuring::place(&self.master));
                 configuring.begin_all(config, self.found);
                 Some(Running::Configure(configuring))
             }
@@ -73,7 +95,7 @@ impl<W: NicWires> NicBus<W> {
                 let now = self.wires.now();
                 let until = now.saturating_add(timeout_ns);
                 let mut change = Change {
-                    id: None,
+                    job: None,
                     target,
                     slaves,
                     again_at: now,
@@ -98,7 +120,7 @@ impl<W: NicWires> NicBus<W> {
     /// Cycles of that length keep step with the reference clock: a frame passes it when a cycle of its time begins.
     fn set_cycle(&mut self, cycle: CycleTime) {
         if std::mem::replace(&mut self.cycle, cycle) != cycle || !self.is_paced {
-            self.master.set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
+            self.master.lock().set_pace(Some(Pace { cycle_ns: cycle.ns(), phase_ns: 0 }));
             self.is_paced = true;
         }
     }
@@ -138,13 +160,13 @@ impl<W: NicWires> NicBus<W> {
     /// The board gives up a change under way.
     pub(super) fn give_up(&mut self, job: Running) {
         match job {
-            Running::Scan(id) => self.master.cancel(id),
+            Running::Scan(job) => self.master.lock().cancel(job),
             Running::State(change) => {
                 self.stay_in_op(&change);
-                change.id.into_iter().for_each(|id| self.master.cancel(id));
+                change.job.into_iter().for_each(|job| self.master.lock().cancel(job));
             }
             Running::Configure(mut configuring) => {
-                configuring.cancel(&mut self.master);
+                configuring.cancel(&self.master);
                 self.spare = Some(configuring);
             }
         }
@@ -164,35 +186,62 @@ impl<W: NicWires> NicBus<W> {
 
     pub(super) fn start_sdo(&mut self, request: SdoRequest) {
         let SdoRequest { slave, object, write, timeout_ns } = request;
-        let id = match write {
+        let mut master = self.master.lock();
+        let transfer = match write {
             // Of a longer value the board shows the first 4 bytes (SK-6).
-            None => self.master.upload_number(slave, object, SdoScope::Entry, timeout_ns),
+            None => Transfer::Upload(master.upload_number(slave, object, SdoScope::Entry, timeout_ns)),
             Some((size, value)) => {
-                let bytes = value.to_le_bytes();
-                self.master.download(slave, object, SdoScope::Entry, &bytes[..usize::from(size.bytes())], timeout_ns)
+                let bytes = &value.to_le_bytes()[..usize::from(size.bytes())];
+                Transfer::Download(master.download(slave, object, SdoScope::Entry, bytes, timeout_ns))
             }
         };
-        self.sdo = Some(RunningSdo { request, id, until: self.wires.now().saturating_add(timeout_ns) });
+        self.sdo = Some(RunningSdo { request, transfer, until: self.wires.now().saturating_add(timeout_ns) });
     }
 
-    /// Takes from the master what has ended.
+    /// Takes from the master what has ended, in that order. What belongs to a configuration its sequences take.
     pub(super) fn take_ends(&mut self) {
-        while let Some((id, done)) = self.master.take_done() {
-            if let Some(sdo) = self.sdo.take_if(|sdo| sdo.id == id) {
-                self.end_sdo(sdo, &done);
-                continue;
-            }
-            match self.job.take() {
-                Some(Running::Configure(mut configuring)) => {
-                    configuring.take(id, &done);
-                    self.job = Some(Running::Configure(configuring));
-                }
-                Some(Running::Scan(running)) if running == id => self.end_scan(&done),
-                Some(Running::State(change)) if change.id == Some(id) => self.end_part(change, &done),
-                other => self.job = other,
-            }
+        while let Some(id) = self.next_ended() {
+            self.take_end(id);
         }
-        while self.master.take_event().is_some() {}
+        while self.master.lock().take_event().is_some() {}
+    }
+
+    fn next_ended(&self) -> Option<JobId> {
+        let sdo = self.sdo.map(|sdo| sdo.transfer.id());
+        let job = match &self.job {
+            Some(Running::Scan(scan)) => Some(scan.id()),
+            Some(Running::State(change)) => change.job.map(master::Job::id),
+            Some(Running::Configure(_)) | None => None,
+        };
+        self.master.lock().ended().find(|id| [sdo, job].contains(&Some(*id)))
+    }
+
+    fn take_end(&mut self, id: JobId) {
+        if let Some(sdo) = self.sdo.take_if(|sdo| sdo.transfer.id() == id) {
+            let ended = sdo.transfer.take(&mut self.master.lock());
+            if let Some(result) = ended {
+                self.end_sdo(sdo, result);
+            }
+            return;
+        }
+        match &self.job {
+            Some(Running::Scan(scan)) => {
+                let found = self.master.lock().take(*scan);
+                if let Some(found) = found {
+                    self.job = None;
+                    self.end_scan(found);
+                }
+            }
+            Some(Running::State(change)) => {
+                let change = *change;
+                let ended = change.job.and_then(|job| self.master.lock().take(job));
+                if let Some(ended) = ended {
+                    self.job = None;
+                    self.end_part(change, ended);
+                }
+            }
+            Some(Running::Configure(_)) | None => {}
+        }
     }
 
     /// Goes on with the job under way.
@@ -213,36 +262,26 @@ impl<W: NicWires> NicBus<W> {
         }
     }
 
-    fn end_sdo(&mut self, sdo: RunningSdo, done: &master::JobDone) {
+    fn end_sdo(&mut self, sdo: RunningSdo, result: Result<Option<u32>, SdoError>) {
         let RunningSdo { request, until, .. } = sdo;
-        if is_busy(done) && self.wires.now() < until {
+        if result == Err(BUSY) && self.wires.now() < until {
             self.start_sdo(request);
             self.sdo.iter_mut().for_each(|again| again.until = until);
             return;
         }
         let written = request.write.map_or(0, |(_, value)| value);
-        let result = match done {
-            master::JobDone::UploadNumber(Ok(number)) => Ok(*number),
-            master::JobDone::Download(Ok(())) => Ok(written),
-            master::JobDone::UploadNumber(Err(error)) | master::JobDone::Download(Err(error)) => {
-                Err(error.abort_code())
-            }
-            _ => Err(AbortCode::TIMEOUT),
-        };
+        let result = result.map(|read| read.unwrap_or(written)).map_err(SdoError::abort_code);
         self.ended.push_back(JobDone::Sdo(result));
     }
 
-    fn end_scan(&mut self, done: &master::JobDone) {
-        self.found = match done {
-            master::JobDone::Scan(Ok(found)) => *found,
-            _ => 0,
-        };
+    fn end_scan(&mut self, found: Result<u8, ScanError>) {
+        self.found = found.unwrap_or(0);
         self.ended.push_back(JobDone::Scan { found: self.found });
     }
 
     /// The master has done what it could for a change of state. A slave that refuses ends it; one that does not answer is asked
     /// again until time is up, as it may be back.
-    fn end_part(&mut self, change: Change, done: &master::JobDone) {
+    fn end_part(&mut self, change: Change, ended: Result<(), StateError>) {
         let Change { target, slaves, until, .. } = change;
         for slave in slaves.iter() {
             if self.state(slave) == Some(target) {
@@ -255,24 +294,21 @@ impl<W: NicWires> NicBus<W> {
         let now = self.wires.now();
         let refused = || {
             slaves.iter().find_map(|slave| {
-                let status = self.master.status(slave).filter(|status| status.is_present)?;
+                let status = self.master.lock().status(slave).filter(|status| status.is_present)?;
                 let is_refused = status.status.contains(AlStatusRegister::ERROR);
-                is_refused.then_some(Refusal { slave, al_status: told(status.code), abort: None })
+                is_refused.then(|| told(slave, status.code))
             })
         };
-        let result = match done {
-            master::JobDone::State(Ok(())) => Ok(()),
-            master::JobDone::State(Err(StateError { slave, reason, .. })) => match (refused(), reason) {
-                (Some(refusal), _) => Err(refusal),
-                (None, StateReason::NoAnswer | StateReason::NotTaken(_) | StateReason::Busy) if now < until => {
-                    let again_at = now.saturating_add(AGAIN_NS).min(until);
-                    self.job = Some(Running::State(Change { id: None, again_at, ..change }));
-                    return;
-                }
-                (None, StateReason::NoAnswer) => Err(no_answer(*slave)),
-                (None, reason) => Err(Refusal { al_status: told(reason.code()), ..no_answer(*slave) }),
-            },
-            _ => Err(no_answer(slaves.iter().next().unwrap_or(1))),
+        let result = match ended.map_err(|StateError { slave, reason, .. }| (refused(), slave, reason)) {
+            Ok(()) => Ok(()),
+            Err((Some(refusal), ..)) => Err(refusal),
+            Err((None, _, StateReason::NoAnswer | StateReason::NotTaken(_) | StateReason::Busy)) if now < until => {
+                let again_at = now.saturating_add(AGAIN_NS).min(until);
+                self.job = Some(Running::State(Change { job: None, again_at, ..change }));
+                return;
+            }
+            Err((None, slave, StateReason::NoAnswer)) => Err(Refusal::no_answer(slave)),
+            Err((None, slave, reason)) => Err(told(slave, reason.code())),
         };
         if result.is_err() {
             self.stay_in_op(&change);
@@ -293,13 +329,13 @@ impl<W: NicWires> NicBus<W> {
         }
         self.prepare_change(change.target, change.slaves);
         let left = change.until.saturating_sub(self.wires.now());
-        change.id = Some(self.master.request_state(change.slaves, change.target, left));
+        change.job = Some(self.master.lock().request_state(change.slaves, change.target, left));
         change.takes_no_more |= std::mem::take(&mut change.sends_first);
     }
 
     /// Asks for a change of state, again or for the first time, when it is time.
     fn ask_again(&mut self) {
-        if let Some(Running::State(mut change @ Change { id: None, again_at, .. })) = self.job
+        if let Some(Running::State(mut change @ Change { job: None, again_at, .. })) = self.job
             && self.wires.now() >= again_at
         {
             self.ask(&mut change);

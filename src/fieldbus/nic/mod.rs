@@ -6,7 +6,7 @@
 //! | `wires.rs` | what it needs of the card, or of two: [`NicWires`], [`CardPair`] |
 //! | `ring.rs` | two cards that make a ring: [`Ring`] |
 //! | `jobs.rs` | scan, changes of state and SDOs |
-//! | `configure.rs` | the process data and the mode of each slave, in PreOP |
+//! | `configure.rs` | the process data and the mode of each slave, in PreOP, as an async function |
 //! | `cycle.rs` | the frames of a cycle: outputs, inputs, who is lost |
 //! | `missed.rs` | what slaves have missed before it is known which ones |
 //! | `ages.rs` | how old the inputs of each slave are |
@@ -47,19 +47,23 @@ mod ring;
 mod wires;
 
 use std::collections::VecDeque;
+use std::ops::Deref;
+use std::sync::Arc;
+
+use parking_lot::Mutex;
 
 use super::pdo::ProcessData;
 use super::{
     AlState, BusError, Busy, CardsGone, Cleared, CycleDone, Fieldbus, Inputs, Job, JobDone, MAX_SLAVES, Ns, Outputs,
     Pacing, RingState, SdoRequest, SlaveSet, Strangers,
 };
-use crate::master::{self, Master, Settings};
+use crate::master::{Master, Settings};
 use crate::sk::CycleTime;
 use ages::Ages;
 #[cfg(feature = "sim")]
 pub use chain::ChainWires;
 use configure::Configuring;
-use jobs::Running;
+use jobs::{Running, Transfer};
 use missed::Missed;
 pub use ring::{GRACE_NS, Ring};
 pub use wires::{CardPair, NicWires};
@@ -126,7 +130,7 @@ struct Station {
 #[derive(Clone, Copy, Debug)]
 struct RunningSdo {
     request: SdoRequest,
-    id: master::JobId,
+    transfer: Transfer,
     /// When the slave has not answered, on the wires' clock.
     until: Ns,
 }
@@ -134,7 +138,8 @@ struct RunningSdo {
 /// A network at the end of a network card.
 pub struct NicBus<W> {
     wires: W,
-    master: Master,
+    /// The sequences of a configuration reach it too, beside which nobody holds it.
+    master: Arc<Mutex<Master>>,
     /// The engine's time less that of the wires; `None`: nobody has called yet.
     skew: Option<Ns>,
     /// A runner waits for the time of each cycle. Without one the bus does.
@@ -173,9 +178,11 @@ pub struct NicBus<W> {
 impl<W: NicWires> NicBus<W> {
     /// The network at the end of these wires.
     pub fn new(wires: W, settings: Settings) -> Self {
+        let master = Arc::new(Mutex::new(Master::new(settings)));
+        let spare = Some(Configuring::place(&master));
         Self {
             wires,
-            master: Master::new(settings),
+            master,
             skew: None,
             has_runner: false,
             stations: [Station { commanded: AlState::Init, process_data: None, seen: None }; MAX_SLAVES],
@@ -195,7 +202,7 @@ impl<W: NicWires> NicBus<W> {
             inputs: Box::new([Default::default(); MAX_SLAVES]),
             unanswered: 0,
             job: None,
-            spare: Some(Configuring::place()),
+            spare,
             sdo: None,
             ended: VecDeque::with_capacity(4),
         }
@@ -207,8 +214,8 @@ impl<W: NicWires> NicBus<W> {
     }
 
     /// The master, to look at.
-    pub const fn master(&self) -> &Master {
-        &self.master
+    pub fn master(&self) -> impl Deref<Target = Master> {
+        self.master.lock()
     }
 
     fn station(&self, slave: u8) -> &Station {
@@ -226,7 +233,7 @@ impl<W: NicWires> NicBus<W> {
 
     /// The AL state of a slave as the master knows it; `None`: it does not answer.
     fn state(&self, slave: u8) -> Option<AlState> {
-        let status = self.master.status(slave).filter(|status| status.is_present)?;
+        let status = self.master.lock().status(slave).filter(|status| status.is_present)?;
         status.state()
     }
 
@@ -238,7 +245,7 @@ impl<W: NicWires> NicBus<W> {
 
     /// Goes on with what is under way, without a wait.
     fn turn(&mut self) {
-        self.master.poll(self.wires.now(), &mut self.wires);
+        self.master.lock().poll(self.wires.now(), &mut self.wires);
         self.take_ends();
         self.run_job();
     }
@@ -318,8 +325,8 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn cancel_sdo(&mut self) {
-        if let Some(RunningSdo { id, .. }) = self.sdo.take() {
-            self.master.cancel(id);
+        if let Some(RunningSdo { transfer, .. }) = self.sdo.take() {
+            self.master.lock().cancel(transfer.id());
         }
         self.ended.retain(|done| !matches!(done, JobDone::Sdo(_)));
     }
@@ -375,7 +382,7 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn reference_clock(&self) -> Option<u8> {
-        self.master.reference_clock()
+        self.master.lock().reference_clock()
     }
 
     fn ring(&self) -> Option<RingState> {
@@ -387,7 +394,8 @@ impl<W: NicWires + Send> Fieldbus for NicBus<W> {
     }
 
     fn strangers(&self) -> Strangers {
-        Strangers { other_master: self.master.other_master(), unpassed: self.master.counters().unpassed }
+        let master = self.master.lock();
+        Strangers { other_master: master.other_master(), unpassed: master.counters().unpassed }
     }
 
     fn is_down(&self) -> bool {

@@ -128,8 +128,7 @@ impl Download {
         if is_mode && !matches!(code, AbortCode::NO_OBJECT) {
             return Refusal { slave: 0, al_status: 0, abort: Some((self.object, code)) };
         }
-        let AlStatus(al_status) = AlStatus::INVALID_OUTPUTS;
-        Refusal { slave: 0, al_status, abort: None }
+        Refusal::of(0, AlStatus::INVALID_OUTPUTS)
     }
 }
 

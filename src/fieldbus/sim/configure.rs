@@ -13,8 +13,7 @@ use crate::slave::{AlStatus, Slave};
 pub fn configure(slave: &mut dyn Slave, config: &SlaveConfig) -> Result<Option<ProcessData>, Refusal> {
     let SlaveConfig { role, sync } = *config;
     if slave.state() != AlState::PreOp {
-        let AlStatus(al_status) = AlStatus::INVALID_CHANGE;
-        return Err(Refusal { slave: 0, al_status, abort: None });
+        return Err(Refusal::of(0, AlStatus::INVALID_CHANGE));
     }
     slave.set_sync_managers(0, 0);
     if role == Role::Unused {

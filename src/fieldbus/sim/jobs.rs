@@ -88,7 +88,7 @@ impl SimBus {
                     }
                 }
                 let late = self.not_in_target_state(*target, *slaves).iter().next().unwrap_or(1);
-                (now >= *deadline).then_some(JobDone::State(Err(Refusal { slave: late, al_status: 0, abort: None })))
+                (now >= *deadline).then_some(JobDone::State(Err(Refusal::no_answer(late))))
             }
             RunningJob::Sdo { request, due, deadline } => {
                 if now >= *due && *due <= *deadline && self.has_mailbox(request.slave) {
@@ -127,7 +127,7 @@ impl SimBus {
         if !self.answers(slave) {
             // A slave that is not used does not have to answer (SK-4 [OURS]).
             let unused = wanted.role == Role::Unused;
-            return if unused { Ok(false) } else { Err(Refusal { slave, al_status: 0, abort: None }) };
+            return if unused { Ok(false) } else { Err(Refusal::no_answer(slave)) };
         }
         let Station { slave: device, process_data, .. } = self.station(slave);
         if device.state() == AlState::PreOp {
@@ -178,9 +178,9 @@ impl SimBus {
                 let waits = state < target && state >= next;
                 if self.answers(slave)
                     && !waits
-                    && let Err(AlStatus(al_status)) = self.enter(slave, to)
+                    && let Err(status) = self.enter(slave, to)
                 {
-                    refused = refused.or(Some(Refusal { slave, al_status, abort: None }));
+                    refused = refused.or(Some(Refusal::of(slave, status)));
                 }
             }
         }

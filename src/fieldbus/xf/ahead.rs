@@ -4,8 +4,9 @@
 //! out. What a program reads and writes by SDO meanwhile is what it would be without. Whatever is asked of the bus goes first;
 //! what was seen by then stays.
 
-use super::XfBus;
-use super::jobs::Running;
+use super::chip_bus::ChipBus;
+use super::jobs::{Part, Running};
+use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
 use crate::ethercat::coe::ObjectAddress;
 use crate::fieldbus::{BusConfig, SdoRequest};
@@ -28,7 +29,7 @@ const fn may_change_mapping(object: ObjectAddress) -> bool {
     !matches!(object.index, 0x6000..=0x9FFF)
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     /// Declares what the next configuration is to be.
     pub(super) fn declare(&mut self, config: &BusConfig) {
         self.ahead = Ahead { declared: Some(*config), not_before: self.wires.now() };
@@ -42,7 +43,7 @@ impl<W: Wires> XfBus<W> {
         }
         let is_free = self.job.is_none() && !self.is_watching() && self.host.state() == HostState::Running;
         if is_free && now >= self.ahead.not_before {
-            self.job = Running::ahead(config, now);
+            self.begin_job(Some(Running::ahead(config)));
         }
     }
 
@@ -56,7 +57,7 @@ impl<W: Wires> XfBus<W> {
     pub(super) fn make_way(&mut self) -> bool {
         match &self.job {
             None => true,
-            Some(job) if job.is_ahead && job.may_be_left() && self.next_job.is_none() => {
+            Some(job) if job.is_ahead && self.part != Part::StartsNetwork && self.next_job.is_none() => {
                 self.job = None;
                 self.abandon_asked();
                 true

@@ -1,6 +1,7 @@
 //! What the chip's cycles have sent back: kept until the engine polls, with the time of each and what it had sent.
 
-use super::{XfBus, tick_ns};
+use super::chip_bus::ChipBus;
+use super::tick_ns;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{CycleDone, Inputs};
 use crate::xf::DataSize;
@@ -29,7 +30,7 @@ impl Default for Answer {
     }
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     /// Keeps a cycle behind which so many others were read in the same exchange.
     pub(super) fn keep_cycle(&mut self, now: Ns, cycle: u64, behind: u64, from: usize) {
         let period_ns = self.network.cycle.ns();

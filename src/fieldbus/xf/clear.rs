@@ -1,7 +1,7 @@
 //! SET_FIFO 1 and leaving OP: the chip's RxFIFO is emptied, and how many of its sets were sent by then is found out.
 
-use super::XfBus;
 use super::ask::{Ask, Asked};
+use super::chip_bus::ChipBus;
 use crate::ethercat::Ns;
 use crate::fieldbus::Cleared;
 use crate::xf::host::Wires;
@@ -27,7 +27,7 @@ pub(super) enum Clearing {
     Ended(Option<u64>),
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     pub(super) fn begin_clear(&mut self) {
         self.drop_queue();
         // What was to hold lost slaves may be among what is dropped.

@@ -9,7 +9,8 @@
 //! follows at once ([`Network::in_flight`]); a set that turns out not to be written then is lost and counted, since a
 //! later one has gone out.
 
-use super::{XfBus, tick_ns};
+use super::chip_bus::ChipBus;
+use super::tick_ns;
 use crate::ethercat::{AlState, Ns, SlaveSet};
 use crate::fieldbus::{AxisIn, MAX_AXES, Outputs};
 use crate::xf::host::{HostError, HostState, ProcessData, ProcessKind, ProcessOutcome, Wires};
@@ -70,7 +71,7 @@ impl Flying {
     }
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     /// These outputs as a set in which lost slaves hold.
     pub(super) fn set_of(&self, outputs: &Outputs) -> Set {
         let mut set = Set::of(outputs, &self.network);

@@ -3,8 +3,8 @@
 //! The outputs go out with the header of every packet, the inputs come with the header of every answer, so that neither
 //! takes an exchange of its own. Which pins are outputs is told to the chip once after each start of it.
 
-use super::XfBus;
 use super::ask::{Ask, Asked};
+use super::chip_bus::ChipBus;
 use crate::ethercat::Ns;
 use crate::xf::host::{HostState, Wires};
 
@@ -56,7 +56,7 @@ pub(super) enum PinSetup {
     Done,
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     /// Tells the chip which pins are outputs, once it runs.
     pub(super) fn set_up_pins(&mut self, now: Ns) {
         let outputs = LocalPins::mask(&self.options.local_pins.outputs);

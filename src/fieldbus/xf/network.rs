@@ -145,6 +145,11 @@ impl Network {
         *self = Self { initialised: true, cycle, found, with_dc, lost, stale, lost_from, ..Self::new() };
     }
 
+    /// Whether it runs with that cycle.
+    pub(super) fn is_known(&self, cycle: CycleTime) -> bool {
+        self.initialised && self.cycle == cycle
+    }
+
     /// The slaves that were brought at least to that state.
     pub(super) fn at_least(&self, state: AlState) -> SlaveSet {
         let mut slaves = SlaveSet::EMPTY;

@@ -10,8 +10,8 @@
 //! of all show that nobody is lost, all are stale and lost ([`STALE_AFTER`](crate::fieldbus::STALE_AFTER)). While a slave is lost the
 //! chip counts each cycle as wrong, and says nothing of others.
 
-use super::XfBus;
 use super::ask::{Ask, Asked};
+use super::chip_bus::ChipBus;
 use super::clear::SETTLED;
 use super::jobs::state_of;
 use super::local_io::PinSetup;
@@ -77,7 +77,7 @@ pub(super) enum TakingDown {
     Asked(Asked),
 }
 
-impl<W: Wires> XfBus<W> {
+impl<W: Wires> ChipBus<W> {
     /// A chip that has answered nothing for a while may still repeat its newest outputs, and nobody leads the axes: before
     /// anything else all slaves go to PreOP. Whether that is under way.
     pub(super) fn take_down(&mut self, now: Ns) -> bool {

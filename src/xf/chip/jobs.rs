@@ -11,8 +11,8 @@ mod transfers;
 mod wire;
 
 use super::Chip;
-use super::network::{EepromFailure, Entered, List, Network, Operation, SLAVES_MAX, Value};
-use crate::ethercat::coe::AbortCode;
+use super::network::{Answer, List, Network, Operation, SLAVES_MAX};
+use crate::coe::AbortCode;
 use crate::ethercat::{AlStatus, Ns};
 use crate::xf::request::PdoConfig;
 use crate::xf::{DataSize, Errors};
@@ -65,21 +65,10 @@ pub(super) enum Gained {
     Failed,
     /// No answer has come in time.
     TimedOut,
-    Scanned(u8),
+    Answer(Answer),
     /// Bytes of outputs and inputs of each slave.
     Lengths(Result<Lengths, AbortCode>),
-    /// What became of slaves that were to enter a state.
-    Entered(Entered),
-    /// A value and its whole length.
-    Value(Result<(Value, usize), AbortCode>),
-    Written(Result<(), AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
-    ManagerSet(bool),
-    Eeprom(Result<Vec<u16>, EepromFailure>),
-    Datagram(Option<(Vec<u8>, u16)>),
-    /// A file that was read, or the error code.
-    File(Result<Vec<u8>, u32>),
-    Mail(Option<Vec<u8>>),
 }
 
 /// How a part of a job begins.
@@ -231,6 +220,11 @@ impl<N: Network> Chip<N> {
         self.requests.begin(&mut self.network, procedure)
     }
 
+    /// Begins what is a single operation.
+    fn ask_for(&mut self, operation: Operation) -> Begun {
+        self.ask_network(|requests| async move { Gained::Answer(requests.ask(operation).await) })
+    }
+
     fn begin_part(&mut self, job: &mut Job) -> Begun {
         if job.deadline().is_some_and(|deadline| self.now >= deadline) {
             return Begun::Gained(Gained::TimedOut);
@@ -240,7 +234,9 @@ impl<N: Network> Chip<N> {
             Job::Map => self.begin_map(),
             Job::PdoConfigSet(config) => {
                 let config = *config;
-                self.ask_network(|requests| async move { Gained::Written(pdos::set(&requests, &config).await) })
+                self.ask_network(|requests| async move {
+                    Gained::Answer(Answer::Written(pdos::set(&requests, &config).await))
+                })
             }
             Job::PdoConfigRequest(request) => {
                 let (request, form) = (*request, self.profile.pdo_config);
@@ -248,18 +244,12 @@ impl<N: Network> Chip<N> {
             }
             Job::Sdo(sdo) => self.begin_sdo(sdo),
             Job::State(state) => self.begin_change(state),
-            Job::StateUpdate => self.ask_network(|requests| async move {
-                requests.run(Operation::ReadStates).await;
-                Gained::Nothing
-            }),
+            Job::StateUpdate => self.ask_for(Operation::ReadStates),
             Job::SetManager(request) => self.begin_set_manager(request),
             Job::Eeprom(job) => self.begin_eeprom(job),
             Job::Datagram(job) => self.begin_datagram(job),
             Job::File(job) => self.begin_file(job),
-            Job::ReceiveMail { slave } => {
-                let slave = *slave;
-                self.ask_network(|requests| async move { Gained::Mail(requests.mail(slave).await) })
-            }
+            Job::ReceiveMail { slave } => self.ask_for(Operation::ReceiveMail { slave: *slave }),
             Job::InitDc
             | Job::DcSync(_)
             | Job::FifoInit
@@ -272,18 +262,18 @@ impl<N: Network> Chip<N> {
     fn end_part(&mut self, job: &mut Job, gained: Gained) -> Progress {
         match (job, gained) {
             (_, Gained::Failed) => Progress::Failed,
-            (Job::Init(init), Gained::Scanned(found)) => self.end_init(init, found),
+            (Job::Init(init), Gained::Answer(Answer::Scanned(found))) => self.end_init(init, found),
             (Job::Map, Gained::Lengths(lengths)) => self.end_map(lengths),
             (Job::InitDc, _) => self.end_init_dc(),
             (Job::DcSync(dc_sync), _) => self.end_dc_sync(dc_sync),
-            (Job::PdoConfigSet(_), Gained::Written(set)) => self.end_pdo_transfer(set),
+            (Job::PdoConfigSet(_), Gained::Answer(Answer::Written(set))) => self.end_pdo_transfer(set),
             (Job::PdoConfigRequest(_), Gained::Pdos(read)) => {
                 let read = read.map(|config| self.pdo_config = Some(config));
                 self.end_pdo_transfer(read)
             }
             (Job::Sdo(sdo), gained) => self.end_sdo(sdo, gained),
             (Job::State(_), Gained::Lengths(lengths)) => self.end_layout(lengths),
-            (Job::State(state), Gained::Entered(slaves)) => self.end_change(state, &slaves),
+            (Job::State(state), Gained::Answer(Answer::Entered(slaves))) => self.end_change(state, &slaves),
             (Job::StateUpdate, _) => {
                 self.update_states();
                 Progress::Done
@@ -297,12 +287,14 @@ impl<N: Network> Chip<N> {
                 self.flash.write(*start, &data[..usize::from(*bytes)]);
                 Progress::Done
             }
-            (Job::SetManager(request), Gained::ManagerSet(is_set)) => self.end_set_manager(request, is_set),
+            (Job::SetManager(request), Gained::Answer(Answer::ManagerSet(is_set))) => {
+                self.end_set_manager(request, is_set)
+            }
             (Job::SetFmmus, _) => Progress::Done,
             (Job::Eeprom(_), gained) => self.end_eeprom(gained),
             (Job::Datagram(job), gained) => self.end_datagram(job, gained),
-            (Job::File(job), Gained::File(result)) => self.end_file(job, result),
-            (Job::ReceiveMail { .. }, Gained::Mail(mail)) => self.end_mail(mail),
+            (Job::File(job), Gained::Answer(Answer::File(result))) => self.end_file(job, result),
+            (Job::ReceiveMail { .. }, Gained::Answer(Answer::Mail(mail))) => self.end_mail(mail),
             // What a job gains is what its beginning asked for.
             _ => Progress::Failed,
         }

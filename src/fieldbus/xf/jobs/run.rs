@@ -1,51 +1,52 @@
-//! A job under way: its commands are asked one after the other, with what it waits for in between. An SDO runs beside none.
+//! A job under way: its sequence goes on, until it has ended or its time is over. An SDO runs beside none.
 
-use super::{Running, Todo, sdo_done};
+use std::task::{Context, Poll, Waker};
+
+use parking_lot::MutexGuard;
+
+use super::{Kind, Running, Sequence, sdo_done};
 use crate::ethercat::Ns;
-use crate::fieldbus::xf::XfBus;
-use crate::fieldbus::xf::ask::Ask;
+use crate::fieldbus::xf::chip_bus::ChipBus;
+use crate::fieldbus::{JobDone, Refusal};
 use crate::xf::host::{HostState, Wires};
 
-impl<W: Wires> XfBus<W> {
-    pub(in crate::fieldbus::xf) fn run_job(&mut self, now: Ns) {
-        let Some(mut job) = self.job.take() else { return };
-        if let Some(ask) = self.pending.take() {
-            self.ask(ask, now);
-            return self.keep_or_end(job, now);
+/// Goes on with the job under way, as far as the chip has answered.
+pub(in crate::fieldbus::xf) fn run_job<W: Wires>(
+    bus: &mut MutexGuard<'_, ChipBus<W>>,
+    sequence: &mut Sequence,
+    now: Ns,
+) {
+    let Some(mut job) = bus.job.take() else { return };
+    bus.has_gone_on = !job.has_begun;
+    if !job.has_begun {
+        if !bus.is_free() {
+            return bus.keep_or_end(job, now);
         }
-        let reply = match (&self.asked, job.wait_until) {
-            (Some(asked), _) => match asked.reply(&mut self.host) {
-                Some(reply) => reply,
-                None => return self.keep_or_end(job, now),
-            },
-            (None, Some(until)) if now < until => return self.keep_or_end(job, now),
-            (None, _) if self.is_resizing() || self.is_holding() => return self.keep_or_end(job, now),
-            (None, _) => Ok(0),
-        };
-        self.asked = None;
-        job.wait_until = None;
-        match self.go_on(&mut job, reply, now) {
-            Todo::Ask(ask) => self.ask(ask, now),
-            Todo::Wait(until) => job.wait_until = Some(until),
-            Todo::Resize(size) => self.host.resize(now, size),
-            Todo::Hold => self.send_holding(),
-            Todo::Done(_) if job.is_ahead => {
-                self.end_ahead();
-                self.job = self.next_job.take();
-                return;
-            }
-            Todo::Done(done) => {
-                self.ended.push_back(done);
-                return;
-            }
+        job.has_begun = true;
+        sequence.begin((job.kind.clone(), job.is_ahead));
+    }
+    match MutexGuard::unlocked(bus, || sequence.poll(&mut Context::from_waker(Waker::noop()))) {
+        Poll::Ready(_) if job.is_ahead => {
+            bus.end_ahead();
+            let next = bus.next_job.take();
+            bus.begin_job(next);
         }
-        self.job = Some(job);
+        Poll::Ready(done) => bus.ended.push_back(done),
+        Poll::Pending if bus.has_gone_on => bus.job = Some(job),
+        Poll::Pending => bus.keep_or_end(job, now),
+    }
+}
+
+impl<W: Wires> ChipBus<W> {
+    /// Whether the driver takes commands of a job.
+    pub(super) fn is_free(&self) -> bool {
+        self.host.state() == HostState::Running && !self.is_holding()
     }
 
     /// A job that goes on, unless its time is over.
     fn keep_or_end(&mut self, job: Running, now: Ns) {
-        match job.late() {
-            Some(done) if job.is_late(now) => {
+        match self.late(&job) {
+            Some(done) if now >= job.deadline => {
                 self.abandon_job();
                 self.ended.push_back(done);
             }
@@ -53,13 +54,11 @@ impl<W: Wires> XfBus<W> {
         }
     }
 
-    fn ask(&mut self, ask: Ask, now: Ns) {
-        self.asked = ask.submit(&mut self.host, now).ok();
-        self.pending = if self.asked.is_none() { Some(ask) } else { None };
-    }
-
-    fn is_resizing(&self) -> bool {
-        !matches!(self.host.state(), HostState::Running)
+    /// The end of a change of state that was not done in time.
+    fn late(&self, job: &Running) -> Option<JobDone> {
+        let Kind::State { target, slaves } = job.kind else { return None };
+        let slave = slaves.iter().find(|slave| self.state(*slave) != Some(target));
+        Some(JobDone::State(Err(Refusal::no_answer(slave.unwrap_or(job.kind.first())))))
     }
 
     /// A job ends before its last step. It may have brought the last slave out of OP: the chip has no cycles to tell then.
@@ -71,7 +70,6 @@ impl<W: Wires> XfBus<W> {
     }
 
     pub(in crate::fieldbus::xf) fn abandon_asked(&mut self) {
-        self.pending = None;
         if let Some(asked) = self.asked.take() {
             asked.abandon(&mut self.host);
         }

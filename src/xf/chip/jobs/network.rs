@@ -6,7 +6,7 @@ use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::xf::NetworkState;
 use crate::xf::chip::Chip;
 use crate::xf::chip::bus::Bus;
-use crate::xf::chip::network::{EnterError, Entered, EnteringSlaves, List, Network, SLAVES_MAX, SlaveSetup};
+use crate::xf::chip::network::{EnterError, Entered, EnteringSlaves, List, Network, Operation, SLAVES_MAX, SlaveSetup};
 use crate::xf::request::{DcSync, EcatInit, ReferenceClock, Slaves};
 
 impl<N: Network> Chip<N> {
@@ -20,7 +20,7 @@ impl<N: Network> Chip<N> {
         if !self.phy_link {
             return Begun::FAILED;
         }
-        self.ask_network(|requests| async move { Gained::Scanned(requests.scan().await) })
+        self.ask_for(Operation::Scan)
     }
 
     /// `[OURS]` The slaves are in Init then; a network without slaves is an error. A clock of the chip leads with firmware that
@@ -181,7 +181,7 @@ impl<N: Network> Chip<N> {
                 job.has_failed = true;
             }
         }
-        self.ask_network(|requests| async move { Gained::Entered(requests.enter(slaves).await) })
+        self.ask_for(Operation::Enter(slaves))
     }
 
     /// Process data are laid out on the way to SafeOP, which goes on at once.

@@ -11,9 +11,9 @@ use std::task::{Context, Poll, Waker};
 use parking_lot::Mutex;
 
 use super::{Begun, Gained};
-use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
-use crate::ethercat::{AlState, Ns};
-use crate::xf::chip::network::{Answer, EepromFailure, Entered, EnteringSlaves, Network, Operation, Value};
+use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::Ns;
+use crate::xf::chip::network::{Answer, Network, Operation, Value};
 
 /// What a procedure waits for.
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
@@ -84,7 +84,7 @@ impl Requests {
 }
 
 impl Requests {
-    async fn ask(&self, operation: Operation) -> Answer {
+    pub(super) async fn ask(&self, operation: Operation) -> Answer {
         *self.0.lock() = Slot::Asked(operation);
         poll_fn(|_| {
             let mut slot = self.0.lock();
@@ -97,27 +97,6 @@ impl Requests {
             }
         })
         .await
-    }
-
-    /// [`Operation::Scan`].
-    pub(super) async fn scan(&self) -> u8 {
-        match self.ask(Operation::Scan).await {
-            Answer::Scanned(found) => found,
-            _ => 0,
-        }
-    }
-
-    /// An operation of which nothing comes back.
-    pub(super) async fn run(&self, operation: Operation) {
-        self.ask(operation).await;
-    }
-
-    /// [`Operation::Enter`].
-    pub(super) async fn enter(&self, slaves: EnteringSlaves) -> Entered {
-        match self.ask(Operation::Enter(slaves)).await {
-            Answer::Entered(entered) => entered,
-            _ => Entered::empty((0, AlState::Init, Ok(()))),
-        }
     }
 
     /// [`Operation::Read`]: the value as far as there is room, and its whole length.
@@ -145,43 +124,6 @@ impl Requests {
         match self.ask(Operation::Write { slave, object, scope, value, timeout_ns }).await {
             Answer::Written(written) => written,
             _ => Err(AbortCode::TIMEOUT),
-        }
-    }
-
-    /// [`Operation::Datagram`].
-    pub(super) async fn datagram(&self, operation: Operation) -> Option<(Vec<u8>, u16)> {
-        match self.ask(operation).await {
-            Answer::Datagram(answer) => answer,
-            _ => None,
-        }
-    }
-
-    /// [`Operation::ReadEeprom`] or [`Operation::WriteEeprom`].
-    pub(super) async fn eeprom(&self, operation: Operation) -> Result<Vec<u16>, EepromFailure> {
-        match self.ask(operation).await {
-            Answer::Eeprom(result) => result,
-            _ => Err(EepromFailure::NoAnswer),
-        }
-    }
-
-    /// [`Operation::SetManager`].
-    pub(super) async fn set_manager(&self, operation: Operation) -> bool {
-        matches!(self.ask(operation).await, Answer::ManagerSet(true))
-    }
-
-    /// [`Operation::ReadFile`] or [`Operation::WriteFile`].
-    pub(super) async fn file(&self, operation: Operation) -> Result<Vec<u8>, u32> {
-        match self.ask(operation).await {
-            Answer::File(result) => result,
-            _ => Err(AbortCode::TIMEOUT.0),
-        }
-    }
-
-    /// [`Operation::ReceiveMail`].
-    pub(super) async fn mail(&self, slave: u8) -> Option<Vec<u8>> {
-        match self.ask(Operation::ReceiveMail { slave }).await {
-            Answer::Mail(mail) => mail,
-            _ => None,
         }
     }
 }

@@ -3,24 +3,22 @@
 use super::{Begun, Gained, Progress, SdoJob};
 use crate::ethercat::coe::AbortCode;
 use crate::xf::chip::Chip;
-use crate::xf::chip::network::{Network, Value};
+use crate::xf::chip::network::{Answer, Network, Operation, Value};
 
 impl<N: Network> Chip<N> {
     pub(super) fn begin_sdo(&mut self, job: &SdoJob) -> Begun {
-        let object = (job.slave, job.object);
-        if let Some(code) = self.network.sdo_abort(job.slave, job.object) {
-            return Begun::Gained(Gained::Written(Err(code)));
+        let (slave, object) = (job.slave, job.object);
+        if let Some(code) = self.network.sdo_abort(slave, object) {
+            return Begun::Gained(Gained::Answer(Answer::Written(Err(code))));
         }
         let (scope, timeout_ns) = (job.scope, job.deadline - self.now);
         if job.writes {
             let value = Value::of(0, &job.data[..job.bytes]);
-            return self.ask_network(|requests| async move {
-                Gained::Written(requests.write(object, scope, value, timeout_ns).await)
-            });
+            return self.ask_for(Operation::Write { slave, object, scope, value, timeout_ns });
         }
-        let room = self.sdo.data.len();
-        let asked = if job.bytes == 0 { room } else { job.bytes.min(room) };
-        self.ask_network(|requests| async move { Gained::Value(requests.read(object, scope, asked, timeout_ns).await) })
+        let most = self.sdo.data.len();
+        let room = if job.bytes == 0 { most } else { job.bytes.min(most) };
+        self.ask_for(Operation::Read { slave, object, scope, room, timeout_ns })
     }
 
     /// A slave that does not answer is waited for until the time limit; then the abort code is that of a timeout.
@@ -29,11 +27,11 @@ impl<N: Network> Chip<N> {
     /// than the bytes asked for, these are given; 0 asks for all that a data segment holds.
     pub(super) fn end_sdo(&mut self, job: &SdoJob, gained: Gained) -> Progress {
         let result = match gained {
-            Gained::Value(value) => value.map(|(value, _)| {
+            Gained::Answer(Answer::Value(value)) => value.map(|(value, _)| {
                 self.sdo.data[..value.len()].copy_from_slice(&value);
                 self.sdo.len = Some(value.len());
             }),
-            Gained::Written(result) => result,
+            Gained::Answer(Answer::Written(result)) => result,
             _ => Err(AbortCode::TIMEOUT),
         };
         self.sdo.abort = match result {

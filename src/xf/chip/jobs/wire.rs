@@ -7,7 +7,7 @@ use crate::ethercat::registers::{SmActivate, SmControl, SmDirection, SyncManager
 use crate::ethercat::{Addressing, Command};
 use crate::xf::chip::Chip;
 use crate::xf::chip::flash::Flash;
-use crate::xf::chip::network::{EepromFailure, Network, Operation};
+use crate::xf::chip::network::{Answer, EepromFailure, Network, Operation};
 use crate::xf::chip::results::EepromResult;
 use crate::xf::request::{ConfigSyncManager, EepromOperation};
 
@@ -39,7 +39,7 @@ impl<N: Network> Chip<N> {
             }
             EepromOperation::Write(value) => Operation::WriteEeprom { slave, word: position, value },
         };
-        self.ask_network(|requests| async move { Gained::Eeprom(requests.eeprom(operation).await) })
+        self.ask_for(operation)
     }
 
     pub(super) fn begin_datagram(&mut self, job: &DatagramJob) -> Begun {
@@ -48,8 +48,7 @@ impl<N: Network> Chip<N> {
             Addressing::Logical => job.logical,
             _ => u32::from(job.adp) | u32::from(job.ado) << 16,
         };
-        let operation = Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() };
-        self.ask_network(|requests| async move { Gained::Datagram(requests.datagram(operation).await) })
+        self.ask_for(Operation::Datagram { command, address, data: job.data[..job.bytes].to_vec() })
     }
 
     pub(super) fn begin_set_manager(&mut self, request: &ConfigSyncManager) -> Begun {
@@ -60,8 +59,7 @@ impl<N: Network> Chip<N> {
             activate: SmActivate(request.activate),
             ..SyncManager::default()
         };
-        let operation = Operation::SetManager { slave: request.slave.get(), number: request.number, registers };
-        self.ask_network(|requests| async move { Gained::ManagerSet(requests.set_manager(operation).await) })
+        self.ask_for(Operation::SetManager { slave: request.slave.get(), number: request.number, registers })
     }
 
     /// `[OURS]` The slave has it at once, and again whenever it goes to PreOP or SafeOP. Process data have its length from the
@@ -82,7 +80,7 @@ impl<N: Network> Chip<N> {
     /// `[OURS]` What EEPROM_GET gives is kept until the next EEPROM_REQ ends; after a write it has no data.
     pub(super) fn end_eeprom(&mut self, gained: Gained) -> Progress {
         let result = match gained {
-            Gained::Eeprom(result) => result.map_err(eeprom_error),
+            Gained::Answer(Answer::Eeprom(result)) => result.map_err(eeprom_error),
             _ => Err(EEPROM_TIMED_OUT),
         };
         self.results.eeprom = Some(match &result {
@@ -96,7 +94,7 @@ impl<N: Network> Chip<N> {
     pub(super) fn end_datagram(&mut self, job: &DatagramJob, gained: Gained) -> Progress {
         let mut result = *job;
         let came = match gained {
-            Gained::Datagram(came) => came,
+            Gained::Answer(Answer::Datagram(came)) => came,
             _ => None,
         };
         if let Some((data, working_counter)) = &came {
@@ -109,14 +107,13 @@ impl<N: Network> Chip<N> {
 
     pub(super) fn begin_file(&mut self, job: &FileJob) -> Begun {
         let (slave, name, password, timeout_ns) = (job.slave, job.name.clone(), job.password, job.timeout_ns);
-        let operation = if job.downloads {
+        self.ask_for(if job.downloads {
             // The command was refused if it reached behind the memory.
             let content = self.flash.memory()[job.start as usize..][..job.bytes as usize].to_vec();
             Operation::WriteFile { slave, name, password, content, timeout_ns }
         } else {
             Operation::ReadFile { slave, name, password, timeout_ns }
-        };
-        self.ask_network(|requests| async move { Gained::File(requests.file(operation).await) })
+        })
     }
 
     /// `[OURS]` A file that is longer than FOE_FUNC_REQ says (0: any), or reaches behind the flash memory, fails with FoE's

@@ -5,11 +5,12 @@ use std::collections::VecDeque;
 
 use super::wire::ChainWire;
 use super::{Answer, EepromFailure, EnterError, Entered, Exchange, Identity, Network, Operation, SlaveSetup, Value};
-use crate::ethercat::coe::Emergency;
-use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, sync_manager};
+use crate::coe::Emergency;
+use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, SyncManager, sync_manager};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 use crate::master::{
-    Event, FileError, JobDone, JobId, Master, ReferenceClock, SdoError, Settings, SiiError, SyncSignals,
+    Ending, Event, FileError, Job, JobId, Master, ReferenceClock, SdoError, Settings, SiiError, SlaveInfo, StateError,
+    SyncSignals,
 };
 use crate::slave::Slave;
 use crate::slave::esc::{CabledChain, Chain, UndescribedError};
@@ -25,10 +26,29 @@ const HOST_MAIL_NS: Ns = 1_000_000_000;
 
 /// An operation under way.
 struct Pending {
-    operation: Operation,
     jobs: Vec<JobId>,
-    /// When the network is looked after next.
-    next_work: Ns,
+    /// The answer, when all jobs have ended.
+    answer: Answering,
+}
+
+type Answering = Box<dyn FnMut(&mut Master) -> Option<Answer> + Send>;
+
+impl Pending {
+    /// The answer is made of what the last of these jobs ends with.
+    fn new<T: Ending + 'static>(mut left: Vec<Job<T>>, answer: impl Fn(&Master, T) -> Answer + Send + 'static) -> Self {
+        let jobs = left.iter().map(|job| job.id()).collect();
+        let ended = move |master: &mut Master| {
+            let mut last = None;
+            left.retain(|job| {
+                let end = master.take(*job);
+                let is_left = end.is_none();
+                last = end.or(last.take());
+                is_left
+            });
+            last.filter(|_| left.is_empty()).map(|end| answer(master, end))
+        };
+        Self { jobs, answer: Box::new(ended) }
+    }
 }
 
 /// Slaves in a line behind their controllers, and a master. There are 40 slaves at most, since the master has room for so many.
@@ -38,6 +58,8 @@ pub struct Controllers {
     handle: SimHandle,
     identities: Vec<Identity>,
     pending: Option<Pending>,
+    /// When the network is looked after next for it.
+    next_work: Ns,
     answer: Option<Answer>,
     emergencies: VecDeque<(u8, Emergency)>,
     is_first_slave_reference: bool,
@@ -72,6 +94,7 @@ impl Controllers {
             handle,
             identities: Vec::new(),
             pending: None,
+            next_work: 0,
             answer: None,
             emergencies: VecDeque::new(),
             is_first_slave_reference: true,
@@ -118,126 +141,81 @@ impl Controllers {
                 self.emergencies.push_back((slave - 1, emergency));
             }
         }
-        while let Some((id, done)) = self.master.take_done() {
-            self.take_end(id, done);
+        let Some(answer) = self.pending.as_mut().and_then(|pending| (pending.answer)(&mut self.master)) else { return };
+        self.pending = None;
+        if matches!(answer, Answer::Scanned(_)) {
+            self.identities = self.master.slaves().iter().map(identity).collect();
         }
+        self.answer = Some(answer);
     }
 
-    /// A job of the master has ended.
-    fn take_end(&mut self, id: JobId, done: JobDone) {
-        let Some(pending) = &mut self.pending else { return };
-        pending.jobs.retain(|job| *job != id);
-        if !pending.jobs.is_empty() {
-            return;
-        }
-        if let Some(Pending { operation, .. }) = self.pending.take() {
-            self.answer = Some(self.answer_to(operation, done));
-        }
-    }
-
-    fn answer_to(&mut self, operation: Operation, done: JobDone) -> Answer {
-        match done {
-            JobDone::Scan(found) => Answer::Scanned(self.scanned(found.unwrap_or(0))),
-            JobDone::States => Answer::StatesRead,
-            JobDone::State(_) => match operation {
-                Operation::Enter(slaves) => {
-                    let mut entered = Entered::empty((0, AlState::Init, Ok(())));
-                    for (slave, state) in slaves.iter().copied() {
-                        entered.push((slave, state, self.has_entered(slave, state)));
-                    }
-                    Answer::Entered(entered)
-                }
-                _ => Answer::Unknown,
-            },
-            JobDone::Upload(value) => Answer::Value(value.map_err(SdoError::abort_code).map(|value| {
-                let room = if let Operation::Read { room, .. } = operation { room } else { 0 };
-                (Value::of(0, &value[..value.len().min(room)]), value.len())
-            })),
-            JobDone::Download(written) => Answer::Written(written.map_err(SdoError::abort_code)),
-            JobDone::Datagram(answer) => {
-                Answer::Datagram(answer.ok().map(|answer| (answer.data, answer.working_counter)))
-            }
-            JobDone::ReadEeprom(words) => Answer::Eeprom(words.map_err(eeprom_failure)),
-            JobDone::WriteEeprom(written) => Answer::Eeprom(written.map(|()| Vec::new()).map_err(eeprom_failure)),
-            JobDone::WriteRegisters(written) => Answer::ManagerSet(written.is_ok()),
-            JobDone::ReadFile(content) => Answer::File(content.map_err(file_error)),
-            JobDone::WriteFile(written) => Answer::File(written.map(|()| Vec::new()).map_err(file_error)),
-            JobDone::Mail(mail) => Answer::Mail(mail.ok().flatten()),
-            JobDone::UploadNumber(_) | JobDone::ObjectList(_) | JobDone::Description(_) | JobDone::ReadRegisters(_) => {
-                Answer::Unknown
-            }
-        }
-    }
-
-    fn scanned(&mut self, found: u8) -> u8 {
-        let identity = |info: &crate::master::SlaveInfo| Identity {
-            vendor: info.identity.vendor,
-            product: info.identity.product,
-            revision: info.identity.revision,
-            name: info.name.clone(),
-            alias: info.alias,
-        };
-        self.identities = self.master.slaves().iter().map(identity).collect();
-        found
-    }
-
-    /// What became of a slave that was to enter a state.
-    fn has_entered(&self, slave: u8, state: AlState) -> Result<(), EnterError> {
-        let status = self.master.status(slave + 1).filter(|status| status.is_present).ok_or(EnterError::NoAnswer)?;
-        let is_there = status.state() == Some(state) && !status.status.contains(AlStatusRegister::ERROR);
-        if is_there { Ok(()) } else { Err(EnterError::Refused(status.code)) }
-    }
-
-    /// Starts the jobs of the master that an operation is; none if it cannot be.
-    fn jobs_for(&mut self, operation: &Operation) -> Vec<JobId> {
+    /// Starts the jobs of the master that an operation is; `None`: there are none, and the answer is there.
+    fn begin(&mut self, operation: Operation) -> Option<Pending> {
         let master = &mut self.master;
-        let job = match operation {
-            Operation::Scan => master.scan(),
-            Operation::ReadStates => master.read_states(),
+        Some(match operation {
+            Operation::Scan => Pending::new(vec![master.scan()], |_, found| Answer::Scanned(found.unwrap_or(0))),
+            Operation::ReadStates => Pending::new(vec![master.read_states()], |_, ()| Answer::StatesRead),
             Operation::Enter(slaves) => {
-                let targets = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
-                let groups = targets.map(|target| {
-                    let chosen = slaves.iter().filter(|(_, state)| *state == target).map(|(slave, _)| slave + 1);
-                    (target, chosen.collect::<SlaveSet>())
-                });
-                let groups = groups.into_iter().filter(|(_, slaves)| !slaves.is_empty());
-                return groups.map(|(target, slaves)| master.request_state(slaves, target, STATE_MAX_NS)).collect();
+                let changes = request_states(master, &slaves);
+                let answer = move |master: &Master, _| Answer::Entered(entered(master, &slaves));
+                if changes.is_empty() {
+                    self.answer = Some(Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))));
+                    return None;
+                }
+                Pending::new(changes, answer)
             }
-            Operation::Read { slave, object, scope, timeout_ns, .. } => {
-                master.upload(slave + 1, *object, *scope, *timeout_ns)
+            Operation::Read { slave, object, scope, room, timeout_ns } => {
+                Pending::new(vec![master.upload(slave + 1, object, scope, timeout_ns)], move |_, value| {
+                    let first = |value: Vec<u8>| (Value::of(0, &value[..value.len().min(room)]), value.len());
+                    Answer::Value(value.map(first).map_err(SdoError::abort_code))
+                })
             }
             Operation::Write { slave, object, scope, value, timeout_ns } => {
-                master.download(slave + 1, *object, *scope, value, *timeout_ns)
+                let written = master.download(slave + 1, object, scope, &value, timeout_ns);
+                Pending::new(vec![written], |_, written| Answer::Written(written.map_err(SdoError::abort_code)))
             }
             Operation::Datagram { command, address, data } => {
-                let id = master.datagram(*command, *address, data);
-                self.note_host_mail(*command, *address);
-                id
+                let answer = master.datagram(command, address, &data);
+                self.note_host_mail(command, address);
+                Pending::new(vec![answer], |_, answer| {
+                    Answer::Datagram(answer.ok().map(|answer| (answer.data, answer.working_counter)))
+                })
             }
-            Operation::ReadEeprom { slave, word, count } => master.read_eeprom(slave + 1, *word, *count),
-            Operation::WriteEeprom { slave, word, value } => master.write_eeprom(slave + 1, *word, &[*value]),
+            Operation::ReadEeprom { slave, word, count } => {
+                let read = master.read_eeprom(slave + 1, word, count);
+                Pending::new(vec![read], |_, words| Answer::Eeprom(words.map_err(eeprom_failure)))
+            }
+            Operation::WriteEeprom { slave, word, value } => {
+                let written = master.write_eeprom(slave + 1, word, &[value]);
+                Pending::new(vec![written], |_, written| {
+                    Answer::Eeprom(written.map(|()| Vec::new()).map_err(eeprom_failure))
+                })
+            }
             Operation::SetManager { slave, number, registers } => {
-                if master.set_manager(slave + 1, *number, *registers).is_err() {
-                    return Vec::new();
+                if master.set_manager(slave + 1, number, registers).is_err() {
+                    self.answer = Some(Answer::ManagerSet(false));
+                    return None;
                 }
                 // It takes its start and its length while it is off.
-                let address = sync_manager(*number);
-                let mut off = *registers;
+                let mut off = registers;
                 off.activate = SmActivate::NONE;
-                return vec![
-                    master.write_registers(slave + 1, address, &off.encode()),
-                    master.write_registers(slave + 1, address, &registers.encode()),
-                ];
+                let mut write = |registers: SyncManager| {
+                    master.write_registers(slave + 1, sync_manager(number), &registers.encode())
+                };
+                Pending::new(vec![write(off), write(registers)], |_, written| Answer::ManagerSet(written.is_ok()))
             }
             Operation::ReadFile { slave, name, password, timeout_ns } => {
-                master.read_file(slave + 1, name, *password, *timeout_ns)
+                let read = master.read_file(slave + 1, &name, password, timeout_ns);
+                Pending::new(vec![read], |_, content| Answer::File(content.map_err(file_error)))
             }
             Operation::WriteFile { slave, name, password, content, timeout_ns } => {
-                master.write_file(slave + 1, name, *password, content, *timeout_ns)
+                let written = master.write_file(slave + 1, &name, password, &content, timeout_ns);
+                Pending::new(vec![written], |_, written| Answer::File(written.map(|()| Vec::new()).map_err(file_error)))
             }
-            Operation::ReceiveMail { slave } => master.receive_mail(slave + 1),
-        };
-        vec![job]
+            Operation::ReceiveMail { slave } => {
+                Pending::new(vec![master.receive_mail(slave + 1)], |_, mail| Answer::Mail(mail.ok().flatten()))
+            }
+        })
     }
 
     /// The host sends a datagram. If it is for the mailbox of a slave, what the slave answers is the host's.
@@ -246,7 +224,7 @@ impl Controllers {
             return;
         }
         let [station, place] = [address as u16, (address >> 16) as u16];
-        let has_it = |info: &crate::master::SlaveInfo| {
+        let has_it = |info: &SlaveInfo| {
             let areas = info.mailbox.map(|mailbox| mailbox.areas).filter(|_| info.station == station);
             areas.is_some_and(|areas| [areas.receive.start, areas.send.start].contains(&place))
         };
@@ -268,7 +246,7 @@ impl Controllers {
         }
     }
 
-    fn info(&self, slave: u8) -> Option<&crate::master::SlaveInfo> {
+    fn info(&self, slave: u8) -> Option<&SlaveInfo> {
         self.master.slaves().get(usize::from(slave))
     }
 
@@ -277,6 +255,39 @@ impl Controllers {
         let shafts = (0..chain.len()).map(|n| chain.slave(n).device().shafts());
         self.handle.publish(self.wire.now, shafts);
     }
+}
+
+fn identity(info: &SlaveInfo) -> Identity {
+    Identity {
+        vendor: info.identity.vendor,
+        product: info.identity.product,
+        revision: info.identity.revision,
+        name: info.name.clone(),
+        alias: info.alias,
+    }
+}
+
+/// Requests the states that slaves are to enter, one for all that are to enter the same.
+fn request_states(master: &mut Master, slaves: &[(u8, AlState)]) -> Vec<Job<Result<(), StateError>>> {
+    let groups = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op].map(|target| {
+        let chosen = slaves.iter().filter(|(_, state)| *state == target).map(|(slave, _)| slave + 1);
+        (target, chosen.collect::<SlaveSet>())
+    });
+    let groups = groups.into_iter().filter(|(_, slaves)| !slaves.is_empty());
+    groups.map(|(target, slaves)| master.request_state(slaves, target, STATE_MAX_NS)).collect()
+}
+
+/// What became of slaves that were to enter a state.
+fn entered(master: &Master, slaves: &[(u8, AlState)]) -> Entered {
+    let mut entered = Entered::empty((0, AlState::Init, Ok(())));
+    slaves.iter().for_each(|(slave, state)| entered.push((*slave, *state, has_entered(master, *slave, *state))));
+    entered
+}
+
+fn has_entered(master: &Master, slave: u8, state: AlState) -> Result<(), EnterError> {
+    let status = master.status(slave + 1).filter(|status| status.is_present).ok_or(EnterError::NoAnswer)?;
+    let is_there = status.state() == Some(state) && !status.status.contains(AlStatusRegister::ERROR);
+    if is_there { Ok(()) } else { Err(EnterError::Refused(status.code)) }
 }
 
 const fn eeprom_failure(error: SiiError) -> EepromFailure {
@@ -351,15 +362,8 @@ impl Network for Controllers {
 
     fn start(&mut self, operation: Operation) -> Option<Answer> {
         self.give_up();
-        let jobs = self.jobs_for(&operation);
-        if jobs.is_empty() {
-            return Some(match operation {
-                Operation::Enter(_) => Answer::Entered(Entered::empty((0, AlState::Init, Ok(())))),
-                _ => Answer::ManagerSet(false),
-            });
-        }
-        self.pending = Some(Pending { operation, jobs, next_work: self.wire.now });
-        None
+        (self.pending, self.next_work) = (self.begin(operation), self.wire.now);
+        self.answer.take()
     }
 
     fn poll(&mut self) -> Option<Answer> {
@@ -374,13 +378,11 @@ impl Network for Controllers {
     }
 
     fn next_work(&self) -> Option<Ns> {
-        self.pending.as_ref().map(|pending| pending.next_work)
+        self.pending.as_ref().map(|_| self.next_work)
     }
 
     fn work(&mut self, now: Ns) {
-        if let Some(pending) = &mut self.pending {
-            pending.next_work = now + WORK_NS;
-        }
+        self.next_work = now + WORK_NS;
         self.wire.advance(now);
         self.poll_master(now);
     }

@@ -1,0 +1,116 @@
+//! The network is scanned or started anew, and the states of its slaves are read.
+
+use super::{Part, Steps, TOLD_LATE};
+use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
+use crate::fieldbus::Refusal;
+use crate::fieldbus::xf::ask::{Ask, Reply};
+use crate::fieldbus::xf::chip_bus::ChipBus;
+use crate::sk::CycleTime;
+use crate::xf::host::{HostError, Wires};
+use crate::xf::request::{Fifos, SlaveInfoItem};
+use crate::xf::{EtherCatState, NetworkState};
+
+impl<W: Wires> Steps<W> {
+    /// How many slaves are found.
+    pub(super) async fn scan(&self) -> Result<u8, Refusal> {
+        let found = self.start_network(CycleTime::DEFAULT).await?;
+        for slave in 1..=found {
+            let has_dc = self.ask(Ask::Info(slave, SlaveInfoItem::HasDc)).await;
+            if has_dc.is_ok_and(|has_dc| has_dc != 0) {
+                self.with(|bus| bus.network.with_dc.insert(slave));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Starts the chip's network, in which all slaves are in Init then: how many the chip has found.
+    async fn start_network(&self, cycle: CycleTime) -> Result<u8, Refusal> {
+        self.with(|bus| {
+            bus.leave_op();
+            bus.part = Part::StartsNetwork;
+        });
+        let _ = self.ask(Ask::Fifo { on: false }).await;
+        let _ = self.ask(Ask::Clear(Fifos::Both)).await;
+        if self.ask(Ask::Init { sync0_ns: cycle.ns() as u32 }).await.is_err() {
+            self.with(|bus| bus.network.stop());
+            return Err(Refusal::no_answer(1));
+        }
+        let found = self.ask(Ask::Count).await.unwrap_or(0).min(MAX_SLAVES as u32) as u8;
+        self.with(|bus| bus.network.start(found, cycle));
+        Ok(found)
+    }
+
+    /// The chip's network runs with that cycle; if it does not it is started anew, and all slaves are in PreOP then.
+    pub(super) async fn start_unless_known(&self, cycle: CycleTime) -> Result<(), Refusal> {
+        let (before, is_known) = self.with(|bus| (bus.network.found, bus.network.is_known(cycle)));
+        if is_known {
+            return Ok(());
+        }
+        let found = self.start_network(cycle).await?;
+        self.with(|bus| bus.network.found = before);
+        if found < before {
+            // Slaves that a scan did not find, or that are gone now.
+            // What the chip has not found it cannot reach: the next job starts the network anew.
+            self.with(|bus| bus.network.stop());
+            return Err(Refusal::no_answer(found + 1));
+        }
+        let _ = self.ask(Ask::Enter(None, AlState::PreOp)).await;
+        self.with(|bus| {
+            bus.network.commanded[..usize::from(before)].fill(AlState::PreOp);
+            bus.part = Part::Any;
+        });
+        Ok(())
+    }
+
+    /// Reads the states of all slaves. A slave that has turned out to be lost is told before the job may bring it back, so that the
+    /// commands which it has missed are counted.
+    pub(super) async fn read_states(&mut self) -> Result<(), Refusal> {
+        self.with(ChipBus::begin_reading);
+        let _ = self.ask(Ask::UpdateStates).await;
+        let found = self.with(|bus| bus.network.found);
+        for slave in 1..=found {
+            let state = state_of(self.ask(Ask::StateOf(slave)).await);
+            self.with(|bus| bus.states[usize::from(slave) - 1] = state);
+        }
+        // A reset of the chip goes unnoticed where the driver sets its check word anew, as behind another packet size.
+        if found > 0
+            && self.with(|bus| bus.states[..usize::from(found)].iter().all(Option::is_none))
+            && matches!(self.ask(Ask::Count).await, Ok(0) | Err(HostError::Refused { .. }))
+        {
+            self.with(ChipBus::lose_all);
+            return Err(Refusal::no_answer(1));
+        }
+        while self.bus.lock().note_states(&mut self.tells_until) {
+            self.wait_cycles(1).await;
+        }
+        Ok(())
+    }
+}
+
+impl<W: Wires> ChipBus<W> {
+    /// Slaves may have left their states by themselves, those that the job is about to move, too. Whether that is to be told first.
+    fn note_states(&mut self, tells_until: &mut Option<Ns>) -> bool {
+        for slave in SlaveSet::first(self.network.found).iter() {
+            self.note_state(slave, self.state(slave));
+        }
+        self.end_reading();
+        let now = self.wires.now();
+        let is_told = self.network.lost.difference(self.told_lost).is_empty();
+        let waits = self.runs && !is_told && tells_until.is_none_or(|until| now < until);
+        if waits {
+            tells_until.get_or_insert(now.saturating_add(TOLD_LATE * self.network.cycle.ns()));
+        }
+        waits
+    }
+}
+
+/// The state that a STATE_GET tells; `None`: the slave does not answer.
+pub(in crate::fieldbus::xf) fn state_of(reply: Reply) -> Option<AlState> {
+    match NetworkState(reply.unwrap_or(0) as u8).state()? {
+        EtherCatState::Init => Some(AlState::Init),
+        EtherCatState::PreOp => Some(AlState::PreOp),
+        EtherCatState::SafeOp => Some(AlState::SafeOp),
+        EtherCatState::Op => Some(AlState::Op),
+        EtherCatState::Boot => None,
+    }
+}

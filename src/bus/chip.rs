@@ -13,15 +13,7 @@ use crate::ethercat::registers::{AlStatusRegister, DL_STATUS, DlStatus, PORT_DES
 use crate::ethercat::sii::SiiIdentity;
 use crate::fieldbus::RingState;
 use crate::link::chip_link::ChipLink;
-#[cfg(feature = "sim")]
-use crate::link::chip_link::{ChipOptions, host_config};
 use crate::master::{DatagramError, Ending, FrameCounters, Job, MailboxInfo, Master, SdoError, Settings, upstreams};
-#[cfg(feature = "sim")]
-use crate::recording::Clock;
-#[cfg(feature = "sim")]
-use crate::testbed::chip::SimChip;
-#[cfg(feature = "sim")]
-use crate::testbed::chip_options::{ChipNetwork, ModelledChip, SimChipOptions};
 use crate::xf::EtherCatState;
 use crate::xf::host::{HostConfig, HostError};
 use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX, RawOperation, SlaveNumber, Slaves};

@@ -30,10 +30,10 @@ pub mod xf;
 
 use std::sync::Arc;
 
-use crate::cia402::{Controlword, Mode, Statusword};
-use crate::coe::{AbortCode, ObjectAddress, SdoSize};
 use crate::ethercat::AlStatus;
-use crate::sk::{CycleTime, DriveSync};
+use crate::ethercat::cia402::{Controlword, Mode, Statusword};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoSize};
+use crate::sk::{CycleTime, DriveSync, SlaveKind};
 
 pub use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 

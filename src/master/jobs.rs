@@ -7,7 +7,7 @@ use super::bus::{Bus, Task};
 use super::handle::{End, Ending, Job, JobId};
 use super::mailbox::{Mailbox, Peer};
 use super::place::{Place, place};
-use super::sdo::{NumberDone, NumberTransfer};
+use super::sdo::NumberTransfer;
 use super::shared::Shared;
 use super::sii::Eeprom;
 use super::states::{Plan, StateChange};
@@ -269,12 +269,12 @@ impl Master {
         self.start(information::list(self.bus.clone(), self.peer(slave, timeout_ns), list))
     }
 
-    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::coe::ObjectDescription) to be decoded.
+    /// Starts to ask what an object is. The answer is an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) to be decoded.
     pub fn describe_object(&mut self, slave: u8, index: u16, timeout_ns: Ns) -> Job<Result<Vec<u8>, SdoError>> {
         self.start(information::object(self.bus.clone(), self.peer(slave, timeout_ns), index))
     }
 
-    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::coe::EntryDescription) to be decoded.
+    /// Starts to ask what a sub-index is. The answer is an [`EntryDescription`](crate::ethercat::coe::EntryDescription) to be decoded.
     pub fn describe_entry(
         &mut self,
         slave: u8,

@@ -177,6 +177,7 @@ pub use wire::{FrameBuffer, Wire, WireDown};
 
 use crate::ethercat::{FRAME_LEN_MAX, Ns, SlaveSet};
 use bus::{Bus, Task};
+use cycle_end::judge;
 use handle::End;
 use jobs::{JOBS, Places, Running};
 use process_data::ProcessData;

@@ -194,12 +194,6 @@ pub(super) enum NumberTransfer {
     Download([u8; NUMBER_BYTES], usize),
 }
 
-/// How the transfer of a number has ended.
-pub(super) enum NumberDone {
-    Upload(Result<u32, SdoError>),
-    Download(Result<(), SdoError>),
-}
-
 impl NumberTransfer {
     /// The download of a value that is short enough.
     pub(super) fn download(value: &[u8]) -> Option<Self> {

@@ -9,7 +9,7 @@ use parking_lot::Mutex;
 
 use super::answer_wait_ns;
 use super::jobs::BUSY;
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::sii::SiiSmType;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, ProcessData};

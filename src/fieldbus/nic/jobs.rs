@@ -1,9 +1,9 @@
 //! Scan, changes of state and SDOs: what the master is asked for, and what its ends mean.
 
 use super::ages::Ages;
-use super::configure::{Configuring, is_busy};
+use super::configure::Configuring;
 use super::{NicBus, NicWires, RunningSdo};
-use crate::coe::SdoScope;
+use crate::ethercat::coe::SdoScope;
 use crate::ethercat::registers::AlStatusRegister;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::{Job, JobDone, Refusal, SdoRequest, leaving_op_ns};

@@ -6,7 +6,6 @@
 
 use super::chip_bus::ChipBus;
 use super::jobs::{Part, Running};
-use crate::coe::ObjectAddress;
 use crate::ethercat::Ns;
 use crate::ethercat::coe::ObjectAddress;
 use crate::fieldbus::{BusConfig, SdoRequest};

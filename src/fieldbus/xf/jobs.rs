@@ -17,7 +17,7 @@ use parking_lot::Mutex;
 
 use super::ask::{Ask, Reply};
 use super::chip_bus::ChipBus;
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 use crate::fieldbus::{BusConfig, HardwareLimit, Job, JobDone, Refusal, SdoRequest};
 use crate::master::place::{Place, place};

@@ -12,7 +12,7 @@ mod wire;
 
 use super::Chip;
 use super::network::{Answer, List, Network, Operation, SLAVES_MAX};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlStatus, Ns};
 use crate::xf::request::PdoConfig;
 use crate::xf::{DataSize, Errors};

@@ -1,7 +1,7 @@
 //! A configuration: process data are mapped by SDO, and the chip lays them out.
 
 use super::{Failure, Part, Steps, TOLD_LATE, abort_code};
-use crate::coe::AbortCode;
+use crate::ethercat::coe::AbortCode;
 use crate::ethercat::{AlState, AlStatus, Ns, SlaveSet};
 use crate::fieldbus::pdo::{self, Download, Downloads, ProcessData};
 use crate::fieldbus::xf::ask::Ask;

@@ -11,8 +11,8 @@ use std::task::{Context, Poll, Waker};
 use parking_lot::Mutex;
 
 use super::{Begun, Gained};
-use crate::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::Ns;
+use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::xf::chip::network::{Answer, Network, Operation, Value};
 
 /// What a procedure waits for.

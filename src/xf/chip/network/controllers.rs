@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use super::wire::ChainWire;
 use super::{Answer, EepromFailure, EnterError, Entered, Exchange, Identity, Network, Operation, SlaveSetup, Value};
-use crate::coe::Emergency;
+use crate::ethercat::coe::Emergency;
 use crate::ethercat::registers::{AlStatusRegister, Features, SmActivate, SyncManager, sync_manager};
 use crate::ethercat::{AlState, AlStatus, Command, Ns, SlaveSet};
 use crate::master::{

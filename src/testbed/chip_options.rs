@@ -154,7 +154,7 @@ mod tests {
         };
         for (name, commands) in NAMES {
             assert_eq!(covered(name), Coverages::from(commands));
-            for (other, answers) in NAMES {
+            for (other, answers) in NAMES.into_iter().filter(|(other, _)| *other != name) {
                 assert_eq!(covered(&format!("{name},{other}")), Coverages { commands, answers });
             }
         }

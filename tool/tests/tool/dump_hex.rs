@@ -260,6 +260,6 @@ fn contradicting_options_are_refused_by_name() {
     run(["dump", "--hex", "--fw", "2"]).expect_misuse(&["'2'", "--fw", "allowed: 1.7, 1.5"]);
     run(["dump", "--hex", "--kinds", "drive*2,dog"])
         .expect_misuse(&["kind `dog` is unknown; allowed: drive, io, step, dp3cl, hsp, hsp2, none"]);
-    run(["dump", "--hex", "--kinds", "drive*0"]).expect_misuse(&["in `drive*0` a number from 1 to 40"]);
+    run(["dump", "--hex", "--kinds", "drive*0"]).expect_misuse(&["in `drive*0`, allowed: a whole number from 1 to 40"]);
     run(["dump", "--hex", "--kinds", "drive*40,io"]).expect_misuse(&["41 slaves, allowed: at most 40"]);
 }

@@ -22,9 +22,8 @@ use crate::stage;
 
 /// The test program that runs in the guest.
 const TESTS: &str = "windows_usb";
-/// Its programs: one for this test, two that run on any link, and a bench.
-const PROGRAMS: [&str; 4] =
-    ["tests/windows/usb/board.c", "tests/windows/programs/terminated.c", "tests/c/reset.c", "benches/windows/usb.c"];
+/// Its programs: one for this test, one that runs on any link, and a bench.
+const PROGRAMS: [&str; 3] = ["tests/windows/usb/board.c", "tests/c/reset.c", "benches/windows/usb.c"];
 /// The arguments that run only the bench.
 const BENCH: [&str; 3] = ["speed::", "--ignored", "--nocapture"];
 /// The modules: USB HID, the virtual host controller, and 9p for folders of this machine.

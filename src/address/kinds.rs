@@ -48,7 +48,7 @@ impl SlaveModel {
         self.row().name
     }
 
-    /// What it is, for the help.
+    /// Its description in the help.
     pub const fn meaning(self) -> &'static str {
         self.row().meaning
     }

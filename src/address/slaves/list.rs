@@ -12,11 +12,11 @@ const SIGNS: [char; 2] = [':', '*'];
 pub(super) struct Entry<'a> {
     /// The entry as it is written.
     pub(super) text: &'a str,
-    /// What stands before the first sign.
+    /// The kind: the text before the first `:` or `*`.
     pub(super) kind: &'a str,
-    /// What stands behind each `:`.
+    /// The parts of the kind, each behind a `:`.
     pub(super) parts: Vec<&'a str>,
-    /// What stands behind each `*`: how many such slaves are in a row. There should be one, or none for one slave.
+    /// The numbers of slaves in a row, each behind a `*`. A valid entry has one, or none for one slave.
     numbers: Vec<&'a str>,
     /// Whether no part stands behind a number.
     number_is_last: bool,
@@ -76,7 +76,7 @@ fn next_piece(text: &str) -> (&str, &str) {
     text.split_at(text.find(SIGNS).unwrap_or(text.len()))
 }
 
-/// How exactly a list has to be written.
+/// Which spelling of a list is valid.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// Without blanks, and the number of an entry last: as a link has it, whose normal form is compared.

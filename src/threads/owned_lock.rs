@@ -6,18 +6,26 @@ use std::cell::UnsafeCell;
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 use std::{hint, thread};
 
 use super::Caller;
 
 /// How often a thread tries before it lets others run: a lock is held for as long as it takes to copy a frame. \[OURS]
 const SPINS: u32 = 64;
-/// How often it lets others run before it sleeps, and looks whether the owner is gone. \[OURS]
+/// How often it lets others run before it sleeps. \[OURS]
 const YIELDS: u32 = 64;
-const SLEEP: Duration = Duration::from_millis(1);
+const SLEEP_MS: u32 = 1;
+/// After how many such waits it looks whether the owner is gone: nobody who goes on has the lock for as long. \[OURS]
+const CHECK_AFTER: u32 = 32;
 /// In [`Mutex::owner`]: the lock is free.
 const NOBODY: u64 = 0;
+
+/// Waits without a handle: a thread that is ended while it closes one, as std's sleep does with its timer, keeps a lock of Wine
+/// that every other thread needs to close its own.
+pub fn sleep(limit_ms: u32) {
+    // SAFETY: the function has no conditions.
+    unsafe { Sleep(limit_ms) };
+}
 
 /// A lock that a thread which was ended by force does not keep.
 #[derive(Debug, Default)]
@@ -46,12 +54,15 @@ impl<T> Mutex<T> {
                 hint::spin_loop();
             } else if tries < SPINS + YIELDS {
                 thread::yield_now();
-            } else if owner != NOBODY && Caller::from_packed(owner).is_gone() && take_from(owner).is_ok() {
-                break;
             } else {
-                thread::sleep(SLEEP);
+                sleep(SLEEP_MS);
+                let check = (tries - SPINS - YIELDS) % CHECK_AFTER == CHECK_AFTER - 1;
+                if check && owner != NOBODY && Caller::from_packed(owner).is_gone() && take_from(owner).is_ok() {
+                    break;
+                }
             }
-            tries = tries.saturating_add(1);
+            // In a count that came round, the spins come again.
+            tries = tries.wrapping_add(1);
         }
         MutexGuard { mutex: self, of_thread: PhantomData }
     }
@@ -85,4 +96,9 @@ impl<T> Drop for MutexGuard<'_, T> {
     fn drop(&mut self) {
         self.mutex.owner.store(NOBODY, Ordering::Release);
     }
+}
+
+#[link(name = "kernel32")]
+unsafe extern "system" {
+    fn Sleep(limit_ms: u32);
 }

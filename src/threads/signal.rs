@@ -91,10 +91,9 @@ mod imp {
 mod imp {
     use std::ffi::c_void;
     use std::ptr;
-    use std::thread;
     use std::time::Duration;
 
-    use crate::threads::owned_lock::{Mutex, MutexGuard};
+    use crate::threads::owned_lock::{self, Mutex, MutexGuard};
 
     type Handle = *mut c_void;
 
@@ -102,7 +101,7 @@ mod imp {
     /// How many events are set in one go.
     const AT_ONCE: usize = 8;
     /// How long a wait is for which Windows has no event.
-    const WITHOUT_EVENT: Duration = Duration::from_millis(1);
+    const WITHOUT_EVENT_MS: u32 = 1;
 
     /// An event of Windows for each thread that waits, which the next one to wait uses again. That of a thread that was ended
     /// by force stays its own.
@@ -151,7 +150,7 @@ mod imp {
         }
 
         pub fn wait(&self, Ticket(ticket): Ticket, limit: Option<Duration>) {
-            let Some((number, event)) = ticket else { return thread::sleep(WITHOUT_EVENT) };
+            let Some((number, event)) = ticket else { return owned_lock::sleep(WITHOUT_EVENT_MS) };
             let limit_ms = limit.map_or(FOREVER, |limit| {
                 u32::try_from(limit.as_micros().div_ceil(1000)).unwrap_or(FOREVER).min(FOREVER - 1)
             });

@@ -34,7 +34,7 @@ use crate::needs::{
 use crate::project::Project;
 use crate::stage::TOOL_PACKAGE;
 use crate::windows::Width;
-use crate::{command, dotnet, needs, windows};
+use crate::{command, dotnet, features, needs, windows};
 use crates::{Crate, Known};
 use release::Release;
 use sbom::{Artefact, Runtime};
@@ -137,6 +137,8 @@ fn make(project: &Project, release: &Release, out: &Path) -> Result<Made, Error>
     let text = sbom::text(release, &artefacts(project, &known, &tar, &zip)?)?;
     fs::write(out.join(&list), text).map_err(Error::file("write", out))?;
     names.push(list);
+    features::write_into(project, out)?;
+    names.extend(features::FILES.map(str::to_owned));
     let sums = archive::sums(out, &names)?;
     fs::write(out.join(SUMS), sums).map_err(Error::file("write", out))?;
     names.push(SUMS.to_owned());

@@ -31,8 +31,8 @@ use rules::Rules;
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// Write nothing; fail if a file is stale, a rule claimed has no test, a test names a rule that is not there, or nothing
-    /// says what a rule of the board is on an ECM-XF
+    /// Write nothing; fail if a rule claimed has no test, a test names a rule that is not there, or nothing says what a rule of
+    /// the board is on an ECM-XF
     #[arg(long)]
     check: bool,
     /// Write nothing; print these rules with their tests: ids as SK-5.6, or what ids begin with, as SK-5 or WIN
@@ -45,8 +45,8 @@ const DOCS: &str = "docs";
 const INDEX: &str = "RULES.md";
 /// The folder of their pages, in `docs`.
 const PAGES: &str = "rules";
-const FEATURES: &str = "docs/FEATURES.md";
-const FEATURES_XF: &str = "docs/FEATURES-XF.md";
+/// The files that are written.
+pub const FILES: [&str; 2] = ["FEATURES.md", "FEATURES-XF.md"];
 
 pub fn run(project: &Project, arguments: &Arguments) -> Result<(), Error> {
     if arguments.check {
@@ -69,12 +69,14 @@ impl Read {
         Ok(Self { rules, evidence, on_xf })
     }
 
-    /// The files that are written, with their texts.
-    fn files(&self) -> [(&'static str, String); 2] {
-        [
-            (FEATURES, report::page(&self.rules, &self.evidence, &self.on_xf)),
-            (FEATURES_XF, self.on_xf.page(&self.rules)),
-        ]
+    /// Writes [`FILES`].
+    fn write(&self, folder: &Path) -> Result<(), Error> {
+        let texts = [report::page(&self.rules, &self.evidence, &self.on_xf), self.on_xf.page(&self.rules)];
+        for (file, text) in FILES.iter().zip(texts) {
+            let path = folder.join(file);
+            fs::write(&path, text).map_err(Error::file("write", &path))?;
+        }
+        Ok(())
     }
 
     fn findings(&self) -> Findings<'_> {
@@ -82,31 +84,28 @@ impl Read {
     }
 }
 
-/// Fails if a file is stale, a rule `now` has no test, a test names a rule that is not there, or nothing says what a rule of
-/// the board is on an ECM-XF.
+/// Fails if a rule `now` has no test, a test names a rule that is not there, or nothing says what a rule of the board is on an
+/// ECM-XF.
 pub fn check(project: &Project) -> Result<(), Error> {
     let read = Read::of(&project.root)?;
     let mut problems = read.findings().problems();
     problems.extend(read.on_xf.problems());
-    for (file, text) in read.files() {
-        if fs::read_to_string(project.root.join(file)).unwrap_or_default() != text {
-            problems.push(format!("{file} is stale: run `cargo xtask features` and commit the file"));
-        }
-    }
     if problems.is_empty() { Ok(()) } else { Err(Error::Features(problems.join("\n"))) }
+}
+
+/// Writes [`FILES`] for a release.
+pub fn write_into(project: &Project, folder: &Path) -> Result<(), Error> {
+    Read::of(&project.root)?.write(folder)
 }
 
 fn write(project: &Project) -> Result<(), Error> {
     let read = Read::of(&project.root)?;
-    for (file, text) in read.files() {
-        let path = project.root.join(file);
-        fs::write(&path, text).map_err(Error::file("write", &path))?;
-    }
+    read.write(&project.root.join(DOCS))?;
     let findings = read.findings();
     for line in findings.problems().iter().chain(&read.on_xf.problems()).chain(&findings.hints()) {
         println!("{line}");
     }
-    println!("{FEATURES}: {}", findings.summary());
+    println!("{DOCS}/{}: {}", FILES[0], findings.summary());
     Ok(())
 }
 

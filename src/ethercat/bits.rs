@@ -1,6 +1,6 @@
-//! Fields that are sets of bits.
+//! //! The macro for register fields that are sets of named bits.
 
-/// Defines newtypes whose bits have names. A bit without a name survives: the whole value is kept.
+/// Defines integer newtypes with named bits. A value keeps bits that have no name.
 macro_rules! bits {
     ($($(#[$doc:meta])* $name:ident($int:ty) { $($(#[$bit_doc:meta])* $bit:ident = $value:expr;)* })*) => {$(
         $(#[$doc])*
@@ -12,32 +12,32 @@ macro_rules! bits {
             pub const NONE: Self = Self(0);
             $($(#[$bit_doc])* pub const $bit: Self = Self($value);)*
 
-            /// The names above with their values, those of several bits too.
+            /// All names above with their values, including names that stand for several bits.
             pub const NAMES: &'static [(&'static str, u32)] = &[$((stringify!($bit), Self::$bit.0 as u32),)*];
 
-            /// The names of the bits that are set, as far as they have one.
+            /// The names of the bits that are set. Bits without a name are left out.
             pub fn names(self) -> impl Iterator<Item = &'static str> {
                 let is_set = move |(_, bits): &&(&str, u32)| bits.is_power_of_two() && self.0 as u32 & bits != 0;
                 Self::NAMES.iter().filter(is_set).map(|(name, _)| *name)
             }
 
-            /// Whether all bits of `bits` are set.
+            /// Whether all bits of the argument are set.
             pub const fn contains(self, bits: Self) -> bool {
                 self.0 & bits.0 == bits.0
             }
 
-            /// Whether any bit of `bits` is set.
+            /// Whether at least one bit of the argument is set.
             pub const fn intersects(self, bits: Self) -> bool {
                 self.0 & bits.0 != 0
             }
 
-            /// These bits and those of `bits`.
+            /// This value with the bits of the argument set.
             #[must_use]
             pub const fn with(self, bits: Self) -> Self {
                 Self(self.0 | bits.0)
             }
 
-            /// These bits without those of `bits`.
+            /// This value with the bits of the argument cleared.
             #[must_use]
             pub const fn without(self, bits: Self) -> Self {
                 Self(self.0 & !bits.0)

@@ -1,7 +1,7 @@
-//! CiA 402, the drive profile: statusword, controlword, the states of the state machine, the modes of operation, the error
-//! codes. Of the profile only what the ECM-SK uses.
+//! The part of CiA 402, the drive profile, that the ECM-SK uses: statusword, controlword, drive states, modes of operation
+//! and error codes.
 //!
-//! Source: CiA 402-2 (IEC 61800-7-201), chapters 7 and 8. Section SK-7 of the rules has what real drives answered.
+//! Source: CiA 402-2 (IEC 61800-7-201), chapters 7 and 8. Section SK-7 of the rules lists what real drives answered.
 
 use core::fmt;
 
@@ -16,9 +16,9 @@ pub const ERROR_CODE: u16 = 0x603F;
 /// The offset between the indices of axis 1 and those of axis 2 of a two-channel HSP (SK-3).
 pub const SECOND_AXIS_OFFSET: u16 = 0x800;
 
-/// The meaning of an error code (object 0x603F) by the table of error codes in CiA 402 (IEC 61800-7-201), or that of its
-/// class where the table has no such code. Codes from 0xFF00 belong to the drive's maker; the drive's manual says more
-/// than this.
+/// The meaning of an error code (object 0x603F) from the table of error codes in CiA 402 (IEC 61800-7-201). A code that the
+/// table does not have gets the meaning of its class. Codes from 0xFF00 are manufacturer-specific: the drive's manual
+/// explains them.
 pub const fn error_name(code: u16) -> &'static str {
     match code {
         0x0000 => "no error",
@@ -64,8 +64,8 @@ pub const fn error_name(code: u16) -> &'static str {
     }
 }
 
-/// An error code (object 0x603F) with its meaning, such as `0x8611: following error`; 0, which a drive in Fault should not show, is
-/// `0x0000: it shows no error code`.
+/// An error code (object 0x603F), displayed with its meaning, such as `0x8611: following error`. Code 0, which a drive in
+/// Fault should not report, is displayed as `0x0000: it shows no error code`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ErrorCode(pub u16);
 
@@ -85,13 +85,14 @@ pub enum DriveState {
     SwitchOnDisabled,
     /// The power stage may be switched on. The controlword Switch on (0x07) does it.
     ReadyToSwitchOn,
-    /// The power stage is ready and gives no torque. The controlword Enable operation (0x0F) leads to Operation enabled.
+    /// The power stage is on, and the motor has no torque yet. The controlword Enable operation (0x0F) leads to Operation
+    /// enabled.
     SwitchedOn,
     /// The motor follows its targets.
     OperationEnabled,
     /// The drive brakes, or stands, after a quick stop.
     QuickStopActive,
-    /// The drive reacts to a fault, by braking for example.
+    /// The drive reacts to a fault, for example by braking.
     FaultReactionActive,
     /// The drive has a fault and gives no torque. Only a fault reset leads out of this state.
     Fault,
@@ -138,13 +139,13 @@ impl fmt::Display for DriveState {
 pub struct Statusword(pub u16);
 
 impl Statusword {
-    /// Bits 0 to 3, 5 and 6, which say the state.
+    /// Mask of bits 0 to 3, 5 and 6, which encode the drive state.
     pub const STATE_BITS: u16 = 0x006F;
     /// Bit 3: fault.
     pub const FAULT: u16 = 1 << 3;
     /// Bit 4: voltage enabled.
     pub const VOLTAGE_ENABLED: u16 = 1 << 4;
-    /// Bit 5: quick stop, 0 while one is active.
+    /// Bit 5: quick stop; 0 while a quick stop is active.
     pub const QUICK_STOP: u16 = 1 << 5;
     /// Bit 7: warning.
     pub const WARNING: u16 = 1 << 7;
@@ -172,8 +173,8 @@ impl Statusword {
     }
 }
 
-/// The state for each value of the statusword's bits 0 to 3, 5 and 6, as a table because the engine looks one up for each
-/// axis in each cycle.
+/// Drive state by the value of statusword bits 0 to 3, 5 and 6. A table, because the engine looks up each axis in each
+/// cycle.
 static STATES: [Option<DriveState>; 0x70] = {
     let mut states = [None; 0x70];
     let mut word = 0;
@@ -201,11 +202,12 @@ pub struct Controlword(pub u16);
 impl Controlword {
     /// Disable voltage: leads to Switch on disabled.
     pub const DISABLE_VOLTAGE: Self = Self(0x00);
-    /// Quick stop: a drive that is enabled brakes on its quick-stop ramp, and is off then unless 0x605A says otherwise.
+    /// Quick stop: an enabled drive brakes on its quick-stop ramp and then switches its power stage off, unless 0x605A says
+    /// otherwise.
     pub const QUICK_STOP: Self = Self(0x02);
     /// Shutdown: leads to Ready to switch on.
     pub const SHUTDOWN: Self = Self(0x06);
-    /// Switch on: leads to Switched on. In Operation enabled the same bits mean Disable operation.
+    /// Switch on: leads to Switched on. In Operation enabled the same bits disable operation.
     pub const SWITCH_ON: Self = Self(0x07);
     /// Enable operation: leads to Operation enabled.
     pub const ENABLE_OPERATION: Self = Self(0x0F);
@@ -213,7 +215,7 @@ impl Controlword {
     pub const HOMING_START: u16 = 1 << 4;
     /// Bit 7: its rising edge resets a fault.
     pub const FAULT_RESET: u16 = 1 << 7;
-    /// Bit 8: halt the motion; in homing mode it interrupts homing.
+    /// Bit 8: halts the motion; in homing mode it interrupts homing.
     pub const HALT: u16 = 1 << 8;
 }
 
@@ -232,7 +234,7 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// The mode with this value of 0x6060; `None` for one that the ECM-SK does not use.
+    /// The mode with this value of 0x6060; `None` for a mode that the ECM-SK does not use.
     pub const fn from_code(code: u8) -> Option<Self> {
         match code {
             6 => Some(Self::Homing),

@@ -1,5 +1,5 @@
-//! CANopen over EtherCAT (CoE): the address of an object, the size of an SDO transfer, the abort codes, and the messages of
-//! the mailbox: SDO, SDO information, emergencies.
+//! CANopen over EtherCAT (CoE): object addresses, sizes of SDO transfers, abort codes, and the mailbox messages for SDOs,
+//! SDO information and emergencies.
 //!
 //! The SDO slot of the ECM-SK, the simulated slaves and every fieldbus use these types. No I/O, no state, `no_std`.
 
@@ -43,7 +43,7 @@ impl fmt::Display for ObjectAddress {
     }
 }
 
-/// How many bytes an expedited SDO download carries, by what the ECM-SK allows (UG17 2.1.9).
+/// The number of data bytes in an expedited SDO download. The ECM-SK allows 1, 2 and 4 (UG17 2.1.9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoSize {
     /// 8 bits.
@@ -55,7 +55,7 @@ pub enum SdoSize {
 }
 
 impl SdoSize {
-    /// The size of `n` bytes; `None` unless `n` is 1, 2 or 4.
+    /// The size for `n` bytes; `None` unless `n` is 1, 2 or 4.
     pub const fn from_bytes(n: u8) -> Option<Self> {
         match n {
             1 => Some(Self::One),
@@ -70,7 +70,7 @@ impl SdoSize {
         self as u8
     }
 
-    /// The bits of a 32-bit value that a transfer of this size carries.
+    /// The mask that selects the bits of a 32-bit value that a transfer of this size carries.
     pub const fn mask(self) -> u32 {
         match self {
             Self::One => 0xFF,
@@ -80,12 +80,13 @@ impl SdoSize {
     }
 }
 
-/// What an SDO transfer moves (ETG.1000.6 5.6.2).
+/// Whether an SDO transfer carries one sub-index or the whole object (ETG.1000.6 5.6.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoScope {
     /// The value at one sub-index.
     Entry,
-    /// Complete access: all sub-indices from 0 or 1 on, one behind the other, sub-index 0 with a byte of padding behind it.
+    /// Complete access: the values of all sub-indices from 0 or from 1 on, one after the other. A byte of padding follows
+    /// sub-index 0.
     Complete,
 }
 

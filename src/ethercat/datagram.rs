@@ -1,4 +1,4 @@
-//! Datagrams: commands, the header of 10 bytes, the data, and the working counter.
+//! Datagrams: the commands, the 10-byte header, the data and the working counter.
 //!
 //! Source: ETG.1000.4 5.4; rules ECAT-1.
 
@@ -7,34 +7,34 @@ use bytemuck::{Pod, Zeroable};
 use super::wire_error::split;
 use super::{U16Le, U32Le, WireError};
 
-/// Bytes of a datagram's header.
+/// Length of a datagram header in bytes.
 pub const DATAGRAM_HEADER_LEN: usize = 10;
-/// Bytes of a datagram around its data: the header and the working counter.
+/// Bytes of a datagram besides its data: the header and the working counter.
 pub const DATAGRAM_OVERHEAD: usize = DATAGRAM_HEADER_LEN + 2;
 
-/// How a datagram says which slaves it is for.
+/// How a command addresses slaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Addressing {
-    /// No slave.
+    /// The command addresses no slave.
     None,
-    /// The slave at which the position is 0. Each slave adds 1 to it.
+    /// Position addressing (auto increment): addresses the slave that receives the position as 0. Each slave adds 1 to it.
     Position,
-    /// The slave with that station address.
+    /// Node addressing: addresses the slave with that station address.
     Node,
-    /// All slaves. Each one adds 1 to the position.
+    /// Addresses all slaves. Each slave adds 1 to the position.
     Broadcast,
-    /// The slaves whose FMMUs map the logical address.
+    /// Logical addressing: addresses the slaves whose FMMUs map the logical address.
     Logical,
 }
 
-/// Commands as a table: name, code, abbreviation, addressing, whether slaves are read, whether they are written.
+/// Defines the commands from a table with name, code, abbreviation and addressing.
 macro_rules! commands {
     ($($(#[$doc:meta])* $name:ident = $code:literal, $short:literal, $addressing:ident;)*) => {
-        /// What a datagram does (ETG.1000.4 table 10).
+        /// The command of a datagram (ETG.1000.4 table 10).
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Command {
             $($(#[$doc])* $name,)*
-            /// A code that the standard does not have. Slaves pass such a datagram on unchanged.
+            /// A code that the standard does not define. Slaves forward such a datagram unchanged.
             Unknown(u8),
         }
 
@@ -42,7 +42,7 @@ macro_rules! commands {
             /// All commands of the standard.
             pub const ALL: [Self; 15] = [$(Self::$name,)*];
 
-            /// The command with that code.
+            /// The command for a code.
             pub const fn from_code(code: u8) -> Self {
                 match code {
                     $($code => Self::$name,)*
@@ -78,7 +78,7 @@ macro_rules! commands {
 }
 
 commands! {
-    /// No operation.
+    /// No operation: slaves ignore the datagram.
     Nop = 0, "NOP", None;
     /// Auto increment read.
     Aprd = 1, "APRD", Position;
@@ -92,7 +92,7 @@ commands! {
     Fpwr = 5, "FPWR", Node;
     /// Configured address read and write.
     Fprw = 6, "FPRW", Node;
-    /// Broadcast read: the data are those that came, or the slave's own.
+    /// Broadcast read: each slave ORs its data into the datagram.
     Brd = 7, "BRD", Broadcast;
     /// Broadcast write.
     Bwr = 8, "BWR", Broadcast;
@@ -110,19 +110,19 @@ commands! {
     Frmw = 14, "FRMW", Node;
 }
 
-/// The header as bytes.
+/// Wire layout of a datagram header. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0.
+    /// 0: command code.
     command: u8,
-    /// 1.
+    /// 1: index.
     index: u8,
     /// 2..=5: ADP and ADO, or the logical address.
     address: U32Le,
     /// 6..=7: bits 0..=10 length, 11..=13 reserved, 14 circulating, 15 more datagrams follow.
     len: U16Le,
-    /// 8..=9.
+    /// 8..=9: event bits.
     irq: U16Le,
 }
 
@@ -131,38 +131,37 @@ const _: () = assert!(size_of::<Layout>() == DATAGRAM_HEADER_LEN && align_of::<L
 /// The header of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DatagramHeader {
-    /// What the datagram does.
+    /// The command.
     pub command: Command,
-    /// A number that slaves do not change, by which a master knows the datagram again.
+    /// A number that slaves do not change. The master uses it to recognise the returning datagram.
     pub index: u8,
     /// ADP in the lower and ADO in the upper 16 bits, or the logical address.
     pub address: u32,
-    /// How many bytes of data there are, 0..=2047.
+    /// Length of the data in bytes, 0..=2047.
     pub len: u16,
-    /// Bits 11 to 13 of the word with the length, which have no meaning, 0..=7.
+    /// Bits 11 to 13 of the length word, which are reserved, 0..=7.
     pub reserved: u8,
-    /// The frame has passed a slave whose port 0 has no link; a second such slave destroys the frame.
+    /// The frame has passed a slave whose port 0 has no link. A second slave without a link at port 0 destroys the frame.
     pub circulating: bool,
     /// Another datagram follows in the frame.
     pub more: bool,
-    /// The events of all slaves together, see [`registers::ECAT_EVENT`](super::registers::ECAT_EVENT).
+    /// The ORed event bits of all slaves, see [`registers::ECAT_EVENT`](super::registers::ECAT_EVENT).
     pub irq: u16,
 }
 
 impl DatagramHeader {
-    /// The greatest length that the field can say.
+    /// Maximum value of the 11-bit length field.
     pub const LEN_MAX: u16 = 0x07FF;
     const CIRCULATING: u16 = 1 << 14;
     const MORE: u16 = 1 << 15;
 
-    /// A header with a raw address. The length and whether others follow are what [`FrameWriter`](super::FrameWriter)
-    /// makes of it.
+    /// A header with a raw 32-bit address. [`FrameWriter`](super::FrameWriter) fills in the length and the "more" flag.
     pub const fn new(command: Command, index: u8, address: u32) -> Self {
         Self { command, index, address, len: 0, reserved: 0, circulating: false, more: false, irq: 0 }
     }
 
-    /// A header for `ado`, the address in the slave, of the slave that `adp` says: its station address, or minus its
-    /// position on the cable.
+    /// A header that accesses address `ado` in the memory of one slave. `adp` is the slave's station address, or the
+    /// negated position of the slave in the network (0, 0xFFFF, 0xFFFE, ...).
     pub const fn register(command: Command, index: u8, adp: u16, ado: u16) -> Self {
         Self::new(command, index, adp as u32 | (ado as u32) << 16)
     }
@@ -177,14 +176,14 @@ impl DatagramHeader {
         (self.address >> 16) as u16
     }
 
-    /// The header with another lower half of the address.
+    /// This header with another lower half of the address.
     #[must_use]
     pub const fn with_adp(mut self, adp: u16) -> Self {
         self.address = self.address & 0xFFFF_0000 | adp as u32;
         self
     }
 
-    /// Decodes a header. Every pattern of bits is one.
+    /// Decodes a header. Every bit pattern is valid.
     pub fn decode(bytes: &[u8; DATAGRAM_HEADER_LEN]) -> Self {
         let layout: &Layout = bytemuck::cast_ref(bytes);
         let word = layout.len.get();
@@ -200,7 +199,7 @@ impl DatagramHeader {
         }
     }
 
-    /// The header as bytes. Of `len` and `reserved` the bits count that the fields have.
+    /// Encodes the header. Bits of `len` and `reserved` that do not fit into their fields are dropped.
     pub fn encode(&self) -> [u8; DATAGRAM_HEADER_LEN] {
         let mut word = self.len & Self::LEN_MAX | u16::from(self.reserved & 0b111) << 11;
         if self.circulating {
@@ -219,19 +218,19 @@ impl DatagramHeader {
     }
 }
 
-/// A datagram that was received.
+/// A received datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Datagram<'a> {
     /// The header.
     pub header: DatagramHeader,
-    /// The data, as many bytes as the header says.
+    /// The data; the header gives their length.
     pub data: &'a [u8],
-    /// The working counter: what slaves have done with the datagram.
+    /// The working counter. Each slave adds to it when it has handled the datagram.
     pub working_counter: u16,
 }
 
 impl<'a> Datagram<'a> {
-    /// The first datagram in `bytes`, and the bytes behind it.
+    /// Splits off the first datagram in `bytes`; also returns the bytes behind it.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the datagram does.
@@ -249,14 +248,15 @@ fn short(len: usize, rest: &[u8]) -> WireError {
     WireError::Short { part: "data of a datagram", needed: len, found: rest.len() }
 }
 
-/// The datagrams of a frame, in their order; an error is the last item. See [`Frame::datagrams`](super::Frame::datagrams).
+/// Iterator over the datagrams of a frame, in their order. If decoding fails, the error is the last item. See
+/// [`Frame::datagrams`](super::Frame::datagrams).
 #[derive(Clone, Debug)]
 pub struct Datagrams<'a> {
     rest: Option<&'a [u8]>,
 }
 
 impl<'a> Datagrams<'a> {
-    /// The datagrams in bytes that begin with one. Bytes behind the last one are left out.
+    /// Iterates over `bytes`, which begin with a datagram header. Bytes behind the last datagram are ignored.
     pub const fn new(bytes: &'a [u8]) -> Self {
         Self { rest: Some(bytes) }
     }
@@ -274,17 +274,17 @@ impl<'a> Iterator for Datagrams<'a> {
     }
 }
 
-/// A datagram in the bytes of a frame, to be changed by a slave or a model of one.
+/// A mutable view of a datagram in a frame, for slaves and models of slaves that process the frame in place.
 #[derive(Debug)]
 pub struct DatagramMut<'a> {
     header: &'a mut [u8; DATAGRAM_HEADER_LEN],
-    /// The data, as many bytes as the header says.
+    /// The data; the header gives their length.
     pub data: &'a mut [u8],
     working_counter: &'a mut [u8; 2],
 }
 
 impl<'a> DatagramMut<'a> {
-    /// The first datagram in `bytes`, and the bytes behind it.
+    /// Splits off the first datagram in `bytes`; also returns the bytes behind it.
     ///
     /// # Errors
     /// [`WireError::Short`]: the bytes end before the datagram does.
@@ -298,7 +298,7 @@ impl<'a> DatagramMut<'a> {
         Ok((Self { header, data, working_counter }, rest))
     }
 
-    /// The header as it is now.
+    /// Decodes the header in its current state.
     pub fn header(&self) -> DatagramHeader {
         DatagramHeader::decode(self.header)
     }
@@ -308,12 +308,12 @@ impl<'a> DatagramMut<'a> {
         *self.header = self.header().with_adp(adp).encode();
     }
 
-    /// Sets the circulating bit.
+    /// Sets the circulating bit of the header.
     pub fn set_circulating(&mut self) {
         *self.header = DatagramHeader { circulating: true, ..self.header() }.encode();
     }
 
-    /// Adds events to the field `irq`.
+    /// ORs event bits into the `irq` field.
     pub fn add_events(&mut self, events: u16) {
         if events != 0 {
             let header = self.header();
@@ -321,12 +321,12 @@ impl<'a> DatagramMut<'a> {
         }
     }
 
-    /// The working counter as it is now.
+    /// The current value of the working counter.
     pub const fn working_counter(&self) -> u16 {
         u16::from_le_bytes(*self.working_counter)
     }
 
-    /// Counts `n` more; the counter wraps.
+    /// Adds `n` to the working counter, with wrap-around.
     pub const fn count(&mut self, n: u16) {
         *self.working_counter = self.working_counter().wrapping_add(n).to_le_bytes();
     }

@@ -1,4 +1,4 @@
-//! File access over EtherCAT (FoE): messages by which a file is read or written in packets.
+//! File access over EtherCAT (FoE): mailbox messages that read or write a file in packets.
 //!
 //! Source: ETG.1000.6 5.8; rules ECAT-6.
 
@@ -6,11 +6,11 @@ use super::WireError;
 use super::named_codes::named_codes;
 use super::wire_error::{room_for, split};
 
-/// How many bytes of a mailbox are no data of a file: the header of the mailbox, operation and packet number. A packet with
-/// fewer bytes than there is room for ends the file.
+/// Bytes of a mailbox that are not file data: the mailbox header, operation code and packet number. A packet that does not
+/// fill the mailbox is the last one of the file.
 pub const FOE_OVERHEAD: usize = 6 + FoeMessage::HEADER_LEN;
 
-/// Why a transfer of a file has failed.
+/// The error code of a failed file transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FoeError(pub u32);
 
@@ -31,63 +31,63 @@ named_codes! {
     WRONG_CHECKSUM = 0x800C, "wrong checksum";
 }
 
-/// A message. Names and texts are bytes, since nobody says in which encoding they are.
+/// An FoE message. File names and texts are raw bytes, because the standard does not define their encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FoeMessage<'a> {
-    /// 1: asks for a file.
+    /// 1: read request.
     Read {
-        /// 0, or what the slave wants to know.
+        /// The password that the slave expects; 0 if it expects none.
         password: u32,
         /// The name of the file.
         name: &'a [u8],
     },
-    /// 2: announces a file.
+    /// 2: write request.
     Write {
-        /// 0, or what the slave wants to know.
+        /// The password that the slave expects; 0 if it expects none.
         password: u32,
         /// The name of the file.
         name: &'a [u8],
     },
-    /// 3: a packet of a file.
+    /// 3: a data packet of the file.
     Data {
-        /// Its number, from 1 on.
+        /// Packet number, from 1.
         packet: u32,
-        /// Its bytes.
+        /// File data.
         data: &'a [u8],
     },
-    /// 4: a packet was taken.
+    /// 4: acknowledges a packet or a write request.
     Ack {
-        /// Its number; 0 for the announcement of a file.
+        /// The number of the acknowledged packet; 0 for the write request.
         packet: u32,
     },
     /// 5: the transfer has failed.
     Error {
-        /// Why.
+        /// The reason as an error code.
         code: FoeError,
-        /// In words.
+        /// The reason as text, possibly empty.
         text: &'a [u8],
     },
-    /// 6: the slave needs time.
+    /// 6: the slave is busy and needs more time.
     Busy {
-        /// How much is done.
+        /// The part of the work that is done, in the unit of `entire`.
         done: u16,
-        /// Of how much.
+        /// The whole amount of work.
         entire: u16,
-        /// In words.
+        /// A progress text, possibly empty.
         text: &'a [u8],
     },
-    /// Another operation, with what follows the reserved byte.
+    /// Any other operation code, with the bytes behind the reserved byte.
     Unknown(u8, &'a [u8]),
 }
 
 impl<'a> FoeMessage<'a> {
-    /// Bytes of the operation and of the number behind it.
+    /// Length in bytes of operation code, reserved byte and the 32-bit number.
     const HEADER_LEN: usize = 6;
 
     /// Decodes the data of a mailbox message.
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: the data end before the message does.
     pub fn decode(data: &'a [u8]) -> Result<Self, WireError> {
         let ([operation, _], rest) = split::<2>(data, "FoE operation")?;
         if !matches!(operation, 1..=6) {
@@ -105,10 +105,10 @@ impl<'a> FoeMessage<'a> {
         })
     }
 
-    /// Writes the message; how many bytes it has.
+    /// Writes the message and returns its length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the message does not fit.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let (operation, number, rest): (u8, u32, &[u8]) = match *self {
             Self::Read { password, name } => (1, password, name),

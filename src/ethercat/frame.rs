@@ -1,6 +1,6 @@
-//! Ethernet frames with EtherCAT in them: the two headers, and a writer that puts datagrams behind each other.
+//! Ethernet frames that carry EtherCAT: the two headers, and a writer that appends datagrams to a frame.
 //!
-//! VLAN tags and EtherCAT over UDP are no frames here. Source: ETG.1000.4 5.3; rules ECAT-1.
+//! VLAN tags and EtherCAT over UDP are not supported. Source: ETG.1000.4 5.3; rules ECAT-1.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,51 +10,51 @@ use super::{DatagramHeader, U16Le, WireError};
 
 /// The EtherType of EtherCAT. On the wire its upper byte comes first.
 pub const ETHERTYPE: u16 = 0x88A4;
-/// The destination that masters use: all stations.
+/// The destination MAC address that masters use: broadcast.
 pub const BROADCAST: [u8; 6] = [0xFF; 6];
-/// Bytes of the Ethernet header.
+/// Length of the Ethernet header in bytes.
 pub const ETHERNET_HEADER_LEN: usize = 14;
-/// Bytes of the two headers in front of the first datagram.
+/// Length in bytes of the Ethernet header and the EtherCAT header.
 pub const FRAME_HEADER_LEN: usize = ETHERNET_HEADER_LEN + 2;
-/// The shortest Ethernet frame, without its check sequence.
+/// Minimum length in bytes of an Ethernet frame, without its check sequence.
 pub const FRAME_LEN_MIN: usize = 60;
-/// The longest Ethernet frame, without its check sequence.
+/// Maximum length in bytes of an Ethernet frame, without its check sequence.
 pub const FRAME_LEN_MAX: usize = 1514;
-/// The most data that one datagram of a frame can have.
+/// Maximum number of data bytes in one datagram.
 pub const DATA_LEN_MAX: usize = FRAME_LEN_MAX - FRAME_HEADER_LEN - DATAGRAM_OVERHEAD;
 
-/// The two headers as bytes.
+/// Wire layout of the two headers. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0..=5.
+    /// 0..=5: destination MAC address.
     destination: [u8; 6],
-    /// 6..=11.
+    /// 6..=11: source MAC address.
     source: [u8; 6],
-    /// 12..=13, big endian.
+    /// 12..=13: EtherType, big endian.
     ethertype: [u8; 2],
-    /// 14..=15: bits 0..=10 length of what follows, bit 11 reserved, bits 12..=15 kind.
+    /// 14..=15: bits 0..=10 length of the EtherCAT payload, bit 11 reserved, bits 12..=15 protocol.
     ethercat: U16Le,
 }
 
 const _: () = assert!(size_of::<Layout>() == FRAME_HEADER_LEN && align_of::<Layout>() == 1);
 const _: () = assert!(DATA_LEN_MAX == 1486);
 
-/// What an EtherCAT header announces (ETG.1000.4 table 9).
+/// The protocol type in an EtherCAT header (ETG.1000.4 table 9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Protocol {
-    /// 1: datagrams.
+    /// 1: EtherCAT datagrams.
     Datagrams,
     /// 4: network variables.
     NetworkVariables,
     /// 5: the mailbox gateway.
     MailboxGateway,
-    /// Another value, 0..=15.
+    /// Any other value, 0..=15.
     Unknown(u8),
 }
 
 impl Protocol {
-    /// The protocol with that code; of the code the lower 4 bits count.
+    /// The protocol for a code. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::Datagrams,
@@ -75,28 +75,28 @@ impl Protocol {
     }
 }
 
-/// The Ethernet header and the EtherCAT header behind it.
+/// The Ethernet header with the EtherCAT header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FrameHeader {
-    /// The destination. Slaves take frames to any.
+    /// Destination MAC address. Slaves process frames to any destination.
     pub destination: [u8; 6],
-    /// The source. The first slave that a frame passes sets bit 1 of the first byte.
+    /// Source MAC address. The first slave that a frame passes sets bit 1 of the first byte.
     pub source: [u8; 6],
-    /// How many bytes follow the header that belong to EtherCAT, 0..=2047. What follows behind them is padding.
+    /// Length of the EtherCAT payload in bytes, 0..=2047. Bytes behind the payload are padding.
     pub len: u16,
-    /// Bit 11 of the EtherCAT header, which has no meaning.
+    /// Bit 11 of the EtherCAT header, which is reserved.
     pub reserved: bool,
-    /// What follows.
+    /// The protocol of the payload.
     pub protocol: Protocol,
 }
 
 impl FrameHeader {
-    /// The bit of the first byte of the source that slaves set: locally administered.
+    /// The bit that slaves set in the first byte of the source MAC address: "locally administered".
     pub const PASSED_A_SLAVE: u8 = 0x02;
     const LEN: u16 = 0x07FF;
     const RESERVED: u16 = 1 << 11;
 
-    /// The header of a frame with datagrams to all stations.
+    /// The header of a broadcast frame that carries datagrams.
     pub const fn datagrams(source: [u8; 6]) -> Self {
         Self { destination: BROADCAST, source, len: 0, reserved: false, protocol: Protocol::Datagrams }
     }
@@ -121,7 +121,7 @@ impl FrameHeader {
         })
     }
 
-    /// The headers as bytes. Of `len` the bits count that the field has.
+    /// Encodes the headers. Bits of `len` beyond the 11-bit field are dropped.
     pub fn encode(&self) -> [u8; FRAME_HEADER_LEN] {
         let reserved = if self.reserved { Self::RESERVED } else { 0 };
         let word = self.len & Self::LEN | reserved | u16::from(self.protocol.code()) << 12;
@@ -134,20 +134,22 @@ impl FrameHeader {
     }
 }
 
-/// A frame that was received.
+/// A received frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Frame<'a> {
     /// The headers.
     pub header: FrameHeader,
-    /// What belongs to EtherCAT behind the headers, without padding.
+    /// The EtherCAT payload, without padding.
     pub payload: &'a [u8],
 }
 
 impl<'a> Frame<'a> {
-    /// Decodes a frame, without its check sequence. Its length is what the EtherCAT header says, not that of `bytes`.
+    /// Decodes a frame without its check sequence. The EtherCAT header, not the length of `bytes`, gives the length of the
+    /// payload.
     ///
     /// # Errors
-    /// [`WireError::Short`], [`WireError::Field`]: it is no frame of EtherCAT, or shorter than it says.
+    /// [`WireError::Short`]: the bytes end before the payload does. [`WireError::Field`]: the EtherType is not that of
+    /// EtherCAT.
     pub fn decode(bytes: &'a [u8]) -> Result<Self, WireError> {
         let (header, rest) = split(bytes, "headers of a frame")?;
         let header = FrameHeader::decode(header)?;
@@ -156,7 +158,7 @@ impl<'a> Frame<'a> {
         Ok(Self { header, payload: rest.get(..needed).ok_or(short)? })
     }
 
-    /// The datagrams, if the frame has such.
+    /// The datagrams; `None` if the frame carries another protocol.
     pub const fn datagrams(&self) -> Option<Datagrams<'a>> {
         match self.header.protocol {
             Protocol::Datagrams => Some(Datagrams::new(self.payload)),
@@ -165,10 +167,10 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Calls `visit` with each datagram in the bytes of a frame. The first error ends it.
+/// Calls `visit` for each datagram of a frame, in place. Stops at the first error.
 ///
 /// # Errors
-/// As [`Frame::decode`]; [`WireError::Short`] from a datagram that is longer than what is left of the frame.
+/// As [`Frame::decode`]; [`WireError::Short`] if a datagram is longer than the rest of the frame.
 pub fn each_datagram(frame: &mut [u8], mut visit: impl FnMut(DatagramMut<'_>)) -> Result<(), WireError> {
     let len = Frame::decode(frame)?.payload.len();
     let mut rest = &mut frame[FRAME_HEADER_LEN..][..len];
@@ -183,8 +185,8 @@ pub fn each_datagram(frame: &mut [u8], mut visit: impl FnMut(DatagramMut<'_>)) -
     }
 }
 
-/// Sets the bit of a frame's source by which a master knows that the frame has passed a slave. A frame without a source
-/// stays as it is.
+/// Sets the bit in a frame's source address that tells a master that the frame has passed a slave. A frame too short for a
+/// source address is left unchanged.
 pub fn mark_as_passed(frame: &mut [u8]) {
     const SOURCE: usize = 6;
     if let Some(byte) = frame.get_mut(SOURCE) {
@@ -192,7 +194,7 @@ pub fn mark_as_passed(frame: &mut [u8]) {
     }
 }
 
-/// Puts datagrams behind each other into a buffer.
+/// Builds a frame in a buffer by appending datagrams.
 ///
 /// ```
 /// use ecmsk::ethercat::{Command, DatagramHeader, Frame, FrameHeader, FrameWriter};
@@ -212,31 +214,31 @@ pub fn mark_as_passed(frame: &mut [u8]) {
 pub struct FrameWriter<'b> {
     buffer: &'b mut [u8],
     header: FrameHeader,
-    /// Where the newest datagram begins.
+    /// Offset of the header of the newest datagram.
     newest: Option<usize>,
     end: usize,
 }
 
 impl<'b> FrameWriter<'b> {
-    /// Begins a frame in a buffer. The header's length is counted anew.
+    /// Begins a frame in a buffer. The writer replaces the length in `header` by the actual one.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the buffer is shorter than the shortest frame.
+    /// [`WireError::NoRoom`]: the buffer is shorter than the shortest Ethernet frame.
     pub fn new(buffer: &'b mut [u8], header: FrameHeader) -> Result<Self, WireError> {
         room_for(buffer, "frame", FRAME_LEN_MIN)?;
         let len = buffer.len().min(FRAME_LEN_MAX);
         Ok(Self { buffer: &mut buffer[..len], header, newest: None, end: FRAME_HEADER_LEN })
     }
 
-    /// How many bytes of data another datagram could have; `None`: there is no room for one.
+    /// The number of data bytes that one more datagram can carry; `None` if no datagram fits.
     pub const fn room(&self) -> Option<usize> {
         self.buffer.len().checked_sub(self.end + DATAGRAM_OVERHEAD)
     }
 
-    /// Adds a datagram with the working counter 0. Its length, and whether others follow, are set here.
+    /// Appends a datagram with working counter 0. The writer sets the length and the "more" flag of the headers.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the frame would be longer than the buffer or than a frame can be.
+    /// [`WireError::NoRoom`]: the frame would exceed the buffer or the maximum length of a frame.
     pub fn push(&mut self, header: DatagramHeader, data: &[u8]) -> Result<(), WireError> {
         let needed = data.len() + DATAGRAM_OVERHEAD;
         let place = room_for(&mut self.buffer[self.end..], "datagram", needed)?;
@@ -253,7 +255,7 @@ impl<'b> FrameWriter<'b> {
         Ok(())
     }
 
-    /// The frame, padded with zeros to the shortest length that Ethernet has.
+    /// Returns the frame, zero-padded to the minimum length of an Ethernet frame.
     pub fn finish(self) -> &'b [u8] {
         let len = (self.end - FRAME_HEADER_LEN) as u16;
         self.buffer[..FRAME_HEADER_LEN].copy_from_slice(&FrameHeader { len, ..self.header }.encode());

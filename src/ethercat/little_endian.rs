@@ -1,8 +1,8 @@
-//! Integers as they travel: little endian whatever the host, and without alignment.
+//! Little-endian integers without alignment, for wire layouts on any host.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Integers with the wire's byte order and without alignment, so that a layout can be cast onto a frame's bytes.
+/// Defines integers with the wire's byte order and alignment 1, so that a layout can be cast onto the bytes of a frame.
 macro_rules! little_endian {
     ($($(#[$doc:meta])* $name:ident($int:ty, $n:literal);)*) => {$(
         $(#[$doc])*

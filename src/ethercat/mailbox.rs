@@ -1,4 +1,4 @@
-//! Mailbox messages: the header of 6 bytes with its counter, the protocols, and the answer to a message that is wrong.
+//! Mailbox messages: the 6-byte header with its counter, the protocol types, and the error reply to an invalid message.
 //!
 //! Source: ETG.1000.4 5.6, ETG.1000.6 5.2; rules ECAT-4.
 
@@ -9,13 +9,13 @@ use bytemuck::{Pod, Zeroable};
 use super::wire_error::{room_for, split};
 use super::{U16Le, WireError};
 
-/// Bytes of the header of a message.
+/// Length of the mailbox header in bytes.
 pub const MAILBOX_HEADER_LEN: usize = 6;
 
-/// What a message is for.
+/// The protocol type of a mailbox message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MailboxProtocol {
-    /// 0: a message was wrong; see [`MailboxFault`].
+    /// 0: the reply to an invalid message; see [`MailboxFault`].
     Error,
     /// 1: ADS over EtherCAT.
     Aoe,
@@ -29,12 +29,12 @@ pub enum MailboxProtocol {
     Soe,
     /// 15: vendor-specific protocol over EtherCAT.
     Voe,
-    /// Another value, 0..=15.
+    /// Any other value, 0..=15.
     Unknown(u8),
 }
 
 impl MailboxProtocol {
-    /// The protocol with that code; of the code the lower 4 bits count.
+    /// The protocol for a code. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             0 => Self::Error,
@@ -63,17 +63,17 @@ impl MailboxProtocol {
     }
 }
 
-/// The counter of messages, by which a slave knows one that it has got already.
+/// The message counter in a mailbox header. A slave uses it to detect a repeated message.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MailboxCounter(u8);
 
 impl MailboxCounter {
-    /// Messages are not counted.
+    /// 0: the counter is not used.
     pub const NONE: Self = Self(0);
-    /// The first one.
+    /// 1: the first value of the counter.
     pub const FIRST: Self = Self(1);
 
-    /// The counter with that value; `None` above 7.
+    /// The counter with that value, 0..=7; `None` above 7.
     pub const fn new(value: u8) -> Option<Self> {
         if value <= 7 { Some(Self(value)) } else { None }
     }
@@ -83,25 +83,25 @@ impl MailboxCounter {
         self.0
     }
 
-    /// The counter of the next message: 1 follows 7, and 0 is left out.
+    /// The counter of the next message. After 7 follows 1, because 0 means "not used".
     #[must_use]
     pub const fn next(self) -> Self {
         Self(self.0 % 7 + 1)
     }
 
-    /// Whether a message with this counter is the same as the one with the `last` counter.
+    /// Whether a message with this counter repeats the message with the counter `last`.
     pub const fn repeats(self, last: Self) -> bool {
         self.0 != 0 && self.0 == last.0
     }
 }
 
-/// The header as bytes.
+/// Wire layout of the mailbox header. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0.
+    /// 0: length of the data.
     len: U16Le,
-    /// 2.
+    /// 2: station address.
     address: U16Le,
     /// 4: bits 0..=5 channel, 6..=7 priority.
     channel: u8,
@@ -111,42 +111,42 @@ struct Layout {
 
 const _: () = assert!(size_of::<Layout>() == MAILBOX_HEADER_LEN && align_of::<Layout>() == 1);
 
-/// The header of a message, without its length. Bit 7 of its last byte has no meaning and is left out.
+/// A mailbox header without its length. Bit 7 of the last byte is reserved and ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxHeader {
-    /// 0, or the station address of the other side.
+    /// The station address of the other side, or 0.
     pub address: u16,
-    /// 0, bits 0..=5.
+    /// The channel, bits 0..=5; 0.
     pub channel: u8,
     /// The priority, 0..=3.
     pub priority: u8,
-    /// What the message is for.
+    /// The protocol of the data.
     pub protocol: MailboxProtocol,
-    /// Which message it is.
+    /// The message counter.
     pub counter: MailboxCounter,
 }
 
 impl MailboxHeader {
-    /// The header of a message between a master and a slave.
+    /// The header of a message between a master and a slave: address, channel and priority are 0.
     pub const fn new(protocol: MailboxProtocol, counter: MailboxCounter) -> Self {
         Self { address: 0, channel: 0, priority: 0, protocol, counter }
     }
 }
 
-/// A message.
+/// A mailbox message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxMessage<'a> {
     /// The header.
     pub header: MailboxHeader,
-    /// What it carries, as long as the header says.
+    /// The data; the header on the wire gives their length.
     pub data: &'a [u8],
 }
 
 impl<'a> MailboxMessage<'a> {
-    /// Decodes the message at the beginning of a mailbox. What follows it there has no meaning.
+    /// Decodes the message at the beginning of a mailbox. Bytes behind the message are ignored.
     ///
     /// # Errors
-    /// [`WireError::Short`]: the mailbox is shorter than a header, or than the message says.
+    /// [`WireError::Short`]: the mailbox is shorter than the header, or than the length in the header.
     pub fn decode(mailbox: &'a [u8]) -> Result<Self, WireError> {
         let (header, rest) = split::<MAILBOX_HEADER_LEN>(mailbox, "mailbox header")?;
         let layout: &Layout = bytemuck::cast_ref(header);
@@ -163,10 +163,10 @@ impl<'a> MailboxMessage<'a> {
         Ok(Self { header, data })
     }
 
-    /// Writes the message to the beginning of a mailbox and fills the rest with 0.
+    /// Writes the message at the beginning of a mailbox and fills the rest of the mailbox with 0.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the message does not fit.
     pub fn encode(&self, mailbox: &mut [u8]) -> Result<(), WireError> {
         let place = room_for(mailbox, "mailbox message", MAILBOX_HEADER_LEN + self.data.len())?;
         place[MAILBOX_HEADER_LEN..].copy_from_slice(self.data);
@@ -174,10 +174,10 @@ impl<'a> MailboxMessage<'a> {
     }
 }
 
-/// Writes a header in front of data of that length which stand in the mailbox already, and fills the rest with 0.
+/// Writes a header in front of `len` bytes of data that are already in the mailbox, and fills the rest with 0.
 ///
 /// # Errors
-/// [`WireError::NoRoom`].
+/// [`WireError::NoRoom`]: header and data do not fit.
 pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> Result<(), WireError> {
     let whole = MAILBOX_HEADER_LEN + len;
     room_for(mailbox, "mailbox message", whole)?;
@@ -192,7 +192,7 @@ pub fn encode_around(header: MailboxHeader, len: usize, mailbox: &mut [u8]) -> R
     Ok(())
 }
 
-/// What was wrong with a message, as the message of type 0 that answers it says.
+/// The reason why a mailbox message was invalid: the error code in a reply of type 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MailboxFault(pub u16);
 
@@ -210,21 +210,21 @@ named_codes! {
 }
 
 impl MailboxFault {
-    /// Bytes of the data of the message.
+    /// Length in bytes of the data of an error reply.
     pub const LEN: usize = 4;
-    /// The type of the data, the only one there is.
+    /// The type field of the data. The standard defines only 1.
     const TYPE: [u8; 2] = [1, 0];
 
-    /// The data of a message of type [`MailboxProtocol::Error`].
+    /// Encodes the data of a message of type [`MailboxProtocol::Error`].
     pub const fn encode(self) -> [u8; Self::LEN] {
         let [low, high] = self.0.to_le_bytes();
         [Self::TYPE[0], Self::TYPE[1], low, high]
     }
 
-    /// Decodes such data.
+    /// Decodes the data of a message of type [`MailboxProtocol::Error`].
     ///
     /// # Errors
-    /// [`WireError::Short`]; [`WireError::Field`] for another type than 1.
+    /// [`WireError::Short`]: fewer than 4 bytes. [`WireError::Field`]: the type is not 1.
     pub fn decode(data: &[u8]) -> Result<Self, WireError> {
         let ([kind @ .., low, high], _) = split::<{ Self::LEN }>(data, "mailbox error")?;
         let kind = u16::from_le_bytes(*kind);

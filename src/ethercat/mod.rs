@@ -1,9 +1,9 @@
-//! EtherCAT itself, which all parts of the crate that deal with slaves use: its wire format, AL states and their status
-//! codes, sets of slaves, CANopen over EtherCAT ([`coe`]) and the drive profile CiA 402 ([`cia402`]); integers in the byte
-//! order of the wire. No I/O, no state, no `std`.
+//! EtherCAT itself, the base of all parts of the crate that deal with slaves: wire format, AL states and AL status codes,
+//! sets of slaves, CANopen over EtherCAT ([`coe`]), the drive profile CiA 402 ([`cia402`]), and little-endian integers. No
+//! I/O, no state, no `std`.
 //!
-//! The wire format is encoded and decoded by plain functions over slices. Values without a meaning survive decoding. No
-//! other part of the crate knows an offset of it:
+//! Plain functions over slices encode and decode the wire format. Unknown values survive decoding. No other part of the
+//! crate knows an offset of the wire format.
 //!
 //! | type or module | what it holds |
 //! | --- | --- |
@@ -45,17 +45,17 @@ pub use wire_error::WireError;
 /// A time in nanoseconds since a device was switched on, or a duration in nanoseconds.
 pub type Ns = u64;
 
-/// An end of a line of slaves, at which a network card can be.
+/// An end of the line of slaves, where a network card can be connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CableEnd {
-    /// Before the first slave, where frames begin to be worked on.
+    /// In front of the first slave. Slaves process frames that come from this end.
     First,
-    /// Behind the last slave: a second card there closes the ring.
+    /// Behind the last slave. A second network card at this end closes the ring.
     Last,
 }
 
 impl CableEnd {
-    /// Both ends.
+    /// Both ends of the cable.
     pub const BOTH: [Self; 2] = [Self::First, Self::Last];
 }
 
@@ -75,7 +75,7 @@ pub enum AlState {
 }
 
 impl AlState {
-    /// The next higher state, in which a slave that goes up is first; above [`Self::Op`] there is none.
+    /// The next higher state, through which a slave passes on its way up; [`Self::Op`] for [`Self::Op`] itself.
     pub const fn above(self) -> Self {
         match self {
             Self::Init => Self::PreOp,

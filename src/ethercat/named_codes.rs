@@ -1,16 +1,17 @@
-//! Codes of the standard that have names.
+//! The macro for numeric codes of the standards that have names.
 
-/// Gives a newtype its codes: a constant with its text for each, `ALL`, `text`, and [`Display`](core::fmt::Display) as the format of
-/// the number and the text. A code without a name survives and has no text.
+/// Defines the codes of a newtype: one constant per code with its text, `ALL`, `text`, and a
+/// [`Display`](core::fmt::Display) that shows the number in the given format and the text. A code without a name is kept
+/// and has no text.
 macro_rules! named_codes {
     ($type:ident as $format:literal; $($name:ident = $code:literal, $text:literal;)*) => {
         impl $type {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
-            /// All codes that have a name here, ascending.
+            /// All codes with a name, in ascending order.
             pub const ALL: &'static [Self] = &[$(Self::$name,)*];
 
-            /// The code's meaning; `None` for a code that no list has.
+            /// The meaning of the code; `None` for a code that the standards do not list.
             pub const fn text(self) -> Option<&'static str> {
                 match self.0 {
                     $($code => Some($text),)*

@@ -1,9 +1,9 @@
-//! The registers of a slave controller (ESC): where each one is, who may write it, and what its bits mean.
+//! The registers of a slave controller (ESC): their addresses, access rights and bits.
 //!
-//! [`MAP`] is the one list of addresses. The layouts of what has several fields stand beside it: [`Fmmu`], [`SyncManager`],
+//! [`MAP`] is the only list of addresses. Registers with several fields have a type each: [`Fmmu`], [`SyncManager`],
 //! [`SiiControl`], the AL and DL registers, and the bits of events and distributed clocks.
 //!
-//! Source: ETG.1000.4 6, with the data sheets of controllers; rules ECAT-2.
+//! Source: ETG.1000.4 6, and the data sheets of slave controllers; rules ECAT-2.
 
 mod al;
 mod clock;

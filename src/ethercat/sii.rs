@@ -1,7 +1,7 @@
-//! The slave information interface (SII): what a slave's EEPROM holds, read and written.
+//! The slave information interface (SII): decoding and encoding of a slave's EEPROM.
 //!
-//! The first 64 words have fixed places: [`SiiInfo`]. Behind them stand categories, each with a type and a length:
-//! [`Category`]. Addresses are in words of 16 bits, as masters use them.
+//! The first 64 words have a fixed layout: [`SiiInfo`]. Categories follow, each with a type and a length: [`Category`].
+//! Addresses count 16-bit words, as masters do.
 //!
 //! Source: ETG.1000.6 5.4, ETG.2010; rules ECAT-3.
 
@@ -29,7 +29,7 @@ use crc::{Algorithm, Crc, Table};
 pub const ALIAS_WORD: u16 = 0x04;
 /// Word address of the checksum.
 pub const CHECKSUM_WORD: u16 = 0x07;
-/// Word address of the vendor ID, before product code, revision and serial number, two words each.
+/// Word address of the vendor ID. Product code, revision and serial number follow, two words each.
 pub const VENDOR_WORD: u16 = 0x08;
 /// Word address of the mailbox areas in Boot.
 pub const BOOT_MAILBOX_WORD: u16 = 0x14;
@@ -37,25 +37,25 @@ pub const BOOT_MAILBOX_WORD: u16 = 0x14;
 pub const MAILBOX_WORD: u16 = 0x18;
 /// Word address of the first category.
 pub const CATEGORIES_WORD: u16 = 0x40;
-/// Bytes of what has fixed places.
+/// Length in bytes of the part with a fixed layout.
 pub const SII_INFO_LEN: usize = 2 * CATEGORIES_WORD as usize;
-/// How many of the first bytes the checksum covers, which stands behind them.
+/// The number of bytes that the checksum covers, from the beginning of the EEPROM. The checksum follows them.
 pub const CHECKED_LEN: usize = 2 * CHECKSUM_WORD as usize;
 
-/// What stands in word 7 of an EEPROM whose checksum no controller looks at (data sheets of slave controllers).
+/// A value of word 7 that a controller accepts in place of any checksum (data sheets of slave controllers).
 pub const UNCHECKED: u16 = 0x88A4;
 
-/// CRC-8 with the polynomial 0x07 and 0xFF at the start; check value 0xFB.
+/// CRC-8 with polynomial 0x07 and initial value 0xFF; check value 0xFB.
 const ALGORITHM: Algorithm<u8> =
     Algorithm { width: 8, poly: 0x07, init: 0xFF, refin: false, refout: false, xorout: 0, check: 0xFB, residue: 0 };
 const CRC: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&ALGORITHM);
 
-/// The checksum of the first 14 bytes, which stands in the lower byte of word 7.
+/// The checksum of the first 14 bytes. The EEPROM holds it in the lower byte of word 7.
 pub const fn checksum(first: &[u8; CHECKED_LEN]) -> u8 {
     CRC.checksum(first)
 }
 
-/// The content of an EEPROM.
+/// A view of the content of an EEPROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sii<'a> {
     bytes: &'a [u8],
@@ -63,19 +63,19 @@ pub struct Sii<'a> {
 }
 
 impl<'a> Sii<'a> {
-    /// The content of an EEPROM, whatever its checksum.
+    /// A view of the content of an EEPROM. The checksum is not verified.
     ///
     /// # Errors
-    /// [`WireError::Short`]: there are less than 64 words.
+    /// [`WireError::Short`]: there are fewer than 64 words.
     pub fn new(bytes: &'a [u8]) -> Result<Self, WireError> {
         Ok(Self { bytes, fixed: split(bytes, "SII")?.0 })
     }
 
-    /// How many bytes more are needed at least, if these are the first ones of an EEPROM that is being read; 0: all categories
-    /// and their end are there.
+    /// The minimum number of bytes that are still missing when `bytes` are the beginning of an EEPROM that is being read. 0
+    /// means that all categories and their end marker are complete.
     ///
     /// # Errors
-    /// [`WireError`]: they are no EEPROM, however many follow.
+    /// A [`WireError`] if the bytes cannot be the beginning of a valid EEPROM.
     pub fn lacks(bytes: &[u8]) -> Result<usize, WireError> {
         match Sii::new(bytes).map_or_else(Some, |sii| sii.categories().find_map(Result::err)) {
             None => Ok(0),
@@ -84,55 +84,57 @@ impl<'a> Sii<'a> {
         }
     }
 
-    /// What has fixed places.
+    /// The first 64 words.
     pub fn info(&self) -> SiiInfo {
         SiiInfo::decode(self.fixed)
     }
 
-    /// The checksum that stands there, and that of the bytes that it covers.
+    /// The checksum in the EEPROM, and the checksum computed over the first 14 bytes.
     pub fn checksums(&self) -> (u8, u8) {
         let first = self.fixed.first_chunk().map_or(0, checksum);
         (self.fixed[CHECKED_LEN], first)
     }
 
-    /// Whether a controller loads its first words from it. [`UNCHECKED`] in the place of the checksum is right, too.
+    /// Whether a controller accepts the checksum. [`UNCHECKED`] in word 7 is accepted too.
     pub fn has_right_checksum(&self) -> bool {
         let (found, expected) = self.checksums();
         found == expected || self.fixed[CHECKED_LEN..].first_chunk() == Some(&UNCHECKED.to_le_bytes())
     }
 
-    /// The byte that all fixed words consist of, 0 or 0xFF: nobody has written this EEPROM; `None`: somebody has.
+    /// The byte, 0 or 0xFF, that all fixed words consist of if the EEPROM has never been written; `None` for a written
+    /// EEPROM.
     pub fn blank(&self) -> Option<u8> {
         let [first, ..] = *self.fixed;
         (matches!(first, 0 | 0xFF) && self.fixed.iter().all(|byte| *byte == first)).then_some(first)
     }
 
-    /// The categories; an error is the last item.
+    /// Iterates over the categories. If decoding fails, the error is the last item.
     pub fn categories(&self) -> Categories<'a> {
         Categories::new(&self.bytes[SII_INFO_LEN..])
     }
 
-    /// The first category of a kind; `None` if there is none before the end or an error.
+    /// The first category of a kind; `None` if there is none before the end or before an error.
     pub fn category(&self, kind: CategoryKind) -> Option<Category<'a>> {
         self.all_of(kind).next()
     }
 
-    /// The categories of a kind before the end or an error: what a maker may have put into one it may have put into several.
+    /// All categories of a kind before the end or an error. A vendor may split what belongs together into several
+    /// categories.
     pub fn all_of(&self, kind: CategoryKind) -> impl Iterator<Item = Category<'a>> + use<'a> {
         self.categories().map_while(Result::ok).filter(move |category| category.kind == kind)
     }
 
-    /// The sync managers of all categories of them, number 0 first.
+    /// The sync managers of all categories with sync managers, beginning with sync manager 0.
     pub fn sync_managers(&self) -> impl Iterator<Item = SiiSyncManager> + use<'a> {
         self.all_of(CategoryKind::SyncManagers).flat_map(|category| category.sync_managers())
     }
 
-    /// The texts of all categories of them, number 1 first.
+    /// The texts of all categories with texts, beginning with number 1.
     pub fn texts(&self) -> impl Iterator<Item = SiiText<'a>> + use<'a> {
         self.all_of(CategoryKind::Strings).flat_map(|category| category.strings().iter()).map(SiiText)
     }
 
-    /// The text with a number; `None` for number 0, which stands for no text, and for one that is not there.
+    /// The text with a number; `None` for number 0, which means "no text", and for a number without a text.
     pub fn text(&self, number: u8) -> Option<SiiText<'a>> {
         self.texts().nth(usize::from(number).checked_sub(1)?)
     }

@@ -1,9 +1,9 @@
-//! Sets of slaves. They are kept as the bits of one word because the cyclic path tests and changes them for each slave.
+//! Sets of slaves, kept as the bits of one word because the cyclic path tests and changes them for each slave.
 
-/// The most slaves that a board can have on its network (with 12-byte slots, SK-1).
+/// The maximum number of slaves on the network of a board (with 12-byte slots, SK-1).
 pub const MAX_SLAVES: usize = 40;
 
-/// A set of slaves, numbered from 1 in the order of the cable.
+/// A set of slaves, numbered from 1 in network order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SlaveSet(u64);
 
@@ -11,7 +11,7 @@ impl SlaveSet {
     /// No slave.
     pub const EMPTY: Self = Self(0);
 
-    /// The slaves whose bits are set: bit 0 is slave 1. Bits from [`MAX_SLAVES`] on have to be 0.
+    /// The slaves whose bits are set; bit 0 is slave 1. Bits from [`MAX_SLAVES`] on must be 0.
     pub const fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
@@ -31,12 +31,12 @@ impl SlaveSet {
         slave >= 1 && self.0 & (1 << (slave as u64 - 1)) != 0
     }
 
-    /// Puts `slave` (from 1) in.
+    /// Adds `slave` (from 1) to the set.
     pub const fn insert(&mut self, slave: u8) {
         self.0 |= 1 << (slave as u64 - 1);
     }
 
-    /// Takes `slave` (from 1) out.
+    /// Removes `slave` (from 1) from the set.
     pub const fn remove(&mut self, slave: u8) {
         self.0 &= !(1 << (slave as u64 - 1));
     }
@@ -46,7 +46,7 @@ impl SlaveSet {
         self.0 == 0
     }
 
-    /// The slaves that are in this set or in the other.
+    /// The slaves that are in either set.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
@@ -64,7 +64,7 @@ impl SlaveSet {
         Self(self.0 & !other.0)
     }
 
-    /// How many slaves are in the set.
+    /// The number of slaves in the set.
     pub const fn len(self) -> u8 {
         self.0.count_ones() as u8
     }

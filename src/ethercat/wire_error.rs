@@ -1,35 +1,35 @@
-//! Why bytes from the wire are not what they should be, or do not fit where they are written to.
+//! The error type of the wire format: bytes that cannot be decoded, or a buffer too small for encoding.
 
 use core::fmt;
 
-/// Bytes are not what they are decoded as, or there is no room for what is encoded.
+/// Why bytes cannot be decoded, or why a value cannot be encoded into a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WireError {
     /// The bytes end before the part does.
     Short {
-        /// What is decoded, as in `datagram header`.
+        /// The part to be decoded, such as `datagram header`.
         part: &'static str,
-        /// How many bytes it has.
+        /// The length of the part, bytes.
         needed: usize,
-        /// How many bytes there are.
+        /// The number of bytes available.
         found: usize,
     },
     /// A field has a value that the format does not allow.
     Field {
-        /// The field, as in `EtherType`.
+        /// The name of the field, such as `EtherType`.
         part: &'static str,
-        /// The value that is there.
+        /// The value found.
         found: u32,
-        /// What may be there.
+        /// The values allowed.
         allowed: &'static str,
     },
-    /// What is encoded is longer than the room for it.
+    /// The buffer is too small for encoding.
     NoRoom {
-        /// What is encoded.
+        /// The part to be encoded.
         part: &'static str,
-        /// How many bytes it has.
+        /// The length of the part, bytes.
         needed: usize,
-        /// How many bytes there are.
+        /// The length of the buffer, bytes.
         room: usize,
     },
 }
@@ -48,10 +48,10 @@ impl fmt::Display for WireError {
 
 impl core::error::Error for WireError {}
 
-/// The first `N` bytes, and those behind them.
+/// Splits off the first `N` bytes.
 ///
 /// # Errors
-/// There are fewer.
+/// [`WireError::Short`]: there are fewer than `N` bytes.
 pub(crate) fn split<'a, const N: usize>(
     bytes: &'a [u8],
     part: &'static str,
@@ -59,10 +59,10 @@ pub(crate) fn split<'a, const N: usize>(
     bytes.split_first_chunk().ok_or(WireError::Short { part, needed: N, found: bytes.len() })
 }
 
-/// The first `len` bytes of room.
+/// The first `len` bytes of the buffer `room`.
 ///
 /// # Errors
-/// There are fewer.
+/// [`WireError::NoRoom`]: the buffer is shorter.
 pub(crate) fn room_for<'a>(room: &'a mut [u8], part: &'static str, len: usize) -> Result<&'a mut [u8], WireError> {
     let found = room.len();
     room.get_mut(..len).ok_or(WireError::NoRoom { part, needed: len, room: found })

@@ -1,8 +1,8 @@
-//! Data types of objects, as SDO information names them.
+//! Codes of data types in the object dictionary, as SDO information uses them.
 
 use crate::ethercat::named_codes::named_codes;
 
-/// The number of a data type in the object dictionary (ETG.1000.6 5.6.7.1).
+/// The code of a data type in the object dictionary (ETG.1000.6 5.6.7.1).
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DataTypeCode(pub u16);
 
@@ -61,23 +61,23 @@ impl core::fmt::Debug for DataTypeCode {
     }
 }
 
-/// How the bytes of a value are read.
+/// How to interpret the bytes of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ValueForm {
-    /// A number without a sign.
+    /// An unsigned integer.
     Unsigned,
-    /// A number in two's complement.
+    /// A signed integer in two's complement.
     Signed,
-    /// A number of IEEE 754, of 4 or 8 bytes.
+    /// An IEEE 754 floating-point number of 4 or 8 bytes.
     Real,
-    /// Letters, one byte each.
+    /// Text, one byte per character.
     Text,
-    /// Bytes without a known meaning.
+    /// Bytes with an unknown interpretation.
     Bytes,
 }
 
 impl DataTypeCode {
-    /// How the bytes of a value of this type are read.
+    /// How to interpret the bytes of a value of this type.
     pub const fn form(self) -> ValueForm {
         match self {
             Self::INTEGER8

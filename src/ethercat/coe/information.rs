@@ -1,34 +1,35 @@
-//! SDO information: what objects a slave has, and what they are (ETG.1000.6 5.6.3).
+//! SDO information: services that list a slave's objects and describe them (ETG.1000.6 5.6.3).
 //!
-//! An answer that is longer than the mailbox comes in fragments, whose numbers count down to 0.
+//! A response that is longer than the mailbox is sent in fragments. Each fragment says how many fragments follow; the last
+//! one says 0.
 
 use super::{AbortCode, ObjectAddress};
 use crate::ethercat::wire_error::{room_for, split};
 use crate::ethercat::{WireError, bits};
 
-/// What a fragment is.
+/// The operation code of an SDO information message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum InformationKind {
-    /// 1: asks for a list of objects; the data are an [`ObjectListType`].
+    /// 1: requests a list of objects; the data are an [`ObjectListType`].
     ListRequest,
-    /// 2: the list: its type in the first fragment, then indices.
+    /// 2: responds with a list of object indices; the first fragment begins with the list type.
     ListResponse,
-    /// 3: asks for the description of an object; the data are its index.
+    /// 3: requests the description of an object; the data are the object's index.
     ObjectRequest,
-    /// 4: an [`ObjectDescription`].
+    /// 4: responds with an [`ObjectDescription`].
     ObjectResponse,
-    /// 5: asks for the description of a sub-index; the data are an [`EntryRequest`].
+    /// 5: requests the description of a sub-index; the data are an [`EntryRequest`].
     EntryRequest,
-    /// 6: an [`EntryDescription`].
+    /// 6: responds with an [`EntryDescription`].
     EntryResponse,
-    /// 7: an [`AbortCode`].
+    /// 7: reports an error; the data are an [`AbortCode`].
     Error,
-    /// Another one, 0..=127.
+    /// Any other code, 0..=127.
     Unknown(u8),
 }
 
 impl InformationKind {
-    /// The kind with that code; of the code the lower 7 bits count.
+    /// The kind for a code. Only the lower 7 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x7F {
             1 => Self::ListRequest,
@@ -57,33 +58,33 @@ impl InformationKind {
     }
 }
 
-/// A question or an answer, or a part of an answer.
+/// An SDO information message: a request, a response, or one fragment of a response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct InformationFragment<'a> {
-    /// What it is.
+    /// The operation code.
     pub kind: InformationKind,
-    /// Whether others follow.
+    /// Whether more fragments follow.
     pub incomplete: bool,
-    /// How many others follow.
+    /// The number of fragments that follow.
     pub left: u16,
-    /// The data, by its kind.
+    /// The data; `kind` determines their format.
     pub data: &'a [u8],
 }
 
 impl<'a> InformationFragment<'a> {
-    /// Bytes in front of the data.
+    /// Length in bytes of the header in front of the data.
     pub const HEADER_LEN: usize = 4;
     const INCOMPLETE: u8 = 0x80;
 
-    /// A question or an answer in one piece.
+    /// A request or response that fits into one message.
     pub const fn whole(kind: InformationKind, data: &'a [u8]) -> Self {
         Self { kind, incomplete: false, left: 0, data }
     }
 
-    /// Decodes what follows the CoE header.
+    /// Decodes the bytes behind the CoE header.
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: fewer than 4 bytes.
     pub fn decode(body: &'a [u8]) -> Result<Self, WireError> {
         let ([code, _, low, high], data) = split::<4>(body, "SDO information")?;
         Ok(Self {
@@ -94,10 +95,10 @@ impl<'a> InformationFragment<'a> {
         })
     }
 
-    /// Writes what follows the CoE header; how many bytes it has.
+    /// Writes the bytes behind the CoE header and returns their number.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the message does not fit.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.data.len();
         let (header, data) = room_for(room, "SDO information", len)?.split_at_mut(Self::HEADER_LEN);
@@ -109,30 +110,30 @@ impl<'a> InformationFragment<'a> {
     }
 }
 
-/// Which objects a list has.
+/// The type of an object list: which objects it contains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ObjectListType {
-    /// 0: how long each of the lists 1 to 5 is.
+    /// 0: the number of objects in each of the lists 1 to 5.
     Lengths,
     /// 1: all objects.
     All,
-    /// 2: those that can be mapped into an RxPDO.
+    /// 2: objects that can be mapped into an RxPDO.
     RxMappable,
-    /// 3: those that can be mapped into a TxPDO.
+    /// 3: objects that can be mapped into a TxPDO.
     TxMappable,
-    /// 4: those that have to be stored for a replacement of the device.
+    /// 4: objects that a master has to store, to restore them when the device is replaced.
     Backup,
-    /// 5: those that are settings at the start.
+    /// 5: objects that are startup settings.
     Settings,
-    /// Another one.
+    /// Any other type.
     Unknown(u16),
 }
 
 impl ObjectListType {
-    /// The lists of objects, whose lengths [`Self::Lengths`] asks for.
+    /// The five lists of objects. [`Self::Lengths`] requests their lengths.
     pub const LISTS: [Self; 5] = [Self::All, Self::RxMappable, Self::TxMappable, Self::Backup, Self::Settings];
 
-    /// The type with that code.
+    /// The list type for a code.
     pub const fn from_code(code: u16) -> Self {
         match code {
             0 => Self::Lengths,
@@ -159,43 +160,43 @@ impl ObjectListType {
     }
 }
 
-/// Decodes a number of 16 bits at the beginning of data: an [`ObjectListType`] or an index.
+/// Decodes the 16-bit number at the beginning of the data: an [`ObjectListType`] or an object index.
 ///
 /// # Errors
-/// [`WireError::Short`].
+/// [`WireError::Short`]: fewer than 2 bytes.
 pub fn decode_u16(data: &[u8]) -> Result<u16, WireError> {
     split::<2>(data, "SDO information").map(|(bytes, _)| u16::from_le_bytes(*bytes))
 }
 
-/// Decodes the abort code of [`InformationKind::Error`].
+/// Decodes the abort code in the data of [`InformationKind::Error`].
 ///
 /// # Errors
-/// [`WireError::Short`].
+/// [`WireError::Short`]: fewer than 4 bytes.
 pub fn decode_abort(data: &[u8]) -> Result<AbortCode, WireError> {
     split::<4>(data, "abort code").map(|(bytes, _)| AbortCode(u32::from_le_bytes(*bytes)))
 }
 
-/// What kind of thing an object is (ETG.1000.6 table 62).
+/// The object code (ETG.1000.6 table 62): a variable, an array, a record and so on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ObjectCode {
-    /// 2: bytes of any length.
+    /// 2: DOMAIN, data of variable length.
     Domain,
-    /// 5: the definition of a data type.
+    /// 5: DEFTYPE, the definition of a data type.
     DefType,
-    /// 6: the definition of a record.
+    /// 6: DEFSTRUCT, the definition of a record type.
     DefStruct,
-    /// 7: one value.
+    /// 7: VAR, a single value.
     Variable,
-    /// 8: values of one type.
+    /// 8: ARRAY, values of the same type.
     Array,
-    /// 9: values of several types.
+    /// 9: RECORD, values of different types.
     Record,
-    /// Another one.
+    /// Any other code.
     Unknown(u8),
 }
 
 impl ObjectCode {
-    /// The code's meaning.
+    /// The object code for the number on the wire.
     pub const fn from_code(code: u8) -> Self {
         match code {
             2 => Self::Domain,
@@ -225,26 +226,26 @@ impl ObjectCode {
 /// The description of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ObjectDescription<'a> {
-    /// Its index.
+    /// The object's index.
     pub index: u16,
-    /// Its data type (ETG.1000.6 table 64).
+    /// The object's data type (ETG.1000.6 table 64).
     pub data_type: u16,
-    /// Its highest sub-index.
+    /// The object's highest sub-index.
     pub max_sub: u8,
-    /// What it is.
+    /// The object code: variable, array, record and so on.
     pub code: ObjectCode,
-    /// Its name, as bytes, since nobody says in which encoding it is.
+    /// The object's name as raw bytes, because the standard does not define their encoding.
     pub name: &'a [u8],
 }
 
 impl<'a> ObjectDescription<'a> {
-    /// Bytes in front of the name.
+    /// Length in bytes of the fixed part in front of the name.
     pub const HEADER_LEN: usize = 6;
 
     /// Decodes the data of [`InformationKind::ObjectResponse`].
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: fewer than 6 bytes.
     pub fn decode(data: &'a [u8]) -> Result<Self, WireError> {
         let ([i0, i1, t0, t1, max_sub, code], name) = split::<6>(data, "object description")?;
         Ok(Self {
@@ -256,10 +257,10 @@ impl<'a> ObjectDescription<'a> {
         })
     }
 
-    /// Writes the data; how many bytes they have.
+    /// Writes the data of [`InformationKind::ObjectResponse`] and returns their length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the description does not fit.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.name.len();
         let (header, name) = room_for(room, "object description", len)?.split_at_mut(Self::HEADER_LEN);
@@ -271,64 +272,64 @@ impl<'a> ObjectDescription<'a> {
 }
 
 bits! {
-    /// What a description of a sub-index shall hold, or holds.
+    /// The parts of an entry description that a request asks for, or that a response contains.
     ValueInfo(u8) {
         /// Bit 0: access rights.
         ACCESS = 1 << 0;
         /// Bit 1: the category of the object.
         CATEGORY = 1 << 1;
-        /// Bit 2: whether it can be mapped.
+        /// Bit 2: whether the entry can be mapped into a PDO.
         MAPPING = 1 << 2;
-        /// Bit 3: its unit.
+        /// Bit 3: the entry's unit.
         UNIT = 1 << 3;
-        /// Bit 4: its default value.
+        /// Bit 4: the default value.
         DEFAULT = 1 << 4;
-        /// Bit 5: its least value.
+        /// Bit 5: the minimum value.
         MIN = 1 << 5;
-        /// Bit 6: its greatest value.
+        /// Bit 6: the maximum value.
         MAX = 1 << 6;
     }
 
     /// Access rights of a sub-index.
     ObjectAccess(u16) {
-        /// Bits 0 to 2: it is read in PreOP, SafeOP and OP.
+        /// Bits 0 to 2: readable in PreOP, SafeOP and OP.
         READ = 0b111;
-        /// Bit 3: it is written in PreOP.
+        /// Bit 3: writable in PreOP.
         WRITE_PREOP = 1 << 3;
-        /// Bit 4: it is written in SafeOP.
+        /// Bit 4: writable in SafeOP.
         WRITE_SAFEOP = 1 << 4;
-        /// Bit 5: it is written in OP.
+        /// Bit 5: writable in OP.
         WRITE_OP = 1 << 5;
-        /// Bits 3 to 5: it is written in PreOP, SafeOP and OP.
+        /// Bits 3 to 5: writable in PreOP, SafeOP and OP.
         WRITE = 0b111 << 3;
-        /// Bit 6: it can be mapped into an RxPDO.
+        /// Bit 6: mappable into an RxPDO.
         RX_MAPPABLE = 1 << 6;
-        /// Bit 7: it can be mapped into a TxPDO.
+        /// Bit 7: mappable into a TxPDO.
         TX_MAPPABLE = 1 << 7;
-        /// Bit 8: it has to be stored for a replacement of the device.
+        /// Bit 8: a master has to store the value, to restore it when the device is replaced.
         BACKUP = 1 << 8;
-        /// Bit 9: it is a setting at the start.
+        /// Bit 9: a startup setting.
         SETTINGS = 1 << 9;
     }
 }
 
-/// The question for a sub-index.
+/// A request for the description of a sub-index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EntryRequest {
-    /// Which one.
+    /// The sub-index to describe.
     pub object: ObjectAddress,
-    /// What the answer shall hold.
+    /// The parts of the description that the response shall contain.
     pub wanted: ValueInfo,
 }
 
 impl EntryRequest {
-    /// Bytes of the data.
+    /// Length of the data in bytes.
     pub const LEN: usize = 4;
 
     /// Decodes the data of [`InformationKind::EntryRequest`].
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: fewer than 4 bytes.
     pub fn decode(data: &[u8]) -> Result<Self, WireError> {
         let ([i0, i1, sub, wanted], _) = split::<4>(data, "entry request")?;
         let object = ObjectAddress::new(u16::from_le_bytes([*i0, *i1]), *sub);
@@ -345,28 +346,28 @@ impl EntryRequest {
 /// The description of a sub-index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EntryDescription<'a> {
-    /// Which one.
+    /// The sub-index described.
     pub object: ObjectAddress,
-    /// What the data hold.
+    /// The parts of the description that `data` contains.
     pub info: ValueInfo,
-    /// Its data type (ETG.1000.6 table 64).
+    /// The entry's data type (ETG.1000.6 table 64).
     pub data_type: u16,
-    /// Its length, bits.
+    /// The entry's length in bits.
     pub bits: u16,
-    /// Its access rights.
+    /// The entry's access rights.
     pub access: ObjectAccess,
-    /// Unit, default, least and greatest value, as `info` says, then the name.
+    /// The unit, default, minimum and maximum value, each only if its bit in `info` is set; then the entry's name.
     pub data: &'a [u8],
 }
 
 impl<'a> EntryDescription<'a> {
-    /// Bytes in front of the data.
+    /// Length in bytes of the fixed part in front of `data`.
     pub const HEADER_LEN: usize = 10;
 
     /// Decodes the data of [`InformationKind::EntryResponse`].
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: fewer than 10 bytes.
     pub fn decode(data: &'a [u8]) -> Result<Self, WireError> {
         let ([i0, i1, sub, info, t0, t1, b0, b1, a0, a1], data) = split::<10>(data, "entry description")?;
         Ok(Self {
@@ -379,10 +380,10 @@ impl<'a> EntryDescription<'a> {
         })
     }
 
-    /// Writes the data; how many bytes they have.
+    /// Writes the data of [`InformationKind::EntryResponse`] and returns their length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the description does not fit.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         let len = Self::HEADER_LEN + self.data.len();
         let (header, data) = room_for(room, "entry description", len)?.split_at_mut(Self::HEADER_LEN);

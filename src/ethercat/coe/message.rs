@@ -1,29 +1,29 @@
-//! Messages of CANopen over EtherCAT: the header with the service, and what each service carries.
+//! CoE messages: the header with its service code, and the body of each service.
 
 use super::{Emergency, InformationFragment, SdoRequest, SdoResponse};
 use crate::ethercat::WireError;
 use crate::ethercat::wire_error::{room_for, split};
 
-/// Bytes of the header.
+/// Length of the CoE header in bytes.
 pub const COE_HEADER_LEN: usize = 2;
 
-/// What a message is (ETG.1000.6 5.6.1).
+/// The service of a CoE message (ETG.1000.6 5.6.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CoeService {
     /// 1: an emergency.
     Emergency,
-    /// 2: a request about an object, and any abort.
+    /// 2: an SDO request. SDO aborts use this service too, in both directions.
     SdoRequest,
-    /// 3: an answer about an object.
+    /// 3: an SDO response.
     SdoResponse,
-    /// 8: a question about the object dictionary, or an answer to one.
+    /// 8: an SDO information request or response.
     Information,
-    /// Another one, e.g. 4 and 5 for PDOs in the mailbox; 0..=15.
+    /// Any other service, 0..=15; for example 4 and 5, PDOs in the mailbox.
     Unknown(u8),
 }
 
 impl CoeService {
-    /// The service with that code; of the code the lower 4 bits count.
+    /// The service for a code. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::Emergency,
@@ -46,18 +46,18 @@ impl CoeService {
     }
 }
 
-/// What a message carries.
+/// A CoE message, decoded by its service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CoeMessage<'a> {
-    /// An emergency.
+    /// An emergency message.
     Emergency(Emergency),
-    /// A request about an object, or an abort.
+    /// An SDO request or an SDO abort.
     SdoRequest(SdoRequest<'a>),
-    /// An answer about an object.
+    /// An SDO response.
     SdoResponse(SdoResponse<'a>),
-    /// A question about the object dictionary, or an answer.
+    /// An SDO information request or response.
     Information(InformationFragment<'a>),
-    /// A service that has no type here, 0..=15, with its data.
+    /// A service without a type in this crate: its code, 0..=15, and its data.
     Unknown(u8, &'a [u8]),
 }
 
@@ -73,7 +73,8 @@ impl<'a> CoeMessage<'a> {
         }
     }
 
-    /// Decodes the data of a mailbox message. The number in the header, which is 0, and its reserved bits are left out.
+    /// Decodes the data of a mailbox message. The number field of the header, which is 0, and its reserved bits are
+    /// ignored.
     ///
     /// # Errors
     /// [`WireError::Short`]: the data are shorter than the service needs.
@@ -88,10 +89,10 @@ impl<'a> CoeMessage<'a> {
         })
     }
 
-    /// Writes the message; how many bytes it has.
+    /// Writes the message and returns its length in bytes.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]; [`WireError::Field`] for expedited data of another length than 1 to 4.
+    /// [`WireError::NoRoom`]: the message does not fit. [`WireError::Field`]: expedited data are not 1 to 4 bytes long.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         room_for(room, "CoE header", COE_HEADER_LEN)?.copy_from_slice(&[0, self.service().code() << 4]);
         let body = &mut room[COE_HEADER_LEN..];

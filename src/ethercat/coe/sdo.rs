@@ -1,143 +1,143 @@
-//! Service data objects: requests that read and write objects, and what is answered.
+//! Service data objects (SDO): requests that read and write objects, and their responses.
 //!
-//! A value of at most 4 bytes travels in the request or the answer itself (expedited); a longer one behind it, as far as
-//! the mailbox has room, and the rest in segments with alternating toggle bits.
+//! A value of at most 4 bytes is part of the request or response itself (expedited). A longer value begins behind the SDO
+//! header, as far as the mailbox has room; segments with alternating toggle bits carry the rest.
 
 use super::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::WireError;
 use crate::ethercat::wire_error::{room_for, split};
 
-/// Bytes of a request or an answer behind the CoE header, without data behind it: command, index, sub-index, 4 bytes.
+/// Length in bytes of an SDO header behind the CoE header: command, index, sub-index and 4 bytes of data or size.
 pub const SDO_LEN: usize = 8;
-/// The least data that a segment has on the wire.
+/// The minimum number of data bytes in a segment on the wire; shorter data are padded.
 const SEGMENT_LEN_MIN: usize = 7;
-/// How many bytes of a mailbox are no data of a value in the first message of a longer one: the headers of mailbox and CoE,
-/// the SDO with the length in it.
+/// Bytes of a mailbox that the first message of a segmented transfer uses for headers: mailbox header, CoE header, and SDO
+/// header with the size.
 pub const FIRST_OVERHEAD: usize = 6 + 2 + SDO_LEN;
-/// How many bytes of a mailbox are no data of a value in a segment: the headers of mailbox and CoE, the command.
+/// Bytes of a mailbox that a segment uses for headers: mailbox header, CoE header and command byte.
 pub const SEGMENT_OVERHEAD: usize = 6 + 2 + 1;
 
 /// Bits of the command byte.
 mod command {
-    /// Bits 5 to 7 of a request.
+    /// Bits 5 to 7 of a request's command byte.
     pub const DOWNLOAD_SEGMENT: u8 = 0 << 5;
     pub const DOWNLOAD: u8 = 1 << 5;
     pub const UPLOAD: u8 = 2 << 5;
     pub const UPLOAD_SEGMENT: u8 = 3 << 5;
-    /// Bits 5 to 7 of a request or an answer.
+    /// Bits 5 to 7 of the command byte of an abort, in a request or a response.
     pub const ABORT: u8 = 4 << 5;
-    /// Bits 5 to 7 of an answer.
+    /// Bits 5 to 7 of a response's command byte.
     pub const UPLOADED_SEGMENT: u8 = 0 << 5;
     pub const DOWNLOADED_SEGMENT: u8 = 1 << 5;
     pub const UPLOADED: u8 = 2 << 5;
     pub const DOWNLOADED: u8 = 3 << 5;
     pub const SPECIFIER: u8 = 0b111 << 5;
-    /// With download and upload.
+    /// Bit 4 of downloads and uploads: complete access.
     pub const COMPLETE: u8 = 1 << 4;
-    /// With segments.
+    /// Bit 4 of segments: the toggle bit.
     pub const TOGGLE: u8 = 1 << 4;
-    /// The value is in the 4 bytes.
+    /// Bit 1: expedited, the 4 bytes hold the value.
     pub const EXPEDITED: u8 = 1 << 1;
-    /// The length is said.
+    /// Bit 0: the size of the value is given.
     pub const SIZED: u8 = 1 << 0;
-    /// No more segments follow.
+    /// Bit 0 of segments: no more segments follow.
     pub const LAST: u8 = 1 << 0;
 }
 
-/// A value, or the beginning of one.
+/// A whole value, or the first part of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoValuePart<'a> {
     /// A whole value of 1 to 4 bytes.
     Expedited(&'a [u8]),
-    /// A whole value of at most 4 bytes, of which nobody says how many they are.
+    /// A whole value of at most 4 bytes whose exact length the sender did not give.
     Unsized(&'a [u8; 4]),
-    /// The first bytes of a value of `size` bytes, or all of them.
+    /// The first bytes of a value of `size` bytes, possibly all of them.
     First {
         /// The length of the whole value, bytes.
         size: u32,
-        /// Its first bytes.
+        /// The first bytes of the value.
         data: &'a [u8],
     },
 }
 
-/// What a master asks for.
+/// An SDO request from the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoRequest<'a> {
-    /// Writes an object.
+    /// Writes an object (download).
     Download {
-        /// Which one.
+        /// The object to write.
         object: ObjectAddress,
-        /// One sub-index or all.
+        /// One sub-index or the whole object.
         scope: SdoScope,
-        /// The value, or its beginning.
+        /// The value, or its first part.
         value: SdoValuePart<'a>,
     },
-    /// The next bytes of a value that is written.
+    /// The next bytes of a value that the master writes.
     DownloadSegment {
-        /// Changes with each segment; false for the first one.
+        /// The toggle bit: false for the first segment, then alternating.
         toggle: bool,
-        /// No segment follows.
+        /// Whether this is the last segment.
         last: bool,
-        /// The bytes.
+        /// Data of the segment.
         data: &'a [u8],
     },
-    /// Reads an object.
+    /// Reads an object (upload).
     Upload {
-        /// Which one.
+        /// The object to read.
         object: ObjectAddress,
-        /// One sub-index or all.
+        /// One sub-index or the whole object.
         scope: SdoScope,
     },
-    /// Asks for the next bytes of a value that is read.
+    /// Requests the next bytes of a value that the master reads.
     UploadSegment {
-        /// Changes with each segment; false for the first one.
+        /// The toggle bit: false for the first segment, then alternating.
         toggle: bool,
     },
-    /// Ends a transfer. Slaves abort by the same message.
+    /// Aborts a transfer. A slave aborts with the same message.
     Abort {
-        /// The object of the transfer.
+        /// The object of the aborted transfer.
         object: ObjectAddress,
-        /// Why.
+        /// The reason.
         code: AbortCode,
     },
-    /// A command that the standard does not have, with what follows it.
+    /// A command code that the standard does not define, with the bytes behind it.
     Unknown(u8, &'a [u8]),
 }
 
-/// What a slave answers. An abort is [`SdoRequest::Abort`].
+/// An SDO response from a slave. A slave's abort is decoded as [`SdoRequest::Abort`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoResponse<'a> {
-    /// The object was written, or segments may follow.
+    /// The slave has written the object, or is ready for the first segment.
     Download {
-        /// Which one.
+        /// The object written.
         object: ObjectAddress,
-        /// One sub-index or all.
+        /// One sub-index or the whole object.
         scope: SdoScope,
     },
-    /// The segment was taken.
+    /// The slave has accepted a segment of a download.
     DownloadSegment {
-        /// That of the request.
+        /// The toggle bit of the request.
         toggle: bool,
     },
-    /// The object was read.
+    /// The slave has read the object.
     Upload {
-        /// Which one.
+        /// The object read.
         object: ObjectAddress,
-        /// One sub-index or all.
+        /// One sub-index or the whole object.
         scope: SdoScope,
-        /// The value, or its beginning.
+        /// The value, or its first part.
         value: SdoValuePart<'a>,
     },
-    /// The next bytes of a value that is read.
+    /// The next bytes of a value that the master reads.
     UploadSegment {
-        /// That of the request.
+        /// The toggle bit of the request.
         toggle: bool,
-        /// No segment follows.
+        /// Whether this is the last segment.
         last: bool,
-        /// The bytes.
+        /// Data of the segment.
         data: &'a [u8],
     },
-    /// A command that the standard does not have, with what follows it.
+    /// A command code that the standard does not define, with the bytes behind it.
     Unknown(u8, &'a [u8]),
 }
 
@@ -156,14 +156,14 @@ const fn toggle_bit(toggle: bool) -> u8 {
     if toggle { command::TOGGLE } else { 0 }
 }
 
-/// The object that an SDO is about, its 4 bytes, and what follows.
+/// Splits an SDO into the object's address, the 4 data bytes, and the bytes behind them.
 fn parts(body: &[u8]) -> Result<(ObjectAddress, &[u8; 4], &[u8]), WireError> {
     let ([_, low, high, sub], rest) = split::<4>(body, "SDO")?;
     let (four, rest) = split::<4>(rest, "data of an SDO")?;
     Ok((ObjectAddress::new(u16::from_le_bytes([*low, *high]), *sub), four, rest))
 }
 
-/// The value of a download or an uploaded one; `None`: the bits of the command have no meaning.
+/// The value in a download request or an upload response; `None` if the command bits are not a valid combination.
 fn value<'a>(command: u8, four: &'a [u8; 4], rest: &'a [u8]) -> Option<SdoValuePart<'a>> {
     match (command & command::EXPEDITED != 0, command & command::SIZED != 0) {
         (true, true) => Some(SdoValuePart::Expedited(&four[..4 - usize::from(command >> 2 & 0b11)])),
@@ -173,7 +173,7 @@ fn value<'a>(command: u8, four: &'a [u8; 4], rest: &'a [u8]) -> Option<SdoValueP
     }
 }
 
-/// The bytes of a segment: if there are 7, bits 1 to 3 of the command say how many of them do not count.
+/// The data of a segment. In a segment of 7 bytes, bits 1 to 3 of the command byte give the number of unused bytes.
 fn segment(command: u8, body: &[u8]) -> Result<&[u8], WireError> {
     let data = &body[1..];
     match data.len() {
@@ -238,10 +238,10 @@ fn command_of(body: &[u8]) -> Result<u8, WireError> {
 }
 
 impl<'a> SdoRequest<'a> {
-    /// Decodes what follows the CoE header.
+    /// Decodes a request from the bytes behind the CoE header.
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: the bytes end before the request does.
     pub fn decode(body: &'a [u8]) -> Result<Self, WireError> {
         let command = command_of(body)?;
         let toggle = command & command::TOGGLE != 0;
@@ -269,10 +269,10 @@ impl<'a> SdoRequest<'a> {
         }
     }
 
-    /// Writes what follows the CoE header; how many bytes it has.
+    /// Writes the bytes behind the CoE header and returns their number.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]; [`WireError::Field`] for expedited data of another length than 1 to 4.
+    /// [`WireError::NoRoom`]: the request does not fit. [`WireError::Field`]: expedited data are not 1 to 4 bytes long.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         match *self {
             Self::Download { object, scope, value } => {
@@ -292,10 +292,10 @@ impl<'a> SdoRequest<'a> {
 }
 
 impl<'a> SdoResponse<'a> {
-    /// Decodes what follows the CoE header.
+    /// Decodes a response from the bytes behind the CoE header.
     ///
     /// # Errors
-    /// [`WireError::Short`].
+    /// [`WireError::Short`]: the bytes end before the response does.
     pub fn decode(body: &'a [u8]) -> Result<Self, WireError> {
         let command = command_of(body)?;
         let toggle = command & command::TOGGLE != 0;
@@ -319,10 +319,10 @@ impl<'a> SdoResponse<'a> {
         }
     }
 
-    /// Writes what follows the CoE header; how many bytes it has.
+    /// Writes the bytes behind the CoE header and returns their number.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]; [`WireError::Field`] for expedited data of another length than 1 to 4.
+    /// [`WireError::NoRoom`]: the response does not fit. [`WireError::Field`]: expedited data are not 1 to 4 bytes long.
     pub fn encode(&self, room: &mut [u8]) -> Result<usize, WireError> {
         match *self {
             Self::Download { object, scope } => put_sdo(command::DOWNLOADED | scope_bit(scope), object, [0; 4], room),

@@ -1,4 +1,4 @@
-//! Registers of the application layer: AL control, AL status, and events for both sides.
+//! Registers of the application layer: AL control, AL status, and the event requests for the master and for the slave.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,12 +11,12 @@ pub enum RequestedState {
     State(AlState),
     /// 3: Bootstrap, for firmware.
     Boot,
-    /// Another value, 0..=15.
+    /// Any other value, 0..=15.
     Unknown(u8),
 }
 
 impl RequestedState {
-    /// The state with that code; of the code the lower 4 bits count.
+    /// The state for a code. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::State(AlState::Init),
@@ -28,10 +28,10 @@ impl RequestedState {
         }
     }
 
-    /// The state, for a slave without Bootstrap.
+    /// The requested AL state, as a slave without Bootstrap handles it.
     ///
     /// # Errors
-    /// The AL status code of such a slave: [`AlStatus::BOOT_UNSUPPORTED`], [`AlStatus::UNKNOWN_STATE`].
+    /// The AL status code with which the slave refuses: [`AlStatus::BOOT_UNSUPPORTED`] or [`AlStatus::UNKNOWN_STATE`].
     pub const fn without_boot(self) -> Result<AlState, AlStatus> {
         match self {
             Self::State(state) => Ok(state),
@@ -51,49 +51,49 @@ impl RequestedState {
 }
 
 bits! {
-    /// AL control, 0x0120: the state in bits 0 to 3, and flags.
+    /// AL control, 0x0120: the requested state in bits 0 to 3, and flags.
     AlControl(u16) {
-        /// Bit 4: the error is acknowledged.
+        /// Bit 4: the master acknowledges the error.
         ACKNOWLEDGE = 1 << 4;
         /// Bit 5: the master asks for the device's identification.
         REQUEST_ID = 1 << 5;
     }
 
-    /// AL status, 0x0130: the state in bits 0 to 3, and flags.
+    /// AL status, 0x0130: the current state in bits 0 to 3, and flags.
     AlStatusRegister(u16) {
-        /// Bit 4: a change of state was refused, or a state was left; the AL status code says why.
+        /// Bit 4: error. The slave has refused a change of state or left a state; the AL status code gives the reason.
         ERROR = 1 << 4;
         /// Bit 5: the AL status code is the device's identification.
         ID_LOADED = 1 << 5;
     }
 
-    /// Events for the master, 0x0210, its mask, 0x0200, and the field `irq` of a datagram.
+    /// The bits of the ECAT event request 0x0210, of its mask 0x0200, and of the `irq` field of a datagram.
     EcatEvents(u16) {
-        /// Bit 0: a latch of distributed clocks.
+        /// Bit 0: a DC latch event.
         DC_LATCH = 1 << 0;
         /// Bit 2: DL status has changed.
         DL_STATUS = 1 << 2;
-        /// Bit 3: AL status was written.
+        /// Bit 3: the slave has written AL status.
         AL_STATUS = 1 << 3;
         /// Bits 4 to 11: the events of sync managers 0 to 7.
         SYNC_MANAGER_0 = 1 << 4;
     }
 
-    /// Events for the slave's own controller, 0x0220.
+    /// AL event request, 0x0220: events for the processor of the slave.
     AlEvents(u32) {
-        /// Bit 0: AL control was written.
+        /// Bit 0: the master has written AL control.
         AL_CONTROL = 1 << 0;
-        /// Bit 1: a latch of distributed clocks.
+        /// Bit 1: a DC latch event.
         DC_LATCH = 1 << 1;
         /// Bit 2: a pulse of SYNC0.
         SYNC0 = 1 << 2;
         /// Bit 3: a pulse of SYNC1.
         SYNC1 = 1 << 3;
-        /// Bit 4: a sync manager was enabled, disabled or asked for a repeat.
+        /// Bit 4: the master has enabled or disabled a sync manager, or has requested a mailbox repeat.
         SM_ACTIVATION = 1 << 4;
-        /// Bit 5: a command for an emulated EEPROM.
+        /// Bit 5: a command is pending for an EEPROM that the slave's processor emulates.
         EEPROM = 1 << 5;
-        /// Bit 6: the watchdog of process data has expired.
+        /// Bit 6: the process data watchdog has expired.
         WATCHDOG = 1 << 6;
         /// Bits 8 to 23: the events of sync managers 0 to 15.
         SYNC_MANAGER_0 = 1 << 8;
@@ -101,72 +101,72 @@ bits! {
 }
 
 impl AlControl {
-    /// The request for a state.
+    /// The value that requests a state, without flags.
     pub const fn request(state: RequestedState) -> Self {
         Self(state.code() as u16)
     }
 
-    /// The state that is asked for.
+    /// The requested state.
     pub const fn state(self) -> RequestedState {
         RequestedState::from_code(self.0 as u8)
     }
 }
 
 impl AlStatusRegister {
-    /// The status of a slave in a state, without flags.
+    /// The value for a state, without flags.
     pub const fn of(state: RequestedState) -> Self {
         Self(state.code() as u16)
     }
 
-    /// The state.
+    /// The current state.
     pub const fn state(self) -> RequestedState {
         RequestedState::from_code(self.0 as u8)
     }
 }
 
 impl EcatEvents {
-    /// The bit of the event of sync manager `n`; none above 7.
+    /// The event bit of sync manager `n`; no bit for `n` above 7.
     pub const fn sync_manager(n: u8) -> Self {
         if n < 8 { Self(Self::SYNC_MANAGER_0.0 << n) } else { Self::NONE }
     }
 }
 
 impl AlEvents {
-    /// The bit of the event of sync manager `n`; none above 15.
+    /// The event bit of sync manager `n`; no bit for `n` above 15.
     pub const fn sync_manager(n: u8) -> Self {
         if n < 16 { Self(Self::SYNC_MANAGER_0.0 << n) } else { Self::NONE }
     }
 }
 
-/// AL status with its code, as masters read both: 6 bytes from 0x0130.
+/// AL status and AL status code. Masters read both at once: 6 bytes from 0x0130.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AlStatusWithCode {
-    /// 0x0130.
+    /// Register 0x0130.
     pub status: AlStatusRegister,
-    /// 0x0134.
+    /// Register 0x0134.
     pub code: AlStatus,
 }
 
-/// The two registers and what lies between them.
+/// Wire layout of the two registers and the gap between them. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0.
+    /// 0: AL status.
     status: U16Le,
-    /// 2.
+    /// 2: reserved.
     gap: U16Le,
-    /// 4.
+    /// 4: AL status code.
     code: U16Le,
 }
 
 impl AlStatusWithCode {
-    /// Decodes the six bytes.
+    /// Decodes the six bytes from 0x0130.
     pub fn decode(bytes: &[u8; 6]) -> Self {
         let layout: &Layout = bytemuck::cast_ref(bytes);
         Self { status: AlStatusRegister(layout.status.get()), code: AlStatus(layout.code.get()) }
     }
 
-    /// The six bytes; those between the registers are 0.
+    /// Encodes the six bytes from 0x0130. The bytes between the registers are 0.
     pub fn encode(&self) -> [u8; 6] {
         bytemuck::cast(Layout { status: self.status.0.into(), gap: 0.into(), code: self.code.0.into() })
     }

@@ -1,17 +1,17 @@
-//! Registers of distributed clocks, and what a controller can do.
+//! Registers of distributed clocks, and the feature bits of a slave controller.
 
 use crate::ethercat::bits;
 
 bits! {
-    /// What a controller can do, 0x0008.
+    /// The features of a slave controller, 0x0008.
     Features(u16) {
-        /// Bit 0: FMMUs map whole bytes only.
+        /// Bit 0: FMMUs map only whole bytes.
         BYTEWISE_FMMUS = 1 << 0;
-        /// Bit 1: registers that are not used can be accessed.
+        /// Bit 1: unused register addresses can be accessed.
         UNUSED_REGISTERS = 1 << 1;
-        /// Bit 2: distributed clocks.
+        /// Bit 2: the controller has distributed clocks.
         CLOCK = 1 << 2;
-        /// Bit 3: with 64 bits.
+        /// Bit 3: distributed clocks are 64 bits wide.
         CLOCK_64_BITS = 1 << 3;
         /// Bit 4: low jitter of EBUS.
         LOW_JITTER = 1 << 4;
@@ -19,66 +19,67 @@ bits! {
         ENHANCED_LINK_EBUS = 1 << 5;
         /// Bit 6: enhanced link detection of MII.
         ENHANCED_LINK_MII = 1 << 6;
-        /// Bit 7: errors of the check sequence are counted apart.
+        /// Bit 7: FCS errors have their own counter.
         SEPARATE_CHECK_ERRORS = 1 << 7;
-        /// Bit 8: bits 3 to 7 of the SYNC activation have a meaning.
+        /// Bit 8: bits 3 to 7 of the SYNC activation register are supported.
         ENHANCED_SYNC = 1 << 8;
-        /// Bit 9: no LRW.
+        /// Bit 9: LRW is not supported.
         NO_LRW = 1 << 9;
-        /// Bit 10: no BRW, APRW and FPRW.
+        /// Bit 10: BRW, APRW and FPRW are not supported.
         NO_READ_WRITE = 1 << 10;
-        /// Bit 11: FMMUs and sync managers are fixed.
+        /// Bit 11: the assignment of FMMUs and sync managers is fixed.
         FIXED = 1 << 11;
     }
 
     /// SYNC activation, 0x0981.
     SyncActivation(u8) {
-        /// Bit 0: the unit runs.
+        /// Bit 0: the SYNC unit is active.
         ACTIVATE = 1 << 0;
-        /// Bit 1: it gives SYNC0.
+        /// Bit 1: the unit generates SYNC0 pulses.
         SYNC0 = 1 << 1;
-        /// Bit 2: it gives SYNC1.
+        /// Bit 2: the unit generates SYNC1 pulses.
         SYNC1 = 1 << 2;
-        /// Bit 3: a write of the start time activates.
+        /// Bit 3: a write to the start time activates the unit.
         AUTO = 1 << 3;
-        /// Bit 4: a start time of 32 bits is extended to 64.
+        /// Bit 4: a 32-bit start time is extended to 64 bits.
         EXTEND_START = 1 << 4;
-        /// Bit 5: the start time is checked.
+        /// Bit 5: the plausibility of the start time is checked.
         CHECK_START = 1 << 5;
-        /// Bit 6: a start time in the near future only.
+        /// Bit 6: the check accepts only a start time in the near future.
         NEAR_FUTURE = 1 << 6;
-        /// Bit 7: a pulse at once, for debugging.
+        /// Bit 7: generate a pulse immediately, for debugging.
         DEBUG_PULSE = 1 << 7;
     }
 
     /// Status of a latch input, 0x09AE and 0x09AF.
     LatchStatus(u8) {
-        /// Bit 0: a positive edge was kept in the single mode, and its time was not read yet.
+        /// Bit 0: in single-event mode, a positive edge was captured and its time has not been read yet.
         POSITIVE = 1 << 0;
-        /// Bit 1: the same of a negative edge.
+        /// Bit 1: in single-event mode, a negative edge was captured and its time has not been read yet.
         NEGATIVE = 1 << 1;
-        /// Bit 2: the level of the input.
+        /// Bit 2: the current level of the input.
         PIN = 1 << 2;
     }
 }
 
-/// How many latch inputs a controller has.
+/// The number of latch inputs of a controller.
 pub const LATCHES: usize = 2;
 
 /// An edge of a latch input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LatchEdge {
-    /// The input goes on.
+    /// The input changes from 0 to 1.
     Positive,
-    /// The input goes off.
+    /// The input changes from 1 to 0.
     Negative,
 }
 
 impl LatchEdge {
-    /// Both.
+    /// Both edges.
     pub const ALL: [Self; 2] = [Self::Positive, Self::Negative];
 
-    /// Its bit in the control of an input, 0x09A8 and 0x09A9, where it selects the single mode, and in [`LatchStatus`].
+    /// The bit of this edge in [`LatchStatus`], and in the latch control registers 0x09A8 and 0x09A9, where it selects
+    /// single-event mode.
     pub const fn bit(self) -> u8 {
         match self {
             Self::Positive => LatchStatus::POSITIVE.0,
@@ -87,23 +88,23 @@ impl LatchEdge {
     }
 }
 
-/// System time difference, 0x092C: how far a clock is from the one that is distributed.
+/// System time difference, 0x092C: the offset of the slave's clock to the received system time, as sign and magnitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SystemTimeDifference(pub u32);
 
 impl SystemTimeDifference {
-    /// Bit 31: the slave's own time is the smaller one.
+    /// Bit 31, the sign: the slave's time is smaller than the received time.
     pub const BEHIND: u32 = 1 << 31;
 
-    /// The difference of `ahead_ns`, by which the slave's own time is greater than the received one. What needs more than
-    /// 31 bits is shown as the greatest value.
+    /// The register value for a clock that is `ahead_ns` ahead of the received time. A magnitude above 31 bits is limited
+    /// to the maximum.
     pub const fn of(ahead_ns: i64) -> Self {
         let magnitude = ahead_ns.unsigned_abs();
         let magnitude = if magnitude < Self::BEHIND as u64 { magnitude as u32 } else { Self::BEHIND - 1 };
         Self(if ahead_ns < 0 { magnitude | Self::BEHIND } else { magnitude })
     }
 
-    /// By how much the slave's own time is greater than the received one, ns.
+    /// How far the slave's clock is ahead of the received time, ns; negative if it is behind.
     pub const fn ahead_ns(self) -> i64 {
         let magnitude = (self.0 & !Self::BEHIND) as i64;
         if self.0 & Self::BEHIND != 0 { -magnitude } else { magnitude }

@@ -1,14 +1,14 @@
-//! FMMUs: which bits of the logical process image are which bits of a slave's memory.
+//! FMMUs: the mapping between the logical process image and a slave's memory, bit by bit.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::ethercat::{U16Le, U32Le, bits};
 
-/// Bytes of the registers of one FMMU.
+/// Length in bytes of the registers of one FMMU.
 pub const FMMU_LEN: usize = 16;
 
 bits! {
-    /// What an FMMU is for.
+    /// The transfer directions that an FMMU is enabled for.
     FmmuDirections(u8) {
         /// Bit 0: the master reads the slave's memory: inputs.
         READ = 1 << 0;
@@ -17,27 +17,27 @@ bits! {
     }
 }
 
-/// The registers as bytes.
+/// Wire layout of the registers. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0.
+    /// 0: logical start address.
     logical: U32Le,
-    /// 4.
+    /// 4: length.
     len: U16Le,
-    /// 6.
+    /// 6: logical start bit.
     first_bit: u8,
-    /// 7.
+    /// 7: logical stop bit.
     last_bit: u8,
-    /// 8.
+    /// 8: physical start address.
     physical: U16Le,
-    /// 10.
+    /// 10: physical start bit.
     physical_bit: u8,
-    /// 11.
+    /// 11: directions.
     directions: u8,
-    /// 12.
+    /// 12: activate.
     activate: u8,
-    /// 13..=15.
+    /// 13..=15: reserved.
     reserved: [u8; 3],
 }
 
@@ -48,19 +48,19 @@ const _: () = assert!(size_of::<Layout>() == FMMU_LEN && align_of::<Layout>() ==
 pub struct Fmmu {
     /// The logical address of the first byte.
     pub logical: u32,
-    /// How many logical bytes are touched.
+    /// The number of logical bytes in which mapped bits lie.
     pub len: u16,
-    /// The first bit in the first byte, 0..=7.
+    /// The first mapped bit in the first logical byte, 0..=7.
     pub first_bit: u8,
-    /// The last bit in the last byte, 0..=7.
+    /// The last mapped bit in the last logical byte, 0..=7.
     pub last_bit: u8,
-    /// The address of the first byte in the slave.
+    /// The address of the first byte in the memory of the slave.
     pub physical: u16,
-    /// The first bit in that byte, 0..=7.
+    /// The first mapped bit in that byte, 0..=7.
     pub physical_bit: u8,
-    /// Inputs or outputs.
+    /// Read (inputs), write (outputs), or both.
     pub directions: FmmuDirections,
-    /// Whether the FMMU maps anything.
+    /// Whether the FMMU is active.
     pub enabled: bool,
 }
 
@@ -70,7 +70,7 @@ impl Fmmu {
         Self { logical, len, first_bit: 0, last_bit: 7, physical, physical_bit: 0, directions, enabled: true }
     }
 
-    /// Decodes the registers. Of the bit numbers the lower 3 bits count; the reserved bytes are left out.
+    /// Decodes the registers. Only the lower 3 bits of the bit numbers are used; the reserved bytes are ignored.
     pub fn decode(bytes: &[u8; FMMU_LEN]) -> Self {
         let layout: &Layout = bytemuck::cast_ref(bytes);
         Self {
@@ -100,7 +100,7 @@ impl Fmmu {
         })
     }
 
-    /// How many bits are mapped.
+    /// The number of mapped bits.
     pub const fn bits(&self) -> u32 {
         if self.len == 0 {
             return 0;
@@ -108,7 +108,7 @@ impl Fmmu {
         ((self.len as u32 - 1) * 8 + self.last_bit as u32 + 1).saturating_sub(self.first_bit as u32)
     }
 
-    /// Whether the FMMU maps whole bytes onto whole bytes.
+    /// Whether the FMMU maps whole logical bytes to whole bytes of memory.
     pub const fn is_bytewise(&self) -> bool {
         self.first_bit == 0 && self.last_bit == 7 && self.physical_bit == 0
     }

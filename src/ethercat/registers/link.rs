@@ -1,14 +1,14 @@
-//! Registers of the data link layer: which ports are open.
+//! Registers of the data link layer: DL control and DL status, with the state of each port.
 
-/// How many ports a controller can have.
+/// The maximum number of ports of a controller.
 pub const PORTS: usize = 4;
 
-/// How a port decides whether frames leave by it.
+/// The loop setting of a port: when it is open, so that frames leave through it, and when it is closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LoopControl {
-    /// Closed without a link, open with one.
+    /// Automatic: open with a link, closed without one.
     Auto,
-    /// Closed without a link; opened by a write to DL control alone.
+    /// Automatic close: closes when the link is lost; opens only when the master writes DL control.
     AutoClose,
     /// Always open.
     Open,
@@ -17,7 +17,7 @@ pub enum LoopControl {
 }
 
 impl LoopControl {
-    /// The meaning of two bits.
+    /// The loop setting for a 2-bit field; higher bits are ignored.
     pub const fn from_bits(bits: u8) -> Self {
         match bits & 0b11 {
             0 => Self::Auto,
@@ -33,29 +33,29 @@ impl LoopControl {
 pub struct DlControl(pub u32);
 
 impl DlControl {
-    /// Bit 0: frames that are not of EtherCAT are destroyed.
+    /// Bit 0: the controller destroys frames that are not EtherCAT frames.
     pub const DESTROYS_OTHERS: u32 = 1 << 0;
-    /// Bit 1: the loops are as written for one second.
+    /// Bit 1: the loop settings apply for one second only.
     pub const TEMPORARY: u32 = 1 << 1;
-    /// Bit 24: the station alias addresses the slave, too.
+    /// Bit 24: the station alias can be used as the address in FPRD, FPWR and the like.
     pub const ALIAS: u32 = 1 << 24;
-    /// The value at power-on of a controller with two ports: the FIFO at its greatest, other frames destroyed, and the loop
-    /// of port 3 closed.
+    /// The power-on value of a controller with two ports: RX FIFO at its maximum size, non-EtherCAT frames destroyed, the
+    /// loop of port 3 closed.
     pub const POWER_ON: Self = Self(0x0007_C001);
 
-    /// What bits 8 to 15 say about a port, 0..=3.
+    /// The loop setting of a port, 0..=3, in bits 8 to 15.
     pub const fn loop_control(self, port: usize) -> LoopControl {
         LoopControl::from_bits((self.0 >> (8 + 2 * (port as u32 & 3))) as u8)
     }
 
-    /// The same with another loop control of a port, 0..=3.
+    /// This value with another loop setting for a port, 0..=3.
     #[must_use]
     pub const fn with_loop(self, port: usize, control: LoopControl) -> Self {
         let shift = 8 + 2 * (port as u32 & 3);
         Self(self.0 & !(0b11 << shift) | (control as u32) << shift)
     }
 
-    /// Whether the station alias addresses the slave.
+    /// Whether slaves can be addressed by their station alias.
     pub const fn uses_alias(self) -> bool {
         self.0 & Self::ALIAS != 0
     }
@@ -66,27 +66,27 @@ impl DlControl {
 pub struct DlStatus(pub u16);
 
 impl DlStatus {
-    /// Bit 0: the SII was loaded, and the slave's own controller may run.
+    /// Bit 0: the SII is loaded, so the slave's processor may access the controller.
     pub const SII_LOADED: u16 = 1 << 0;
-    /// Bit 1: the watchdog of the slave's own controller has not expired.
+    /// Bit 1: the watchdog of the slave's processor (PDI) has not expired.
     pub const PDI_WATCHDOG: u16 = 1 << 1;
 
-    /// A port has a physical link: bits 4 to 7.
+    /// Whether a port, 0..=3, has a physical link: bits 4 to 7.
     pub const fn has_link(self, port: usize) -> bool {
         self.0 & 1 << (4 + port) != 0
     }
 
-    /// The loop of a port is closed: bits 8, 10, 12 and 14.
+    /// Whether the loop of a port, 0..=3, is closed: bits 8, 10, 12 and 14.
     pub const fn is_closed(self, port: usize) -> bool {
         self.0 & 1 << (8 + 2 * port) != 0
     }
 
-    /// A port has stable communication: bits 9, 11, 13 and 15.
+    /// Whether a port, 0..=3, has stable communication: bits 9, 11, 13 and 15.
     pub const fn communicates(self, port: usize) -> bool {
         self.0 & 1 << (9 + 2 * port) != 0
     }
 
-    /// The status with what is true of a port, 0..=3. A port communicates if it has a link and is open.
+    /// This value with the bits of a port, 0..=3, set. A port with a link and an open loop also gets the communication bit.
     #[must_use]
     pub const fn with_port(self, port: usize, link: bool, closed: bool) -> Self {
         let link_bit = if link { 1 << (4 + port) } else { 0 };

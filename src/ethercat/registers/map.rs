@@ -1,28 +1,28 @@
-//! Where the registers are, how long they are, and what a write from the network does to them.
+//! The register map: address, length and write access of each register.
 
 use super::{FMMU_LEN, LATCHES, LatchEdge, PORTS, SYNC_MANAGER_LEN};
 
-/// What a write from the network does to a register.
+/// The effect of a write by the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum RegisterAccess {
-    /// Nothing: the register is read only.
+    /// None: the register is read only for the master.
     Read,
-    /// It changes the register, at least some of its bits.
+    /// The write changes the register, or at least some of its bits.
     Write,
-    /// It clears the register, whatever is written.
+    /// The write clears the register, whatever the data.
     Clear,
 }
 
-/// A register.
+/// A register of the slave controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Register {
-    /// The address of its first byte.
+    /// The address of the first byte.
     pub address: u16,
-    /// How many bytes it has.
+    /// The length in bytes.
     pub len: u16,
-    /// What a write from the network does.
+    /// The effect of a write by the master.
     pub access: RegisterAccess,
-    /// Its name in the data sheets.
+    /// The name in the data sheets.
     pub name: &'static str,
 }
 
@@ -34,7 +34,7 @@ macro_rules! map {
             pub const $name: u16 = $address;
         )*
 
-        /// All registers, ascending by address.
+        /// All registers in ascending order of address.
         pub const MAP: &[Register] = &[
             $(Register { address: $address, len: $len, access: RegisterAccess::$access, name: $text },)*
         ];
@@ -47,25 +47,25 @@ map! {
     BUILD = 0x0002, 2, Read, "build";
     FMMUS = 0x0004, 1, Read, "number of FMMUs";
     SYNC_MANAGERS = 0x0005, 1, Read, "number of sync managers";
-    /// In KiB.
+    /// RAM size, KiB.
     RAM_SIZE = 0x0006, 1, Read, "RAM size";
     /// Two bits for each port: 0 none, 1 not configured, 2 EBUS, 3 MII.
     PORT_DESCRIPTOR = 0x0007, 1, Read, "port descriptor";
     /// See [`Features`](super::Features).
     FEATURES = 0x0008, 2, Read, "features";
     STATION_ADDRESS = 0x0010, 2, Write, "configured station address";
-    /// Loaded from the SII at power-on.
+    /// The station alias, loaded from the SII at power-on.
     STATION_ALIAS = 0x0012, 2, Read, "configured station alias";
     WRITE_REGISTER_ENABLE = 0x0020, 1, Write, "write register enable";
     WRITE_REGISTER_PROTECTION = 0x0021, 1, Write, "write register protection";
     ESC_WRITE_ENABLE = 0x0030, 1, Write, "ESC write enable";
     ESC_WRITE_PROTECTION = 0x0031, 1, Write, "ESC write protection";
-    /// Written by three frames with [`RESET_SEQUENCE`].
+    /// The master resets the controller by writing the bytes of [`RESET_SEQUENCE`] in three frames.
     RESET_ECAT = 0x0040, 1, Write, "ESC reset ECAT";
     RESET_PDI = 0x0041, 1, Read, "ESC reset PDI";
     /// See [`DlControl`](super::DlControl).
     DL_CONTROL = 0x0100, 4, Write, "ESC DL control";
-    /// Added to the address that FPRW and APRW write to.
+    /// An offset that FPRW and APRW add to the address for their write.
     PHYSICAL_OFFSET = 0x0108, 2, Write, "physical read/write offset";
     /// See [`DlStatus`](super::DlStatus).
     DL_STATUS = 0x0110, 2, Read, "ESC DL status";
@@ -73,17 +73,17 @@ map! {
     AL_CONTROL = 0x0120, 2, Write, "AL control";
     /// See [`AlStatusRegister`](super::AlStatusRegister).
     AL_STATUS = 0x0130, 2, Read, "AL status";
-    /// Two bytes without a meaning, which masters read between the AL status and its code.
+    /// Two reserved bytes that masters read along, between the AL status and its code.
     AL_STATUS_GAP = 0x0132, 2, Read, "reserved";
     /// See [`AlStatus`](crate::ethercat::AlStatus).
     AL_STATUS_CODE = 0x0134, 2, Read, "AL status code";
     RUN_LED = 0x0138, 1, Read, "RUN LED override";
     ERR_LED = 0x0139, 1, Read, "ERR LED override";
-    /// Loaded from the SII at power-on.
+    /// The type of the process data interface, loaded from the SII at power-on.
     PDI_CONTROL = 0x0140, 1, Read, "PDI control";
     /// Bit 0: AL status copies AL control, without a state machine. Loaded from the SII at power-on.
     ESC_CONFIGURATION = 0x0141, 1, Read, "ESC configuration";
-    /// Loaded from the SII at power-on.
+    /// The configuration of the process data interface, loaded from the SII at power-on.
     PDI_CONFIGURATION = 0x0150, 4, Read, "PDI configuration";
     /// See [`EcatEvents`](super::EcatEvents).
     ECAT_EVENT_MASK = 0x0200, 2, Write, "ECAT event mask";
@@ -92,28 +92,28 @@ map! {
     ECAT_EVENT = 0x0210, 2, Read, "ECAT event request";
     /// See [`AlEvents`](super::AlEvents).
     AL_EVENT = 0x0220, 4, Read, "AL event request";
-    /// Two bytes for each port: invalid frames, and errors of the physical layer.
+    /// Two bytes for each port: the counter of invalid frames and the counter of physical layer errors.
     RX_ERRORS = 0x0300, 2 * PORTS as u16, Clear, "RX error counters";
     FORWARDED_ERRORS = 0x0308, PORTS as u16, Clear, "forwarded RX error counters";
     PROCESSING_UNIT_ERRORS = 0x030C, 1, Clear, "ECAT processing unit error counter";
     PDI_ERRORS = 0x030D, 1, Clear, "PDI error counter";
     PDI_ERROR_CODE = 0x030E, 1, Read, "PDI error code";
     LOST_LINKS = 0x0310, PORTS as u16, Clear, "lost link counters";
-    /// A watchdog's unit is (this + 2) times 40 ns.
+    /// The unit of the watchdog times is (this value + 2) times 40 ns.
     WATCHDOG_DIVIDER = 0x0400, 2, Write, "watchdog divider";
     WATCHDOG_PDI = 0x0410, 2, Write, "watchdog time PDI";
     WATCHDOG_PROCESS_DATA = 0x0420, 2, Write, "watchdog time process data";
-    /// Bit 0: the watchdog runs or is off, and has not expired.
+    /// Bit 0: the process data watchdog has not expired; also 1 while the watchdog is disabled.
     WATCHDOG_STATUS = 0x0440, 2, Read, "watchdog status process data";
     WATCHDOG_COUNTER_PROCESS_DATA = 0x0442, 1, Clear, "watchdog counter process data";
     WATCHDOG_COUNTER_PDI = 0x0443, 1, Clear, "watchdog counter PDI";
-    /// Bit 0: the EEPROM is offered to the slave's own controller; bit 1: it is taken from it.
+    /// Bit 0: the EEPROM is assigned to the slave's processor; bit 1: the master takes the EEPROM away from it by force.
     SII_CONFIGURATION = 0x0500, 1, Write, "EEPROM configuration";
-    /// Bit 0: the slave's own controller has the EEPROM.
+    /// Bit 0: the slave's processor currently has access to the EEPROM.
     SII_PDI_ACCESS = 0x0501, 1, Read, "EEPROM PDI access state";
     /// See [`SiiControl`](super::SiiControl).
     SII_CONTROL = 0x0502, 2, Write, "EEPROM control/status";
-    /// In words.
+    /// The EEPROM address, in words.
     SII_ADDRESS = 0x0504, 4, Write, "EEPROM address";
     SII_DATA = 0x0508, 8, Write, "EEPROM data";
     MII = 0x0510, 12, Read, "MII management";
@@ -121,7 +121,7 @@ map! {
     FMMU = 0x0600, 16 * FMMU_LEN as u16, Write, "FMMUs";
     /// See [`sync_manager`] and [`SyncManager`](super::SyncManager).
     SYNC_MANAGER = 0x0800, 16 * SYNC_MANAGER_LEN as u16, Write, "sync managers";
-    /// The local time at which the frame that wrote here has come to each port, 4 bytes each.
+    /// For each port, the local time at which the frame that wrote to this register arrived; 4 bytes each.
     RECEIVE_TIMES = 0x0900, 4 * PORTS as u16, Write, "receive times";
     SYSTEM_TIME = 0x0910, 8, Write, "system time";
     RECEIVE_TIME_UNIT = 0x0918, 8, Read, "receive time processing unit";
@@ -137,39 +137,40 @@ map! {
     CYCLIC_UNIT_CONTROL = 0x0980, 1, Write, "cyclic unit control";
     /// See [`SyncActivation`](super::SyncActivation).
     SYNC_ACTIVATION = 0x0981, 1, Write, "SYNC activation";
-    /// In 10 ns. Loaded from the SII at power-on.
+    /// The length of a SYNC pulse in units of 10 ns, loaded from the SII at power-on.
     SYNC_PULSE_LENGTH = 0x0982, 2, Read, "pulse length of SYNC signals";
-    /// Bits 0 and 1: the first pulse of SYNC0 and SYNC1 is still to come.
+    /// Bits 0 and 1: the first pulse of SYNC0 and SYNC1 is still pending.
     SYNC_ACTIVATION_STATUS = 0x0984, 1, Read, "SYNC activation status";
     SYNC0_STATUS = 0x098E, 1, Read, "SYNC0 status";
     SYNC1_STATUS = 0x098F, 1, Read, "SYNC1 status";
-    /// Written: the system time of the first pulse. Read: that of the next one.
+    /// Write: the system time of the first SYNC0 pulse. Read: the system time of the next SYNC0 pulse.
     SYNC0_START = 0x0990, 8, Write, "start time cyclic operation";
     SYNC1_NEXT = 0x0998, 8, Read, "next SYNC1 pulse";
-    /// In ns; 0: one pulse.
+    /// The SYNC0 cycle time, ns; 0 for a single pulse.
     SYNC0_CYCLE = 0x09A0, 4, Write, "SYNC0 cycle time";
-    /// In ns: from a pulse of SYNC0 to that of SYNC1.
+    /// The delay from a SYNC0 pulse to the SYNC1 pulse, ns.
     SYNC1_CYCLE = 0x09A4, 4, Write, "SYNC1 cycle time";
-    /// One byte for each latch input: bit 0 its positive, bit 1 its negative edge; 1: of several edges the first one counts until its
-    /// time is read, 0: each does.
+    /// One byte per latch input: bit 0 for the positive edge, bit 1 for the negative edge. 1 selects single-event mode, in
+    /// which only the first edge is captured until its time has been read; 0 selects continuous mode, in which every edge
+    /// is captured.
     LATCH_CONTROL = 0x09A8, 2, Write, "latch control";
-    /// One byte for each latch input, see [`LatchStatus`](super::LatchStatus).
+    /// One byte per latch input, see [`LatchStatus`](super::LatchStatus).
     LATCH_STATUS = 0x09AE, 2, Read, "latch status";
-    /// See [`latch_time`].
+    /// The system times of the latched edges, see [`latch_time`].
     LATCH_TIMES = 0x09B0, 32, Read, "latch times";
     EVENT_TIMES = 0x09F0, 16, Read, "sync manager event times";
-    /// Inputs and outputs of controllers without a processor.
+    /// The outputs of controllers with digital I/O and no processor.
     DIGITAL_OUTPUTS = 0x0F00, 4, Write, "digital outputs";
     USER_RAM = 0x0F80, 128, Write, "user RAM";
 }
 
-/// The distributed clocks: from the first of these addresses up to the second one.
+/// The address range of the distributed-clock registers.
 pub const CLOCK_REGISTERS: core::ops::Range<u16> = RECEIVE_TIMES..0x0A00;
 
-/// Where the process data RAM begins.
+/// The address at which the process data RAM begins.
 pub const RAM: u16 = 0x1000;
 
-/// What three frames in a row write to [`RESET_ECAT`] to reset the controller.
+/// The bytes that reset the controller when three consecutive frames write them to [`RESET_ECAT`].
 pub const RESET_SEQUENCE: [u8; 3] = *b"RES";
 
 /// Address of FMMU `n`, 0..=15.
@@ -182,27 +183,28 @@ pub const fn sync_manager(n: u8) -> u16 {
     SYNC_MANAGER + n as u16 * SYNC_MANAGER_LEN as u16
 }
 
-/// Address of the status byte of sync manager `n`, whose bit 3 tells a full mailbox.
+/// Address of the status byte of sync manager `n`, 0..=15. Bit 3 means "mailbox full".
 pub const fn sync_manager_status(n: u8) -> u16 {
     sync_manager(n) + 5
 }
 
-/// Address of the byte of sync manager `n` by which a master enables it and asks for a repeat.
+/// Address of the activate byte of sync manager `n`, 0..=15, with which a master enables the sync manager and requests a
+/// mailbox repeat.
 pub const fn sync_manager_activate(n: u8) -> u16 {
     sync_manager(n) + 6
 }
 
-/// Address of the byte of sync manager `n` that belongs to the slave's own controller.
+/// Address of the PDI control byte of sync manager `n`, 0..=15, which the slave's processor writes.
 pub const fn sync_manager_pdi_control(n: u8) -> u16 {
     sync_manager(n) + 7
 }
 
-/// Address of the receive time of a port, 0..=3.
+/// Address of the receive time of a port, 0..=3, 4 bytes.
 pub const fn receive_time(port: u8) -> u16 {
     RECEIVE_TIMES + 4 * port as u16
 }
 
-/// Address of the system time, 8 bytes, of an edge of a latch input, 0..[`LATCHES`].
+/// Address of the latched system time, 8 bytes, of an edge of a latch input, 0..[`LATCHES`].
 pub const fn latch_time(input: usize, edge: LatchEdge) -> u16 {
     let edge = match edge {
         LatchEdge::Positive => 0,
@@ -211,7 +213,7 @@ pub const fn latch_time(input: usize, edge: LatchEdge) -> u16 {
     LATCH_TIMES + 16 * (input % LATCHES) as u16 + edge
 }
 
-/// The register that has the byte at `address`; `None`: no register of [`MAP`].
+/// The register that contains `address`; `None` if no register of [`MAP`] does.
 pub fn register_at(address: u16) -> Option<&'static Register> {
     let behind = MAP.partition_point(|register| register.address <= address);
     MAP[..behind].last().filter(|register| address - register.address < register.len)

@@ -1,42 +1,42 @@
-//! The interface to the EEPROM (SII): its control and status word.
+//! The EEPROM (SII) interface of a slave controller: its control/status word.
 
 use crate::ethercat::bits;
 
-/// What a master asks of the EEPROM.
+/// The command that a master gives to the EEPROM interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SiiCommand {
-    /// 0: nothing; errors are cleared.
+    /// 0: no command; clears the error bits.
     None,
-    /// 1: 4 or 8 bytes are read.
+    /// 1: read 4 or 8 bytes.
     Read,
-    /// 2: one word is written.
+    /// 2: write one word.
     Write,
-    /// 4: the first words are loaded again.
+    /// 4: reload the configuration words at the beginning of the EEPROM.
     Reload,
-    /// Another value, 0..=7.
+    /// Any other value, 0..=7.
     Unknown(u8),
 }
 
 bits! {
-    /// Control and status, 0x0502: the command in bits 8 to 10, and flags.
+    /// EEPROM control/status, 0x0502: the command in bits 8 to 10, and flags.
     SiiControl(u16) {
-        /// Bit 0: a write is allowed that comes with this.
+        /// Bit 0: enables the write command in the same word.
         WRITE_ENABLE = 1 << 0;
-        /// Bit 5: the slave's own controller emulates the EEPROM.
+        /// Bit 5: the slave's processor emulates the EEPROM.
         EMULATION = 1 << 5;
-        /// Bit 6: a read gives 8 bytes, not 4.
+        /// Bit 6: a read returns 8 bytes instead of 4.
         READS_8_BYTES = 1 << 6;
-        /// Bit 7: the EEPROM has more than 16 kbit.
+        /// Bit 7: the EEPROM has more than 16 kbit and takes two address bytes.
         TWO_ADDRESS_BYTES = 1 << 7;
-        /// Bit 11: the checksum of the first words is wrong.
+        /// Bit 11: the checksum of the configuration words is wrong.
         CHECKSUM_ERROR = 1 << 11;
-        /// Bit 12: the first words are not loaded.
+        /// Bit 12: the configuration words are not loaded.
         NOT_LOADED = 1 << 12;
-        /// Bit 13: the EEPROM did not answer, or the command is not valid.
+        /// Bit 13: the EEPROM did not acknowledge, or the command is invalid.
         COMMAND_ERROR = 1 << 13;
-        /// Bit 14: a write without the bit that allows it.
+        /// Bit 14: a write command came without [`Self::WRITE_ENABLE`].
         WRITE_ENABLE_ERROR = 1 << 14;
-        /// Bit 15: a command runs.
+        /// Bit 15: a command is in progress.
         BUSY = 1 << 15;
     }
 }
@@ -55,7 +55,7 @@ impl SiiControl {
         }
     }
 
-    /// The word with a command.
+    /// This word with another command.
     #[must_use]
     pub const fn with_command(self, command: SiiCommand) -> Self {
         let code = match command {

@@ -1,62 +1,62 @@
-//! Sync managers: areas of a slave's memory that both sides exchange consistently.
+//! Sync managers: areas of a slave's memory through which master and slave exchange consistent data.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::ethercat::{U16Le, bits};
 
-/// Bytes of the registers of one sync manager.
+/// Length in bytes of the registers of one sync manager.
 pub const SYNC_MANAGER_LEN: usize = 8;
 
-/// How the two sides of a sync manager take turns.
+/// The operation mode of a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BufferMode {
-    /// Three buffers: each side always has one, and the reader gets the newest.
+    /// Buffered mode with three buffers: each side always has a buffer, and the reader gets the newest data.
     Buffered,
-    /// One buffer: it is written when empty, and read when full.
+    /// Mailbox mode with one buffer: it can be written only when empty and read only when full.
     Mailbox,
-    /// Modes 1 and 3, which have no meaning.
+    /// Modes 1 and 3, which are reserved.
     Unknown,
 }
 
-/// Which side writes.
+/// The transfer direction of a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SmDirection {
-    /// The master reads: inputs, answers.
+    /// The master reads the area: inputs or mailbox responses.
     Read,
-    /// The master writes: outputs, requests.
+    /// The master writes the area: outputs or mailbox requests.
     Write,
-    /// Directions 2 and 3, which have no meaning.
+    /// Directions 2 and 3, which are reserved.
     Unknown,
 }
 
 bits! {
     /// The control byte: mode in bits 0 and 1, direction in bits 2 and 3, and flags.
     SmControl(u8) {
-        /// Bit 4: an event for the master.
+        /// Bit 4: accesses raise an event for the master.
         ECAT_EVENT = 1 << 4;
-        /// Bit 5: an event for the slave's own controller.
+        /// Bit 5: accesses raise an event for the slave's processor.
         AL_EVENT = 1 << 5;
         /// Bit 6: a write triggers the watchdog.
         WATCHDOG = 1 << 6;
-        /// 0x26: the mailbox that the master writes, as most descriptions of slaves have it.
+        /// 0x26: the mailbox that the master writes, with the value that most slaves use.
         MAILBOX_OUT = 0x26;
         /// 0x22: the mailbox that the master reads.
         MAILBOX_IN = 0x22;
-        /// 0x64: outputs, with watchdog.
+        /// 0x64: outputs, with watchdog trigger.
         OUTPUTS = 0x64;
         /// 0x20: inputs.
         INPUTS = 0x20;
     }
 
-    /// The status byte: the buffer that was written last in bits 4 and 5, and flags.
+    /// The status byte: the last written buffer in bits 4 and 5, and flags.
     SmStatus(u8) {
-        /// Bit 0: a buffer was written and not read yet.
+        /// Bit 0: a buffer has been written and not read yet.
         WRITTEN = 1 << 0;
-        /// Bit 1: a buffer was read and not written yet.
+        /// Bit 1: a buffer has been read and not written yet.
         READ = 1 << 1;
         /// Bit 3: the mailbox is full.
         FULL = 1 << 3;
-        /// Bits 4 and 5: 0 to 2, or 3 for none, in the mode with three buffers.
+        /// Bits 4 and 5, in buffered mode: the last written buffer, 0 to 2, or 3 for none.
         LAST_BUFFER = 0b11 << 4;
         /// Bit 6: a buffer is being read.
         READING = 1 << 6;
@@ -64,29 +64,29 @@ bits! {
         WRITING = 1 << 7;
     }
 
-    /// The byte by which a master activates.
+    /// The activate byte, which the master writes.
     SmActivate(u8) {
         /// Bit 0: the sync manager is enabled.
         ENABLE = 1 << 0;
-        /// Bit 1: a change asks for the last message once more.
+        /// Bit 1: toggled by the master to request the last mailbox message again.
         REPEAT = 1 << 1;
-        /// Bit 6: the event time is latched for accesses of the master.
+        /// Bit 6: latch the event time when the master accesses the buffer.
         LATCH_ECAT = 1 << 6;
-        /// Bit 7: the event time is latched for accesses of the slave.
+        /// Bit 7: latch the event time when the slave accesses the buffer.
         LATCH_PDI = 1 << 7;
     }
 
-    /// The byte that belongs to the slave's own controller.
+    /// The PDI control byte, which the slave's processor writes.
     SmPdiControl(u8) {
         /// Bit 0: the slave has deactivated the sync manager.
         DEACTIVATE = 1 << 0;
-        /// Bit 1: equal to [`SmActivate::REPEAT`] once a repeat was done.
+        /// Bit 1: set equal to [`SmActivate::REPEAT`] when the slave has repeated the message.
         REPEAT_ACKNOWLEDGE = 1 << 1;
     }
 }
 
 impl SmControl {
-    /// The mode, bits 0 and 1.
+    /// The operation mode, bits 0 and 1.
     pub const fn mode(self) -> BufferMode {
         match self.0 & 0b11 {
             0 => BufferMode::Buffered,
@@ -95,7 +95,7 @@ impl SmControl {
         }
     }
 
-    /// The direction, bits 2 and 3.
+    /// The transfer direction, bits 2 and 3.
     pub const fn direction(self) -> SmDirection {
         match self.0 >> 2 & 0b11 {
             0 => SmDirection::Read,
@@ -106,33 +106,33 @@ impl SmControl {
 }
 
 impl SmStatus {
-    /// The status with the number of the buffer that was written last; 3 for none.
+    /// This status with another last written buffer, 0 to 2; 3 for none.
     #[must_use]
     pub const fn with_last_buffer(self, buffer: u8) -> Self {
         Self(self.0 & !Self::LAST_BUFFER.0 | (buffer & 0b11) << 4)
     }
 
-    /// The buffer that was written last, 3 for none.
+    /// The last written buffer, 0 to 2; 3 for none.
     pub const fn last_buffer(self) -> u8 {
         self.0 >> 4 & 0b11
     }
 }
 
-/// The registers as bytes.
+/// Wire layout of the registers. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
-    /// 0.
+    /// 0: start address.
     start: U16Le,
-    /// 2.
+    /// 2: length.
     len: U16Le,
-    /// 4.
+    /// 4: control byte.
     control: u8,
-    /// 5.
+    /// 5: status byte.
     status: u8,
-    /// 6.
+    /// 6: activate byte.
     activate: u8,
-    /// 7.
+    /// 7: PDI control byte.
     pdi: u8,
 }
 
@@ -141,28 +141,28 @@ const _: () = assert!(size_of::<Layout>() == SYNC_MANAGER_LEN && align_of::<Layo
 /// The registers of one sync manager.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SyncManager {
-    /// The address of its area.
+    /// Start address of the sync manager's area in the slave's memory.
     pub start: u16,
-    /// The length of its area, bytes.
+    /// Length of the area, bytes.
     pub len: u16,
-    /// Mode, direction, events, watchdog.
+    /// Mode, direction, event enables, and watchdog trigger.
     pub control: SmControl,
-    /// What both sides have done.
+    /// The state of the buffers.
     pub status: SmStatus,
-    /// What the master wants.
+    /// The master's control bits: enable, repeat request, latching.
     pub activate: SmActivate,
-    /// What the slave wants.
+    /// The slave's control bits: deactivate, repeat acknowledge.
     pub pdi: SmPdiControl,
 }
 
 impl SyncManager {
-    /// The registers of an enabled sync manager as masters write them.
+    /// The registers of an enabled sync manager as a master writes them.
     pub const fn enabled(start: u16, len: u16, control: SmControl) -> Self {
         let (status, pdi) = (SmStatus::NONE, SmPdiControl::NONE);
         Self { start, len, control, status, activate: SmActivate::ENABLE, pdi }
     }
 
-    /// Decodes the registers. Every pattern of bits is valid.
+    /// Decodes the registers. Every bit pattern is valid.
     pub fn decode(bytes: &[u8; SYNC_MANAGER_LEN]) -> Self {
         let layout: &Layout = bytemuck::cast_ref(bytes);
         Self {
@@ -187,7 +187,7 @@ impl SyncManager {
         })
     }
 
-    /// Whether the master has enabled it.
+    /// Whether the master has enabled the sync manager.
     pub const fn is_enabled(&self) -> bool {
         self.activate.contains(SmActivate::ENABLE)
     }

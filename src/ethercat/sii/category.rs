@@ -1,37 +1,37 @@
-//! Categories: parts of an EEPROM with a type and a length each.
+//! Categories: the parts of an EEPROM behind the fixed words, each with a type and a length.
 
 use super::{SiiDcMode, SiiGeneral, SiiPdos, SiiStrings, SiiSyncManager};
 use crate::ethercat::WireError;
 use crate::ethercat::sii::FmmuUsage;
 use crate::ethercat::wire_error::split;
 
-/// What a category holds (ETG.2010).
+/// The type of a category (ETG.2010).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CategoryKind {
-    /// 10: texts, to which others refer by their numbers from 1.
+    /// 10: texts. Other categories refer to them by number, from 1.
     Strings,
     /// 20: data types.
     DataTypes,
     /// 30: general information.
     General,
-    /// 40: what the FMMUs are for.
+    /// 40: the use of each FMMU.
     Fmmus,
     /// 41: the sync managers.
     SyncManagers,
-    /// 50: PDOs for inputs.
+    /// 50: TxPDOs, for inputs.
     TxPdos,
-    /// 51: PDOs for outputs.
+    /// 51: RxPDOs, for outputs.
     RxPdos,
     /// 60: distributed clocks.
     DcModes,
-    /// Another one, e.g. a vendor's own. 0xFFFF ends the list and is no category.
+    /// Any other type, such as a vendor-specific one. 0xFFFF ends the list and is not a category.
     Unknown(u16),
 }
 
 impl CategoryKind {
     pub(super) const END: u16 = 0xFFFF;
 
-    /// The kind with that code.
+    /// The kind for a code.
     pub const fn from_code(code: u16) -> Self {
         match code {
             10 => Self::Strings,
@@ -62,51 +62,53 @@ impl CategoryKind {
     }
 }
 
-/// A category. The methods read its data as what its kind says; for another kind they give whatever comes out.
+/// A category. The methods interpret the data; the result is meaningful only if the method fits the kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Category<'a> {
-    /// What it holds.
+    /// The type of the category.
     pub kind: CategoryKind,
-    /// Its data, an even number of bytes.
+    /// The data, an even number of bytes.
     pub data: &'a [u8],
 }
 
 impl<'a> Category<'a> {
-    /// The texts of [`CategoryKind::Strings`].
+    /// Interprets the data as texts, [`CategoryKind::Strings`].
     pub const fn strings(&self) -> SiiStrings<'a> {
         SiiStrings::new(self.data)
     }
 
-    /// [`CategoryKind::General`].
+    /// Interprets the data as general information, [`CategoryKind::General`].
     ///
     /// # Errors
-    /// [`WireError::Short`]: it has less than 18 bytes.
+    /// [`WireError::Short`]: the data have fewer than 18 bytes.
     pub fn general(&self) -> Result<SiiGeneral, WireError> {
         SiiGeneral::decode(self.data)
     }
 
-    /// What the FMMUs of [`CategoryKind::Fmmus`] are for.
+    /// Interprets the data as the use of each FMMU, [`CategoryKind::Fmmus`].
     pub fn fmmus(&self) -> impl Iterator<Item = FmmuUsage> + 'a {
         self.data.iter().map(|code| FmmuUsage::from_code(*code))
     }
 
-    /// The sync managers of [`CategoryKind::SyncManagers`]; a rest of less than 8 bytes is left out.
+    /// Interprets the data as sync managers, [`CategoryKind::SyncManagers`]. A remainder of fewer than 8 bytes is ignored.
     pub fn sync_managers(&self) -> impl Iterator<Item = SiiSyncManager> + use<'a> {
         self.data.as_chunks().0.iter().map(SiiSyncManager::decode)
     }
 
-    /// The PDOs of [`CategoryKind::TxPdos`] and [`CategoryKind::RxPdos`]; an error is the last item.
+    /// Interprets the data as PDOs, [`CategoryKind::TxPdos`] or [`CategoryKind::RxPdos`]. If decoding fails, the error is
+    /// the last item.
     pub const fn pdos(&self) -> SiiPdos<'a> {
         SiiPdos::new(self.data)
     }
 
-    /// The modes of [`CategoryKind::DcModes`]; a rest of less than 24 bytes is left out.
+    /// Interprets the data as modes of distributed clocks, [`CategoryKind::DcModes`]. A remainder of fewer than 24 bytes is
+    /// ignored.
     pub fn dc_modes(&self) -> impl Iterator<Item = SiiDcMode> + 'a {
         self.data.as_chunks().0.iter().map(SiiDcMode::decode)
     }
 }
 
-/// The categories of an EEPROM; an error is the last item.
+/// Iterator over the categories of an EEPROM. If decoding fails, the error is the last item.
 #[derive(Clone, Debug)]
 pub struct Categories<'a> {
     rest: Option<&'a [u8]>,

@@ -1,4 +1,4 @@
-//! The first 64 words, which have fixed places.
+//! The first 64 words of an EEPROM, which have a fixed layout.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -6,7 +6,7 @@ use super::{SII_INFO_LEN, checksum};
 use crate::ethercat::{U16Le, U32Le, bits};
 
 bits! {
-    /// The protocols that a slave's mailbox speaks, word 0x1C.
+    /// The mailbox protocols that a slave supports, word 0x1C.
     MailboxProtocols(u16) {
         /// Bit 0: ADS over EtherCAT.
         AOE = 1 << 0;
@@ -23,25 +23,25 @@ bits! {
     }
 }
 
-/// Where a mailbox lies in the memory of a slave.
+/// Address and length of a mailbox in the memory of a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MailboxArea {
-    /// The address of its first byte.
+    /// The address of the first byte.
     pub start: u16,
-    /// Its length, bytes.
+    /// The length in bytes.
     pub len: u16,
 }
 
 /// The two mailboxes of a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct MailboxAreas {
-    /// From the master to the slave.
+    /// The mailbox from the master to the slave.
     pub receive: MailboxArea,
-    /// From the slave to the master.
+    /// The mailbox from the slave to the master.
     pub send: MailboxArea,
 }
 
-/// Who a slave is, as object 0x1018 says too.
+/// The identity of a slave. Object 0x1018 holds the same numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiIdentity {
     /// Vendor ID.
@@ -54,38 +54,38 @@ pub struct SiiIdentity {
     pub serial: u32,
 }
 
-/// What the first 64 words say. Words without a meaning are 0 when they are written.
+/// The first 64 words, decoded. When they are encoded, words without a field here are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiInfo {
-    /// Word 0: loaded into registers 0x0140 and 0x0141.
+    /// Word 0: the value of registers 0x0140 and 0x0141.
     pub pdi_control: u16,
-    /// Word 1: loaded into registers 0x0150 and 0x0151.
+    /// Word 1: the value of registers 0x0150 and 0x0151.
     pub pdi_configuration: u16,
-    /// Word 2: loaded into register 0x0982, in 10 ns.
+    /// Word 2: the value of register 0x0982, in 10 ns.
     pub sync_pulse_length: u16,
-    /// Word 3: loaded into registers 0x0152 and 0x0153.
+    /// Word 3: the value of registers 0x0152 and 0x0153.
     pub extended_pdi_configuration: u16,
-    /// Word 4: loaded into register 0x0012.
+    /// Word 4: the station alias, the value of register 0x0012.
     pub alias: u16,
-    /// Words 5 and 6: configuration of newer controllers.
+    /// Words 5 and 6: additional configuration of newer controllers.
     pub extended_configuration: [u16; 2],
-    /// Words 8 to 15.
+    /// Words 8 to 15: vendor ID, product code, revision, serial number.
     pub identity: SiiIdentity,
-    /// Words 16 to 18: execution delay, delays of ports 0 and 1.
+    /// Words 16 to 18: execution delay, and the delays of ports 0 and 1.
     pub delays: [u16; 3],
-    /// Words 20 to 23.
+    /// Words 20 to 23: the mailboxes in Bootstrap.
     pub boot_mailbox: MailboxAreas,
-    /// Words 24 to 27.
+    /// Words 24 to 27: the mailboxes in all other states.
     pub mailbox: MailboxAreas,
-    /// Word 28.
+    /// Word 28: supported mailbox protocols.
     pub protocols: MailboxProtocols,
-    /// Word 62: the size of the EEPROM in kbit, less 1.
+    /// Word 62: the size of the EEPROM in kbit, minus 1.
     pub kbit_less_1: u16,
-    /// Word 63: 1.
+    /// Word 63: the version of the layout, 1.
     pub version: u16,
 }
 
-/// The words as bytes.
+/// Wire layout of the first 64 words.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Layout {
@@ -101,12 +101,12 @@ struct Layout {
     revision: U32Le,
     serial: U32Le,
     delays: [U16Le; 3],
-    /// Word 0x13.
+    /// Word 0x13: reserved.
     reserved: [u8; 2],
     boot_mailbox: [U16Le; 4],
     mailbox: [U16Le; 4],
     protocols: U16Le,
-    /// Words 0x1D to 0x3D.
+    /// Words 0x1D to 0x3D: reserved.
     gap: [u8; 66],
     kbit_less_1: U16Le,
     version: U16Le,
@@ -127,7 +127,7 @@ fn words(areas: MailboxAreas) -> [U16Le; 4] {
 }
 
 impl SiiInfo {
-    /// Decodes the words. Their checksum is not looked at.
+    /// Decodes the words. The checksum is not verified.
     pub fn decode(bytes: &[u8; SII_INFO_LEN]) -> Self {
         let layout: &Layout = bytemuck::cast_ref(bytes);
         Self {
@@ -152,7 +152,7 @@ impl SiiInfo {
         }
     }
 
-    /// The words as bytes, with their checksum.
+    /// Encodes the words, with their checksum.
     pub fn encode(&self) -> [u8; SII_INFO_LEN] {
         let layout = Layout {
             pdi_control: self.pdi_control.into(),

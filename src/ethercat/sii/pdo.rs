@@ -1,4 +1,4 @@
-//! PDOs in an EEPROM: what a slave maps unless a master maps otherwise.
+//! PDOs in an EEPROM: the default PDO mapping of a slave.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,19 +10,19 @@ use crate::ethercat::{U16Le, WireError};
 pub struct SiiPdoEntry {
     /// The object's index; 0: padding.
     pub index: u16,
-    /// Its sub-index.
+    /// The object's sub-index.
     pub sub: u8,
-    /// The text of its name, 0: none.
+    /// The number of the text with the object's name; 0: none.
     pub name: u8,
-    /// Its data type, as in the object dictionary.
+    /// The code of the data type, as in the object dictionary.
     pub data_type: u8,
-    /// Its length, bits.
+    /// The object's length in bits.
     pub bits: u8,
-    /// Flags, without a meaning here.
+    /// Flags, not interpreted.
     pub flags: u16,
 }
 
-/// [`SiiPdoEntry`] as bytes.
+/// Wire layout of [`SiiPdoEntry`].
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct EntryLayout {
@@ -35,7 +35,7 @@ struct EntryLayout {
 }
 
 impl SiiPdoEntry {
-    /// Bytes of an entry.
+    /// Length of an entry in bytes.
     pub const LEN: usize = 8;
 
     /// Decodes an entry.
@@ -78,24 +78,24 @@ impl<'a> SiiPdoEntries<'a> {
 /// A PDO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SiiPdo<'a> {
-    /// The index of its mapping object.
+    /// The index of the PDO mapping object.
     pub index: u16,
-    /// The sync manager that it is assigned to; 0xFF: none.
+    /// The sync manager that the PDO is assigned to; 0xFF: none.
     pub sync_manager: u8,
-    /// Its unit of synchronization.
+    /// The synchronization unit of the PDO.
     pub sync_unit: u8,
-    /// The text of its name, 0: none.
+    /// The number of the text with the PDO's name; 0: none.
     pub name: u8,
-    /// Flags.
+    /// Flags, not interpreted.
     pub flags: u16,
-    /// Its objects.
+    /// The mapped objects.
     pub entries: SiiPdoEntries<'a>,
 }
 
-/// Bytes of a PDO in front of its entries.
+/// Length in bytes of a PDO in front of its entries.
 const HEADER_LEN: usize = 8;
 
-/// The beginning of a PDO as bytes.
+/// Wire layout of a PDO in front of its entries.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct PdoLayout {
@@ -108,13 +108,13 @@ struct PdoLayout {
 }
 
 impl<'a> SiiPdo<'a> {
-    /// Bytes of a PDO in front of its entries.
+    /// Length in bytes of a PDO in front of its entries.
     pub const HEADER_LEN: usize = HEADER_LEN;
 
-    /// The first PDO in `bytes`, and what follows it.
+    /// Splits off the first PDO in `bytes`; also returns the bytes behind it.
     ///
     /// # Errors
-    /// [`WireError::Short`]: the bytes end before it does.
+    /// [`WireError::Short`]: the bytes end before the PDO does.
     pub fn split(bytes: &'a [u8]) -> Result<(Self, &'a [u8]), WireError> {
         let (header, rest) = split::<HEADER_LEN>(bytes, "PDO")?;
         let layout: &PdoLayout = bytemuck::cast_ref(header);
@@ -132,10 +132,11 @@ impl<'a> SiiPdo<'a> {
         Ok((pdo, rest))
     }
 
-    /// Writes a PDO with these entries, of which the first 255 count, in place of its own; how many bytes it has.
+    /// Writes the PDO with `entries` in place of its own and returns the length in bytes. Only the first 255 entries are
+    /// written.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the PDO does not fit.
     pub fn encode(&self, entries: &[SiiPdoEntry], room: &mut [u8]) -> Result<usize, WireError> {
         let entries = &entries[..entries.len().min(usize::from(u8::MAX))];
         let len = Self::HEADER_LEN + entries.len() * SiiPdoEntry::LEN;
@@ -154,13 +155,13 @@ impl<'a> SiiPdo<'a> {
         Ok(len)
     }
 
-    /// A PDO without entries, for [`Self::encode`].
+    /// A PDO without entries; [`Self::encode`] takes the entries as an argument.
     pub const fn new(index: u16, sync_manager: u8, name: u8) -> Self {
         Self { index, sync_manager, sync_unit: 0, name, flags: 0, entries: SiiPdoEntries(&[]) }
     }
 }
 
-/// The PDOs of a category; an error is the last item.
+/// Iterator over the PDOs of a category. If decoding fails, the error is the last item.
 #[derive(Clone, Debug)]
 pub struct SiiPdos<'a> {
     rest: &'a [u8],

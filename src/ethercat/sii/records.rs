@@ -1,4 +1,4 @@
-//! Categories of fixed layouts: general information, FMMUs, sync managers, distributed clocks.
+//! Categories with a fixed layout: general information, FMMUs, sync managers and distributed clocks.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -6,102 +6,102 @@ use crate::ethercat::registers::SmControl;
 use crate::ethercat::{I32Le, U16Le, U32Le, WireError, bits};
 
 bits! {
-    /// What a slave's CANopen over EtherCAT can do.
+    /// The CoE features of a slave.
     CoeDetails(u8) {
-        /// Bit 0: SDO.
+        /// Bit 0: SDO is supported.
         SDO = 1 << 0;
-        /// Bit 1: SDO information.
+        /// Bit 1: SDO information is supported.
         SDO_INFO = 1 << 1;
-        /// Bit 2: PDOs can be assigned.
+        /// Bit 2: the PDO assignment can be changed.
         PDO_ASSIGN = 1 << 2;
-        /// Bit 3: PDOs can be configured.
+        /// Bit 3: the PDO mapping can be changed.
         PDO_CONFIG = 1 << 3;
-        /// Bit 4: the dictionary is uploaded at the start.
+        /// Bit 4: the object dictionary is uploaded at startup.
         UPLOAD = 1 << 4;
-        /// Bit 5: complete access.
+        /// Bit 5: SDO complete access is supported.
         COMPLETE_ACCESS = 1 << 5;
     }
 
-    /// Flags of a slave.
+    /// Flags in the general information about a slave.
     SiiGeneralFlags(u8) {
-        /// Bit 0: SafeOP is allowed.
+        /// Bit 0: the slave supports SafeOP.
         SAFEOP = 1 << 0;
-        /// Bit 1: no LRW.
+        /// Bit 1: the slave does not support LRW.
         NO_LRW = 1 << 1;
         /// Bit 2: the mailbox has a data link layer.
         MAILBOX_LINK_LAYER = 1 << 2;
-        /// Bit 3: the identification is shown as AL status code.
+        /// Bit 3: the AL status code register can show the device identification.
         ID_IN_AL_STATUS = 1 << 3;
-        /// Bit 4: the identification is at an address in the memory.
+        /// Bit 4: the device identification is at an address in the slave's memory.
         ID_IN_MEMORY = 1 << 4;
     }
 
-    /// Whether a sync manager is enabled.
+    /// The enable byte of a sync manager in the EEPROM.
     SiiSmEnable(u8) {
-        /// Bit 0: it is enabled.
+        /// Bit 0: the sync manager is enabled.
         ENABLE = 1 << 0;
-        /// Bit 1: its content is fixed.
+        /// Bit 1: the content of the area is fixed.
         FIXED = 1 << 1;
-        /// Bit 2: it uses no hardware.
+        /// Bit 2: a virtual sync manager, without hardware.
         VIRTUAL = 1 << 2;
-        /// Bit 3: it is enabled in OP only.
+        /// Bit 3: the sync manager is enabled only in OP.
         OP_ONLY = 1 << 3;
     }
 }
 
-/// General information about a slave. Texts are numbers of the category of texts; 0: none.
+/// General information about a slave. Texts are given as numbers of entries in the category of texts; 0: none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiGeneral {
-    /// The text of the group.
+    /// The number of the text with the group name.
     pub group: u8,
-    /// The text of the image.
+    /// The number of the text with the image name.
     pub image: u8,
-    /// The text of the order number, by which some masters name the slave.
+    /// The number of the text with the order number. Some masters show it as the slave's name.
     pub order: u8,
-    /// The text of the name.
+    /// The number of the text with the device name.
     pub name: u8,
-    /// What its CANopen can do.
+    /// The CoE features.
     pub coe: CoeDetails,
-    /// 1: it has file access.
+    /// 1 if the slave supports FoE.
     pub foe: u8,
-    /// 1: it has Ethernet.
+    /// 1 if the slave supports EoE.
     pub eoe: u8,
     /// Flags.
     pub flags: SiiGeneralFlags,
-    /// How much it takes from EBUS, mA; negative: it feeds.
+    /// The current that the slave draws from EBUS, mA; negative if the slave feeds current.
     pub ebus_current_ma: i16,
-    /// The physical layer of ports 0 to 3: 0 none, 1 MII, 3 EBUS, 0..=15.
+    /// The physical layer of ports 0 to 3, 0..=15: 0 none, 1 MII, 3 EBUS.
     pub ports: [u8; 4],
-    /// Where the identification is in the memory.
+    /// The address of the device identification in the slave's memory.
     pub id_address: u16,
 }
 
-/// [`SiiGeneral`] as bytes.
+/// Wire layout of [`SiiGeneral`]. The comments of the fields give byte offsets.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct GeneralLayout {
-    /// 0.
+    /// 0: group.
     group: u8,
     image: u8,
     order: u8,
     name: u8,
     reserved: u8,
-    /// 5.
+    /// 5: CoE features.
     coe: u8,
     foe: u8,
     eoe: u8,
-    /// 8: channels of SoE and of DS402, and a class of sync managers, of which nothing is used.
+    /// 8: SoE channels, DS402 channels and sync manager class; not used.
     channels: [u8; 3],
-    /// 11.
+    /// 11: flags.
     flags: u8,
-    /// 12.
+    /// 12: EBUS current.
     ebus_current: U16Le,
-    /// 14.
+    /// 14: group, repeated.
     group_again: u8,
     reserved_2: u8,
-    /// 16: four bits a port.
+    /// 16: physical layer, four bits per port.
     ports: U16Le,
-    /// 18.
+    /// 18: address of the device identification.
     id_address: U16Le,
     reserved_3: [u8; 12],
 }
@@ -109,15 +109,15 @@ struct GeneralLayout {
 const _: () = assert!(size_of::<GeneralLayout>() == SiiGeneral::LEN && align_of::<GeneralLayout>() == 1);
 
 impl SiiGeneral {
-    /// Bytes of the category.
+    /// Length of the category in bytes.
     pub const LEN: usize = 32;
-    /// Bytes of the category in older EEPROMs: up to the ports.
+    /// Length in bytes of the category in older EEPROMs, which end after the ports.
     const LEN_MIN: usize = 18;
 
-    /// Decodes the category. What a shorter one does not have is 0.
+    /// Decodes the category. Fields beyond the end of a short category are 0.
     ///
     /// # Errors
-    /// [`WireError::Short`]: less than 18 bytes.
+    /// [`WireError::Short`]: fewer than 18 bytes.
     pub fn decode(bytes: &[u8]) -> Result<Self, WireError> {
         if bytes.len() < Self::LEN_MIN {
             return Err(WireError::Short { part: "general category", needed: Self::LEN_MIN, found: bytes.len() });
@@ -165,23 +165,23 @@ impl SiiGeneral {
     }
 }
 
-/// What an FMMU is for.
+/// The use of an FMMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FmmuUsage {
-    /// 0 or 0xFF: nothing.
+    /// 0 or 0xFF: unused.
     Unused(u8),
     /// 1: outputs.
     Outputs,
     /// 2: inputs.
     Inputs,
-    /// 3: the state of the mailbox.
+    /// 3: the status of the mailbox.
     MailboxState,
-    /// Another value.
+    /// Any other value.
     Unknown(u8),
 }
 
 impl FmmuUsage {
-    /// The use with that code.
+    /// The use for a code.
     pub const fn from_code(code: u8) -> Self {
         match code {
             0 | 0xFF => Self::Unused(code),
@@ -203,10 +203,10 @@ impl FmmuUsage {
     }
 }
 
-/// What a sync manager is for.
+/// The use of a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SiiSmType {
-    /// 0: nothing.
+    /// 0: unused.
     Unused,
     /// 1: the mailbox that the master writes.
     MailboxOut,
@@ -216,12 +216,12 @@ pub enum SiiSmType {
     Outputs,
     /// 4: inputs.
     Inputs,
-    /// Another value.
+    /// Any other value.
     Unknown(u8),
 }
 
 impl SiiSmType {
-    /// The type with that code.
+    /// The type for a code.
     pub const fn from_code(code: u8) -> Self {
         match code {
             0 => Self::Unused,
@@ -246,24 +246,24 @@ impl SiiSmType {
     }
 }
 
-/// A sync manager as its slave wants it.
+/// The settings that a slave wants for a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SiiSyncManager {
-    /// The address of its area.
+    /// Start address of the sync manager's area in the slave's memory.
     pub start: u16,
-    /// The length of its area, bytes.
+    /// Length of the area, bytes.
     pub len: u16,
-    /// Mode, direction, events, watchdog.
+    /// Mode, direction, event enables, and watchdog trigger.
     pub control: SmControl,
-    /// Not used.
+    /// The status byte, not used.
     pub status: u8,
-    /// Whether it is enabled.
+    /// When the sync manager is enabled.
     pub enable: SiiSmEnable,
-    /// What it is for.
+    /// The use of the sync manager.
     pub kind: SiiSmType,
 }
 
-/// [`SiiSyncManager`] as bytes.
+/// Wire layout of [`SiiSyncManager`].
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct SyncManagerLayout {
@@ -276,10 +276,10 @@ struct SyncManagerLayout {
 }
 
 impl SiiSyncManager {
-    /// Bytes of one of the category.
+    /// Length in bytes of one sync manager.
     pub const LEN: usize = 8;
 
-    /// Decodes one.
+    /// Decodes one sync manager.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Self {
         let layout: &SyncManagerLayout = bytemuck::cast_ref(bytes);
         Self {
@@ -292,7 +292,7 @@ impl SiiSyncManager {
         }
     }
 
-    /// One as bytes.
+    /// Encodes one sync manager.
     pub fn encode(&self) -> [u8; Self::LEN] {
         bytemuck::cast(SyncManagerLayout {
             start: self.start.into(),
@@ -305,28 +305,28 @@ impl SiiSyncManager {
     }
 }
 
-/// A mode of distributed clocks.
+/// A mode of distributed clocks that a slave supports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SiiDcMode {
-    /// The cycle of SYNC0, ns; 0: that of the master.
+    /// The cycle time of SYNC0, ns; 0 means the master's cycle time.
     pub cycle0_ns: u32,
-    /// The shift of SYNC0, ns.
+    /// The shift time of SYNC0, ns.
     pub shift0_ns: i32,
-    /// The shift of SYNC1, ns.
+    /// The shift time of SYNC1, ns.
     pub shift1_ns: i32,
-    /// The factor of SYNC1.
+    /// The cycle factor of SYNC1.
     pub factor1: i16,
-    /// What goes into registers 0x0980 (low byte) and 0x0981.
+    /// The value for registers 0x0980 (low byte) and 0x0981 (high byte).
     pub assign_activate: u16,
-    /// The factor of SYNC0.
+    /// The cycle factor of SYNC0.
     pub factor0: i16,
-    /// The text of its name, 0: none.
+    /// The number of the text with the mode's name; 0: none.
     pub name: u8,
-    /// The text of its description, 0: none.
+    /// The number of the text with the mode's description; 0: none.
     pub description: u8,
 }
 
-/// [`SiiDcMode`] as bytes.
+/// Wire layout of [`SiiDcMode`].
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct DcLayout {
@@ -344,10 +344,10 @@ struct DcLayout {
 const _: () = assert!(size_of::<DcLayout>() == SiiDcMode::LEN && align_of::<DcLayout>() == 1);
 
 impl SiiDcMode {
-    /// Bytes of one of the category.
+    /// Length in bytes of one mode.
     pub const LEN: usize = 24;
 
-    /// Decodes one.
+    /// Decodes one mode.
     pub fn decode(bytes: &[u8; Self::LEN]) -> Self {
         let layout: &DcLayout = bytemuck::cast_ref(bytes);
         Self {
@@ -362,7 +362,7 @@ impl SiiDcMode {
         }
     }
 
-    /// One as bytes.
+    /// Encodes one mode.
     pub fn encode(&self) -> [u8; Self::LEN] {
         bytemuck::cast(DcLayout {
             cycle0: self.cycle0_ns.into(),

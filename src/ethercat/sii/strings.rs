@@ -1,11 +1,11 @@
-//! The texts of an EEPROM.
+//! The texts in an EEPROM, and their display.
 
 use core::fmt::{self, Write as _};
 
 /// A text of an EEPROM.
 ///
-/// ETG.2010 has texts in ISO-8859-1. \[OURS] Bytes that are UTF-8 are taken for that, as some tools write it: in the other encoding they
-/// would be no words. What a terminal obeys is left out.
+/// ETG.2010 defines ISO-8859-1 for texts. \[OURS] A text whose bytes are valid UTF-8 is decoded as UTF-8, which some tools
+/// write; as ISO-8859-1 it would not be readable. Control characters are left out of the display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SiiText<'a>(pub &'a [u8]);
 
@@ -19,7 +19,7 @@ impl fmt::Display for SiiText<'_> {
     }
 }
 
-/// The texts of a category; each has a number from 1, and is shown as [`SiiText`].
+/// The texts of a category, numbered from 1. [`SiiText`] displays a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SiiStrings<'a> {
     data: &'a [u8],
@@ -30,7 +30,8 @@ impl<'a> SiiStrings<'a> {
         Self { data }
     }
 
-    /// The texts, number 1 first, as many as the category announces and has.
+    /// Iterates over the texts, beginning with number 1. The number of texts is limited by the count in the category and by
+    /// its length.
     pub fn iter(self) -> impl Iterator<Item = &'a [u8]> {
         let (count, mut rest) = self.data.split_first().map_or((0, self.data), |(count, rest)| (*count, rest));
         (0..count).map_while(move |_| {
@@ -41,7 +42,7 @@ impl<'a> SiiStrings<'a> {
         })
     }
 
-    /// The text with a number; `None` for number 0, which stands for no text, and for one that is not there.
+    /// The text with a number; `None` for number 0, which means "no text", and for a number without a text.
     pub fn get(self, number: u8) -> Option<&'a [u8]> {
         self.iter().nth(usize::from(number).checked_sub(1)?)
     }

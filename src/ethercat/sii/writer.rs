@@ -1,4 +1,4 @@
-//! Writing an EEPROM: the fixed words, then categories, then the end.
+//! Writing an EEPROM: the fixed words, then the categories, then the end marker.
 
 use super::{
     CategoryKind, FmmuUsage, SII_INFO_LEN, SiiDcMode, SiiGeneral, SiiInfo, SiiPdo, SiiPdoEntry, SiiSyncManager,
@@ -6,12 +6,12 @@ use super::{
 use crate::ethercat::WireError;
 use crate::ethercat::wire_error::room_for;
 
-/// Bytes of a category in front of its data.
+/// Length in bytes of a category header.
 const CATEGORY_HEADER_LEN: usize = 4;
-/// Bytes of the end of the list.
+/// Length in bytes of the end marker.
 const END_LEN: usize = 2;
 
-/// Writes an EEPROM into a buffer, which is as long as the EEPROM.
+/// Writes an EEPROM into a buffer. The length of the buffer is the size of the EEPROM.
 ///
 /// ```
 /// use ecmsk::ethercat::sii::{CategoryKind, FmmuUsage, Sii, SiiInfo, SiiWriter};
@@ -35,10 +35,10 @@ pub struct SiiWriter<'b> {
 }
 
 impl<'b> SiiWriter<'b> {
-    /// Begins an EEPROM with the fixed words. Its size and its version are set here.
+    /// Begins an EEPROM with the fixed words. The writer replaces the size and the version in `info`.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`]: the buffer has no room for the words and the end.
+    /// [`WireError::NoRoom`]: the fixed words and the end marker do not fit into the buffer.
     pub fn new(buffer: &'b mut [u8], info: &SiiInfo) -> Result<Self, WireError> {
         room_for(buffer, "SII", SII_INFO_LEN + END_LEN)?;
         let kbit_less_1 = u16::try_from((buffer.len() / 128).saturating_sub(1)).unwrap_or(u16::MAX);
@@ -47,9 +47,9 @@ impl<'b> SiiWriter<'b> {
         Ok(Self { buffer, end: SII_INFO_LEN })
     }
 
-    /// The place for the data of the next category.
+    /// The part of the buffer for the data of the next category.
     fn place(&mut self, len: usize) -> Result<&mut [u8], WireError> {
-        // The end of the list has to fit behind it, too.
+        // Behind the category there must be room for the end marker.
         let padded = len.next_multiple_of(2);
         let needed = CATEGORY_HEADER_LEN + padded + END_LEN;
         let room = room_for(&mut self.buffer[self.end..], "category", needed)?;
@@ -58,7 +58,7 @@ impl<'b> SiiWriter<'b> {
         Ok(place)
     }
 
-    /// Adds the category whose data are in their place.
+    /// Completes a category whose data are already in the buffer.
     fn add(&mut self, kind: CategoryKind, len: usize) {
         let words = (len.div_ceil(2)) as u16;
         let header = &mut self.buffer[self.end..][..CATEGORY_HEADER_LEN];
@@ -67,20 +67,20 @@ impl<'b> SiiWriter<'b> {
         self.end += CATEGORY_HEADER_LEN + 2 * usize::from(words);
     }
 
-    /// Adds a category with these data, and a byte of 0 behind an odd number.
+    /// Adds a category with these data. A byte of 0 pads an odd length.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn category(&mut self, kind: CategoryKind, data: &[u8]) -> Result<(), WireError> {
         self.place(data.len())?[..data.len()].copy_from_slice(data);
         self.add(kind, data.len());
         Ok(())
     }
 
-    /// Adds texts. Of each the first 255 bytes count, and the first 255 texts.
+    /// Adds the category of texts. Only the first 255 texts, and the first 255 bytes of each, are written.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn strings(&mut self, texts: &[&str]) -> Result<(), WireError> {
         let texts = &texts[..texts.len().min(255)];
         let len = 1 + texts.iter().map(|text| 1 + cut(text).len()).sum::<usize>();
@@ -99,15 +99,15 @@ impl<'b> SiiWriter<'b> {
     /// Adds general information.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn general(&mut self, general: &SiiGeneral) -> Result<(), WireError> {
         self.category(CategoryKind::General, &general.encode())
     }
 
-    /// Adds what the FMMUs are for.
+    /// Adds the category with the use of each FMMU.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn fmmus(&mut self, usages: &[FmmuUsage]) -> Result<(), WireError> {
         let place = self.place(usages.len())?;
         place.iter_mut().zip(usages).for_each(|(byte, usage)| *byte = usage.code());
@@ -115,10 +115,10 @@ impl<'b> SiiWriter<'b> {
         Ok(())
     }
 
-    /// Adds the sync managers.
+    /// Adds the category of sync managers.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn sync_managers(&mut self, managers: &[SiiSyncManager]) -> Result<(), WireError> {
         let len = managers.len() * SiiSyncManager::LEN;
         let places = self.place(len)?.as_chunks_mut().0;
@@ -127,10 +127,11 @@ impl<'b> SiiWriter<'b> {
         Ok(())
     }
 
-    /// Adds PDOs with their entries, all of one direction in one category, since masters read the first one alone.
+    /// Adds a category of PDOs with their entries. Pass all PDOs of one direction at once, because masters read only the
+    /// first category of a kind.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn pdos(&mut self, kind: CategoryKind, pdos: &[(SiiPdo<'_>, &[SiiPdoEntry])]) -> Result<(), WireError> {
         let len_of = |entries: &[SiiPdoEntry]| SiiPdo::HEADER_LEN + entries.len().min(255) * SiiPdoEntry::LEN;
         let len = pdos.iter().map(|(_, entries)| len_of(entries)).sum();
@@ -143,10 +144,10 @@ impl<'b> SiiWriter<'b> {
         Ok(())
     }
 
-    /// Adds modes of distributed clocks.
+    /// Adds the category of modes of distributed clocks.
     ///
     /// # Errors
-    /// [`WireError::NoRoom`].
+    /// [`WireError::NoRoom`]: the category does not fit.
     pub fn dc_modes(&mut self, modes: &[SiiDcMode]) -> Result<(), WireError> {
         let len = modes.len() * SiiDcMode::LEN;
         let places = self.place(len)?.as_chunks_mut().0;
@@ -155,13 +156,13 @@ impl<'b> SiiWriter<'b> {
         Ok(())
     }
 
-    /// Ends the list; what is left of the EEPROM is as an empty one is: 0xFF.
+    /// Writes the end marker and fills the rest of the buffer with 0xFF, as in an erased EEPROM.
     pub fn finish(self) {
         self.buffer[self.end..].fill(0xFF);
     }
 }
 
-/// The first bytes of a text, as many as its length can say.
+/// The first 255 bytes of a text: the maximum that the length byte can express.
 fn cut(text: &str) -> &[u8] {
     &text.as_bytes()[..text.len().min(255)]
 }

@@ -1,10 +1,10 @@
 //! Which link is opened when a program does not name one, as the C functions and the tool without `--link` do.
 //!
-//! The first of these that names a link decides: the environment variable `ECMSK_LINK`; then a file `ecmsk.toml` in the
-//! folder of the program, in the folder of the library, in the user's configuration folder, in the system's
-//! configuration folder. The tool looks in its working directory before these folders ([`Environment::working_dir`]),
-//! where somebody who develops a program has its `ecmsk.toml`. If nothing names a link it is `usb:`, a real board: a
-//! program never gets a simulated board unless somebody has asked for one.
+//! The first of these places that names a link decides: the environment variable `ECMSK_LINK`; then a file `ecmsk.toml` in
+//! the folder of the program, in the folder of the library, in the user's configuration folder, in the system's
+//! configuration folder. The tool searches its working directory first ([`Environment::working_dir`]), because a developer
+//! keeps the `ecmsk.toml` of a program there. If no place names a link, the link is `usb:`, a real board: a program gets a
+//! simulated board only if somebody has asked for one.
 //!
 //! ```toml
 //! # ecmsk.toml
@@ -29,16 +29,16 @@ use crate::files::{FileError, read_small};
 
 /// The environment variable that names a link.
 pub const LINK_VARIABLE: &str = "ECMSK_LINK";
-/// The environment variable that names a marker file. The library creates this file when a program opens a board,
-/// whether or not that succeeds, so that `ecmsk exec` can tell whether the program has called the library at all. An
+/// The environment variable that names a marker file. The library creates this file when a program opens a board, whether
+/// the opening succeeds or not. From the file, `ecmsk exec` can tell whether the program has called the library at all. An
 /// existing file is left unchanged.
 pub const OPENED_VARIABLE: &str = "ECMSK_OPENED";
 /// The name of the file that names a link.
 pub const FILE_NAME: &str = "ecmsk.toml";
-/// The link if nothing names one.
+/// The link that is opened if neither the variable nor a file names one.
 pub const DEFAULT_LINK: &str = "usb:";
 
-/// The largest size of the file \[OURS].
+/// The maximum size of `ecmsk.toml` \[OURS].
 const FILE_SIZE_MAX_BYTES: u64 = 1 << 16;
 
 /// The allowed content of the file, for error messages.
@@ -49,8 +49,8 @@ const ALLOWED: &str = "allowed: one line, link = \"sim:?slaves=drive*2\"";
 pub struct Environment {
     /// The value of `ECMSK_LINK`.
     pub link: Option<OsString>,
-    /// The working directory, which only the tool searches. A program may be started anywhere, and a file that happens
-    /// to lie there is not meant for it.
+    /// The working directory, which only the tool searches. Programs do not search it, because they may be started
+    /// anywhere, and an `ecmsk.toml` that happens to be there is not meant for them.
     pub working_dir: Option<PathBuf>,
     /// The folder of the executable.
     pub program_dir: Option<PathBuf>,
@@ -58,7 +58,7 @@ pub struct Environment {
     pub library_dir: Option<PathBuf>,
     /// The configuration folders of the user and of the system.
     pub platform: Platform,
-    /// Whether only files count that nobody but root can have written: see [`writable_by_others`].
+    /// Whether to accept only files that nobody but root can have written: see [`writable_by_others`].
     pub privileged: bool,
 }
 
@@ -85,7 +85,7 @@ pub enum Platform {
 }
 
 impl Default for Platform {
-    /// A Unix system on which neither variable is set.
+    /// A Unix system on which `XDG_CONFIG_HOME` and `HOME` are not set.
     fn default() -> Self {
         Self::Unix { xdg_config_home: None, home: None, etc: PathBuf::from("/etc") }
     }
@@ -122,7 +122,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// Why it is not clear which link to open.
+/// Why the link to open cannot be determined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ConfigError {
@@ -131,7 +131,7 @@ pub enum ConfigError {
         "{LINK_VARIABLE} is `{found}`, which is not UTF-8; allowed: a link such as sim:?slaves=drive*2; {WHERE_TO_LOOK}"
     )]
     NotUtf8 {
-        /// Its value, with a replacement character for each invalid part.
+        /// The value of the variable, with a replacement character for each invalid part.
         found: String,
     },
     /// The file exists but cannot be read.
@@ -146,7 +146,7 @@ pub enum ConfigError {
     )]
     WritableByOthers {
         path: PathBuf,
-        /// Who else can have written it.
+        /// Who else can have written the file.
         reason: String,
     },
     /// The content of the file is invalid.
@@ -160,9 +160,9 @@ pub enum ConfigError {
 }
 
 impl Environment {
-    /// The environment of this process. `library_dir` is the folder of the shared library, if it is one that calls
-    /// this. In a process with more rights than the user who started it ([`is_privileged`]) environment variables are
-    /// ignored, and with them the user's configuration folder.
+    /// The environment of this process. `library_dir` is the folder of the shared library, if a shared library is the
+    /// caller. A process with more rights than the user who started it ([`is_privileged`]) ignores environment variables,
+    /// and therefore the user's configuration folder too.
     pub fn from_process(library_dir: Option<PathBuf>) -> Self {
         let dir = |name: &str| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let platform = if cfg!(windows) {
@@ -204,8 +204,8 @@ impl Environment {
 
 /// Finds the link to open.
 ///
-/// \[OURS] An empty `ECMSK_LINK` counts as not set. A file that exists but is invalid is an error and never skipped:
-/// the program would get another board than the one that somebody has named.
+/// \[OURS] An empty `ECMSK_LINK` counts as not set. A file that exists but is invalid is an error and is never skipped;
+/// otherwise the program would open another board than the one that the file names.
 ///
 /// # Errors
 /// [`ConfigError`], which names the file and the line.

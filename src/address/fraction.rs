@@ -5,7 +5,7 @@ use std::fmt;
 /// The largest number of digits after the decimal point.
 const DIGITS: usize = 9;
 
-/// A number from 0 to 1 with a resolution of one billionth: a probability, or the rate of a clock.
+/// A number from 0 to 1 with a resolution of one billionth: a probability, or a clock rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Fraction(u32);
 
@@ -15,12 +15,12 @@ impl Fraction {
     /// The number 1.
     pub const ONE: Self = Self(1_000_000_000);
 
-    /// The number of this many billionths; values above a billion become 1.
+    /// The fraction with this number of billionths; values above one billion become 1.
     pub const fn from_billionths(billionths: u32) -> Self {
         if billionths > Self::ONE.0 { Self::ONE } else { Self(billionths) }
     }
 
-    /// The number in billionths: 0..=1 000 000 000.
+    /// The fraction in billionths, 0..=1 000 000 000.
     pub const fn billionths(self) -> u32 {
         self.0
     }

@@ -1,6 +1,6 @@
-//! The keys of a link's URI. The parser, the defaults and the help (`ecmsk link help`) are all made from one table,
-//! `keys/table.rs`. A new key is a row there and a field of the options that use it: CONTRIBUTING.md says which
-//! links have theirs where.
+//! The keys of a link's URI. One table, `keys/table.rs`, defines them for the parser, the defaults and the help
+//! (`ecmsk link help`). A new key is a row of the table and a field of the options that use it: CONTRIBUTING.md lists the
+//! files of these options.
 
 mod table;
 
@@ -30,7 +30,7 @@ pub enum Syntax {
     Name,
     /// A USB string descriptor: 1 to 126 characters.
     Text,
-    /// A vendor or product id of USB: 1 to 4 hexadecimal digits, or those behind `0x`.
+    /// A USB vendor or product ID: 1 to 4 hexadecimal digits, optionally after `0x`.
     UsbId,
     /// A frequency in Hz in this range, both ends included: an integer, optionally followed by `k` or `M`.
     Hertz(u64, u64),
@@ -38,7 +38,8 @@ pub enum Syntax {
     Line,
     /// A list of simulated slaves, see [`slaves`].
     Slaves,
-    /// 1 to 6 pins of a chip, the highest of which may be this one; each once, `-` for none.
+    /// The pins of 1 to 6 lines of a chip, at most this pin number; `-` for a line that is not wired. No pin may appear
+    /// twice.
     Pins(u8),
 }
 
@@ -49,7 +50,7 @@ const TEXT_MAX: usize = 126;
 const NAME_MAX: usize = 64;
 
 impl Syntax {
-    /// The value in its normal form.
+    /// The value in normal form, in which equal values have equal text.
     ///
     /// # Errors
     /// Why the value is invalid, and what is allowed.
@@ -125,7 +126,7 @@ impl Syntax {
     }
 }
 
-/// Parses a list of pins as links write it: place k is line k, `None` if that is not wired.
+/// Parses a list of pins as links write it: element k is the pin of line k, `None` if the line is not wired.
 pub(crate) fn pins(value: &str, max: u8) -> Option<[Option<u8>; 6]> {
     let mut pins = [None; 6];
     for (place, pin) in value.split(',').enumerate() {
@@ -155,7 +156,7 @@ pub(crate) fn millis(value: &str) -> Option<Duration> {
     value.parse().ok().map(Duration::from_millis)
 }
 
-/// Parses a vendor or product id.
+/// Parses a USB vendor or product ID.
 pub(crate) fn usb_id(value: &str) -> Option<u16> {
     let digits = value.strip_prefix("0x").unwrap_or(value);
     u16::from_str_radix(digits, 16).ok().filter(|_| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
@@ -176,12 +177,12 @@ fn hertz_text(number: u64) -> String {
 pub struct Key {
     /// The name of the key.
     pub name: &'static str,
-    /// The schemes that have the key.
+    /// The schemes whose links have the key.
     pub schemes: &'static [Scheme],
-    /// The syntax of its value.
+    /// The syntax of the value.
     pub syntax: Syntax,
-    /// The value that applies if the key is not given, in normal form; `None` if there is none, in which case `meaning`
-    /// says what happens.
+    /// The value in normal form that applies if the key is not given. `None`: there is no default, and `meaning` says what
+    /// happens.
     pub default: Option<&'static str>,
     /// A valid value other than the default.
     pub example: &'static str,
@@ -190,7 +191,7 @@ pub struct Key {
 }
 
 impl Key {
-    /// The row of a key in links of that scheme.
+    /// The row of the key `name` in links of that scheme; `None` if they do not have the key.
     pub fn find(scheme: Scheme, name: &str) -> Option<&'static Self> {
         Self::of(scheme).find(|key| key.name == name)
     }

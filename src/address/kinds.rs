@@ -1,5 +1,5 @@
-//! The kinds of simulated slaves: which there are, and in what they differ. The parser of lists, its errors, the help and the
-//! options of the tool are made from this table.
+//! The kinds of simulated slaves and their differences, as one table. It defines them for the parser of lists, its errors,
+//! the help and the options of the tool.
 //!
 //! A new kind is a file in `slave/` that implements [`Model`](crate::slave::device::Model), and a variant of
 //! [`SlaveModel`] with its row here.
@@ -13,9 +13,9 @@ pub enum SlaveModel {
     Drive,
     /// An IO slave with 16 digital outputs and 16 digital inputs; output k is wired to input k.
     Io,
-    /// A CiA 402 stepper drive, which has no mode but CSP.
+    /// A CiA 402 stepper drive, whose only mode is CSP.
     Step,
-    /// The stepper drive Xinje DP3CL, which is a stepper for the board.
+    /// The stepper drive Xinje DP3CL, which the board treats as a stepper.
     Dp3cl,
     /// A pulse module (HSP) with one channel.
     Hsp,
@@ -23,13 +23,13 @@ pub enum SlaveModel {
     Hsp2,
 }
 
-/// The word for a network without slaves, and for a slave that is not used.
+/// The word for a network without slaves, and for an unused slave.
 pub(super) const NONE: &str = "none";
 
-/// What is along the way of an axis of which a list says nothing.
+/// The default travel of an axis: switches, index pulse and end stops if a list does not give them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct UsualTravel {
-    /// As it stands behind a kind.
+    /// The travel in the syntax of a list, as it follows a kind.
     pub(super) parts: &'static str,
     pub(super) counts_a_turn: u32,
 }
@@ -40,7 +40,7 @@ const STEPPER: UsualTravel =
     UsualTravel { parts: "limits@-100000..100000:home@-2500..2500:index@0", counts_a_turn: 10_000 };
 
 impl SlaveModel {
-    /// Every model, in the order of the help. The first one of a [`SlaveKind`] has the name of that kind.
+    /// All models, in the order of the help. The first model of each [`SlaveKind`] has the same name as the kind.
     pub const ALL: [Self; 6] = [Self::Drive, Self::Io, Self::Step, Self::Dp3cl, Self::Hsp, Self::Hsp2];
 
     /// The name of the model in a link.
@@ -48,17 +48,17 @@ impl SlaveModel {
         self.row().name
     }
 
-    /// Its description in the help.
+    /// The description of the model in the help.
     pub const fn meaning(self) -> &'static str {
         self.row().meaning
     }
 
-    /// The name with its article, for messages.
+    /// The name of the model with its indefinite article, for messages.
     pub(crate) const fn with_article(self) -> &'static str {
         self.row().with_article
     }
 
-    /// The kind of slave by which SET_AXIS declares it.
+    /// The kind of slave that SET_AXIS declares for this model.
     pub const fn kind(self) -> SlaveKind {
         self.row().kind
     }
@@ -78,12 +78,12 @@ impl SlaveModel {
         self.row().channels
     }
 
-    /// What is along the way of its axes if the list does not say it; `None` for a model without axes.
+    /// The default travel of the model's axes; `None` for a model without axes.
     pub(super) const fn usual_travel(self) -> Option<UsualTravel> {
         self.row().usual_travel
     }
 
-    /// The row of the model: everything in which the models differ.
+    /// The row of the model, with everything in which the models differ.
     const fn row(self) -> Row {
         match self {
             Self::Drive => Row {
@@ -162,18 +162,19 @@ struct Row {
     usual_travel: Option<UsualTravel>,
 }
 
-/// The word for a kind of SET_AXIS in lists: `drive`, `io`, `step`, `hsp`, `none`.
+/// The word in lists for a kind of SET_AXIS: `drive`, `io`, `step`, `hsp`, `none`.
 pub fn word(kind: SlaveKind) -> &'static str {
     SlaveModel::ALL.into_iter().find(|model| model.kind() == kind).map_or(NONE, SlaveModel::name)
 }
 
-/// The names of the models for which it holds, for messages.
+/// The names of the models that satisfy `holds`, for messages.
 pub(super) fn names(holds: impl Fn(SlaveModel) -> bool) -> String {
     let names: Vec<_> = SlaveModel::ALL.into_iter().filter(|model| holds(*model)).map(SlaveModel::name).collect();
     names.join(", ")
 }
 
-/// The words that a list of what a program declares its slaves to be is made of: every kind, and `none`.
+/// The words allowed in a list of declared slaves ([`slaves::parse_declared`](super::slaves::parse_declared)): every kind,
+/// and `none`.
 pub fn declared_words() -> String {
     format!("{}, {NONE}", names(|_| true))
 }

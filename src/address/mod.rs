@@ -1,11 +1,12 @@
-//! What a person writes to name a board, and what it means: text to values and back. Nothing is opened here.
+//! The texts with which a user names a board, and their meaning: conversion from text to values and back. This room opens
+//! nothing.
 //!
-//! - `uri.rs`, `scheme.rs`, `keys.rs` with `keys/table.rs`: the URI `scheme:path?key=value`; the schemes, and the table of all
-//!   keys with their defaults
-//! - `slaves.rs` with `slaves/list.rs`: lists of slaves; `kinds.rs`: the table of the kinds that there are; `travel.rs`: what is
-//!   along the way of their axes
-//! - `fraction.rs`: numbers between 0 and 1; `text.rs`: words and numbers
-//! - `config.rs`: which link is opened when a program names none (`ECMSK_LINK`, `ecmsk.toml`)
+//! - `uri.rs`, `scheme.rs`, `keys.rs` with `keys/table.rs`: the URI `scheme:path?key=value`, the schemes, and the table of
+//!   all keys with their defaults
+//! - `slaves.rs` with `slaves/list.rs`: lists of slaves; `kinds.rs`: the table of the kinds of slaves; `travel.rs`:
+//!   switches and stops along the travel of their axes
+//! - `fraction.rs`: numbers from 0 to 1; `text.rs`: words and numbers
+//! - `config.rs`: the link that is opened when a program does not name one (`ECMSK_LINK`, `ecmsk.toml`)
 
 pub mod config;
 mod fraction;

@@ -1,8 +1,8 @@
-//! The schemes of links: how a board or a chip is reached.
+//! The schemes of links: the ways to reach a board or a chip.
 
 use std::fmt;
 
-/// How a board or a chip is reached: the word before the colon.
+/// The scheme of a link, which is the way to reach a board or a chip: the word before the colon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// A simulated board in this process.
@@ -11,20 +11,20 @@ pub enum Scheme {
     Usb,
     /// A real ECM-SK on SPI.
     Spi,
-    /// A board that another process or machine serves.
+    /// A board that another process or another machine serves over TCP.
     Tcp,
     /// A simulated ECM-XF in this process: a board that reaches its slaves over the chip, or, by
     /// [`chip::open`](crate::link::chip::open), the chip itself.
     XfSim,
-    /// A real ECM-XF on SPI: in the same two ways.
+    /// A real ECM-XF on SPI: a board that reaches its slaves over the chip, or the chip itself, as with `xf-sim:`.
     XfSpi,
-    /// A real ECM-XFU on USB: in the same two ways.
+    /// A real ECM-XFU on USB: a board that reaches its slaves over the chip, or the chip itself, as with `xf-sim:`.
     XfUsb,
-    /// A board of this process whose slaves are at the end of a network card.
+    /// A board of this process whose slaves are connected to a network card.
     Nic,
 }
 
-/// A feature of this crate.
+/// A Cargo feature of this crate.
 struct Feature {
     name: &'static str,
     is_on: bool,
@@ -39,11 +39,11 @@ const NIC: Feature = Feature { name: "nic", is_on: cfg!(feature = "nic") };
 /// The path of a link over SPI.
 const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 
-/// What is known of a scheme. What opens its links stands in `open/`.
+/// The properties of a scheme. The code that opens its links is in `open/`.
 struct Row {
     name: &'static str,
     feature: Feature,
-    /// This system has such links.
+    /// Whether the operating system supports such links.
     is_of_this_system: bool,
     path: Option<&'static str>,
     meaning: &'static str,
@@ -122,29 +122,29 @@ impl Scheme {
         self.row().name
     }
 
-    /// The feature of this crate that has such links.
+    /// The Cargo feature of this crate that such links need.
     pub const fn feature(self) -> &'static str {
         self.row().feature.name
     }
 
-    /// The scheme with that name.
+    /// The scheme with that name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link: it needs [its feature](Self::feature), and [a system](Self::is_of_this_system) that has
-    /// such links.
+    /// Whether this build can open such a link. It needs [its feature](Self::feature) and [an operating
+    /// system](Self::is_of_this_system) that supports such links.
     pub const fn in_build(self) -> bool {
         self.row().feature.is_on && self.is_of_this_system()
     }
 
-    /// Whether this system has such links: what is on SPI or a network card exists on Linux only, and an ECM-XFU on USB not on
-    /// Windows.
+    /// Whether this operating system supports such links: links over SPI or a network card need Linux, and an ECM-XFU on
+    /// USB any system but Windows.
     pub const fn is_of_this_system(self) -> bool {
         self.row().is_of_this_system
     }
 
-    /// What to do where this build cannot open such a link.
+    /// The next step for a user whose build cannot open such a link, for messages.
     pub fn instead(self) -> String {
         let feature = self.feature();
         match self {
@@ -165,12 +165,12 @@ impl Scheme {
         matches!(self, Self::Sim | Self::XfSim)
     }
 
-    /// Whether there is an ECM-XF, which [`chip::open`](crate::link::chip::open) opens as such.
+    /// Whether links of this scheme contain an ECM-XF, which [`chip::open`](crate::link::chip::open) can open directly.
     pub const fn has_chip(self) -> bool {
         matches!(self, Self::XfSim | Self::XfSpi | Self::XfUsb)
     }
 
-    /// The form of the text between the colon and the question mark; `None` if the scheme allows none.
+    /// The syntax of the text between the colon and the question mark; `None` if the scheme allows no text there.
     pub const fn path(self) -> Option<&'static str> {
         self.row().path
     }

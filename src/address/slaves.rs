@@ -1,7 +1,7 @@
-//! The list of simulated slaves in a link URI: `drive*3,io`, in the order of the network. Behind a kind may stand the
-//! switches and stops along the travel of its axes, see [`travel`](super::travel), and its manufacturer-specific objects,
-//! see [`ManufacturerObjectsSpec`]. [`parse_declared`] reads the lists of the same form that say what a program takes its
-//! slaves for.
+//! The list of simulated slaves in a link URI: `drive*3,io`, in network order. A kind may be followed by the switches and
+//! stops along the travel of its axes, see [`travel`](super::travel), and by its manufacturer-specific objects, see
+//! [`ManufacturerObjectsSpec`]. [`parse_declared`] parses lists of the same syntax in which a program's slaves are
+//! declared.
 
 mod list;
 
@@ -17,7 +17,7 @@ use super::text::suggestion;
 use super::travel::{self, TravelSpec};
 use crate::sk::{SlaveKind, SlotSize};
 
-/// The largest number of slaves of a board, which is that with 12-byte slots.
+/// The maximum number of slaves of a board, reached with 12-byte slots.
 const SLAVES_MAX: usize = SlotSize::Bytes12.max_slaves();
 
 /// The manufacturer-specific objects of a simulated slave, as a link gives them.
@@ -46,13 +46,13 @@ pub struct SlaveSpec {
     pub model: SlaveModel,
     /// The switches and stops along the travel of its axes; the default for a model without axes.
     pub travel: TravelSpec,
-    /// Its manufacturer-specific objects; `None`: it has none.
+    /// The manufacturer-specific objects of the slave; `None` if it has none.
     pub manufacturer_objects: Option<ManufacturerObjectsSpec>,
 }
 
 /// The word in front of `@` that introduces manufacturer-specific objects.
 const OBJECTS: &str = "objects";
-/// The value for [`ManufacturerObjectsSpec::Any`].
+/// The text for [`ManufacturerObjectsSpec::Any`].
 const ANY: &str = "any";
 
 /// The section on manufacturer-specific objects of `ecmsk link help`.
@@ -84,7 +84,7 @@ pub(crate) fn kinds_help() -> String {
     text
 }
 
-/// Parses the list of a board; the result has one entry for each slave.
+/// Parses the list of a board's slaves; the result has one entry per slave.
 ///
 /// # Errors
 /// Why the list is invalid and what is allowed.
@@ -92,7 +92,7 @@ pub fn parse(list: &str) -> Result<Vec<SlaveSpec>, String> {
     parse_at_most(list, SLAVES_MAX)
 }
 
-/// Parses the list of a network without a board, which may have more slaves.
+/// Parses the list of a network without a board. It may have more slaves than a board has.
 ///
 /// # Errors
 /// As [`parse`].
@@ -121,9 +121,9 @@ fn parse_at_most(list: &str, slaves_max: usize) -> Result<Vec<SlaveSpec>, String
     })
 }
 
-/// Parses a list of what a program declares its slaves to be by SET_AXIS: `drive:csv*2,io,none`. Every kind of a link's list
-/// may stand there, and `none` for a slave that is not used. Upper case and blanks are ignored, and what stands behind a kind
-/// may stand behind its number, too: `drive*2:csv`. `read` makes a slave of its kind and of these parts.
+/// Parses a list of slaves as a program declares them with SET_AXIS: `drive:csv*2,io,none`. All kinds of [`parse`] are
+/// allowed, and `none` for an unused slave. Upper case and blanks are ignored. The parts may also follow the number of
+/// slaves: `drive*2:csv`. `read` converts a kind and its parts into a slave.
 ///
 /// # Errors
 /// Why the list is invalid and what is allowed.
@@ -145,12 +145,12 @@ fn unknown_kind(kind: &str, allowed: &str) -> String {
     format!("kind `{kind}` is unknown;{near} allowed: {allowed}")
 }
 
-/// The list in its normal form: equal neighbours are written once with their number.
+/// The list in normal form: equal neighbours are written once with their number.
 pub(crate) fn normal(slaves: &[SlaveSpec]) -> String {
     if slaves.is_empty() {
         return NONE.to_owned();
     }
-    // Slaves are compared in their normal form, which leaves out defaults.
+    // Compare the slaves in normal form, which leaves out defaults.
     let name = |slave: &SlaveSpec| {
         let objects = slave.manufacturer_objects.as_ref().map(|spec| format!(":{OBJECTS}@{spec}")).unwrap_or_default();
         format!("{}{}{objects}", slave.model.name(), slave.travel)
@@ -158,12 +158,12 @@ pub(crate) fn normal(slaves: &[SlaveSpec]) -> String {
     list(slaves.iter().map(name))
 }
 
-/// Why a list has too many slaves for a board with that slot size.
+/// The message for a list with too many slaves for this slot size.
 pub(crate) fn too_many(slot: SlotSize) -> String {
     format!("allowed: at most {} slaves with slot={}", slot.max_slaves(), slot.bytes())
 }
 
-/// Parts the travel of a slave from its manufacturer-specific objects.
+/// Separates the parts of a kind into its travel and its manufacturer-specific objects.
 fn split_parts<'a>(parts: &[&'a str]) -> Result<(Vec<&'a str>, Option<ManufacturerObjectsSpec>), String> {
     let mut travel = Vec::new();
     let mut manufacturer_objects = None;

@@ -1,6 +1,6 @@
-//! Words and numbers in what a person writes, and how a message shows them.
+//! Parsing of numbers in user input, and helpers for messages that quote it.
 
-/// A whole number of decimal digits alone: `parse` would let a plus sign pass.
+/// Parses an unsigned number of decimal digits only; `str::parse` would accept a plus sign.
 pub(crate) fn decimal(text: &str) -> Option<u64> {
     text.parse().ok().filter(|_| text.bytes().all(|byte| byte.is_ascii_digit()))
 }
@@ -22,7 +22,8 @@ pub(crate) fn visible(message: &str) -> String {
 /// Longer words get no suggestion, because the time of the comparison grows with the square of the length.
 const SUGGESTION_LEN_MAX: usize = 64;
 
-/// ` did you mean ..?` if one of the known words is similar: at most every third letter differs. \[OURS]
+/// The text ` did you mean ..?` if one of the known words is similar, otherwise an empty text. Similar means that at most
+/// every third letter differs. \[OURS]
 pub(crate) fn suggestion(word: &str, known: impl IntoIterator<Item = &'static str>) -> String {
     if word.len() > SUGGESTION_LEN_MAX {
         return String::new();

@@ -9,7 +9,7 @@ use std::fmt;
 use super::kinds::{SlaveModel, UsualTravel};
 use super::text::{decimal, suggestion};
 
-/// The largest position in either direction \[OURS]: those that object 0x6064 can show.
+/// The largest position in either direction \[OURS]: the range of object 0x6064.
 const POSITION_MAX_COUNTS: i64 = i32::MAX as i64;
 
 /// The word for a part that does not exist.
@@ -45,36 +45,37 @@ impl fmt::Display for PositionRange {
     }
 }
 
-/// What a link says of the travel of a slave's axes; it applies to both axes if the slave has two. `None`: the default
-/// of the kind of slave. `Some(None)`: the part does not exist.
+/// The travel that a link gives for the axes of a slave. It applies to both axes if the slave has two. `None` in a field
+/// means the default of the kind of slave, `Some(None)` that the axis does not have this part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct TravelSpec {
-    /// The position at power-on; 0 if not given.
+    /// The position at power-on, counts; 0 if not given.
     pub start: Option<i64>,
-    /// The limit switches: the negative one is active at `from` and below, the positive one at `to` and above. Those that are
-    /// given act in every mode; the default ones, but for a DP3CL's, in homing alone.
+    /// The limit switches, counts: the negative one is active at `from` and below, the positive one at `to` and above.
+    /// Explicitly given limit switches act in every mode; the default ones act only in homing, except those of a DP3CL.
     pub limits: Option<Option<PositionRange>>,
-    /// Where the home switch is active: a cam, or, if one end is missing, everything beyond the other one.
+    /// The positions at which the home switch is active, counts. If one end is missing, the switch is active everywhere
+    /// beyond the other end.
     pub home: Option<Option<PositionRange>>,
-    /// A position of the index pulse, which repeats every turn.
+    /// A position of the index pulse, counts; the pulse repeats every turn.
     pub index: Option<Option<u32>>,
-    /// Mechanical end stops that the shaft cannot pass.
+    /// Mechanical end stops that the shaft cannot pass, counts.
     pub stops: Option<PositionRange>,
-    /// How far a homing run may search for its reference.
+    /// The maximum distance that a homing run searches for its reference, counts.
     pub search: Option<u64>,
 }
 
-/// One part of the syntax.
+/// One part of the syntax, such as `limits@..`.
 struct Part {
     word: &'static str,
-    /// The form of the value behind the `@`.
+    /// The syntax of the value after the `@`.
     form: &'static str,
     meaning: &'static str,
-    /// How many axes of a kind may have it; 0: slaves of that kind have no such part.
+    /// The number of axes of a slave of this kind that can have the part; 0 if the kind does not allow the part.
     axes: fn(SlaveModel) -> usize,
-    /// Stores the value in a [`TravelSpec`]; returns false if the value is invalid.
+    /// Parses the value and stores it in a [`TravelSpec`]; returns false if the value is invalid.
     read: fn(&mut TravelSpec, &str) -> bool,
-    /// The value as text, if the [`TravelSpec`] has one.
+    /// The value as text; `None` if the [`TravelSpec`] does not give it.
     write: fn(&TravelSpec) -> Option<String>,
 }
 
@@ -136,14 +137,14 @@ const PARTS: [Part; 6] = [
     },
 ];
 
-/// Stores a value; returns false if there is none.
+/// Stores a parsed value; returns false if parsing failed.
 fn set<T>(place: &mut Option<T>, value: Option<T>) -> bool {
     *place = value;
     place.is_some()
 }
 
 impl TravelSpec {
-    /// Parses the parts behind a kind.
+    /// Parses the parts that follow a kind.
     ///
     /// # Errors
     /// Why a part is invalid, and what is allowed.
@@ -184,7 +185,7 @@ impl TravelSpec {
     }
 }
 
-/// Writes `:` and each part that is given, in the order of the table.
+/// Writes each given part after a `:`, in the order of the table.
 impl fmt::Display for TravelSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         PARTS.iter().try_for_each(|part| match (part.write)(self) {
@@ -194,7 +195,7 @@ impl fmt::Display for TravelSpec {
     }
 }
 
-/// What is along the way of an axis of which nothing is said, for `ecmsk link help`.
+/// The default travel of each kind, for `ecmsk link help`.
 fn usual_help() -> String {
     let mut rows: Vec<(UsualTravel, Vec<&str>)> = Vec::new();
     for model in SlaveModel::ALL {
@@ -213,12 +214,12 @@ fn usual_help() -> String {
     text
 }
 
-/// The words of the parts that a slave of that kind may have.
+/// The words of the parts that a slave of this kind can have.
 pub(super) fn words_of(model: SlaveModel) -> impl Iterator<Item = &'static str> {
     PARTS.iter().filter(move |part| (part.axes)(model) > 0).map(|part| part.word)
 }
 
-/// The parts, for `ecmsk link help`.
+/// The description of the parts, for `ecmsk link help`.
 pub(crate) fn help() -> String {
     let mut text = String::from(
         "Behind a kind with axes may stand what is along their way, in counts of the shaft (pulses of an hsp), e.g.\n\
@@ -257,7 +258,7 @@ mod tests {
     use super::*;
     use crate::slave::{Dp3clConfig, DriveConfig, HomeSwitch, HspConfig, Travel};
 
-    /// The table says which switches an axis has of which nothing is said.
+    /// The table of kinds gives the default travel that the models have.
     #[test]
     fn the_usual_travel_is_what_the_models_have() {
         for model in SlaveModel::ALL {

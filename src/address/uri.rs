@@ -34,7 +34,7 @@ const IN_VALUE: &AsciiSet = &IN_PATH.add(b'&').add(b'=').add(b'\'').add(b'{').ad
 pub struct LinkUri {
     scheme: Scheme,
     path: String,
-    /// In the order of the table, without keys that have their default value.
+    /// The keys in the order of the table, without keys that have their default value.
     keys: Vec<(String, String)>,
 }
 
@@ -52,7 +52,7 @@ pub enum UriError {
     UnknownScheme {
         text: String,
         scheme: String,
-        /// ` did you mean ..?`, or empty.
+        /// The text ` did you mean ..?`, or an empty text.
         suggestion: String,
         allowed: String,
     },
@@ -62,7 +62,7 @@ pub enum UriError {
     /// Text stands between the colon and the question mark, where this scheme allows none.
     #[error("`{scheme}:` takes nothing but keys, found `{path}`; allowed: {scheme}:?key=value; {WHERE_TO_LOOK}")]
     UnexpectedPath { scheme: Scheme, path: String },
-    /// The text between the colon and the question mark is not one that this scheme allows.
+    /// The scheme does not allow this text between the colon and the question mark.
     #[error("`{scheme}:` does not take `{}` as its place; allowed: {allowed}; {WHERE_TO_LOOK}", visible(.path))]
     BadPath { scheme: Scheme, path: String, allowed: &'static str },
     /// A part of the query has no `=`.
@@ -79,7 +79,7 @@ pub enum UriError {
         scheme: Scheme,
         key: String,
         value: String,
-        /// ` did you mean ..?`, the reason why the key does not exist, or empty.
+        /// The text ` did you mean ..?`, the reason why the key does not exist, or an empty text.
         hint: String,
         allowed: String,
     },
@@ -91,10 +91,10 @@ pub enum UriError {
     BadValue {
         key: String,
         value: String,
-        /// Why not, and what is allowed.
+        /// The reason, and the allowed values.
         why: String,
     },
-    /// A key that the link has to have is not given.
+    /// A mandatory key is missing.
     #[error("`{scheme}:` needs the key `{key}`: {meaning}; {allowed}; {WHERE_TO_LOOK}")]
     MissingKey { scheme: Scheme, key: String, meaning: &'static str, allowed: String },
     /// The percent-encoded bytes are not UTF-8.
@@ -108,7 +108,7 @@ pub enum UriError {
 impl LinkUri {
     /// Parses a URI; white space around it is ignored.
     ///
-    /// A scheme that is not in this build is accepted here, and refused when the link is opened.
+    /// A scheme that this build does not support is accepted here and refused when the link is opened.
     ///
     /// # Errors
     /// [`UriError`], which names the key, its value and what is allowed.
@@ -140,7 +140,7 @@ impl LinkUri {
         Ok(uri)
     }
 
-    /// The scheme: how the board is reached.
+    /// The scheme: the way to reach the board.
     pub const fn scheme(&self) -> Scheme {
         self.scheme
     }
@@ -155,27 +155,27 @@ impl LinkUri {
         self.keys.iter().map(|(key, value)| (key.as_str(), value.as_str()))
     }
 
-    /// The value of a key: the given one, or else its default.
+    /// The value of a key: the given value or else the default; `None` if there is neither.
     pub fn value(&self, key: &str) -> Option<&str> {
         let given = self.keys().find(|(name, _)| *name == key).map(|(_, value)| value);
         given.or_else(|| Key::find(self.scheme, key)?.default)
     }
 
-    /// The value of a key, converted by `read`; `None` if it is not given and has no default.
+    /// The value of a key, converted by `read`; `None` if the key is neither given nor has a default.
     pub(crate) fn typed<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<Option<T>, UriError> {
         let Some(value) = self.value(key) else { return Ok(None) };
-        // The table has let this value pass: the type can hold less than the table allows only if the two disagree.
+        // The value has passed the check against the table, so `read` fails only if the type and the table disagree.
         let why = || Key::find(self.scheme, key).map(|row| row.syntax.allowed()).unwrap_or_default();
         let bad = || UriError::BadValue { key: key.to_owned(), value: value.to_owned(), why: why() };
         read(value).map(Some).ok_or_else(bad)
     }
 
-    /// As [`typed`](Self::typed), for a key that has a default.
+    /// As [`typed`](Self::typed), for a key with a default.
     pub(crate) fn required<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T, UriError> {
         self.typed(key, read)?.ok_or_else(|| self.unknown_key(key, ""))
     }
 
-    /// As [`typed`](Self::typed), for a key that has no default and has to be given.
+    /// As [`typed`](Self::typed), for a mandatory key without a default.
     #[cfg(all(feature = "usb", unix))]
     pub(crate) fn given<T>(&self, key: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T, UriError> {
         let Some(row) = Key::find(self.scheme, key) else { return Err(self.unknown_key(key, "")) };
@@ -187,12 +187,12 @@ impl LinkUri {
         })
     }
 
-    /// As [`required`](Self::required), for a key whose values are these words.
+    /// As [`required`](Self::required), for a key whose value is one of these words.
     pub(crate) fn choice<T, const N: usize>(&self, key: &str, words: [(&str, T); N]) -> Result<T, UriError> {
         self.required(key, |value| words.into_iter().find(|(word, _)| *word == value).map(|(_, meaning)| meaning))
     }
 
-    /// The slaves of a modelled network.
+    /// The slaves listed for a modelled network.
     pub(crate) fn slaves(&self) -> Result<Vec<SlaveSpec>, UriError> {
         self.required("slaves", |value| slaves::parse(value).ok())
     }
@@ -225,8 +225,8 @@ impl LinkUri {
         Ok(())
     }
 
-    /// Checks the number of slaves against the slot size: with 16-byte slots a frame has room for 30 slaves instead of
-    /// 40.
+    /// Checks the number of slaves against the slot size: a frame has room for 40 slaves with 12-byte slots and for 30
+    /// slaves with 16-byte slots.
     fn check_slaves(&self) -> Result<(), UriError> {
         let Some(list) = self.value("slaves") else { return Ok(()) };
         let slot = self.typed("slot", slot_size)?.unwrap_or_default();
@@ -237,7 +237,7 @@ impl LinkUri {
         Ok(())
     }
 
-    /// \[OURS] Refuses keys on a virtual clock that have an effect on the real clock only.
+    /// \[OURS] Rejects keys that have no effect on a virtual clock.
     fn check_clock(&self) -> Result<(), UriError> {
         if self.value("clock") != Some("virtual") {
             return Ok(());
@@ -278,7 +278,7 @@ impl FromStr for LinkUri {
     }
 }
 
-/// Writes the normal form: keys in the order of the table, defaults left out. Parsing it gives the same URI.
+/// Writes the normal form: keys in the order of the table, defaults left out. Parsing the result yields an equal URI.
 impl fmt::Display for LinkUri {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.scheme, utf8_percent_encode(&self.path, IN_PATH))?;

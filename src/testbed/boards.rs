@@ -12,19 +12,19 @@ use crate::engine::Board;
 use crate::fieldbus::sim::SimHandle;
 use crate::link::LinkError;
 
-/// How a later link finds a board.
+/// How a later link finds a parked board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Key {
-    /// By its `name=`.
+    /// By the `name=` of the link.
     Name(String),
-    /// By the options of its link.
+    /// By the options of the link.
     Options(Box<SimOptions>),
 }
 
 struct Entry {
     key: Key,
     options: SimOptions,
-    /// The board, while it waits for the next link; `None`: a link has it.
+    /// The parked board; `None` while a link uses it.
     parked: Option<Box<Parked>>,
 }
 
@@ -67,12 +67,13 @@ pub(crate) fn park(key: &Key, board: Board, network: SimHandle) {
     }
 }
 
-/// Cancels a reservation for which there is no board.
+/// Cancels the reservation of [`claim`] when the caller could not make a board.
 pub(crate) fn forget(key: &Key) {
     boards().retain(|entry| entry.key != *key);
 }
 
-/// Discards all parked boards of this process, so that the next link finds a new one. Returns how many boards are open.
+/// Discards all parked boards of this process, so that the next link makes a new one. Returns the number of boards that
+/// links still use.
 #[doc(hidden)]
 pub fn forget_parked() -> usize {
     let mut boards = boards();

@@ -1,4 +1,5 @@
-//! The slaves of a list: which model a kind is, with the travel and the objects that the list gives it.
+//! Builds the simulated slaves of a list: the model of each kind, with the travel and the manufacturer-specific objects
+//! that the list gives.
 
 use super::manufacturer_objects;
 use crate::address::slaves::{SlaveModel, SlaveSpec};
@@ -10,10 +11,10 @@ use crate::slave::{
     Travel,
 };
 
-/// The slaves as a link describes them, with their manufacturer-specific objects.
+/// Builds the slaves that a link lists, with their manufacturer-specific objects.
 ///
 /// # Errors
-/// A file with such objects cannot be used.
+/// [`ManufacturerObjectsError`] if a file of manufacturer-specific objects cannot be used.
 pub(crate) fn slaves(specs: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, ManufacturerObjectsError> {
     Ok(models(specs, manufacturer_objects::of_slaves(specs)?))
 }
@@ -32,7 +33,7 @@ pub(super) fn models(
     specs.iter().zip(manufacturer_objects).map(one).collect()
 }
 
-/// A slave of a kind that was just switched on, with that travel of its axes.
+/// A slave of this kind in its power-on state, with the given travel of its axes.
 fn build(model: SlaveModel, travel: &TravelSpec) -> Box<dyn Slave> {
     match model {
         SlaveModel::Drive => drive(DriveConfig::default(), travel),
@@ -44,19 +45,19 @@ fn build(model: SlaveModel, travel: &TravelSpec) -> Box<dyn Slave> {
     }
 }
 
-/// A drive as a link describes it.
+/// A drive with the travel that a link gives.
 fn drive(config: DriveConfig, said: &TravelSpec) -> Box<dyn Slave> {
     let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
     Box::new(Drive::new(DriveConfig { position, travel, ..config }))
 }
 
-/// A DP3CL as a link describes it.
+/// A DP3CL with the travel that a link gives.
 fn dp3cl(config: Dp3clConfig, said: &TravelSpec) -> Box<dyn Slave> {
     let (position, travel) = (said.start.unwrap_or(0), travel(said, config.travel));
     Box::new(Dp3cl::new(Dp3clConfig { position, travel, ..config }))
 }
 
-/// A pulse module as a link describes it.
+/// A pulse module with the travel that a link gives.
 fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     let config = HspConfig::with(channels);
     let travels = config.travels.map(|usual| travel(said, usual));
@@ -64,7 +65,7 @@ fn hsp(channels: Channels, said: &TravelSpec) -> Box<dyn Slave> {
     Box::new(Hsp::new(HspConfig { positions, travels, ..config }))
 }
 
-/// The travel of a kind of slave, with the values that the link gives replaced.
+/// The default travel of a kind of slave, with the values that the link gives put in place.
 fn travel(said: &TravelSpec, usual: Travel) -> Travel {
     let home = |span: PositionRange| match span {
         PositionRange { from: Some(first), to: Some(last) } => Some(HomeSwitch::Cam { first, last }),
@@ -79,8 +80,8 @@ fn travel(said: &TravelSpec, usual: Travel) -> Travel {
         index: said.index.unwrap_or(usual.index),
         stops: said.stops.and_then(|stops| stops.from.zip(stops.to)),
         search_limit: said.search.unwrap_or(usual.search_limit),
-        // [OURS] Who says where the limits of an axis are wants them kept. The usual ones are there for homing, and an axis
-        // that turns for ever passes them.
+        // [OURS] Limit switches that a link places explicitly stop the axis in every mode. The default ones act only in
+        // homing, because an axis that turns endlessly passes them.
         limits_stop_motion: said.limits.flatten().is_some(),
     }
 }

@@ -1,4 +1,4 @@
-//! `xf-sim:`: the model of an ECM-XF with simulated slaves in this process.
+//! `xf-sim:` opened as a chip: the model of an ECM-XF with simulated slaves in this process.
 
 use std::time::{Duration, Instant};
 
@@ -15,26 +15,27 @@ use crate::slave::handle::SimHandle;
 use crate::xf::chip::{Chip, ChipPort, SimulatedNetwork};
 use crate::xf::host::Wires;
 
-/// A model of the chip, which gets its power when it is opened, and the wires to it.
+/// The model of an ECM-XF, powered on when it is opened, and the SPI or USB connection to it.
 pub struct SimChip {
     info: ChipInfo,
     port: ChipPort<SimulatedNetwork>,
     clock: ChipClock,
-    /// How long a byte takes, in picoseconds.
+    /// The transfer time of a byte, picoseconds.
     byte_ps: u64,
-    /// The chip was or came to be at work in the last exchange: INT0 becomes active once more.
+    /// Whether INT0 still has an edge to deliver: the chip was busy in the last exchange, or was reset since.
     edge_to_come: bool,
-    /// What happens to the slaves and when, in the chip's time (`script=`).
+    /// The events of `script=`, in the chip's time.
     script: Option<RunningScript>,
 }
 
-/// How far the chip's time advances at most before its script is looked at again. \[OURS] The shortest cycle of a board.
+/// The longest step by which the chip's time advances before the script is checked again, ns. \[OURS] The shortest cycle of
+/// a board.
 const SCRIPT_STEP_NS: Ns = 250_000;
 
-/// How long a byte of an ECM-XFU takes: its packets of 1024 bytes take a microframe of USB. \[OURS]
+/// The transfer time of a byte to an ECM-XFU, picoseconds: its packets of 1024 bytes take one USB microframe. \[OURS]
 const USB_BYTE_PS: u64 = 125_000_000 / 1024;
 
-/// The time since the chip got its power.
+/// The clock of the modelled chip. Its time counts from power-on.
 enum ChipClock {
     Virtual(Ns),
     Real(Instant),
@@ -58,15 +59,15 @@ impl ChipClock {
 }
 
 impl SimChip {
-    /// The chip that an `xf-sim:` link describes.
+    /// Builds the chip that an `xf-sim:` link describes.
     ///
     /// # Errors
-    /// [`ChipError::Uri`], and as [`Self::with_options`].
+    /// [`ChipError::Uri`], and the errors of [`Self::with_options`].
     pub fn from_uri(uri: &LinkUri) -> Result<Self, ChipError> {
         Self::with_options(&uri.to_string(), &SimChipOptions::from_uri(uri)?)
     }
 
-    /// The chip with these options; `name` is the name of the link in messages. A script begins now.
+    /// Builds the chip with these options; `name` is the name of the link in messages. The script starts immediately.
     ///
     /// # Errors
     /// [`ChipError::Script`], [`ChipError::ManufacturerObjects`], [`ChipError::Network`].
@@ -87,7 +88,7 @@ impl SimChip {
         Ok(Self { script, ..Self::over(name, options.chip, options.clock, network) })
     }
 
-    /// The chip with that network; `name` is the name of the link in messages.
+    /// Builds the chip with an existing simulated network; `name` is the name of the link in messages.
     pub fn over(name: &str, chip: ModelledChip, clock: Clock, network: SimulatedNetwork) -> Self {
         let profile = chip.profile();
         let size = profile.size_is_fixed.then_some(profile.size);
@@ -108,7 +109,7 @@ impl SimChip {
         Self { info, port, clock, byte_ps, edge_to_come: false, script: None }
     }
 
-    /// What the script says until now happens to the slaves.
+    /// Carries out the script up to the current time. The chip's time advances along with it.
     fn run_script(&mut self) {
         let Some(script) = &mut self.script else { return };
         let (mut at, now) = (self.port.chip().now(), self.clock.now());
@@ -122,12 +123,12 @@ impl SimChip {
         }
     }
 
-    /// The chip, to look at.
+    /// The modelled chip, read only.
     pub const fn chip(&self) -> &Chip<SimulatedNetwork> {
         self.port.chip()
     }
 
-    /// The chip, to use its pins and to cause trouble in its network.
+    /// The modelled chip, to operate its pins or to inject faults into its network.
     pub const fn chip_mut(&mut self) -> &mut Chip<SimulatedNetwork> {
         self.port.chip_mut()
     }
@@ -141,7 +142,7 @@ impl Wires for SimChip {
     }
 
     fn exchange(&mut self, to_chip: &[u8], from_chip: &mut [u8]) -> Result<(), ChipError> {
-        // The chip chooses its answer at the first byte, and takes the packet at the last one.
+        // The chip prepares its response at the first byte, and processes the packet at the last byte.
         let Some(last) = to_chip.len().min(from_chip.len()).checked_sub(1) else { return Ok(()) };
         self.run_script();
         let begin = self.clock.now();
@@ -180,7 +181,7 @@ impl ChipLink for SimChip {
         Ok(Some(self.port.chip_mut().int1(now)))
     }
 
-    /// A modelled chip always has the line.
+    /// Pulls the reset line. A modelled chip always has one, so the result is always true.
     fn reset(&mut self) -> Result<bool, ChipError> {
         self.run_script();
         let low = Ns::try_from(RESET_LOW.as_nanos()).unwrap_or(Ns::MAX);

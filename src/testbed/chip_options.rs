@@ -1,4 +1,4 @@
-//! The keys of `xf-sim:` about the chip that it models, as Rust types.
+//! The keys of `xf-sim:` that describe the modelled chip, as Rust types.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use crate::slave::handle::SimHandle;
 use crate::xf::chip::{Controllers, Profile, SimulatedNetwork, SlaveModels};
 use crate::xf::{Coverage, Coverages, DataSize};
 
-/// The chips that can be modelled.
+/// The chips that have a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChipModel {
     /// An ECM-XF with firmware 0x22.
@@ -25,12 +25,12 @@ pub enum ChipModel {
     Xfu,
 }
 
-/// What is between a modelled chip and its simulated slaves.
+/// How a modelled chip reaches its simulated slaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChipNetwork {
-    /// Calls: fast, without registers, EEPROMs, files and mailboxes.
+    /// By function calls to the models of the slaves: fast, but without registers, EEPROMs, files and mailboxes.
     Models,
-    /// Frames: a master in the chip, and a controller in front of each slave.
+    /// By EtherCAT frames: the chip contains a master, and each slave has a modelled slave controller.
     Controllers,
 }
 
@@ -43,10 +43,10 @@ impl ChipNetwork {
         }
     }
 
-    /// These slaves behind it, which `handle` reaches.
+    /// Builds the network of these slaves, which `handle` controls.
     ///
     /// # Errors
-    /// [`UndescribedError`]: a slave does not say what belongs into the EEPROM of its controller.
+    /// [`UndescribedError`]: a slave does not define the content of the EEPROM of its slave controller.
     pub fn with(self, slaves: Vec<Box<dyn Slave>>, handle: SimHandle) -> Result<SimulatedNetwork, UndescribedError> {
         Ok(match self {
             Self::Models => SimulatedNetwork::Models(SlaveModels::new(slaves).reached_by(handle)),
@@ -55,29 +55,29 @@ impl ChipNetwork {
     }
 }
 
-/// The chip that `xf-sim:` models, and the wires to it.
+/// The chip that `xf-sim:` models, and the SPI or USB connection to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModelledChip {
-    /// Which chip it is.
+    /// The type of the chip.
     pub model: ChipModel,
-    /// Its n when it has got its power; `None`: that of the model.
+    /// The data size n of a packet at power-on, bytes; `None`: the default of the chip type.
     pub size: Option<DataSize>,
-    /// What its CRC-32 covers.
+    /// The part of a packet that the CRC-32 covers, for each direction.
     pub coverages: Coverages,
-    /// The clock of SPI in Hz, 1 and more.
+    /// The SPI clock in Hz, at least 1.
     pub speed_hz: u32,
-    /// Whether INT0 is wired.
+    /// Whether the INT0 line is connected.
     pub int0: bool,
-    /// What is between it and its slaves; `None`: models under a board, which is faster by that, and controllers for a program
-    /// of the chip, which may use any of its commands.
+    /// How the chip reaches its slaves. `None`: by calls to the models under a board, which is faster; through slave
+    /// controllers for a program that uses the chip directly, because it may use any command.
     pub network: Option<ChipNetwork>,
 }
 
 impl ModelledChip {
-    /// The chip in a URI; keys that are not given have their defaults.
+    /// The chip that a URI describes; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError::BadValue`] if a value does not fit the type of its option.
+    /// [`UriError::BadValue`] if the value of a key is invalid.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let models = [("old", ChipModel::Old), ("new", ChipModel::New), ("xfu", ChipModel::Xfu)];
         Ok(Self {
@@ -90,7 +90,7 @@ impl ModelledChip {
         })
     }
 
-    /// The properties of the chip.
+    /// The properties of the chip model with these options.
     pub fn profile(&self) -> Profile {
         let profile = match self.model {
             ChipModel::New => Profile::NEW,
@@ -110,7 +110,7 @@ pub struct SimChipOptions {
     pub clock: Clock,
     /// The chip and the wires to it.
     pub chip: ModelledChip,
-    /// A file of events that happen to the slaves.
+    /// The script file of events that happen to the slaves.
     pub script: Option<PathBuf>,
 }
 
@@ -125,7 +125,8 @@ impl SimChipOptions {
     }
 }
 
-/// Parses what a CRC-32 covers: of both directions, or of commands and behind a comma of answers.
+/// Parses the coverage of the CRC-32: one value for both directions, or a value for commands and one for responses,
+/// separated by a comma.
 fn coverages(value: &str) -> Option<Coverages> {
     let one = |value| match value {
         "all" => Some(Coverage::All),

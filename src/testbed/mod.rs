@@ -1,11 +1,11 @@
-//! A simulated machine, as a link or a command line describes it: its slaves, the objects of their makers, and what happens to
-//! them and when. `sim:`, `xf-sim:`, `ecmsk bus` and `ecmsk serve ethercat` have it from here.
+//! A simulated machine, built from a link or a command line: its slaves, their manufacturer-specific objects, and a script
+//! of events. `sim:`, `xf-sim:`, `ecmsk bus` and `ecmsk serve ethercat` use it.
 //!
 //! - `options.rs`, `chip_options.rs`, `clock_and_script.rs`: the keys of `sim:` and `xf-sim:` as Rust types
-//! - `build.rs`: slaves of a list; `manufacturer_objects.rs`: the objects of their makers
+//! - `build.rs`: builds the slaves of a list; `manufacturer_objects.rs`: reads their manufacturer-specific objects
 //! - `script.rs`: events of a script (`script=`)
 //! - `sim.rs`, `boards.rs`: the links `sim:` and `xf-sim:` to a board, and the boards that outlive their links
-//! - `chip.rs`: `xf-sim:` as the chip that it is
+//! - `chip.rs`: `xf-sim:` opened as a chip
 //! - `simulated_slaves.rs`: slaves and scripts for a network without a board
 
 mod boards;

@@ -1,4 +1,4 @@
-//! The keys of boards that are modelled in this process, `sim:` and `xf-sim:`, as Rust types.
+//! The keys of the links to boards that are modelled in this process, `sim:` and `xf-sim:`, as Rust types.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -13,16 +13,16 @@ use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
 pub use crate::recording::Clock;
 
-/// What is between a modelled board and its slaves.
+/// What connects a modelled board with its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModelledBus {
-    /// Nothing: a cycle of the board is a frame that passes the slaves (`sim:`).
+    /// No chip: in each cycle the board sends a frame through the slaves (`sim:`).
     Direct,
-    /// An ECM-XF, which the board uses (`xf-sim:`).
+    /// A modelled ECM-XF (`xf-sim:`).
     Chip {
-        /// The chip and the wires to it.
+        /// The chip, and the SPI or USB connection to it.
         chip: ModelledChip,
-        /// How the board uses it.
+        /// How the board operates the chip.
         used: ChipUse,
     },
 }
@@ -30,7 +30,7 @@ pub enum ModelledBus {
 /// Options of `sim:` and `xf-sim:`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SimOptions {
-    /// What every board has that is modelled in this process.
+    /// The options of every board that is modelled in this process.
     pub board: BoardOptions,
     /// The slaves in network order: 0..=40, or 0..=30 with 16-byte slots.
     pub slaves: Vec<SlaveSpec>,
@@ -38,13 +38,13 @@ pub struct SimOptions {
     pub clock: Clock,
     /// The name of the board: links with the same name open the same board.
     pub name: Option<String>,
-    /// How much of the time during which a board was closed is simulated when it is opened again.
+    /// The maximum time that the simulation catches up when a board is opened again after it was closed.
     pub catch_up: Duration,
-    /// The speed of the board's time on the real clock: 0.001..=1.
+    /// The rate of the board's clock relative to the real clock, 0.001..=1.
     pub rate: Fraction,
-    /// A file of events that happen to the board and its slaves.
+    /// The script file of events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
-    /// What is between the board and its slaves.
+    /// What connects the board with its slaves.
     pub bus: ModelledBus,
 }
 

@@ -1,8 +1,9 @@
 //! Scripts (`script=`): text files that make events happen to a simulated board and its slaves at given times.
 //!
-//! A line is one event, `at TIME VERB ..`; an event that lasts may end by itself, `at TIME VERB .. for TIME`. Times are
-//! the board's time since the link was opened; a line without `at` applies from then on. `#` begins a comment. Lines may
-//! stand in any order; of two lines with the same time the upper one comes first.
+//! A line is one event, `at TIME VERB ..`; an event with a duration can be ended by the same line,
+//! `at TIME VERB .. for TIME`. Times count in the board's time from the opening of the link; a line without `at` applies
+//! from then on. `#` begins a comment. Lines may be in any order; of two lines with the same time the upper one is carried
+//! out first.
 //!
 //! ```text
 //! refuse 2 safeop for 4s       # slave 2 does not enter SafeOP in the first four seconds
@@ -10,8 +11,9 @@
 //! at 3s   cut 2 for 1s         # the cable is cut before slave 2, and whole again at 4 s
 //! ```
 //!
-//! Where there is no board but slaves on a network interface, times count from the start of the server, or, below a line
-//! `from frame` or `from op`, from the first frame of a master or from when the first slave is in OP ([`ScriptOrigin`]).
+//! For slaves on a network interface, without a board, times count from the start of the server. Below a line `from frame`
+//! or `from op`, they count from the first frame of a master, or from the moment the first slave reaches OP
+//! ([`ScriptOrigin`]).
 //!
 //! `ecmsk link help` lists every verb. The lines call [`Cable`] and [`BoardHandle`], as a test in Rust does. The file is
 //! read when the link is opened; if it is invalid, the link does not open. Each line is carried out at the beginning of
@@ -39,10 +41,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! \[OURS] Whenever the link is opened, its script starts again, after everything that it did before has been undone. The
-//! end of an event (`for`, `end`) ends every event of that kind that is in force for the slave, whichever line began it.
-//! A read on a virtual clock does not fail with [`LinkError::Silent`](crate::link::LinkError::Silent) as long as lines are left,
-//! since one of them may end the silence.
+//! \[OURS] Each time the link is opened, everything that the script did before is undone and the script starts again. The
+//! end of an event (`for`, `end`) ends every event of that kind that is in force for the slave, whichever line began it. On
+//! a virtual clock, a read does not fail with [`LinkError::Silent`](crate::link::LinkError::Silent) while lines remain,
+//! because one of them may end the silence.
 //!
 //! Files: `verbs.rs` is the table of all verbs, `reader.rs` and `words.rs` read their operands, `run.rs` carries the
 //! lines out.
@@ -66,19 +68,19 @@ pub(crate) use run::undo_all;
 pub use run::{RunningScript, ScriptOrigin};
 pub(crate) use verbs::help;
 
-/// The largest file that is read, in bytes \[OURS].
+/// The maximum size of a script file, bytes \[OURS].
 const FILE_BYTES_MAX: u64 = 1 << 20;
 
-/// A script that was read and checked.
+/// A parsed and checked script.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Script {
-    /// The steps in the order of their times.
+    /// The steps in order of time.
     steps: Vec<run::Step>,
 }
 
 impl Script {
-    /// Reads the script in the file `path` for a board with a network of these slaves. Its times count from when the link was
-    /// opened; a line that waits for something else is refused.
+    /// Reads the script file `path` for a board with a network of these slaves. Its times count from the opening of the
+    /// link; a line with another origin is an error.
     ///
     /// # Errors
     /// [`ScriptError`].
@@ -97,7 +99,8 @@ impl Script {
         }
     }
 
-    /// The same for a network without a board: lines may wait for [`RunningScript::begin`].
+    /// Reads the script file `path` for a network without a board. Unlike [`Self::load`], lines may count their times from
+    /// an event that [`RunningScript::begin`] reports.
     ///
     /// # Errors
     /// [`ScriptError`].
@@ -110,7 +113,8 @@ impl Script {
         Self::parse(&file, &text, slaves)
     }
 
-    /// The same for simulated slaves, which may be reached without frames: then a line that does something to frames is refused.
+    /// Reads the script file `path` for simulated slaves. Without frames (`has_frames` is false), a line that affects
+    /// frames is an error.
     ///
     /// # Errors
     /// [`ScriptError`].
@@ -125,7 +129,7 @@ impl Script {
         }
     }
 
-    /// Reads the text of a script for a network of these slaves; `file` is its name in error messages.
+    /// Parses the text of a script for a network of these slaves; `file` is the name in error messages.
     ///
     /// # Errors
     /// [`ScriptError::Line`].
@@ -145,13 +149,13 @@ impl Script {
         Ok(Self { steps })
     }
 
-    /// How many steps the script has; a line with `for` has two.
+    /// The number of steps; a line with `for` has two.
     pub fn len(&self) -> usize {
         self.steps.len()
     }
 
-    /// The line and the verb of the first step that does something to the board itself, which a network without a board does
-    /// not have; `None`: every step is one of the network.
+    /// The line number and the verb of the first step that affects the board itself; `None` if every step affects only the
+    /// network. A network without a board cannot carry out such a step.
     pub fn of_board(&self) -> Option<(u32, &'static str)> {
         let of_board = self.steps.iter().find(|step| step.action.is_of_board());
         of_board.map(|step| (step.line, step.verb))

@@ -1,5 +1,5 @@
-//! The links `sim:` and `xf-sim:`: the model of an EC01M with simulated slaves in this process, which are its own or behind
-//! the model of an ECM-XF.
+//! The links `sim:` and `xf-sim:`: the model of an EC01M in this process. Its simulated slaves are connected to it
+//! directly, or through the model of an ECM-XF.
 
 use std::time::Duration;
 
@@ -20,14 +20,14 @@ use crate::own_board::engine::{EngineLink, Keeper};
 use crate::recording::Clock;
 use crate::slave::{ManufacturerObjects, Slave};
 
-/// How long a board may take to start up, in its own time, before it counts as one that finds no slave.
+/// The maximum start-up time of a board, in its own time. After this time it counts as a board that finds no slave.
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
 
-/// Opens the board that the URI describes: one that this process has already, as `share` decides, or else a new one
-/// that has finished starting up.
+/// Opens the board that the URI describes: a board of this process, as `share` decides, or else a new board, which is
+/// returned after its start-up.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Result<EngineLink, LinkError> {
     let options = SimOptions::from_uri(uri)?;
-    // Errors in these files are found before any board is claimed or moved.
+    // Load these files before a board is claimed or moved, so that an error in them has no side effect.
     let script = script_of(&options)?;
     let objects = manufacturer_objects::of_slaves(&options.slaves)?;
     let name = uri.to_string();
@@ -71,7 +71,7 @@ pub(crate) fn open(uri: &LinkUri, common: &CommonOptions, share: Share) -> Resul
     link
 }
 
-/// The board that the URI describes, without a link: it has just started up, and its time advances only by calls.
+/// The board that the URI describes, without a link: just started up. Its time advances only through calls.
 pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     let options = SimOptions::from_uri(uri)?;
     let script = script_of(&options)?;
@@ -84,7 +84,7 @@ pub(crate) fn model(uri: &LinkUri) -> Result<Board, LinkError> {
     Err(LinkError::NoBoard { name, reason: "it finds no slave; give it some with `slaves=`".into() })
 }
 
-/// The script of a link, if there is one.
+/// Reads the script of a link, if the link has one.
 fn script_of(options: &SimOptions) -> Result<Option<Script>, LinkError> {
     let Some(path) = options.script.as_deref() else { return Ok(None) };
     let has_frames =
@@ -100,7 +100,7 @@ fn start(script: Option<Script>, board: &mut Board, network: &SimHandle) {
     }
 }
 
-/// A board that has just started up, and the network behind it. `name` is the name of its link.
+/// Makes a board in its power-on state, with its network. `name` is the name of its link.
 ///
 /// # Errors
 /// As [`bus`].
@@ -115,10 +115,10 @@ fn switch_on(
     Ok((board, network))
 }
 
-/// The bus with these slaves, and the handle on them.
+/// Builds the bus with these slaves, and the handle that controls them.
 ///
 /// # Errors
-/// [`LinkError::NoBoard`]: a slave does not say what belongs into the EEPROM of its controller.
+/// [`LinkError::NoBoard`]: a slave does not define the content of the EEPROM of its slave controller.
 fn bus(
     name: &str,
     options: &SimOptions,
@@ -135,19 +135,21 @@ fn bus(
             let slaves = chip.network.unwrap_or(ChipNetwork::Models).with(slaves, network.clone());
             let slaves =
                 slaves.map_err(|error| LinkError::NoBoard { name: name.to_owned(), reason: error.to_string() })?;
-            // On the real clock, too: the board has the time from its runner, and calls the bus when it has passed.
+            // The chip has a virtual clock even if the board runs on the real one: the runner passes the time to the board,
+            // which calls the bus once that time has passed.
             let chip = SimChip::over(name, *chip, Clock::Virtual, slaves);
             (Box::new(used.bus(chip)), network)
         }
     })
 }
 
-/// Advances a board by the time during which no link had it.
+/// Advances a board by the time for which no link used it.
 fn catch_up(mut board: Board, away: Duration, options: &SimOptions) -> Board {
     let away = rate(options).slowed(away);
     let away = match (options.clock, board.engine().talks()) {
         (Clock::Real, true) => away.min(options.catch_up).as_nanos() as Ns,
-        // Whatever the limit for catching up, the board has to finish its start-up, or it could never be opened again.
+        // The limit for catching up does not apply during start-up: a board that could not finish it could never be opened
+        // again.
         (Clock::Real, false) => Ns::try_from(away.as_nanos()).unwrap_or(Ns::MAX).min(BOOT_LIMIT_NS),
         (Clock::Virtual, true) => 0,
         (Clock::Virtual, false) => FAILED_OPEN.as_nanos() as Ns,

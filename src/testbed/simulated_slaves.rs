@@ -1,4 +1,4 @@
-//! Simulated slaves as `slaves=` lists them, and the script of what happens to them, for a network without a board.
+//! Simulated slaves from a list in the syntax of `slaves=`, and their script of events, for a network without a board.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ pub use crate::link::machine_error::SimulatedSlavesError;
 use crate::slave::Slave;
 use crate::slave::cable::Cable;
 
-/// The slaves of the list in the order of the cable, each just switched on.
+/// Builds the listed slaves in network order, each in its power-on state.
 ///
 /// # Errors
 /// [`SimulatedSlavesError::Objects`].
@@ -19,7 +19,7 @@ pub fn build(slaves: &[SlaveSpec]) -> Result<Vec<Box<dyn Slave>>, SimulatedSlave
     Ok(build::slaves(slaves)?)
 }
 
-/// Reads the script in the file `path` for a network of these slaves. A line that happens to a board is refused.
+/// Reads the script file `path` for a network of these slaves. A line that affects a board is an error.
 ///
 /// # Errors
 /// [`SimulatedSlavesError`].
@@ -27,7 +27,8 @@ pub fn script(path: &Path, slaves: &[SlaveSpec]) -> Result<Script, SimulatedSlav
     without_board(path, Script::load_for_network(path, slaves)?)
 }
 
-/// The same for slaves behind a chip: its lines wait for nothing, and happen to frames only if there are some.
+/// Reads the script file `path` for slaves behind a chip. All times count from the start, and lines that affect frames are
+/// an error without frames.
 ///
 /// # Errors
 /// [`SimulatedSlavesError`].
@@ -39,7 +40,7 @@ pub(crate) fn script_of_chip(
     without_board(path, Script::load_for(path, slaves, has_frames)?)
 }
 
-/// The script in that file, unless a line happens to a board.
+/// Returns the script unless one of its lines affects a board.
 fn without_board(path: &Path, script: Script) -> Result<Script, SimulatedSlavesError> {
     match script.of_board() {
         Some((line, verb)) => Err(SimulatedSlavesError::NoBoard { file: path.display().to_string(), line, verb }),

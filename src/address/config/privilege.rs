@@ -1,27 +1,27 @@
-//! Programs that run with more rights than the user who starts them: set-user-ID, set-group-ID, file capabilities. A
-//! link may create a file (`record=`) or read one (`script=`), so nothing that this user can write or set may choose
-//! the link.
+//! Programs that run with more rights than the user who starts them: set-user-ID, set-group-ID, file capabilities. A link
+//! may create a file (`record=`) or read one (`script=`), so nothing that this user can write or set may determine the
+//! link.
 //!
-//! \[OURS] The rule: the library ignores its environment variables, and an `ecmsk.toml` counts only if nobody but root
-//! can have written it ([`writable_by_others`]).
+//! \[OURS] In such a program the library ignores its environment variables, and accepts an `ecmsk.toml` only if nobody but
+//! root can have written it ([`writable_by_others`]).
 
 use std::env;
 use std::ffi::OsString;
 use std::path::Path;
 
-/// Whether this process was started with more rights than its user has. The answer stays the same when the process
-/// gives up rights.
+/// Whether this process was started with more rights than its user has. The result does not change when the process drops
+/// these rights.
 ///
 /// Source: `AT_SECURE` of getauxval(3) on Linux, which the dynamic linker and `secure_getenv` use as well.
 pub fn is_privileged() -> bool {
     #[cfg(any(target_os = "linux", target_os = "android"))]
     {
-        // SAFETY: it has no conditions.
+        // SAFETY: getauxval has no preconditions.
         (unsafe { libc::getauxval(libc::AT_SECURE) }) != 0
     }
     #[cfg(all(unix, not(any(target_os = "linux", target_os = "android"))))]
     {
-        // SAFETY: none of them has conditions.
+        // SAFETY: these functions have no preconditions.
         unsafe { libc::getuid() != libc::geteuid() || libc::getgid() != libc::getegid() }
     }
     #[cfg(not(unix))]
@@ -40,11 +40,11 @@ fn variable_for(privileged: bool, name: &str) -> Option<OsString> {
     if privileged { None } else { env::var_os(name) }
 }
 
-/// Why somebody other than root can have written an existing file or chosen which file it is; `None` if nobody can.
+/// The reason why somebody other than root can have written an existing file or chosen its path; `None` if nobody can.
 ///
-/// The file has to be a regular file, not a symbolic link, whose creator could choose the target. The file and its
-/// folder must belong to root and be writable by root alone. The folders above must belong to root; others may write to
-/// them only if they can neither rename nor remove what is in them (sticky bit, as `/tmp` has it).
+/// The file has to be a regular file. A symbolic link is rejected, because its creator could choose the target. The file
+/// and its folder must belong to root and be writable by root alone. The folders above must belong to root; others may
+/// write to them only if the sticky bit (as on `/tmp`) keeps them from renaming and removing entries.
 #[cfg(unix)]
 pub fn writable_by_others(file: &Path) -> Option<String> {
     use std::fs::symlink_metadata;
@@ -53,7 +53,7 @@ pub fn writable_by_others(file: &Path) -> Option<String> {
     const WRITABLE_BY_OTHERS: u32 = 0o022;
     const STICKY: u32 = 0o1000;
 
-    // In folders that only root can change, nothing changes between this check and the reading of the file.
+    // Only root can change these folders, so the check still holds when the file is read.
     let folder = match file.parent().map(Path::canonicalize) {
         Some(Ok(folder)) => folder,
         _ => return Some("its folder cannot be looked at".to_owned()),

@@ -1,16 +1,18 @@
-//! The table of all keys of link URIs. The field that a key is read into is in an `options.rs`, see `keys.rs`.
+//! The table of all keys of link URIs. The options structs that hold the values are in files named `options.rs` and
+//! `*_options.rs`, see `keys.rs`.
 
 use super::{Fraction, Key, Scheme, Syntax};
 use crate::fieldbus::xf::{LocalPins, XfBusOptions};
 use crate::xf::DataSize;
 
-/// The largest values of keys in milliseconds: an hour, a day. \[OURS]
+/// The largest values of keys in milliseconds: one hour, one day. \[OURS]
 const HOUR_MS: u64 = 3_600_000;
 const DAY_MS: u64 = 24 * HOUR_MS;
 
-/// Links to a board whose slot size is set by its jumper or known to its server: the key `slot` can only be checked.
+/// Links to a board whose slot size is fixed by its jumper or known to its server: the key `slot` can only be checked
+/// against it.
 const USB_AND_TCP: &[Scheme] = &[Scheme::Usb, Scheme::Tcp];
-/// The slowest rate of a board's clock: a cycle of 250 us then takes a quarter of a second. \[OURS]
+/// The slowest rate of a board's clock, 0.001: a cycle of 250 us then takes a quarter of a second. \[OURS]
 const RATE_MIN: Fraction = Fraction::from_billionths(1_000_000);
 /// Boards that are modelled in this process, with simulated slaves.
 const SIM: &[Scheme] = &[Scheme::Sim, Scheme::XfSim];
@@ -20,16 +22,16 @@ const USB: &[Scheme] = &[Scheme::Usb];
 const XF_SIM: &[Scheme] = &[Scheme::XfSim];
 const XF_SPI: &[Scheme] = &[Scheme::XfSpi];
 const XF_USB: &[Scheme] = &[Scheme::XfUsb];
-/// Boards whose EC01M is the model in this process, over simulated slaves, behind a chip or at the end of a network card.
+/// Boards whose EC01M is a model in this process, with simulated slaves, slaves behind a chip, or slaves on a network card.
 const MODELLED: &[Scheme] = &[Scheme::Sim, Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb, Scheme::Nic];
 const NIC: &[Scheme] = &[Scheme::Nic];
-/// Links to a chip ECM-XF.
+/// Links to an ECM-XF chip.
 const XF: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi, Scheme::XfUsb];
-/// Links to a chip whose packets may have any size: an ECM-XFU has one alone.
+/// Links to a chip with a selectable packet size; an ECM-XFU has a fixed one.
 const XF_ON_SPI: &[Scheme] = &[Scheme::XfSim, Scheme::XfSpi];
-/// The number of an endpoint of USB.
+/// A USB endpoint number.
 const ENDPOINT: Syntax = Syntax::Number(1, 15);
-/// The bytes of data in a packet of an ECM-XF.
+/// The number of data bytes in a packet of an ECM-XF.
 const DATA_SIZE: Syntax = Syntax::Number(DataSize::MIN.bytes() as u64, DataSize::MAX.bytes() as u64);
 
 const SLOT: Syntax = Syntax::Choice(&["12", "16"]);
@@ -595,13 +597,13 @@ pub const KEYS: &[Key] = &[
     },
 ];
 
-/// A key for the fraction of frames, in both directions, that a fault affects.
+/// A fault key: the fraction of frames, in both directions, that the fault affects.
 const fn fault_rate(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: Some("0"), example: "0.01", meaning }
 }
 
-/// As [`fault_rate`], for one direction; it replaces the value for both directions.
+/// A fault key like [`fault_rate`], for one direction. Its value replaces the value for both directions.
 const fn fault_rate_one_direction(name: &'static str, meaning: &'static str) -> Key {
     let syntax = Syntax::Fraction(Fraction::ZERO, Fraction::ONE);
     Key { name, schemes: &Scheme::ALL, syntax, default: None, example: "0.01", meaning }

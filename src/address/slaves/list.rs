@@ -1,24 +1,24 @@
-//! What all lists of slaves have in common: entries `KIND:PART:PART*N` between commas. Which kinds there are and what the
-//! parts mean is up to who reads the list.
+//! The common syntax of all lists of slaves: comma-separated entries `KIND:PART:PART*N`. The caller defines the kinds and
+//! the meaning of the parts.
 
 use std::iter::repeat_n;
 
 use crate::address::text::decimal;
 
-/// The characters that end a kind, a part or a number, and begin the next part or the number.
+/// The characters that separate a kind, its parts and the number of slaves.
 const SIGNS: [char; 2] = [':', '*'];
 
-/// An entry of a list, in its pieces.
+/// An entry of a list, split into its pieces.
 pub(super) struct Entry<'a> {
-    /// The entry as it is written.
+    /// The whole entry, as written.
     pub(super) text: &'a str,
     /// The kind: the text before the first `:` or `*`.
     pub(super) kind: &'a str,
-    /// The parts of the kind, each behind a `:`.
+    /// The parts, each written after a `:`.
     pub(super) parts: Vec<&'a str>,
-    /// The numbers of slaves in a row, each behind a `*`. A valid entry has one, or none for one slave.
+    /// The repeat counts, each written after a `*`. A valid entry has at most one; without a count it stands for one slave.
     numbers: Vec<&'a str>,
-    /// Whether no part stands behind a number.
+    /// Whether no part follows a repeat count.
     number_is_last: bool,
 }
 
@@ -39,14 +39,14 @@ impl<'a> Entry<'a> {
         entry
     }
 
-    /// The same without blanks around its pieces.
+    /// The entry without blanks around its pieces.
     fn trimmed(mut self) -> Self {
         self.kind = self.kind.trim();
         self.parts.iter_mut().chain(&mut self.numbers).for_each(|piece| *piece = piece.trim());
         self
     }
 
-    /// An error of a piece of this entry.
+    /// The message for an error in this entry.
     pub(super) fn error(&self, why: &str) -> String {
         format!("in `{}`, {why}", self.text)
     }
@@ -71,24 +71,24 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// The text up to the next sign, and the rest from there.
+/// Splits the text at its next separator.
 fn next_piece(text: &str) -> (&str, &str) {
     text.split_at(text.find(SIGNS).unwrap_or(text.len()))
 }
 
-/// Which spelling of a list is valid.
+/// How strictly the syntax of a list is checked.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
-    /// Without blanks, and the number of an entry last: as a link has it, whose normal form is compared.
+    /// For links: no blanks, and the repeat count comes last, because the normal forms of links are compared.
     Strict,
-    /// As people write it: blanks are ignored, parts may stand behind the number.
+    /// For text that people type: blanks are ignored, and parts may follow the repeat count.
     Loose,
 }
 
-/// Reads a list: `read` makes a slave of each entry, which is repeated as often as the entry says.
+/// Parses a list: `read` converts each entry into a slave, which is repeated as the entry says.
 ///
 /// # Errors
-/// What `read` says, a number that is none, too many slaves.
+/// The message of `read`, or a message about an invalid repeat count or too many slaves.
 pub(super) fn read<T: Clone>(
     list: &str,
     form: Form,

@@ -19,9 +19,9 @@ const INPUTS: [(&str, Input); 4] = [
 pub(super) struct Reader<'a, 'b> {
     pub(super) words: &'b mut Words<'a>,
     pub(super) slaves: &'b [SlaveSpec],
-    /// The syntax of the line, for error messages.
+    /// The syntax of the verb, for error messages.
     pub(super) form: String,
-    /// Whether the verb stands after `end`: then it is followed by the slave alone.
+    /// Whether the verb follows `end`. Then the slave is the only operand.
     pub(super) ends: bool,
 }
 
@@ -42,22 +42,23 @@ impl Reader<'_, '_> {
         })
     }
 
-    /// A slave from 1, and the index of one of its axes from 0.
+    /// Reads a slave, from 1, and returns it with the index of one of its axes, from 0.
     pub(super) fn axis(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::axes, "axis", "a drive")
     }
 
-    /// A slave from 1, and the index of one of its axes with a motor from 0.
+    /// Reads a slave, from 1, and returns it with the index of one of its motors, from 0.
     pub(super) fn motor(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::motors, "axis", "a motor")
     }
 
-    /// A slave from 1, and the index of one of its channels of digital inputs from 0.
+    /// Reads a slave, from 1, and returns it with the index of one of its channels of digital inputs, from 0.
     pub(super) fn channel(&mut self) -> Result<(u8, usize), LineError> {
         self.part(SlaveModel::channels, "channel", "digital inputs")
     }
 
-    /// A slave from 1, and the index of one of its axes or channels from 0; `parts` is how many of them a model has.
+    /// Reads a slave, from 1, and returns it with the index of one of its axes or channels, from 0. `parts` gives the
+    /// number of axes or channels of a model.
     fn part(&mut self, parts: fn(SlaveModel) -> usize, name: &str, has: &str) -> Result<(u8, usize), LineError> {
         let word = self.words.need("SLAVE", &self.form)?;
         let (slave, part) = word.text.split_once('.').unwrap_or((word.text, "1"));
@@ -81,7 +82,8 @@ impl Reader<'_, '_> {
         self.one_of("on|off", "value", [("on", true), ("off", false)])
     }
 
-    /// The next word, which is one of these. `form` is its place in the form of the line, `name` what it is called.
+    /// Takes the next word, which must be one of `words`. For error messages, `form` is the placeholder in the syntax and
+    /// `name` describes the value.
     fn one_of<T: Copy, const N: usize>(
         &mut self,
         form: &str,
@@ -93,7 +95,7 @@ impl Reader<'_, '_> {
         found.ok_or_else(|| word.unknown(name, &words.map(|(text, _)| text)))
     }
 
-    /// The pattern to which digital inputs are forced.
+    /// Reads the bit pattern to which digital inputs are forced.
     pub(super) fn pattern(&mut self) -> Result<InputPattern, LineError> {
         let word = self.words.need("inputs|walk", &self.form)?;
         match word.text {
@@ -113,7 +115,7 @@ impl Reader<'_, '_> {
         self.one_of("STATE", "state", AL_STATES)
     }
 
-    /// The AL status code of a refusal; [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
+    /// Reads the AL status code of a refusal; [`AlStatus::INVALID_CHANGE`] \[OURS] if none is given.
     pub(super) fn al_status(&mut self) -> Result<AlStatus, LineError> {
         match self.words.peek() {
             None => Ok(AlStatus::INVALID_CHANGE),
@@ -126,7 +128,7 @@ impl Reader<'_, '_> {
         number(self.words, "CODE", &self.form, 1, u32::MAX.into()).map(|code| AbortCode(code as u32))
     }
 
-    /// The object if the next word names one.
+    /// Takes the next word if it names an object (`INDEX:SUB`).
     pub(super) fn object(&mut self) -> Result<Option<ObjectAddress>, LineError> {
         let Some(word) = self.words.peek().filter(|word| word.text.contains(':')) else { return Ok(None) };
         self.words.next();

@@ -1,5 +1,5 @@
-//! Carries out a script: each of its steps in the first cycle at or after its time, through the same handles to the
-//! simulated network and to the board that tests use.
+//! Carries out a script. Each step is carried out in the first cycle at or after its time, through the handles to the
+//! network and to the board that tests use too.
 
 use crate::engine::{self, BoardHandle, Event, EventKind};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
@@ -7,36 +7,36 @@ use crate::fieldbus::{AlState, MAX_AXES, MAX_SLAVES, Ns};
 use crate::slave::cable::{Cable, Noise};
 use crate::slave::{AlStatus, Fault};
 
-/// What a line of a script does to the board or to a slave. Slaves are numbered from 1.
+/// The effect of a line of a script on the board or a slave. Slaves are numbered from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ScriptAction {
-    /// A fault inside a slave, such as an alarm or a limit switch that sticks.
+    /// A fault inside a slave, such as an alarm or a stuck limit switch.
     Fault { slave: u8, fault: Fault },
-    /// The cable is cut after this many slaves; `None`: it is whole.
+    /// The number of slaves in front of the cable break; `None`: the cable is repaired.
     Cut(Option<u8>),
-    /// The cable that damages frames; `None`: none does.
+    /// The cable section that damages frames, and how; `None`: no section does.
     Noise(Option<Noise>),
-    /// Whether the slave leaves every datagram unanswered, while frames still pass through it.
+    /// Whether the slave ignores every datagram while frames still pass through it.
     Mute { slave: u8, mute: bool },
-    /// The state that the slave refuses to enter, with the AL status code of the refusal; `None`: it refuses no state.
+    /// The AL state that the slave refuses to enter, with the AL status code of the refusal; `None`: it refuses no state.
     Refuse { slave: u8, state: Option<(AlState, AlStatus)> },
-    /// By how much SDO transfers with the slave are delayed.
+    /// The delay of SDO transfers with the slave, ns.
     SdoDelay { slave: u8, ns: Ns },
-    /// The code with which the slave aborts SDO transfers of one object, or of every object (`None`); without `abort`
-    /// it aborts none.
+    /// The abort code for SDO transfers with the slave, for one object or for every object (`None`). Without `abort` no
+    /// transfer is aborted.
     SdoAbort { slave: u8, abort: Option<(Option<ObjectAddress>, AbortCode)> },
-    /// Whether the slave is without power.
+    /// Whether the slave has lost its power.
     Lose { slave: u8, lost: bool },
-    /// Whether the board makes no reports.
+    /// Whether the board sends no reports.
     Silent(bool),
-    /// Whether the board takes no entries out of its FIFO.
+    /// Whether the board stops executing the entries of its FIFO, so that the FIFO fills up.
     Full(bool),
-    /// The chip's six inputs, bit k is input k.
+    /// The levels of the board's six digital inputs: bit k is input k.
     Inputs(u8),
 }
 
 impl ScriptAction {
-    /// The action that undoes this one. [`ScriptAction::Inputs`] has none and stays as it is.
+    /// The action that undoes this one. [`ScriptAction::Inputs`] has no such action and is returned unchanged.
     pub(super) const fn undo(self) -> Self {
         match self {
             Self::Inputs(_) => self,
@@ -53,17 +53,17 @@ impl ScriptAction {
         }
     }
 
-    /// Whether it happens to the board itself, and not to its network.
+    /// Whether the action affects the board itself rather than its network.
     pub(super) const fn is_of_board(self) -> bool {
         matches!(self, Self::Silent(_) | Self::Full(_) | Self::Inputs(_))
     }
 
-    /// Whether it happens to frames, which a modelled board over simulated slaves does not have.
+    /// Whether the action affects frames, which simulated slaves that are called directly do not have.
     pub(super) const fn is_of_frames(self) -> bool {
         matches!(self, Self::Noise(_))
     }
 
-    /// The slave to which it happens, from 1; `None`: to the cable or to the board.
+    /// The slave that the action affects, from 1; `None` if it affects the cable or the board.
     const fn slave(self) -> Option<u8> {
         match self {
             Self::Fault { slave, .. }
@@ -77,7 +77,7 @@ impl ScriptAction {
         }
     }
 
-    /// The error code, AL status code or abort code that the slave shows.
+    /// The error code, AL status code or abort code that the action makes the slave report.
     fn code(self) -> Option<u32> {
         match self {
             Self::Fault { fault: Fault::Alarm { fault, .. }, .. } => Some(fault.code.into()),
@@ -113,14 +113,14 @@ impl ScriptAction {
     }
 }
 
-/// From when the times of lines count.
+/// The moment from which the times of a line count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScriptOrigin {
-    /// The start of the script: when the link was opened, or the server was started.
+    /// The start of the script: the opening of the link, or the start of the server.
     Start,
     /// The first frame of a master.
     Frame,
-    /// When the first slave is in OP.
+    /// The moment the first slave reaches OP.
     Op,
 }
 
@@ -128,39 +128,39 @@ impl ScriptOrigin {
     const ALL: [Self; 3] = [Self::Start, Self::Frame, Self::Op];
 }
 
-/// One action of a script and its time. A line with `for` has two steps: its action, and the one that undoes it.
+/// One action of a script with its time. A line with `for` has two steps: its action, and the action that undoes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Step {
     pub(super) from: ScriptOrigin,
-    /// Nanoseconds after that.
+    /// Time after the origin `from`, ns.
     pub(super) at: Ns,
     /// The number of the line in the file, from 1.
     pub(super) line: u32,
     pub(super) verb: &'static str,
     pub(super) action: ScriptAction,
-    /// Whether the action ends an earlier one, by `for` or by `end`.
+    /// Whether the step ends an earlier action, by `for` or by `end`.
     pub(super) ended: bool,
 }
 
-/// The steps whose times count from the same moment.
+/// The steps that count their times from the same origin.
 struct Part {
     steps: Vec<Step>,
     /// The index of the first step that has not been carried out.
     next: usize,
-    /// The time from which the times of the steps count; `None`: it has not come yet.
+    /// The time of the origin, ns; `None` until the origin is reached.
     zero: Option<Ns>,
 }
 
-/// A script that is being carried out on a board and its network.
+/// A script that is running on a board and its network.
 pub struct RunningScript {
-    /// In the order of [`ScriptOrigin`].
+    /// One part per origin, in the order of [`ScriptOrigin`].
     parts: [Part; 3],
     network: Cable,
     board: BoardHandle,
 }
 
 impl RunningScript {
-    /// `steps` are in the order of their times.
+    /// Starts the steps, which are sorted by time. `zero` is the current time.
     pub(super) fn new(steps: &[Step], network: Cable, board: BoardHandle, zero: Ns) -> Self {
         let parts = ScriptOrigin::ALL.map(|origin| Part {
             steps: steps.iter().filter(|step| step.from == origin).cloned().collect(),
@@ -170,7 +170,8 @@ impl RunningScript {
         Self { parts, network, board }
     }
 
-    /// What lines wait for has come at `now`: their times count from then on. It comes once; later ones change nothing.
+    /// Reports that `origin` is reached at `now`: the times of the lines that wait for it count from then on. Only the
+    /// first call for an origin has an effect.
     pub fn begin(&mut self, origin: ScriptOrigin, now: Ns) {
         self.parts[origin as usize].zero.get_or_insert(now);
     }
@@ -195,13 +196,13 @@ impl engine::Script for RunningScript {
     }
 }
 
-/// Undoes everything that a script can have done to the network and to the board.
+/// Undoes everything that a script may have done to the network and to the board.
 pub(crate) fn undo_all(network: &Cable, board: &BoardHandle) {
     let everywhere =
         [ScriptAction::Cut(None), ScriptAction::Silent(false), ScriptAction::Full(false), ScriptAction::Inputs(0)];
     let of_slave = |slave| {
         [
-            // This also gives power back to a slave that has lost it.
+            // This action also restores the power of a slave that has lost it.
             ScriptAction::Mute { slave, mute: false },
             ScriptAction::Refuse { slave, state: None },
             ScriptAction::SdoDelay { slave, ns: 0 },

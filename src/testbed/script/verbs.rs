@@ -1,5 +1,5 @@
-//! The verbs of a script. One table defines them all, for reading lines and for the text of `ecmsk link help`: a new verb
-//! is a new row, and its action is in `run.rs`. What goes wrong inside a slave is a [`Fault`].
+//! The verbs of a script. One table defines them for the parser and for the text of `ecmsk link help`. A new verb is a new
+//! row, and its action is in `run.rs`. A verb for a malfunction inside a slave makes a [`Fault`].
 
 use std::num::NonZeroU16;
 
@@ -13,16 +13,16 @@ use crate::slave::{DeviceFault, Fault};
 /// A row of the table: one verb.
 struct Verb {
     name: &'static str,
-    /// The syntax of its operands.
+    /// The syntax of the operands.
     form: &'static str,
     meaning: &'static str,
-    /// Whether its action lasts until it is ended, so that the line may have `for` and there is a line with `end`.
+    /// Whether the effect lasts until it is ended. Then a line may have `for`, and `end` accepts the verb.
     lasts: bool,
-    /// Reads the operands, which after `end` are fewer ([`Reader::ends`]).
+    /// Reads the operands; behind `end` there are fewer ([`Reader::ends`]).
     read: fn(&mut Reader) -> Result<ScriptAction, LineError>,
 }
 
-/// The moments from which times count, by the word behind `from`.
+/// The origins of times, by the word behind `from`.
 const ORIGINS: [(&str, ScriptOrigin); 3] =
     [("start", ScriptOrigin::Start), ("frame", ScriptOrigin::Frame), ("op", ScriptOrigin::Op)];
 
@@ -198,7 +198,7 @@ pub(crate) fn help() -> String {
     text
 }
 
-/// The verb with its operands.
+/// The syntax of the verb with its operands.
 fn form(verb: &Verb) -> String {
     format!("{} {}", verb.name, verb.form).trim_end().to_owned()
 }
@@ -246,7 +246,7 @@ pub(super) fn parse_line(
     Ok(())
 }
 
-/// Reads what stands behind `from`.
+/// Reads the origin behind the word `from`.
 fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
     let form = format!("from {}", ORIGINS.map(|(name, _)| name).join("|"));
     let word = words.need("start|frame|op", &form)?;
@@ -255,7 +255,7 @@ fn origin(words: &mut Words) -> Result<ScriptOrigin, LineError> {
     words.next().map_or(Ok(origin), |word| Err(word.wrong("too much", &form)))
 }
 
-/// The names of all verbs, or of those that `end` can end.
+/// The names of all verbs, or only of the verbs that `end` accepts.
 fn names(ends: bool) -> Vec<&'static str> {
     VERBS.iter().filter(|verb| verb.lasts || !ends).map(|verb| verb.name).collect()
 }

@@ -4,17 +4,17 @@ use crate::address::Fraction;
 use crate::address::text::{decimal, suggestion};
 use crate::fieldbus::Ns;
 
-/// Why a line is invalid: the position in characters from 1, and the message.
+/// Why a line is invalid: the column in characters, from 1, and the message.
 pub(super) type LineError = (usize, String);
 
 /// The words of a line that have not been read yet.
 pub(super) struct Words<'a> {
     line: &'a str,
-    /// The position in bytes from which on the next word is searched for.
+    /// The byte position from which the next word is searched.
     at: usize,
 }
 
-/// A word and its position in characters from 1.
+/// A word and its column in characters, from 1.
 #[derive(Clone, Copy)]
 pub(super) struct Word<'a> {
     pub(super) text: &'a str,
@@ -26,7 +26,7 @@ impl Word<'_> {
         (self.column, format!("`{}` is {is}; allowed: {allowed}", self.text))
     }
 
-    /// The error for a word that is none of the allowed ones, with a suggestion if one of them is similar.
+    /// The error for a word that is not allowed here, with a suggestion if one of the known words is similar.
     pub(super) fn unknown(&self, what: &str, known: &[&'static str]) -> LineError {
         let suggestion = suggestion(self.text, known.iter().copied());
         (self.column, format!("`{}` is no {what};{suggestion} allowed: {}", self.text, known.join(", ")))
@@ -34,7 +34,7 @@ impl Word<'_> {
 }
 
 impl<'a> Words<'a> {
-    /// The words of a line without its comment.
+    /// Splits a line into words, without its comment.
     pub(super) fn of(line: &'a str) -> Self {
         Self { line: line.split_once('#').map_or(line, |(words, _)| words), at: 0 }
     }
@@ -54,7 +54,7 @@ impl<'a> Words<'a> {
         Some(word)
     }
 
-    /// Takes the next word, or fails with what is missing.
+    /// Takes the next word; if there is none, the error names the missing operand `what`.
     pub(super) fn need(&mut self, what: &str, form: &str) -> Result<Word<'a>, LineError> {
         let end = 1 + self.line.trim_end().chars().count();
         self.next().ok_or_else(|| (end, format!("{what} is missing; allowed: {form}")))
@@ -71,14 +71,13 @@ impl<'a> Words<'a> {
 }
 
 const TIMES: &str = "a time with its unit, such as 2.5s; units: us, ms, s, min, h; at most 1000h";
-/// Units of time. A unit whose name ends with that of another one stands before it, since both are recognised by their
-/// end: `ms` before `s`.
+/// The units of time. A word is matched by its suffix, so `ms` comes before `s`.
 const UNITS: [(&str, Ns); 5] =
     [("us", 1_000), ("ms", 1_000_000), ("min", 60_000_000_000), ("s", 1_000_000_000), ("h", 3_600_000_000_000)];
-/// The longest time \[OURS].
+/// The maximum time, 1000 hours \[OURS].
 const TIME_MAX_NS: Ns = 1000 * 3_600_000_000_000;
 
-/// Takes the next word as a span of time, exact to the nanosecond.
+/// Takes the next word as a duration, exact to the nanosecond.
 pub(super) fn time(words: &mut Words, form: &str) -> Result<Ns, LineError> {
     let word = words.need("TIME", form)?;
     span(word.text).ok_or_else(|| word.wrong("no time", TIMES))
@@ -93,7 +92,7 @@ fn span(text: &str) -> Option<Ns> {
     (ns <= TIME_MAX_NS).then_some(ns)
 }
 
-/// Parses a whole number, in decimal or after `0x` in hexadecimal digits.
+/// Parses an unsigned integer in decimal, or in hexadecimal after `0x`.
 pub(super) fn whole(text: &str) -> Option<u64> {
     let (digits, radix) = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
         Some(digits) => (digits, 16),
@@ -104,7 +103,7 @@ pub(super) fn whole(text: &str) -> Option<u64> {
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }
 
-/// Takes the next word as a whole number from `least` to `most`.
+/// Takes the next word as an integer from `least` to `most`.
 pub(super) fn number(words: &mut Words, what: &str, form: &str, least: u64, most: u64) -> Result<u64, LineError> {
     let word = words.need(what, form)?;
     let number = whole(word.text).filter(|number| (least..=most).contains(number));

@@ -1,20 +1,21 @@
-//! The AL state machine of a device (ETG.1000.6 6.4): which changes of state it allows, and the watchdog of its outputs.
+//! The AL state machine of a device (ETG.1000.6 6.4): the allowed changes of state, and the watchdog for its outputs.
 
 use super::AlStatus;
 use crate::ethercat::{AlState, Ns};
 
-/// \[OURS] A device that gets no outputs for this time leaves OP. It is the usual setting of the sync manager watchdog.
+/// \[OURS] The time without outputs after which a device leaves OP, ns. It is the usual setting of the sync manager
+/// watchdog.
 pub const WATCHDOG_NS: Ns = 100_000_000;
 
 /// The AL state machine of one device.
 #[derive(Clone, Debug, Default)]
 pub struct ApplicationLayer {
     state: AlState,
-    /// The AL status code of the last change that was refused, or of the watchdog; 0 after a change that was made.
+    /// AL status code of the last refused change of state, or of the watchdog; 0 after a successful change.
     status: u16,
-    /// Outputs have come since the last step.
+    /// Whether outputs have come since the last step.
     outputs_came: bool,
-    /// For how long no outputs have come.
+    /// The time since the last outputs, ns.
     without_outputs_ns: Ns,
 }
 
@@ -24,22 +25,22 @@ impl ApplicationLayer {
         self.state
     }
 
-    /// The AL status code of the last change that was refused, or of the watchdog if that has ended OP since.
+    /// The AL status code of the last refused change of state, or of the watchdog if it has ended OP since.
     pub const fn status(&self) -> AlStatus {
         AlStatus(self.status)
     }
 
-    /// Falls back to a lower state, or stays, for the reason that the AL status code says.
+    /// Falls back to `target` if that is lower than the present state, and sets the AL status code with the reason.
     pub fn fall(&mut self, target: AlState, AlStatus(status): AlStatus) {
         self.state = self.state.min(target);
         self.status = status;
     }
 
-    /// Goes to a state: to the next higher one, to any lower one, or to the present one. `ready` says whether the device
-    /// allows the step up.
+    /// Changes the state: to the next higher one, to any lower one, or to the present one. `ready` says whether the device
+    /// allows a step up.
     ///
     /// # Errors
-    /// [`AlStatus::INVALID_CHANGE`] if a state is left out on the way up, or the error in `ready`.
+    /// [`AlStatus::INVALID_CHANGE`] if the change would skip a state on the way up, or the error in `ready`.
     pub fn enter(&mut self, target: AlState, ready: Result<(), AlStatus>) -> Result<(), AlStatus> {
         use AlState::*;
         let allowed = match (self.state, target) {
@@ -55,14 +56,16 @@ impl ApplicationLayer {
         Ok(())
     }
 
-    /// Outputs have come: the watchdog starts again.
+    /// Restarts the watchdog, because outputs have come.
     pub const fn note_outputs(&mut self) {
         self.outputs_came = true;
     }
 
-    /// `dt_ns` pass. True: the watchdog has just expired, and the device has gone from OP to SafeOP.
+    /// Advances the watchdog by `dt_ns`. Returns true if the watchdog has just expired and the device has gone from OP to
+    /// SafeOP.
     ///
-    /// The step right after outputs does not count, however long it is, since a cycle may be longer than the watchdog.
+    /// The first step after outputs does not count, whatever its length, because a cycle may be longer than the watchdog
+    /// time.
     pub fn step(&mut self, dt_ns: Ns) -> bool {
         if self.state != AlState::Op || std::mem::take(&mut self.outputs_came) {
             self.without_outputs_ns = 0;

@@ -1,23 +1,24 @@
-//! One axis of a simulated drive or pulse module: state machine, plant, and between them the modes of operation.
+//! One axis of a simulated drive or pulse module: the state machine, the plant, and the modes of operation that connect
+//! them.
 //!
-//! | file | what it answers |
+//! | file | content |
 //! | --- | --- |
-//! | `axis.rs` | what an axis is made of, which settings it reads from the object dictionary, how its mode changes |
-//! | `axis/step.rs` | how time passes: in slices, through the state machine to the power stage |
-//! | `axis/cyclic_modes.rs` | how CSP, CSV and CST follow their targets, and how the axis brakes |
-//! | `axis/following_error.rs` | when a following error is a fault (0x6065, 0x6066) |
-//! | `axis/homing.rs` | how homing moves the axis, and how its position changes when home is attained |
-//! | `axis/measure.rs` | what the axis reports: position, torque, error code and the bits of its statusword |
+//! | `axis.rs` | the parts of an axis, the settings it reads from the object dictionary, changes of its mode |
+//! | `axis/step.rs` | the time step: slices, and the path from the state machine to the power stage |
+//! | `axis/cyclic_modes.rs` | following the targets of CSP, CSV and CST; braking |
+//! | `axis/following_error.rs` | the following error as a fault (0x6065, 0x6066) |
+//! | `axis/homing.rs` | the motion during homing, and the change of position when home is attained |
+//! | `axis/measure.rs` | the reported values: position, torque, error code and the bits of the statusword |
 //!
-//! The homing methods themselves are in [`homing`](super::homing), the states of CiA 402 in
-//! [`state_machine`](super::state_machine).
+//! The homing methods are in [`homing`](super::homing), the states of CiA 402 in [`state_machine`](super::state_machine).
 //!
-//! A target is reached evenly over the time of the step that follows it: [`Axis::step`] is called once after each
-//! exchange of process data, with the length of the cycle, and meanwhile the demand moves from where it was to the new
-//! target. The axis thus lags its targets by one cycle, and does not have to be told how long a cycle is.
+//! The demand moves to a new target evenly over the next step: [`Axis::step`] is called once after each exchange of process
+//! data, with the length of the cycle. The axis therefore lags its targets by one cycle, and it does not need to know the
+//! cycle time in advance.
 //!
-//! Positions are `i64` counts inside and wrap to the `i32` of objects 0x6064 and 0x607A: a target means the position
-//! nearest to the present demand that has those low 32 bits, so that an axis may turn in one direction for ever.
+//! Positions are `i64` counts internally and wrap to the `i32` of objects 0x6064 and 0x607A. A target position stands for
+//! the position with these low 32 bits that is nearest to the present demand, so an axis can turn in one direction
+//! endlessly.
 
 mod cyclic_modes;
 mod following_error;
@@ -37,14 +38,15 @@ pub use following_error::{FOLLOWING_ERROR, NO_FOLLOWING_WINDOW};
 pub use measure::Measured;
 pub(super) use measure::rounded;
 
-/// What an axis reads from its device's objects. Times in ms, the rest in counts, counts/s and counts/s².
+/// The settings that an axis reads from the objects of its device. Times are in ms, other values in counts, counts/s and
+/// counts/s².
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Following error window, 0x6065; [`NO_FOLLOWING_WINDOW`]: the following error is not monitored.
+    /// Following error window, 0x6065. [`NO_FOLLOWING_WINDOW`] switches the monitoring off.
     pub following_window: u32,
     /// Following error time out, 0x6066.
     pub following_timeout_ms: u16,
-    /// Software position limits, 0x607D:1 and :2. \[OURS] Without effect unless the first is less than the second.
+    /// Software position limits, 0x607D:1 and :2. \[OURS] Without effect unless the first limit is less than the second.
     pub position_limits: (i32, i32),
     /// Max profile velocity, 0x607F. \[OURS] It limits every mode.
     pub max_velocity: u32,
@@ -58,7 +60,7 @@ pub struct Settings {
     pub options: OptionCodes,
     /// Objects of homing: 0x607C, 0x6098 to 0x609A, 0x605D.
     pub homing: HomingSettings,
-    /// The ramp on which an axis brakes if homing mode is left while it moves; `None`: the homing acceleration, 0x609A.
+    /// The ramp on which an axis brakes when homing mode is left during a motion; `None`: the homing acceleration, 0x609A.
     pub homing_exit: Option<u32>,
 }
 
@@ -71,22 +73,24 @@ pub struct Targets {
     pub velocity: i32,
     /// Target torque, 0x6071, 0.1 % of rated.
     pub torque: i16,
-    /// Whether an offset was ever written; kept here so that a cycle without offsets reads nothing else.
+    /// Whether an offset was ever written. A cycle without offsets then need not read [`Offsets`].
     has_offsets: bool,
 }
 
-/// What is added to the targets of the cyclic modes (CiA 402-2).
+/// Offsets added to the targets of the cyclic modes (CiA 402-2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Offsets {
-    /// Position offset, 0x60B0, counts; of CSP.
+    /// Position offset, 0x60B0, counts. Used in CSP.
     pub position: i32,
-    /// Velocity offset, 0x60B1, counts/s; of CSV. \[OURS] In CSP it has no effect: the simulated loops need no feed-forward.
+    /// Velocity offset, 0x60B1, counts/s. Used in CSV. \[OURS] It has no effect in CSP, because the simulated loops need no
+    /// feed-forward.
     pub velocity: i32,
-    /// Torque offset, 0x60B2, 0.1 % of rated; of CST. \[OURS] In CSP and CSV it has no effect, for the same reason.
+    /// Torque offset, 0x60B2, 0.1 % of rated torque. Used in CST. \[OURS] It has no effect in CSP and CSV, because the
+    /// simulated loops need no feed-forward.
     pub torque: i16,
 }
 
-/// What the axis makes its motor do.
+/// The present motion control of the motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Motion {
     /// The power stage is off.
@@ -95,7 +99,7 @@ enum Motion {
     Follow,
     /// The motor brakes on a ramp.
     Brake,
-    /// The motor has braked and is held where it stands.
+    /// The motor has braked and is held in its position.
     Hold,
     /// The motor brakes because homing mode was left while it moved.
     BrakeAfterHoming,
@@ -109,17 +113,17 @@ struct Demand {
     velocity: f64,
 }
 
-/// How near an axis has to be to its target for statusword bit 10, target reached.
+/// The window around the target within which statusword bit 10, target reached, is set.
 struct ReachedWindow {
     counts: u32,
     /// counts/s.
     velocity: f64,
 }
 
-/// An axis.
+/// An axis of a drive or a pulse module.
 ///
-/// A cycle of 40 drives goes through all of them, and the processor fetches memory in lines of 64 bytes: what a cycle in
-/// CSP uses lies side by side, first in the axis, and the rest after it.
+/// The order of the fields follows the cache lines of 64 bytes: the fields that a cycle in CSP uses come first, because a
+/// cycle goes through up to 40 axes.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Axis {
@@ -127,30 +131,32 @@ pub struct Axis {
     targets: Targets,
     mode: Mode,
     motion: Motion,
-    /// The next target position in process data is discarded: the master made it before it could see where the axis is.
+    /// Whether to discard the next target position in process data, because the master computed it before it could see the
+    /// position that homing has set.
     skip_next_target: bool,
-    /// A software position limit (0x607D) or a limit switch keeps the axis from its target.
+    /// Whether a software position limit (0x607D) or a limit switch keeps the axis from its target.
     position_limited: bool,
-    /// The limit switches act in the cyclic modes, see [`Travel::limits_stop_motion`].
+    /// Whether the limit switches act in the cyclic modes, see [`Travel::limits_stop_motion`].
     limits_stop_motion: bool,
-    /// In CSP the demand brakes, or stands, because of a limit switch.
+    /// Whether a limit switch makes the demand brake or stand still in CSP.
     held_by_switch: bool,
-    /// The target is reached, statusword bit 10.
+    /// Whether the target is reached, statusword bit 10.
     target_reached: bool,
-    /// [`Axis::begin_step`] has handed the motor out, and [`Axis::end_step`] has not been called yet.
+    /// Whether [`Axis::begin_step`] has handed out the motor and [`Axis::end_step`] has not been called yet.
     motor_handed_out: bool,
     demand: Demand,
-    /// How long the following error has been outside its window.
+    /// The time for which the following error has been outside its window, ns.
     outside_ns: Ns,
     following: FollowingErrorWindow,
-    /// Position actual value where the count of the shaft is 0. Homing sets it.
+    /// The position actual value at which the shaft's count is 0. Homing changes it.
     origin: i64,
     position_reached: i64,
     limits: Option<(i64, i64)>,
     machine: StateMachine,
     plant: Plant,
     velocity_reached: f64,
-    /// How long shaft and demand have been at standstill, in homing mode and while the axis brakes after it.
+    /// The time for which shaft and demand have been at standstill, ns; measured in homing mode and while the axis brakes
+    /// after it.
     standstill_ns: Ns,
     settings: Settings,
     offsets: Offsets,
@@ -159,17 +165,17 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis at power-on, its shaft at `position`, in CSP.
+    /// An axis in its power-on state, in CSP, with its shaft at `position`, counts.
     pub fn new(motor: &Motor, times: TransitionTimes, settings: Settings, position: i64) -> Self {
         let reached = ReachedWindow {
-            // [OURS] Bit 10: within a thousandth of a turn in CSP, within 10 rpm in CSV.
+            // [OURS] Windows of bit 10: a thousandth of a turn in CSP, 10 rpm in CSV.
             counts: (motor.counts_per_turn / 1000).max(1),
             velocity: f64::from(motor.counts_per_turn) / 6.0,
         };
         Self::with_plant(Plant::Servo(Servo::new(motor, position)), reached, times, settings, position)
     }
 
-    /// The same with a train of pulses instead of a motor.
+    /// An axis in its power-on state, in CSP, with a pulse train instead of a motor.
     pub fn of_pulses(train: &PulseTrain, times: TransitionTimes, settings: Settings, position: i64) -> Self {
         let reached = ReachedWindow { counts: 0, velocity: 0.0 };
         Self::with_plant(Plant::Pulses(Pulses::new(train, position)), reached, times, settings, position)
@@ -213,7 +219,7 @@ impl Axis {
         axis
     }
 
-    /// The same axis with switches along its travel; without this call it has none.
+    /// This axis with switches along its travel. An axis has no switches unless this is called.
     pub fn with_travel(mut self, travel: &Travel, counts_per_turn: u32) -> Self {
         self.switches = Switches::new(travel, counts_per_turn);
         self.limits_stop_motion = travel.limits_stop_motion;
@@ -221,7 +227,7 @@ impl Axis {
         self
     }
 
-    /// Takes over settings that an SDO or process data have changed.
+    /// Applies settings that an SDO or process data have changed.
     pub fn apply_settings(&mut self, settings: Settings) {
         let (low, high) = settings.position_limits;
         self.limits = (low < high && (low, high) != (i32::MIN, i32::MAX)).then_some((low.into(), high.into()));
@@ -236,23 +242,23 @@ impl Axis {
         &self.machine
     }
 
-    /// The CiA 402 state machine, to give it a controlword or a fault.
+    /// The CiA 402 state machine, for passing a controlword or a fault to it.
     pub const fn machine_mut(&mut self) -> &mut StateMachine {
         &mut self.machine
     }
 
-    /// The motor or the train of pulses.
+    /// The motor or the pulse train.
     pub const fn plant(&self) -> &Plant {
         &self.plant
     }
 
-    /// The mode in force (0x6061).
+    /// The active mode of operation (0x6061).
     pub const fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// Changes the mode, at once and in any state \[OURS]. The targets are then such that the axis holds where it is,
-    /// until new ones come. Homing mode brakes a shaft that moves, both when it is entered and when it is left.
+    /// Changes the mode immediately, in any state \[OURS]. The targets are set so that the axis holds its position until
+    /// new targets come. A moving shaft brakes when homing mode is entered or left.
     pub fn set_mode(&mut self, mode: Mode) {
         if mode == self.mode {
             return;
@@ -272,67 +278,68 @@ impl Axis {
         }
     }
 
-    /// The switches along the travel.
+    /// The switches along the travel of the axis.
     pub const fn switches(&self) -> &Switches {
         &self.switches
     }
 
-    /// Sets the position actual value of where the shaft is.
+    /// Makes `position` the position actual value of the shaft's present place, counts.
     pub fn set_position(&mut self, position: i64) {
         self.origin = position.wrapping_sub(self.plant.position());
         self.hold_target();
         self.measure();
     }
 
-    /// Whether the target position that has just come is the one that is discarded after homing, see `axis/homing.rs`.
+    /// Returns whether the target position that has just come must be discarded after homing, see `axis/homing.rs`. The
+    /// next call returns false.
     pub const fn skips_target(&mut self) -> bool {
         std::mem::replace(&mut self.skip_next_target, false)
     }
 
-    /// Replaces the switches along the travel.
+    /// Replaces the switches along the travel of the axis.
     pub fn set_switches(&mut self, switches: Switches) {
         self.switches = switches;
     }
 
-    /// The position demand in counts of the shaft, whatever homing has set.
+    /// The position demand in counts of the shaft, without the origin that homing has set.
     pub const fn shaft_demand(&self) -> i64 {
         self.demand.whole
     }
 
-    /// Whether the motor follows a target or a homing run.
+    /// Whether the motor follows targets or a homing run.
     pub fn follows(&self) -> bool {
         self.motion == Motion::Follow
     }
 
-    /// The targets in force.
+    /// The present targets.
     pub const fn targets(&self) -> &Targets {
         &self.targets
     }
 
-    /// The targets, to be written by SDO or process data. Process data write the target position by
+    /// The targets, for writing by SDO or process data. For the target position, process data use
     /// [`Self::take_target_position`].
     pub const fn targets_mut(&mut self) -> &mut Targets {
         &mut self.targets
     }
 
-    /// What is added to the targets.
+    /// The offsets added to the targets.
     pub const fn offsets(&self) -> &Offsets {
         &self.offsets
     }
 
-    /// The offsets, to be written by SDO or process data.
+    /// The offsets, for writing by SDO or process data.
     pub const fn offsets_mut(&mut self) -> &mut Offsets {
         self.targets.has_offsets = true;
         &mut self.offsets
     }
 
-    /// The target position becomes the one at which the axis stays where it is.
+    /// Sets the target position so that the axis stays at its present demand.
     const fn hold_target(&mut self) {
         let offset = if self.targets.has_offsets { self.offsets.position } else { 0 };
         self.targets.position = (self.position() as i32).wrapping_sub(offset);
     }
 
-    /// Velocity demand value (0x606B), counts/s: that of the demand which the control loops follow; 0 without power.
+    /// Velocity demand value (0x606B), counts/s; 0 without power.
     pub fn velocity_demand(&self) -> i64 {
         rounded(match (self.motion, self.mode) {
             (Motion::Off, _) => 0.0,

@@ -1,7 +1,8 @@
-//! The objects that every CiA 402 axis has, whichever kind of device it is part of: their rows in the object dictionary,
-//! and the settings that an axis reads from them.
+//! The objects that every CiA 402 axis has, whatever the kind of its device: their rows in the object dictionary, and the
+//! settings that an axis reads from them.
 //!
-//! To add an object of all axes: a row in [`axis_objects`]; if it changes how the axis works, a slot in [`AxisSlots`], too.
+//! To add an object for all axes, add a row to [`axis_objects`]. If the object changes the behaviour of the axis, add a
+//! slot to [`AxisSlots`] too.
 
 use super::axis::{NO_FOLLOWING_WINDOW, Settings, rounded};
 use super::device::Model;
@@ -11,21 +12,21 @@ use super::state_machine::OptionCodes;
 use crate::ethercat::cia402::{Controlword, Mode, SECOND_AXIS_OFFSET};
 use crate::ethercat::coe::AbortCode;
 
-/// A kind of device with CiA 402 axes.
+/// A device model with CiA 402 axes.
 pub(super) trait AxisModel: Model {
-    /// Whether its axes have that mode of operation.
+    /// Whether the axes of the device support this mode of operation.
     fn has_mode(&self, mode: Mode) -> bool;
 
-    /// The settings of an axis (from 0), as the stored values have them.
+    /// The settings of an axis (from 0), from the stored values.
     fn settings(&self, axis: usize) -> Settings;
 }
 
-/// The index of an object of axis `N` (from 0), of which `of_axis_1` is that of the first axis.
+/// The index of an object of axis `N` (from 0); `of_axis_1` is the index of the same object of the first axis.
 pub(super) const fn index<const N: usize>(of_axis_1: u16) -> u16 {
     of_axis_1 + SECOND_AXIS_OFFSET * N as u16
 }
 
-/// Gives axis `N` its settings after an object that it reads was written.
+/// Passes the settings to axis `N` after one of its objects was written.
 pub(super) fn changed<M: AxisModel, const N: usize>(device: &mut M) {
     let settings = device.settings(N);
     device.axes_mut()[N].apply_settings(settings);
@@ -37,13 +38,13 @@ fn set_mode<M: AxisModel, const N: usize>(device: &mut M, code: i64) -> Result<(
     Ok(())
 }
 
-/// A row with a ramp, counts/s².
+/// The row of a ramp object, counts/s².
 const fn ramp<M: AxisModel, const N: usize>(of_axis_1: u16, name: &'static str) -> Object<M> {
     Object::u32(index::<N>(of_axis_1), 0, name).rw().rx().range(1, u32::MAX as i64).default(1).changed(changed::<M, N>)
 }
 
-/// The objects of axis `N` (from 0). 0x605D, halt, acts in homing. 0x6098 takes any value: a method that is not supported
-/// ends in a homing error when it is started \[OURS].
+/// The objects of axis `N` (from 0). The halt option code 0x605D acts in homing. 0x6098 accepts any value: an unsupported
+/// method causes a homing error when homing is started \[OURS].
 pub(super) const fn axis_objects<M: AxisModel, const N: usize>() -> [Object<M>; 27] {
     [
         Object::u16(index::<N>(0x603F), 0, "Error code")
@@ -153,7 +154,7 @@ pub(super) const fn target_velocity<M: AxisModel, const N: usize>() -> Object<M>
         })
 }
 
-/// Where the stored values of [`axis_objects`] are.
+/// The slots of the stored values of [`axis_objects`].
 pub(super) struct AxisSlots {
     pub(super) max_velocity: Slot<u32>,
     pub(super) slow_down: Slot<u32>,
@@ -171,7 +172,7 @@ pub(super) struct AxisSlots {
 }
 
 impl AxisSlots {
-    /// The slots of axis `N` (from 0) in a table; for constants.
+    /// The slots of axis `N` (from 0) in a table, evaluated at compile time.
     pub(super) const fn of<D, const N: usize>(objects: &[Object<D>]) -> Self {
         Self {
             max_velocity: slot(objects, index::<N>(0x607F), 0),
@@ -190,7 +191,7 @@ impl AxisSlots {
         }
     }
 
-    /// The settings that these values give an axis, without position limits and monitoring of the following error.
+    /// The axis settings from these values, without position limits and without monitoring of the following error.
     pub(super) fn settings(&self, values: &Values) -> Settings {
         Settings {
             following_window: NO_FOLLOWING_WINDOW,

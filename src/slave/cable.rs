@@ -1,13 +1,12 @@
-//! The cable of a simulated network and what goes wrong along it: which slaves frames reach, which slaves answer, lose
-//! their power, refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every way to simulate a
-//! network uses it.
+//! The cable of a simulated network and its faults: which slaves the frames reach, which slaves answer, lose their power,
+//! refuse an AL state or abort an SDO, and the faults inside devices ([`Fault`]). Every kind of simulated network uses it.
 //!
-//! A new kind of trouble for scripts begins here if it is one of the network, or in `slave/fault.rs` if it is one of a
-//! device; the verb that causes it stands in `testbed/script/verbs.rs`.
+//! A new malfunction for scripts begins here if it affects the network, or in `slave/fault.rs` if it affects a device. The
+//! verb that triggers it is in `testbed/script/verbs.rs`.
 //!
-//! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to
-//! take locks: a thread that holds one delays a fault by a cycle, never the cycle itself. Other calls take the lock,
-//! which is never held for longer than an assignment.
+//! Scripts and tests change the cable from any thread while the network runs. A cycle reads atomics and only tries to take
+//! locks: a thread that holds a lock delays a fault by one cycle, but never delays the cycle. Other calls block on the
+//! lock, which is held only for an assignment.
 
 use std::num::NonZeroU16;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
@@ -17,50 +16,53 @@ use super::{AlStatus, Fault};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::ethercat::{AlState, MAX_SLAVES, Ns, SlaveSet};
 
-/// The most slaves on a cable. \[OURS] Their numbers, and the place of a cut, are one byte; a board has 40 of them at most.
+/// The maximum number of slaves on a cable. \[OURS] Slave numbers and the position of a cut are one byte; a board has at
+/// most 40 slaves.
 pub const SLAVES_MAX: usize = 254;
 
-/// A set of slaves on a cable, by the bits of their numbers.
+/// A set of slaves on a cable, one bit per slave number.
 type Bits = [u64; 4];
 
-/// How one slave is made to answer changes of state and SDOs.
+/// The scripted responses of one slave to changes of state and SDOs.
 #[derive(Clone, Copy, Default)]
 struct ScriptedAnswers {
-    /// An AL state that the slave refuses, and with which AL status code.
+    /// An AL state that the slave refuses, with the AL status code of the refusal.
     refuse: Option<(AlState, AlStatus)>,
     sdo_delay_ns: Ns,
-    /// The abort code of all SDO transfers.
+    /// The abort code for all SDO transfers.
     sdo_abort: Option<AbortCode>,
-    /// The abort code of the SDO transfers of one object.
+    /// An object whose SDO transfers are aborted, with the abort code.
     object_abort: Option<(ObjectAddress, AbortCode)>,
 }
 
-/// A cable that damages frames.
+/// A cable section that damages frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Noise {
-    /// The slave before which the cable is, from 1.
+    /// The slave at the far end of the section, from 1.
     pub slave: u8,
-    /// One of so many frames is damaged there.
+    /// The fraction of frames that are damaged: one of this many.
     pub one_of: NonZeroU16,
 }
 
 struct Shared {
-    /// How many slaves the cable reaches.
+    /// The number of slaves in front of the cut.
     reach: AtomicU8,
-    /// The slave before which frames are damaged, in the upper half, and one of how many; 0: none is damaged.
+    /// The damaging section: its slave in the upper 16 bits, "one of so many" in the lower 16 bits; 0 if no frames are
+    /// damaged.
     noise: AtomicU32,
     /// The slaves that do not answer.
     silent: [AtomicU64; 4],
     /// The slaves that have lost their power since the last cycle.
     powered_off: [AtomicU64; 4],
-    /// There are faults that no cycle has taken yet.
+    /// Whether there are faults that no cycle has applied yet.
     has_faults: AtomicBool,
-    /// Those faults, each with its slave.
+    /// The faults that are waiting for a cycle, each with its slave.
     faults: Mutex<Vec<(u8, Fault)>>,
     answers: Mutex<Box<[ScriptedAnswers]>>,
 }
 
-/// The cable; clones are the same cable. Slaves are numbered from 1. A call for a slave that does not exist has no effect.
+/// A handle to the cable; clones refer to the same cable. Slaves are numbered from 1. A call for a slave that does not
+/// exist has no effect.
 #[derive(Clone)]
 pub struct Cable(Arc<Shared>);
 
@@ -78,9 +80,9 @@ impl Default for Cable {
     }
 }
 
-/// What scripts and tests do to the network.
+/// Calls for scripts and tests, which change the network.
 impl Cable {
-    /// Cuts the cable after that many slaves. 0: before the first one, so that no slave answers.
+    /// Cuts the cable behind this many slaves. With 0 the cut is in front of the first slave, so that no slave answers.
     pub fn cut_after(&self, slaves: u8) {
         self.0.reach.store(slaves, Ordering::Relaxed);
     }
@@ -90,15 +92,15 @@ impl Cable {
         self.cut_after(u8::MAX);
     }
 
-    /// Makes the cable before a slave damage frames; `None`: no longer. One cable at a time does so, and only where there are
-    /// frames: [`CabledChain`](super::esc::CabledChain).
+    /// Makes the cable section in front of a slave damage frames; `None` ends this. Only one section at a time damages
+    /// frames, and only in networks with frames: [`CabledChain`](super::esc::CabledChain).
     pub fn damage_frames(&self, noise: Option<Noise>) {
         let packed = noise.map_or(0, |Noise { slave, one_of }| u32::from(slave) << 16 | u32::from(one_of.get()));
         self.0.noise.store(packed, Ordering::Relaxed);
     }
 
-    /// Makes a slave not answer at all, neither its mailbox nor process data, or makes it answer again. Frames still pass
-    /// it, and time passes in it.
+    /// Makes a slave ignore its mailbox and process data, or makes it answer again. Frames still pass through the slave,
+    /// and its time advances.
     pub fn silence(&self, slave: u8, silent: bool) {
         let (word, bit) = bit_of(slave);
         if silent {
@@ -108,42 +110,43 @@ impl Cable {
         }
     }
 
-    /// Takes the power from a slave: it goes to Init, loses its process data and does not answer. Frames still pass it,
-    /// so that the slaves behind it stay on the network.
+    /// Takes the power from a slave: it goes to Init, loses its process data and does not answer. Frames still pass through
+    /// it, so the slaves behind it stay on the network.
     pub fn lose(&self, slave: u8) {
         self.silence(slave, true);
         let (word, bit) = bit_of(slave);
         self.0.powered_off[word].fetch_or(bit, Ordering::Relaxed);
     }
 
-    /// Gives a slave its power back after [`Self::lose`]: it answers, in Init.
+    /// Restores the power of a slave after [`Self::lose`]: it answers again, in Init.
     pub fn find(&self, slave: u8) {
         self.silence(slave, false);
     }
 
-    /// Makes a slave refuse an AL state with that AL status code; `None`: it enters every state that it can.
+    /// Makes a slave refuse an AL state with the given AL status code; `None`: it enters every state that it can.
     pub fn refuse(&self, slave: u8, state: Option<(AlState, AlStatus)>) {
         self.set_answers(slave, |answers| answers.refuse = state);
     }
 
-    /// Makes SDO transfers with a slave take that much longer; beyond the timeout of the request they fail. 0: no delay.
+    /// Delays SDO transfers with a slave by `ns`; a delay beyond the timeout of the request makes them fail. 0 ends the
+    /// delay.
     pub fn delay_sdo(&self, slave: u8, ns: Ns) {
         self.set_answers(slave, |answers| answers.sdo_delay_ns = ns);
     }
 
-    /// Makes a slave abort every SDO transfer with that abort code, without effect on the object; `None`: no longer.
+    /// Makes a slave abort every SDO transfer with this abort code; the object keeps its value. `None` ends this.
     pub fn abort_sdo(&self, slave: u8, code: Option<AbortCode>) {
         self.set_answers(slave, |answers| answers.sdo_abort = code);
     }
 
-    /// Makes a slave abort SDO transfers of one object with that abort code, without effect on the object; `None`: no
-    /// longer. A slave has at most one such object at a time.
+    /// Makes a slave abort SDO transfers of one object with this abort code; the object keeps its value. `None` ends this.
+    /// There is at most one such object per slave at a time.
     pub fn abort_object(&self, slave: u8, abort: Option<(ObjectAddress, AbortCode)>) {
         self.set_answers(slave, |answers| answers.object_abort = abort);
     }
 
-    /// Causes a fault inside a slave, or ends it, from the next cycle on. A fault of an axis or a channel that the slave
-    /// does not have has no effect.
+    /// Starts or ends a fault inside a slave, from the next cycle on. A fault of an axis or channel that the slave does not
+    /// have has no effect.
     pub fn apply_fault(&self, slave: u8, fault: Fault) {
         lock(&self.0.faults).push((slave, fault));
         self.0.has_faults.store(true, Ordering::Release);
@@ -158,14 +161,14 @@ impl Cable {
     }
 }
 
-/// What a simulated network reads.
+/// Calls for a simulated network, which reads the state of the cable.
 impl Cable {
-    /// How many slaves frames reach: all before the place where the cable is cut.
+    /// The number of slaves that frames reach: all slaves in front of the cut.
     pub fn reach(&self) -> u8 {
         self.0.reach.load(Ordering::Relaxed)
     }
 
-    /// The cable that damages frames; `None`: none does.
+    /// The cable section that damages frames; `None` if there is none.
     pub fn noise(&self) -> Option<Noise> {
         let packed = self.0.noise.load(Ordering::Relaxed);
         Some(Noise { slave: (packed >> 16) as u8, one_of: NonZeroU16::new(packed as u16)? })
@@ -177,7 +180,7 @@ impl Cable {
         SlaveSet::first(self.reach().min(MAX_SLAVES as u8)).difference(silent)
     }
 
-    /// The slaves that do not answer, wherever the cable is cut.
+    /// The slaves that do not answer, without regard to a cut.
     pub(super) fn silent(&self) -> Bits {
         self.0.silent.each_ref().map(|word| word.load(Ordering::Relaxed))
     }
@@ -192,23 +195,24 @@ impl Cable {
         self.0.powered_off.each_ref().map(take)
     }
 
-    /// The AL status code with which a slave is made to refuse a state; `None`: it is not.
+    /// The AL status code with which a script makes a slave refuse a state; `None` if no script does.
     pub fn refusal(&self, slave: u8, state: AlState) -> Option<AlStatus> {
         self.answers(slave).refuse.filter(|(refused, _)| *refused == state).map(|(_, status)| status)
     }
 
-    /// How much longer SDO transfers with a slave are made to take.
+    /// The scripted delay of SDO transfers with a slave, ns.
     pub fn sdo_delay_ns(&self, slave: u8) -> Ns {
         self.answers(slave).sdo_delay_ns
     }
 
-    /// The abort code with which a slave is made to abort a transfer of that object; `None`: it is not.
+    /// The abort code with which a script makes a slave abort transfers of an object; `None` if no script does.
     pub fn sdo_abort(&self, slave: u8, object: ObjectAddress) -> Option<AbortCode> {
         let ScriptedAnswers { sdo_abort, object_abort, .. } = self.answers(slave);
         sdo_abort.or(object_abort.filter(|(aborted, _)| *aborted == object).map(|(_, code)| code))
     }
 
-    /// Calls `apply` for each fault since the last call. While a thread is adding one, the faults wait for the next call.
+    /// Calls `apply` for each new fault since the last call. While another thread is adding a fault, all faults wait for
+    /// the next call.
     pub fn take_faults(&self, mut apply: impl FnMut(u8, Fault)) {
         if !self.0.has_faults.load(Ordering::Acquire) {
             return;
@@ -224,7 +228,7 @@ impl Cable {
     }
 }
 
-/// The word and the bit of a slave.
+/// The index of the word and the mask of the bit for a slave.
 const fn bit_of(slave: u8) -> (usize, u64) {
     (slave as usize / 64, 1 << (slave % 64))
 }
@@ -235,12 +239,12 @@ pub(super) const fn has(set: &Bits, slave: u8) -> bool {
     set[word] & bit != 0
 }
 
-/// A cycle only reads a word that nobody has written.
+/// Takes the bits of a word and clears it. If the word is 0, a cycle only reads it, so that the cache line stays shared.
 fn take(word: &AtomicU64) -> u64 {
     if word.load(Ordering::Relaxed) == 0 { 0 } else { word.swap(0, Ordering::Relaxed) }
 }
 
-/// A thread that has panicked leaves plain data behind, which is still valid.
+/// Locks a mutex. A poisoned one is used as it is, because plain data are still valid after a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,14 +1,14 @@
-//! What the firmware of a device reads from the registers of its EtherCAT slave controller before it changes its state.
+//! The registers of an EtherCAT slave controller that the firmware of a device checks before it changes its state.
 //!
-//! A network without controllers sets no more than the lengths of the sync managers for process data, see
-//! [`Slave::set_sync_managers`](super::Slave::set_sync_managers); a device then takes the rest for right.
+//! A network without controllers sets only the lengths of the sync managers for process data, see
+//! [`Slave::set_sync_managers`](super::Slave::set_sync_managers). A device then assumes that everything else is right.
 
 use crate::ethercat::Ns;
 
 /// The settings of one sync manager (ETG.1000.4 6.7.2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SyncManagerSettings {
-    /// Start address in the memory of the controller.
+    /// Start address in the memory of the slave controller.
     pub start: u16,
     /// Length, bytes.
     pub length: u16,
@@ -19,7 +19,7 @@ pub struct SyncManagerSettings {
 }
 
 impl SyncManagerSettings {
-    /// Whether the buffers of two sync managers have a byte in common. One that is off, or has no length, has none.
+    /// Whether the areas of two sync managers overlap. A disabled or empty sync manager overlaps nothing.
     pub fn overlaps(&self, other: &Self) -> bool {
         let span = |settings: &Self| {
             let length = if settings.enabled { settings.length } else { 0 };
@@ -30,41 +30,41 @@ impl SyncManagerSettings {
     }
 }
 
-/// What a controller tells its device of the synchronization, while it runs by SYNC0.
+/// A synchronization event that the controller reports to its device while the device runs by SYNC0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncEvent {
-    /// A cycle began in time: the device has just done its work of it.
+    /// A SYNC0 cycle began in time, and the device has just done the work of this cycle.
     InTime,
-    /// Outputs came since the last cycle, the newest ones so long before this one, ns.
+    /// Outputs have come since the last SYNC0 cycle.
     Outputs {
-        /// How long before, ns.
+        /// The time from the newest outputs to this cycle, ns.
         ago_ns: Ns,
     },
-    /// A cycle began too early or too late.
+    /// A SYNC0 cycle began too early or too late.
     Deviation,
-    /// The clock of the device was not synchronized within the time that it has for that.
+    /// The clock of the device was not synchronized within the time limit.
     NotLocked,
-    /// The clock of the device is not synchronized any more.
+    /// The clock of the device is no longer synchronized.
     LockLost,
 }
 
-/// A change at a latch input of a controller that its device has caused.
+/// A level change at a latch input of the controller that its device has caused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LatchChange {
-    /// The input, from 0.
+    /// The latch input, from 0.
     pub input: usize,
-    /// Whether it went on.
+    /// Whether the new level is 1.
     pub is_on: bool,
-    /// How long before the end of the device's last step, ns.
+    /// The time from the change to the end of the device's last step, ns.
     pub ago_ns: Ns,
 }
 
-/// The registers of a controller that concern the device behind it.
+/// The registers of a slave controller that concern the device behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Communication {
     /// Sync managers 0 to 3: mailbox out, mailbox in, outputs, inputs.
     pub sync_managers: [SyncManagerSettings; 4],
-    /// The time of the watchdog of outputs, from registers 0x0400 and 0x0420; `None`: it is off.
+    /// The watchdog time for outputs, from registers 0x0400 and 0x0420, ns; `None`: the watchdog is off.
     pub watchdog_ns: Option<Ns>,
     /// Activation of the sync unit, register 0x0981.
     pub dc_activation: u8,

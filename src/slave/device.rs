@@ -1,8 +1,8 @@
-//! What every simulated device does alike: AL states, mailbox, identity, process data, faults.
+//! The common part of all simulated devices: AL states, mailbox, identity, process data, faults.
 //!
-//! A kind of slave keeps a [`Base`] and implements [`Model`], which says what sets it apart: its objects, its PDOs, its
-//! axes. [`Slave`](super::Slave) and the dictionary's [`Device`](super::dictionary::Device) are implemented in `device/as_slave.rs` for
-//! every [`Model`]; the objects of every device are in `device/objects.rs`.
+//! A kind of slave has a [`Base`] and implements [`Model`], which defines the specifics of the kind: its objects, its PDOs,
+//! its axes. `device/as_slave.rs` implements [`Slave`](super::Slave) and the dictionary's
+//! [`Device`](super::dictionary::Device) for every [`Model`]; `device/objects.rs` has the objects of every device.
 
 mod as_slave;
 mod information;
@@ -32,39 +32,38 @@ pub use objects::{both, description, free_run, identity, synchronization};
 use sync_types::SyncTypes;
 pub use test_memory::{TEST_MEMORY, TEST_MEMORY_BYTES_MAX};
 
-/// Vendor ID, 0x1018:1, of the devices here. \[OURS] "ECMS": no vendor has this number.
+/// Vendor ID, 0x1018:1, of the simulated devices. \[OURS] "ECMS": no vendor has this number.
 pub const VENDOR_ID: u32 = 0x4543_4D53;
 
-/// What every device keeps, whatever its kind.
+/// The data that every device has, whatever its kind.
 #[derive(Clone, Debug)]
-#[repr(C)] // What a cycle uses lies at the end.
+#[repr(C)] // The fields that a cycle uses are at the end.
 pub struct Base<M> {
     name: String,
     serial: u32,
     identity: &'static Identity,
-    /// The stored values of its objects.
+    /// The stored values of the object dictionary.
     pub values: Values,
-    /// Manufacturer-specific objects, which are not in the table of the kind. No cycle uses them.
+    /// Manufacturer-specific objects beyond the table of the kind. Cycles do not use them.
     manufacturer: Option<Box<ManufacturerObjects>>,
-    /// The files of the device, if it has some. No cycle uses them.
+    /// The files of the device, if it supports files. Cycles do not use them.
     files: Option<Box<FileStore>>,
-    /// The octets that masters store to test long transfers.
+    /// The content of the test object [`TEST_MEMORY`].
     test_memory: Vec<u8>,
     mapping: Mapping,
-    /// How the device is synchronized. No cycle uses it.
+    /// The synchronization types. Cycles do not use them.
     sync_types: SyncTypes,
-    /// The lengths of sync managers 2 and 3 that the master has set, bytes.
+    /// The lengths of sync managers 2 and 3 as set by the master, bytes.
     sync_managers: (u16, u16),
     plan: Plan<M>,
     al: ApplicationLayer,
 }
 
 impl<M: Model> Base<M> {
-    /// A device at power-on: the name that people know it by, its serial number (0x1018:4), its identity, its stored
-    /// values, and its PDOs.
+    /// A device in its power-on state, with its display name, serial number (0x1018:4), identity, stored values and PDOs.
     pub fn new(name: String, serial: u32, identity: &'static Identity, values: Values, pdos: &[Pdo<M>]) -> Self {
         let (al, mapping, plan) = (ApplicationLayer::default(), Mapping::new(pdos, M::LIMITS), Plan::with_room());
-        // A transfer does not allocate.
+        // Reserved in advance, so that transfers do not allocate.
         let test_memory = Vec::with_capacity(if M::TEST_MEMORY { TEST_MEMORY_BYTES_MAX } else { 0 });
         let (manufacturer, sync_managers) = (None, (0, 0));
         let files = M::FIRMWARE.map(|firmware| Box::new(FileStore::new(firmware)));
@@ -85,8 +84,8 @@ impl<M: Model> Base<M> {
         }
     }
 
-    /// The device loses its power and gets it back: its AL state, its mapping and its stored values are those of power-on.
-    /// Manufacturer-specific objects keep their values, and files stay.
+    /// Power-cycles the device: AL state, mapping and stored values are those of power-on. Manufacturer-specific objects
+    /// keep their values, and files are kept.
     pub fn restart(&mut self, values: Values, pdos: &[Pdo<M>]) {
         let (name, manufacturer) = (std::mem::take(&mut self.name), self.manufacturer.take());
         let files = self.files.take();
@@ -95,19 +94,19 @@ impl<M: Model> Base<M> {
         *self = Self { manufacturer, files, ..new };
     }
 
-    /// The same device with other limits of its mapping.
+    /// This device with other limits for its PDO mapping.
     #[must_use]
     pub fn with_limits(mut self, limits: MappingLimits, pdos: &[Pdo<M>]) -> Self {
         self.mapping = Mapping::new(pdos, limits);
         self
     }
 
-    /// Whether the device has [`TEST_MEMORY`].
+    /// Whether the device has the test object [`TEST_MEMORY`].
     const fn has_test_memory(&self) -> bool {
         M::TEST_MEMORY
     }
 
-    /// The octets in it.
+    /// The content of the test object.
     const fn test_memory(&self) -> &[u8] {
         self.test_memory.as_slice()
     }
@@ -117,7 +116,7 @@ impl<M: Model> Base<M> {
         self.al.state()
     }
 
-    /// Whether the mapped process data are as long as the sync managers.
+    /// Checks that the mapped process data have the same lengths as the sync managers.
     ///
     /// \[OURS] Sync manager 2 is checked first.
     fn fits_sync_managers(&self) -> Result<(), AlStatus> {
@@ -129,39 +128,40 @@ impl<M: Model> Base<M> {
     }
 }
 
-/// A kind of slave: what sets it apart from the others.
+/// A kind of slave: the trait defines everything in which the kinds differ.
 pub trait Model: Send + Sized + 'static {
-    /// What devices of this kind allow in their mapping.
+    /// The limits of the PDO mapping.
     const LIMITS: MappingLimits = MappingLimits::USUAL;
 
-    /// Whether devices of this kind have complete access.
+    /// Whether the device supports SDO complete access.
     const COMPLETE_ACCESS: bool = true;
 
-    /// Whether the watchdog of outputs is a mistake in SafeOP, too.
+    /// Whether an expired watchdog for outputs is an error in SafeOP too.
     const WATCHDOG_IN_SAFEOP: bool = false;
 
-    /// Whether devices of this kind have [`TEST_MEMORY`].
+    /// Whether the device has the test object [`TEST_MEMORY`].
     const TEST_MEMORY: bool = true;
 
-    /// The firmware with which devices of this kind come from the factory; `None`: they have no files and no bootstrap.
+    /// The name of the factory firmware; `None`: the device has neither files nor bootstrap.
     const FIRMWARE: Option<&'static str> = None;
 
-    /// The object dictionary, ascending by address, [`identity`] first. [`check`](super::dictionary::check) it in a constant.
+    /// The object dictionary in ascending order of address, beginning with [`identity`]. Apply
+    /// [`check`](super::dictionary::check) to it in a constant.
     fn objects() -> &'static [Object<Self>];
 
-    /// The PDOs that devices of this kind can have at power-on.
+    /// The PDOs that the device can have at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 
-    /// PDOs that masters often make of the objects of this kind, whatever their index: a cycle moves them as fast as those of
-    /// power-on.
+    /// PDOs that masters often map from the objects of this kind, whatever the PDO's index. A cycle transfers them as fast
+    /// as those of power-on.
     fn often_mapped() -> &'static [Pdo<Self>] {
         &[]
     }
 
-    /// What every device keeps.
+    /// The common part of the device.
     fn base(&self) -> &Base<Self>;
 
-    /// What every device keeps, to be changed.
+    /// The common part of the device, mutable.
     fn base_mut(&mut self) -> &mut Base<Self>;
 
     /// The axes of the device.
@@ -169,12 +169,12 @@ pub trait Model: Send + Sized + 'static {
         &[]
     }
 
-    /// The axes of the device, to be moved.
+    /// The axes of the device, mutable.
     fn axes_mut(&mut self) -> &mut [Axis] {
         &mut []
     }
 
-    /// The digital inputs and outputs of the device, one entry for each channel.
+    /// The digital inputs and outputs of the device, mutable, one entry per channel.
     fn lines_mut(&mut self) -> &mut [Lines] {
         &mut []
     }
@@ -194,25 +194,25 @@ pub trait Model: Send + Sized + 'static {
         0
     }
 
-    /// What kind of controller is in front of the device.
+    /// The configuration of the slave controller of the device.
     fn controller_settings(&self) -> EscSettings {
         EscSettings::default()
     }
 
-    /// `dt_ns` pass in all of the device but its axes.
+    /// Advances all parts of the device except its axes by `dt_ns`.
     fn pass(&mut self, dt_ns: Ns) {
         let _ = dt_ns;
     }
 
-    /// No outputs come any more: the device has left OP by a change of state or by its watchdog. Its axes brake without
-    /// this call.
+    /// Reports that outputs no longer come: the device has left OP by a change of state or by its watchdog. The axes brake
+    /// without this call.
     fn lose_outputs(&mut self) {}
 
-    /// The watchdog of outputs has expired, and the device has left OP.
+    /// Reports that the watchdog for outputs has expired and the device has left OP.
     fn watchdog_expired(&mut self) {}
 
-    /// Judges a change of the AL state to the next higher one. `mapped`: on the way to SafeOP what the mapping and the lengths
-    /// of the sync managers allow, on the way to OP what the synchronization does.
+    /// Decides on a change to the next higher AL state. `mapped` is the result of the common checks: of the mapping and the
+    /// sync manager lengths on the way to SafeOP, of the synchronization on the way to OP.
     ///
     /// # Errors
     /// The AL status code with which the device refuses.
@@ -221,33 +221,34 @@ pub trait Model: Send + Sized + 'static {
         mapped
     }
 
-    /// The device has refused a change of its AL state.
+    /// Reports that the device has refused a change of its AL state.
     fn change_refused(&mut self, status: AlStatus) {
         let _ = status;
     }
 
-    /// A master has changed the AL state from `from` to another one.
+    /// Reports that a master has changed the AL state; `from` is the old state.
     fn state_changed(&mut self, from: AlState) {
         let _ = from;
     }
 
-    /// A master requests an AL state that does not exist, or Bootstrap: the AL status code with which the device refuses.
-    /// It may have fallen back to a lower state.
+    /// Refuses a request for Bootstrap or for an AL state that does not exist. Returns the AL status code of the refusal.
+    /// The device may fall back to a lower state.
     fn refuse_request(&mut self, request: RequestedState) -> AlStatus {
         request.without_boot().err().unwrap_or(AlStatus::INVALID_CHANGE)
     }
 
-    /// The registers of the controller in front of the device, before a change of state.
+    /// Passes the registers of the slave controller to the device, before a change of state.
     fn set_communication(&mut self, communication: &Communication) {
         let _ = communication;
     }
 
-    /// The cycle of SYNC0 on a network without controllers; `None`: the device runs without distributed clocks.
+    /// Sets the SYNC0 cycle time on a network without slave controllers, ns; `None`: the device runs without distributed
+    /// clocks.
     fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
         let _ = cycle_ns;
     }
 
-    /// The controller tells the device how it is synchronized.
+    /// Reports a synchronization event of the slave controller to the device.
     fn report_sync(&mut self, event: SyncEvent) {
         let _ = event;
     }
@@ -272,31 +273,31 @@ pub trait Model: Send + Sized + 'static {
         let _ = tell;
     }
 
-    /// Process data pass.
+    /// Reports that process data have been exchanged.
     #[inline]
     fn note_exchange(&mut self) {}
 
-    /// The true position of the shaft of an axis (from 0), counts; `None`: the device has no such axis.
+    /// The true shaft position of an axis (from 0), counts; `None`: the device has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         self.axes().get(axis).map(|axis| axis.plant().position())
     }
 
-    /// What the present fault of an axis (from 0) means, whose error code this is.
+    /// The meaning of the present fault of an axis (from 0), whose error code is `code`.
     fn fault_meaning(&self, axis: usize, code: u16) -> &'static str {
         let _ = axis;
         error_name(code)
     }
 
-    /// The device is switched off, and on again: the AL state is Init.
+    /// Power-cycles the device: the AL state is Init afterwards.
     fn restart(&mut self) {}
 
-    /// `dt_ns` pass in the axes.
+    /// Advances the axes by `dt_ns`.
     #[inline]
     fn step_axes(&mut self, dt_ns: Ns) {
         self.axes_mut().iter_mut().for_each(|axis| axis.step(dt_ns));
     }
 
-    /// `dt_ns` begin to pass in the axes, as by [`Slave::begin_step`](super::Slave::begin_step).
+    /// The first half of [`Self::step_axes`] by `dt_ns`, see [`Slave::begin_step`](super::Slave::begin_step).
     #[inline]
     fn begin_axes(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         match self.axes_mut() {
@@ -308,13 +309,14 @@ pub trait Model: Send + Sized + 'static {
         }
     }
 
-    /// Causes a fault in the device, as [`Slave::apply_fault`](super::Slave::apply_fault) does.
+    /// Starts or ends a fault in the device, see [`Slave::apply_fault`](super::Slave::apply_fault).
     fn apply_fault(&mut self, fault: Fault) -> bool {
         apply_fault(self, fault)
     }
 }
 
-/// Causes a fault in the axes and lines of a device. False: it has no such axis or channel.
+/// Starts or ends a fault in the axes and digital lines of a device. Returns false if the device has no such axis or
+/// channel.
 pub fn apply_fault<M: Model>(device: &mut M, fault: Fault) -> bool {
     match fault {
         Fault::Alarm { axis, fault } => change_axis(device, axis, |axis| axis.machine_mut().raise(fault)),
@@ -329,7 +331,7 @@ pub fn apply_fault<M: Model>(device: &mut M, fault: Fault) -> bool {
     }
 }
 
-/// Changes an axis (from 0). False: the device has no such axis.
+/// Changes an axis (from 0). Returns false if the device has no such axis.
 fn change_axis<M: Model>(device: &mut M, axis: usize, change: impl FnOnce(&mut Axis)) -> bool {
     device.axes_mut().get_mut(axis).map(change).is_some()
 }

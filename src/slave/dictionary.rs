@@ -1,15 +1,15 @@
-//! Object dictionaries as tables: one row holds everything that an SDO transfer needs to know of an object.
+//! Object dictionaries as tables: one row contains everything that an SDO transfer needs to know about an object.
 //!
 //! A kind of device lists its objects in a constant slice of [`Object`], ascending by address, and implements [`Device`].
-//! [`read`] and [`write()`] transfer any object of the table and give the right abort codes; [`upload`] and [`download`]
-//! do the same for values of at most 4 bytes. The value of a row is kept in one of two ways:
+//! [`read`] and [`write()`] transfer any object of the table and return the standard abort codes; [`upload`] and
+//! [`download`] do the same for values of at most 4 bytes. There are two ways to keep the value of a row:
 //!
-//! - *stored*: in the [`Values`] of the device. The device reads it through a [`Slot`], which is looked up when the program
-//!   is compiled: neither a search nor a wrong type is possible at run time.
-//! - *live*: in a field of the device, behind accessor functions. Values that a cycle moves are live.
+//! - *stored*: in the [`Values`] of the device. The device reads the value through a [`Slot`], which is resolved at compile
+//!   time, so that there is neither a search nor a type error at run time.
+//! - *live*: in a field of the device, behind accessor functions. Values that a cycle transfers are live.
 //!
-//! [`object_from`], [`describe_object`] and [`describe_entry`] are what a table says of itself, for masters that ask a device
-//! for its objects.
+//! [`object_from`], [`describe_object`] and [`describe_entry`] describe the objects of a table, for masters that use SDO
+//! information.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -59,13 +59,13 @@ use object::Cell;
 
 /// A device with an object dictionary.
 pub trait Device: Sized + 'static {
-    /// The table of objects, ascending by address. [`check`] it in a constant.
+    /// The table of objects, ascending by address. Apply [`check`] to it in a constant.
     fn objects() -> &'static [Object<Self>];
 
     /// The stored values.
     fn values(&self) -> &Values;
 
-    /// The stored values, to be changed by a download.
+    /// The stored values, mutable for downloads.
     fn values_mut(&mut self) -> &mut Values;
 
     /// The AL state, which decides whether some objects can be written.
@@ -75,7 +75,7 @@ pub trait Device: Sized + 'static {
 /// SDO upload of a value of at most 4 bytes, or of the first 4 bytes of a longer one.
 ///
 /// # Errors
-/// As [`read`].
+/// The abort codes of [`read`].
 pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, AbortCode> {
     SdoValue::of(|value| read(device, at, SdoScope::Entry, value))
 }
@@ -83,16 +83,17 @@ pub fn upload<D: Device>(device: &D, at: ObjectAddress) -> Result<SdoValue, Abor
 /// SDO download of 1, 2 or 4 bytes.
 ///
 /// # Errors
-/// As [`write()`].
+/// The abort codes of [`write()`].
 pub fn download<D: Device>(device: &mut D, at: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
     write(device, at, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
 }
 
-/// SDO upload: puts the first bytes of the value into `value`. The length of the whole value.
+/// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`]; with complete access
-/// [`AbortCode::UNSUPPORTED_ACCESS`] from another sub-index than 0 and 1, [`AbortCode::COMPLETE_ACCESS`] for a text.
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::WRITE_ONLY`]. With complete access:
+/// [`AbortCode::UNSUPPORTED_ACCESS`] for a start at another sub-index than 0 or 1, [`AbortCode::COMPLETE_ACCESS`] for a
+/// text.
 pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode> {
     match scope {
         SdoScope::Entry => read_entry(device, at, value),
@@ -102,15 +103,15 @@ pub fn read<D: Device>(device: &D, at: ObjectAddress, scope: SdoScope, value: &m
 
 /// SDO download of a whole value.
 ///
-/// The checks come in this order \[OURS]: whether the object exists, can be written, has that size, can be written in
-/// this AL state, and has the value in its range; then the check of the row itself.
+/// The order of the checks is \[OURS]: the object exists, is writable, has this size, is writable in the present AL state,
+/// and the value is in its range. The check of the row itself comes last.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`], [`AbortCode::READ_ONLY`], [`AbortCode::TOO_LONG`],
-/// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the
-/// code of the row's own check; the object keeps its value then. With complete access also the codes of [`read`], and
-/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one; the sub-indices before one that
-/// refuses its value have been written by then \[OURS].
+/// [`AbortCode::TOO_SHORT`], [`AbortCode::DEVICE_STATE`], [`AbortCode::VALUE_HIGH`], [`AbortCode::VALUE_LOW`], or the code
+/// of the row's own check. The object keeps its value then. With complete access also the codes of [`read`], and
+/// [`AbortCode::LENGTH`] if the value ends within a sub-index or beyond the last one. If a sub-index refuses its value, the
+/// sub-indices in front of it have already been written \[OURS].
 pub fn write<D: Device>(device: &mut D, at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
     match scope {
         SdoScope::Entry => write_entry(device, at, value),
@@ -168,20 +169,20 @@ fn in_range<D>(object: &Object<D>, number: i64) -> Result<(), AbortCode> {
     if number < object.min { Err(AbortCode::VALUE_LOW) } else { Ok(()) }
 }
 
-/// Where a sub-index is: its row in the table, and its cell in [`Values`].
+/// The location of a sub-index: its row in the table, and its cell in [`Values`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) row: usize,
     pub(super) cell: usize,
 }
 
-/// The place of an address.
+/// The location of the sub-index with an address.
 pub(super) fn find<D: Device>(device: &D, at: ObjectAddress) -> Result<Place, AbortCode> {
     let (row, offset) = find_row(device, at)?;
     Ok(Place { row, cell: cell_of::<D>(row, offset) })
 }
 
-/// The row of an address, and which of its sub-indices it is.
+/// The row for an address, and the offset of the sub-index within the row.
 fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), AbortCode> {
     let objects = D::objects();
     let first = objects.partition_point(|object| object.index < at.index);
@@ -199,7 +200,7 @@ fn find_row<D: Device>(device: &D, at: ObjectAddress) -> Result<(usize, usize), 
     Err(if index_exists { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT })
 }
 
-/// The cell of a sub-index of a row. The rows before are counted, which is done for stored values alone.
+/// The cell of a sub-index of a row. Only stored values need it, since it takes a sum over all rows in front.
 fn cell_of<D: Device>(row: usize, offset: usize) -> usize {
     D::objects()[..row].iter().map(|object| usize::from(object.count)).sum::<usize>() + offset
 }
@@ -214,7 +215,7 @@ pub(super) fn number<D: Device>(device: &D, object: &Object<D>, cell: usize) -> 
     }
 }
 
-/// Writes a number that process data have brought. \[OURS] A number that an SDO download would refuse is ignored.
+/// Writes a value that has come in process data. \[OURS] A value that an SDO download would refuse is ignored.
 #[inline(always)]
 pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: usize, number: i64) {
     if let Some(output) = object.output {
@@ -229,7 +230,8 @@ pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: u
         }
         Cell::Stored { accept, changed } => {
             let bits = object.data.encode(number);
-            // A mapped object is written in every cycle, and to apply a new value takes time.
+            // Process data write a mapped object in every cycle, but applying a new value is expensive. So an unchanged
+            // value is skipped.
             if device.values().bits(cell) == bits
                 || accept.is_some_and(|accept| accept(device, object.address(), number).is_err())
             {
@@ -244,14 +246,14 @@ pub(super) fn take_output<D: Device>(device: &mut D, object: &Object<D>, cell: u
     }
 }
 
-/// Puts as many of the bytes into `value` as there is room for. How many bytes there are.
+/// Copies `bytes` into `value`, as far as there is room. Returns the number of bytes in `bytes`.
 pub(super) fn put_first(bytes: &[u8], value: &mut [u8]) -> usize {
     let shown = bytes.len().min(value.len());
     value[..shown].copy_from_slice(&bytes[..shown]);
     bytes.len()
 }
 
-/// The number that at most 8 bytes form, the lowest byte first.
+/// The little-endian number in at most 8 bytes.
 pub(super) fn number_of(bytes: &[u8]) -> u64 {
     let mut whole = [0; 8];
     let len = bytes.len().min(8);

@@ -1,5 +1,5 @@
-//! How an axis moves its plant: after the targets of CSP, CSV and CST, to a standstill on a ramp, and no further than a limit
-//! switch that acts in these modes.
+//! The cyclic modes of an axis: following the targets of CSP, CSV and CST, braking on a ramp, and stopping at limit
+//! switches that act in these modes.
 
 use super::{Axis, Demand, Motion};
 use crate::ethercat::Ns;
@@ -7,19 +7,18 @@ use crate::slave::plant::Setpoint;
 use crate::slave::state_machine::Ramp;
 use crate::slave::switches::Input;
 
-/// \[OURS] Bit 10 in CST: the torque is that near to its target, as a part of the rated one.
+/// \[OURS] Window of statusword bit 10 in CST, as a fraction of the rated torque.
 const TORQUE_REACHED: f64 = 0.01;
 
 impl Axis {
-    /// CSP: `ns` pass out of the `left` in which the target position is reached.
+    /// CSP: runs the plant for `ns`. The target position is reached after `left`.
     pub(super) fn follow_position(&mut self, ns: Ns, left: Ns) {
         let setpoint = self.demand_position(ns, left);
         self.plant.run(setpoint, ns);
         self.followed_position(ns);
     }
 
-    /// Moves the demand to the target, or as far as it comes in `ns` out of `left`. The setpoint that the plant has to
-    /// follow for it.
+    /// Moves the demand for `ns` towards the target, which it reaches after `left`. Returns the setpoint for the plant.
     pub(super) fn demand_position(&mut self, ns: Ns, left: Ns) -> Setpoint {
         let demand = self.demand();
         let offset = if self.targets.has_offsets { self.offsets.position } else { 0 };
@@ -47,14 +46,14 @@ impl Axis {
         Setpoint::Position { from: whole, fraction, by }
     }
 
-    /// Whether a limit switch in the direction of a motion is active.
+    /// Whether the limit switch in the direction of motion (the sign of `direction`) is active.
     fn is_at_switch(&self, direction: f64) -> bool {
         let inputs = self.inputs();
         direction > 0.0 && inputs.has(Input::PositiveLimit) || direction < 0.0 && inputs.has(Input::NegativeLimit)
     }
 
-    /// How far the demand of CSP goes in `ns`, if a limit switch is in the way of the `wanted` counts: to a standstill on the
-    /// quick-stop ramp, and never further than was wanted.
+    /// The distance that the demand of CSP moves in `ns`, counts, when a limit switch blocks the `wanted` counts: the
+    /// demand brakes to a standstill on the quick-stop ramp and never moves further than wanted.
     fn brake_at_switch(&mut self, wanted: f64, ns: Ns) -> f64 {
         if !self.held_by_switch {
             self.held_by_switch = true;
@@ -67,7 +66,7 @@ impl Axis {
         ((from + to) * 0.5 * (ns as f64 / 1e9)).min(wanted.abs()) * towards
     }
 
-    /// CSV and CST: a limit switch is in the way, so that the axis comes to a standstill on the quick-stop ramp.
+    /// CSV and CST at an active limit switch: brakes the axis for `ns` on the quick-stop ramp.
     fn stop_at_switch(&mut self, ns: Ns) {
         let from = self.demand.velocity;
         let to = slower(from, f64::from(self.settings.quick_stop), ns);
@@ -75,7 +74,7 @@ impl Axis {
         self.position_limited = true;
     }
 
-    /// The plant has followed that setpoint for `ns`.
+    /// Updates bit 10 and monitors the following error after the plant has followed a position setpoint for `ns`.
     pub(super) fn followed_position(&mut self, ns: Ns) {
         self.target_reached &= self.following_error().unsigned_abs() <= self.position_reached.unsigned_abs();
         self.monitor_following_error(ns);
@@ -87,7 +86,7 @@ impl Axis {
         self.demand.fraction = moved - (moved as i64) as f64;
     }
 
-    /// CSV: `ns` pass out of the `left` in which the target velocity is reached.
+    /// CSV: runs the plant for `ns`. The target velocity is reached after `left`.
     pub(super) fn follow_velocity(&mut self, ns: Ns, left: Ns) {
         let target = f64::from(self.targets.velocity) + f64::from(self.offsets.velocity);
         if self.limits_stop_motion && self.is_at_switch(target) {
@@ -99,7 +98,7 @@ impl Axis {
         self.target_reached = (target - self.plant.velocity()).abs() <= self.velocity_reached;
     }
 
-    /// CST: `ns` pass.
+    /// CST: runs the plant for `ns` with the target torque.
     pub(super) fn follow_torque(&mut self, ns: Ns) {
         let target = (f64::from(self.targets.torque) + f64::from(self.offsets.torque)) / 1000.0;
         if self.limits_stop_motion && self.is_at_switch(target) {
@@ -110,7 +109,8 @@ impl Axis {
         self.target_reached = (target - self.plant.torque()).abs() <= TORQUE_REACHED;
     }
 
-    /// `ns` pass while the state machine stops the motor: it brakes on that ramp, and is held once it stands.
+    /// Brakes the motor on `ramp` for `ns`, or holds it after it has stopped. Called while the state machine stops the
+    /// motor.
     pub(super) fn brake(&mut self, ramp: Ramp, ns: Ns) {
         if self.motion == Motion::Hold {
             let Demand { whole, fraction, .. } = self.demand;
@@ -133,7 +133,8 @@ impl Axis {
         }
     }
 
-    /// The plant follows a velocity that changes evenly. The position demand stays where the shaft is.
+    /// Runs the plant for `ns` at a velocity that changes evenly between two values, counts/s. The position demand follows
+    /// the shaft.
     fn run_velocity(&mut self, from: f64, to: f64, ns: Ns) {
         self.plant.run(Setpoint::Velocity { from, to }, ns);
         self.set_demand_to_actual();
@@ -141,7 +142,7 @@ impl Axis {
     }
 }
 
-/// A velocity after `ns` of braking on a ramp, counts/s².
+/// The velocity after `ns` of braking on a ramp (counts/s²), in counts/s.
 fn slower(from: f64, ramp: f64, ns: Ns) -> f64 {
     let cut = ramp * (ns as f64 / 1e9);
     if from > cut {

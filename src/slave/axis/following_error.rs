@@ -1,5 +1,5 @@
-//! The following error (CiA 402-2): a demand that the axis lags by more than its window, for longer than its time out, is a
-//! fault with the error code 0x8611.
+//! Monitoring of the following error (CiA 402-2): the drive has a fault with error code 0x8611 when the following error is
+//! outside its window for longer than the timeout.
 
 use super::{Axis, Settings};
 use crate::ethercat::Ns;
@@ -10,7 +10,7 @@ pub const FOLLOWING_ERROR: u16 = 0x8611;
 /// Value of 0x6065 that switches the monitoring off (CiA 402-2).
 pub const NO_FOLLOWING_WINDOW: u32 = u32::MAX;
 
-/// 0x6065 and 0x6066 of the settings, kept beside what a cycle in CSP uses.
+/// The values of 0x6065 and 0x6066, stored next to the fields that a cycle in CSP uses.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FollowingErrorWindow {
     counts: u32,
@@ -24,8 +24,8 @@ impl FollowingErrorWindow {
 }
 
 impl Axis {
-    /// `ns` pass. A following error outside the window for longer than the time out raises the fault; with 0x6066 = 0 it
-    /// does at once.
+    /// Checks the following error after `ns`. An error outside the window for longer than the timeout raises the fault;
+    /// with 0x6066 = 0 immediately.
     pub(super) fn monitor_following_error(&mut self, ns: Ns) {
         let FollowingErrorWindow { counts, timeout_ms } = self.following;
         let outside = self.following_error().unsigned_abs() > counts.into();

@@ -1,12 +1,12 @@
-//! How homing moves an axis: the velocity that a homing run asks for becomes a position demand, and the place where home
-//! was found becomes the origin of the position actual value. The homing methods are in [`homing`](crate::slave::homing).
+//! The motion of an axis during homing: the velocity that a homing run asks for becomes a position demand, and the position
+//! where home was found becomes the origin of the position actual value. The homing methods are in
+//! [`homing`](crate::slave::homing).
 //!
-//! **The axis does not jump.** The counts of the shaft never change. When home is attained [`Axis::origin`] changes,
-//! which is added to them in 0x6064, 0x6062 and 0x607A. A target position that the master made before it could see the
-//! new positions would make the axis jump in the next mode. So the axis takes no target position \[OURS] while the mode
-//! is 6, nor while it still brakes after the mode was left, nor from the first exchange after home was attained or after
-//! such braking has ended; it holds where it is. The outputs of the exchange after that come from a master that has seen
-//! where the axis is.
+//! **The axis does not jump.** The counts of the shaft never change. Attaining home changes [`Axis::origin`], which 0x6064,
+//! 0x6062 and 0x607A add to these counts. A target position that the master computed before it could see the new positions
+//! would make the axis jump in the next mode. So the axis ignores target positions \[OURS] while the mode is 6, while it
+//! still brakes after the mode was left, and in the first exchange after home was attained or after such braking has ended.
+//! Meanwhile it holds its position. The master of the exchange after that has seen the actual position.
 
 use super::measure::rounded;
 use super::{Axis, Demand, Motion};
@@ -16,42 +16,43 @@ use crate::slave::homing::{HomePosition, Homing, Shaft};
 use crate::slave::plant::Setpoint;
 use crate::slave::switches::{Input, Inputs};
 
-/// How long a shaft must not move to count as standing still: where it changes its direction it is at standstill for a
-/// moment, too \[OURS].
+/// The minimum time without motion that counts as standstill, ns. A shorter time could be the momentary standstill of a
+/// reversing shaft \[OURS].
 const STANDSTILL_NS: Ns = 5_000_000;
 
 impl Axis {
-    /// Homing mode, for the error that ended its last run.
+    /// The state of homing mode, including the error that ended the last homing run.
     pub const fn homing(&self) -> &Homing {
         &self.homing
     }
 
-    /// Position actual value (0x6064), counts: that of the shaft plus the origin that homing has set.
+    /// Position actual value (0x6064), counts: the shaft's position plus the origin that homing has set.
     pub const fn position(&self) -> i64 {
         self.plant.position().wrapping_add(self.origin)
     }
 
-    /// The position actual value where the count of the shaft is 0.
+    /// The position actual value at which the shaft's count is 0.
     pub const fn origin(&self) -> i64 {
         self.origin
     }
 
-    /// The states of the switches at the present position, bits 0 to 2 of 0x60FD.
+    /// The states of the switches at the present position of the shaft, bits 0 to 2 of 0x60FD.
     pub fn inputs(&self) -> Inputs {
         self.switches.read(self.plant.position())
     }
 
-    /// Makes an input stick at a value; `None`: it works again.
+    /// Makes a switch stick at a value; `None` repairs it.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.switches.stick(input, value);
     }
 
-    /// Jams the shaft, or frees it.
+    /// Blocks the shaft mechanically, or frees it.
     pub const fn jam(&mut self, jammed: bool) {
         self.plant.jam(jammed);
     }
 
-    /// Takes the target position of process data, but for the one that the head of this file says is discarded.
+    /// Takes over the target position from process data, except for the first one after homing, which is discarded (see the
+    /// head of this file).
     pub const fn take_target_position(&mut self, position: i32) {
         if self.skip_next_target {
             self.skip_next_target = false;
@@ -60,7 +61,7 @@ impl Axis {
         }
     }
 
-    /// `ns` pass in homing mode while the power stage follows.
+    /// Advances homing mode by `ns` while the power stage follows the demand.
     pub(super) fn step_homing(&mut self, ns: Ns) {
         let from = self.plant.position();
         let moves = self.demand.velocity != 0.0 || self.plant.velocity().abs() > self.velocity_reached;
@@ -86,28 +87,28 @@ impl Axis {
         }
     }
 
-    /// Home is attained, if it has been found.
+    /// Ends the homing run with "homing attained" if home has been found.
     fn attain_home(&mut self) {
         if let Some(homed) = self.homing.arrive() {
             self.set_origin_at_home(homed);
         }
     }
 
-    /// The power stage begins to follow in homing mode: the demand is where the shaft is, to the fraction of a count, so
-    /// that the shaft does not move.
+    /// Prepares for homing when the power stage begins to follow: the demand starts at the exact position of the shaft,
+    /// fractions of a count included, so that the shaft does not move.
     pub(super) const fn hold_for_homing(&mut self) {
         self.demand.fraction = self.plant.fraction();
     }
 
-    /// The power stage follows no demand. In homing mode that ends a homing run.
+    /// Ends a homing run, because the power stage no longer follows the demand.
     pub(super) fn stop_homing_unpowered(&mut self) {
         if self.mode == Mode::Homing {
             self.homing.lose_power(self.machine.controlword());
         }
     }
 
-    /// `ns` pass after homing mode was left while the axis moved: it brakes. False: the axis stands still already, and no
-    /// time has passed.
+    /// Brakes the axis for `ns` after homing mode was left during a motion. Returns false if the axis is already at
+    /// standstill; then no time passes.
     pub(super) fn brake_after_homing(&mut self, ns: Ns) -> bool {
         if self.is_standing_still() {
             self.hold_target();
@@ -124,12 +125,13 @@ impl Axis {
         self.standstill_ns >= STANDSTILL_NS
     }
 
-    /// Homing mode begins: an axis that is at standstill now is taken to have been so for long enough.
+    /// Starts measuring the standstill when homing mode begins: an axis without motion counts as standing still
+    /// immediately.
     pub(super) fn reset_standstill(&mut self) {
         self.standstill_ns = if self.is_still() { STANDSTILL_NS } else { 0 };
     }
 
-    /// Measures for how long the axis has been at standstill; `ns` have passed.
+    /// Updates the time of standstill after `ns`.
     pub(super) fn track_standstill(&mut self, ns: Ns) {
         self.standstill_ns = if self.is_still() { self.standstill_ns.saturating_add(ns) } else { 0 };
     }
@@ -139,7 +141,8 @@ impl Axis {
         self.plant.is_at_standstill() && !demanded
     }
 
-    /// The ramp in force, counts/s²: homing acceleration 0x609A, or during a halt what the halt option code 0x605D says.
+    /// The active ramp of homing, counts/s²: homing acceleration 0x609A, or during a halt the ramp that option code 0x605D
+    /// selects.
     fn homing_ramp(&self) -> f64 {
         match self.homing.halt_option() {
             Some(2) => self.settings.quick_stop.into(),
@@ -148,8 +151,8 @@ impl Axis {
         }
     }
 
-    /// Moves the demand towards the count `at`, with at most `speed` counts/s and the homing acceleration. It ends
-    /// exactly at that count, without a fraction.
+    /// Moves the demand for `ns` towards the count `at`, with at most `speed` counts/s and the homing acceleration. The
+    /// motion ends exactly at that count, without a fraction.
     fn run_to(&mut self, at: i64, speed: f64, ns: Ns) {
         let seconds = ns as f64 / 1e9;
         let ramp = self.homing.acceleration();
@@ -157,14 +160,14 @@ impl Axis {
         let Demand { whole, fraction, velocity: from } = self.demand;
         let left = at.wrapping_sub(whole) as f64 - fraction;
         let most = ramp * seconds;
-        // The rest of the way is so short that it is gone within this time, without exceeding ramp or speed.
+        // The remaining distance is so short that it is covered within this time without exceeding ramp or speed.
         if left.abs() <= (most * seconds).min(speed * seconds) && from.abs() <= most {
             self.plant.run(Setpoint::Position { from: whole, fraction, by: left }, ns);
             self.demand = Demand { whole: at, fraction: 0.0, velocity: 0.0 };
             return self.monitor_following_error(ns);
         }
-        // The greatest velocity at the end of this time from which the ramp still stops at the count: it solves
-        // to^2 / 2a + (from + to) t / 2 = left.
+        // The maximum velocity at the end of this time from which the ramp still stops at the count: the solution of to^2 /
+        // 2a + (from + to) t / 2 = left.
         let towards = if left < 0.0 { -1.0 } else { 1.0 };
         let (way, now) = (left * towards, from * towards);
         let root = seconds * seconds * 0.25 + 2.0 / ramp * (way - now * seconds * 0.5);
@@ -172,8 +175,8 @@ impl Axis {
         self.ramp_demand(wanted.clamp(0.0, speed) * towards, ramp, ns);
     }
 
-    /// Moves the demand for `ns`, its velocity changing towards `wanted`, counts/s, by at most `ramp`, counts/s². The
-    /// distance, counts.
+    /// Moves the demand for `ns` while its velocity changes towards `wanted`, counts/s, by at most `ramp`, counts/s².
+    /// Returns the distance, counts.
     fn ramp_demand(&mut self, wanted: f64, ramp: f64, ns: Ns) -> f64 {
         let seconds = ns as f64 / 1e9;
         let limit = f64::from(self.settings.max_velocity);
@@ -183,7 +186,7 @@ impl Axis {
         let by = (from + to) * 0.5 * seconds;
         self.plant.run(Setpoint::Position { from: whole, fraction, by }, ns);
         self.move_demand(by);
-        // Rounded as the position of the shaft is: at standstill both are the same count.
+        // Rounded like the position of the shaft, so that demand and position are the same count at standstill.
         let counts = rounded(self.demand.fraction);
         self.demand.whole = self.demand.whole.wrapping_add(counts);
         self.demand.fraction -= counts as f64;
@@ -192,7 +195,7 @@ impl Axis {
         by
     }
 
-    /// The axis stands at home: from now on its position actual value is the home offset there.
+    /// Sets the origin so that the position actual value at home is the home offset.
     fn set_origin_at_home(&mut self, HomePosition { at, offset }: HomePosition) {
         self.origin = i64::from(offset).wrapping_sub(at);
         self.skip_next_target = true;

@@ -1,10 +1,10 @@
-//! What an axis reports after each step: position, torque, error code, and the bits of its statusword.
+//! The values that an axis reports after each step: position, torque, error code, and the bits of its statusword.
 
 use super::{Axis, FOLLOWING_ERROR, Motion};
 use crate::ethercat::cia402::{DriveState, Mode, Statusword};
 use crate::slave::plant::PlantReading;
 
-/// What an axis has measured at the end of a step.
+/// The values of an axis at the end of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Measured {
     /// Statusword, 0x6041.
@@ -18,7 +18,7 @@ pub struct Measured {
 }
 
 impl Axis {
-    /// What was measured at the end of the last step.
+    /// The values at the end of the last step.
     pub const fn measured(&self) -> &Measured {
         &self.measured
     }
@@ -34,8 +34,8 @@ impl Axis {
         };
     }
 
-    /// The statusword: bits 10 to 13 on top of those of the state. While the axis is off or brakes in a cyclic mode, bits
-    /// 10 to 12 are 0 \[OURS]. `limited`: a limit of the plant's torque or speed was in force.
+    /// The statusword: the state bits with bits 10 to 13. While the axis is off or brakes in a cyclic mode, bits 10 to 12
+    /// are 0 \[OURS]. `limited` says whether the plant was at a limit of its torque or speed.
     fn statusword(&self, limited: bool) -> Statusword {
         let mut word = self.machine.status_bits();
         if self.mode == Mode::Homing {
@@ -59,7 +59,7 @@ impl Axis {
     }
 }
 
-/// The nearest integer, halves away from 0.
+/// The nearest integer; halves are rounded away from 0.
 pub(in crate::slave) fn rounded(x: f64) -> i64 {
     (if x < 0.0 { x - 0.5 } else { x + 0.5 }) as i64
 }

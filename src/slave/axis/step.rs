@@ -1,4 +1,5 @@
-//! How time passes in an axis: a step is cut into slices, and in each the state machine says what the power stage does.
+//! The time step of an axis: a step is divided into slices, and in each slice the state machine determines what the power
+//! stage does.
 
 use super::{Axis, Demand, Motion};
 use crate::ethercat::Ns;
@@ -6,14 +7,15 @@ use crate::ethercat::cia402::Mode;
 use crate::slave::plant::{Plant, SUBSTEP_MAX_NS, Servo, Setpoint};
 use crate::slave::state_machine::Power;
 
-/// \[OURS] The state machine and the following error are looked at about that often; in shorter cycles once a cycle.
+/// \[OURS] The approximate interval at which the state machine and the following error are evaluated, ns. A shorter cycle
+/// evaluates them once.
 const SLICE_NS: Ns = 1_000_000;
-/// \[OURS] The same in homing mode, so that a switch acts soon after the axis has reached it. Where it was is known to
-/// the count all the same.
+/// \[OURS] The same interval in homing mode, ns. It is shorter, so that a switch acts soon after the axis reaches it. The
+/// position of the switch is exact to a count in any case.
 const HOMING_SLICE_NS: Ns = 2 * SUBSTEP_MAX_NS;
 
 impl Axis {
-    /// `dt_ns` pass, in which the targets are reached.
+    /// Advances the axis by `dt_ns`. The demand reaches the targets at the end of this time.
     pub fn step(&mut self, dt_ns: Ns) {
         let slice =
             if self.mode == Mode::Homing { slice_of::<HOMING_SLICE_NS>(dt_ns) } else { slice_of::<SLICE_NS>(dt_ns) };
@@ -26,8 +28,9 @@ impl Axis {
         self.measure();
     }
 
-    /// The first half of [`Axis::step`]. A motor that only has to follow a position is handed out, to be run for that time
-    /// together with the motors of other axes before the second half. `None`: all of the time has passed.
+    /// The first half of [`Axis::step`]. If the motor only has to follow a position, this returns the motor: the caller
+    /// runs it together with the motors of other axes, then calls [`Axis::end_step`]. `None` means that the step is
+    /// complete.
     pub fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.motor_handed_out = false;
         let one_slice = dt_ns > 0 && dt_ns < SLICE_NS + SLICE_NS / 2;
@@ -53,7 +56,7 @@ impl Axis {
         }
     }
 
-    /// The second half of [`Axis::step`]; called after every [`Axis::begin_step`], whatever that has given.
+    /// The second half of [`Axis::step`]. Call it after every [`Axis::begin_step`], even if that returned `None`.
     pub fn end_step(&mut self, dt_ns: Ns) {
         if std::mem::take(&mut self.motor_handed_out) {
             self.followed_position(dt_ns);
@@ -61,7 +64,7 @@ impl Axis {
         }
     }
 
-    /// `ns` pass out of the `left` in which the targets are reached.
+    /// Advances the axis by one slice of `ns`. The targets are reached after `left`.
     fn slice(&mut self, ns: Ns, left: Ns) {
         self.machine.step(ns, self.has_stopped());
         self.run_power_stage(ns, left);
@@ -103,7 +106,7 @@ impl Axis {
         }
     }
 
-    /// Whether the state machine may take the motor for stopped.
+    /// Whether the motor counts as stopped for the state machine.
     fn has_stopped(&self) -> bool {
         match self.motion {
             Motion::Off => self.plant.is_at_standstill(),
@@ -112,7 +115,7 @@ impl Axis {
         }
     }
 
-    /// The demand becomes the actual position and velocity of the shaft.
+    /// Sets the demand to the actual position and velocity of the shaft.
     pub(super) fn set_demand_to_actual(&mut self) {
         self.demand = Demand { whole: self.plant.position(), fraction: 0.0, velocity: self.plant.velocity() };
         self.outside_ns = 0;
@@ -121,9 +124,10 @@ impl Axis {
     }
 }
 
-/// How long the slices of a step of `dt_ns` are: equally long, and as near to the usual length as that allows.
+/// The slice length for a step of `dt_ns`: all slices are equally long, and their length is as near to `USUAL` as possible.
 const fn slice_of<const USUAL: Ns>(dt_ns: Ns) -> Ns {
-    // Most cycles are one slice, or two of homing, and divisions are a good part of the time that one takes.
+    // The common cases (one slice, or two in homing) avoid a division, which would be a considerable part of a slice's
+    // cost.
     match (dt_ns + USUAL / 2) / USUAL {
         0 | 1 => dt_ns,
         2 => dt_ns / 2,

@@ -1,4 +1,4 @@
-//! Every [`Model`] as a [`Slave`] and as a device with an object dictionary and process data.
+//! Implements [`Slave`], the object dictionary and process data for every [`Model`].
 
 use super::{Base, Identity, Model, TEST_MEMORY, information, test_memory};
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -18,8 +18,8 @@ fn lose_outputs<M: Model>(device: &mut M) {
     device.lose_outputs();
 }
 
-/// The device leaves its AL state by itself: it falls back to another one, or stays if that is higher, for the reason that
-/// the AL status code says.
+/// Makes the device fall back to the AL state `to` on its own, unless its present state is lower. The AL status code gives
+/// the reason.
 pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
     let was_in_op = device.base().al_state() == AlState::Op;
     device.base_mut().al.fall(to, status);
@@ -28,11 +28,11 @@ pub fn fall<M: Model>(device: &mut M, to: AlState, status: AlStatus) {
     }
 }
 
-/// Time passes in the AL state machine; its watchdog may end OP.
+/// Advances the AL state machine by `dt_ns`. The watchdog may end OP.
 fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     let Base { al, plan, .. } = device.base_mut();
     if plan.lengths().0 == 0 {
-        // Without mapped outputs the watchdog of outputs must not expire.
+        // Without mapped outputs the watchdog must not expire.
         al.note_outputs();
     }
     if al.step(dt_ns) {
@@ -41,7 +41,7 @@ fn step_al<M: Model>(device: &mut M, dt_ns: Ns) {
     }
 }
 
-/// Compiles the present mapping into the plan by which a cycle moves process data.
+/// Compiles the present PDO mapping into the plan by which a cycle transfers process data.
 fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     let mut plan = std::mem::take(&mut device.base_mut().plan);
     let compiled = plan.compile(device, &device.base().mapping);
@@ -49,7 +49,7 @@ fn compile<M: Model>(device: &mut M) -> Result<(), AlStatus> {
     compiled.and_then(|()| device.base().fits_sync_managers())
 }
 
-/// Whether an object may be mapped into a PDO of that direction.
+/// Checks whether an object may be mapped into a PDO of this direction.
 fn may_map<M: Model>(device: &M, direction: dictionary::PdoDirection, entry: u32) -> Result<(), AbortCode> {
     process_data::may_map(device, direction, entry).map_err(|code| {
         let at = ObjectAddress::new((entry >> 16) as u16, (entry >> 8) as u8);
@@ -65,18 +65,18 @@ fn has_manufacturer_object<M: Model>(device: &M, at: ObjectAddress) -> bool {
     device.base().manufacturer.as_deref().is_some_and(read)
 }
 
-/// Whether an abort code says that the object dictionary of the kind has no such object, so that the object may be a
+/// Whether an abort code means that the dictionary of the kind does not have the object. The object may then be a
 /// manufacturer-specific one.
 const fn is_absent(code: AbortCode) -> bool {
     matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUB_INDEX)
 }
 
-/// In Init the mailbox does not answer, and the SDO transfer of the master times out.
+/// In Init the mailbox does not answer, so the master's SDO transfer times out.
 fn check_mailbox<M: Model>(device: &M) -> Result<(), AbortCode> {
     if device.base().al_state() == AlState::Init { Err(AbortCode::TIMEOUT) } else { Ok(()) }
 }
 
-/// A kind of device without complete access aborts it, whatever the object.
+/// Aborts complete access, whatever the object, if the kind of device does not support it.
 const fn check_scope<M: Model>(scope: SdoScope) -> Result<(), AbortCode> {
     if M::COMPLETE_ACCESS || matches!(scope, SdoScope::Entry) { Ok(()) } else { Err(AbortCode::UNSUPPORTED_ACCESS) }
 }
@@ -142,7 +142,7 @@ impl<M: Model> Slave for M {
     }
 
     fn restart(&mut self) {
-        // Every slave can go to Init.
+        // Every slave can go to Init, so the result is always `Ok`.
         let _ = self.enter(AlState::Init);
         Model::restart(self);
     }

@@ -1,12 +1,12 @@
-//! What a device tells of all of its objects: those of its kind, its mapping, its test memory and its manufacturer-specific
-//! ones.
+//! SDO information about all objects of a device: those of its kind, its PDO mapping, its test memory and its
+//! manufacturer-specific objects.
 
 use super::Model;
 use super::test_memory::{self, TEST_MEMORY};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{EntryDescription, ObjectDescription, describe_entry, describe_object, object_from};
 
-/// The first object with an index of at least `from`.
+/// The lowest existing index from `from` on; `None` if there is none.
 pub(super) fn next_object<M: Model>(device: &M, from: u16) -> Option<u16> {
     let base = device.base();
     let test_memory = base.has_test_memory().then_some(TEST_MEMORY).filter(|index| *index >= from);
@@ -14,7 +14,7 @@ pub(super) fn next_object<M: Model>(device: &M, from: u16) -> Option<u16> {
     [object_from(device, from), base.mapping.index_from(from), test_memory, manufacturer].into_iter().flatten().min()
 }
 
-/// The description of an object.
+/// The description of an object for the SDO information services.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`].
@@ -32,7 +32,7 @@ pub(super) fn object<M: Model>(device: &M, index: u16) -> Result<ObjectDescripti
     }
 }
 
-/// The description of an entry.
+/// The description of a sub-index for the SDO information services.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`].

@@ -1,11 +1,11 @@
-//! The objects that every device has and masters look for: its identity (0x1000 to 0x1018), the types of its sync managers
-//! (0x1C00), and how it is synchronized (0x1C32 and 0x1C33).
+//! The objects that every device has because masters read them: identity (0x1000 to 0x1018), sync manager types (0x1C00),
+//! and synchronization (0x1C32 and 0x1C33).
 
 use super::Model;
 use crate::ethercat::AlState;
 use crate::slave::dictionary::Object;
 
-/// The objects of a device by which programs recognize it, but for its identity object: 0x1000, 0x1001 and 0x1008.
+/// The objects by which programs recognize a device, besides its identity object: 0x1000, 0x1001 and 0x1008.
 pub const fn description<M: Model>() -> [Object<M>; 3] {
     [
         Object::u32(0x1000, 0, "Device type").live(|device: &M| device.base().identity.device_type.into()),
@@ -14,7 +14,7 @@ pub const fn description<M: Model>() -> [Object<M>; 3] {
     ]
 }
 
-/// The identity object, 0x1018, and the sync manager types, 0x1C00, which every device has and masters look for.
+/// The identity object, 0x1018, and the sync manager types, 0x1C00. Every device has them.
 pub const fn identity<M: Model>() -> [Object<M>; 10] {
     [
         Object::u8(0x1018, 0, "Identity").default(4),
@@ -30,8 +30,8 @@ pub const fn identity<M: Model>() -> [Object<M>; 10] {
     ]
 }
 
-/// 0x1C32:4 and 0x1C33:4: free run, event of a sync manager, and in a device with distributed clocks SYNC0; the cycle may
-/// change (bit 14).
+/// Supported synchronization types, 0x1C32:4 and 0x1C33:4: free run, sync manager event and, with distributed clocks,
+/// SYNC0. Bit 14: the cycle time may change.
 const WITHOUT_DC: i64 = 0x4003;
 const WITH_DC: i64 = 0x4007;
 
@@ -47,12 +47,13 @@ const fn sync_type<M: Model, const N: usize>() -> Object<M> {
         .setter(|device: &mut M, code| device.base_mut().sync_types.write(N, code as u16))
 }
 
-/// The same of a device without distributed clocks, which runs free \[OURS].
+/// Objects 0x1C32 and 0x1C33 of a device without distributed clocks. It runs in free run \[OURS].
 pub const fn free_run<M: Model>() -> [Object<M>; 24] {
     both(Object::u16(0x1C32, 1, "Synchronization type"), Object::u16(0x1C33, 1, "Synchronization type"), WITHOUT_DC)
 }
 
-/// Objects 0x1C32 and 0x1C33 with these rows as sub-index 1. `supported`: the types that the device has.
+/// Objects 0x1C32 and 0x1C33 with the given rows for sub-index 1. `supported` is the value of sub-index 4, the supported
+/// types.
 pub const fn both<M: Model>(outputs: Object<M>, inputs: Object<M>, supported: i64) -> [Object<M>; 24] {
     let mut rows = [outputs; 24];
     let halves = [
@@ -67,7 +68,7 @@ pub const fn both<M: Model>(outputs: Object<M>, inputs: Object<M>, supported: i6
     rows
 }
 
-/// The rows of one of the two objects (ETG.1020 21). \[OURS] Times and counters read 0: no device here is ever late.
+/// The rows of 0x1C32 or 0x1C33 (ETG.1020 21). \[OURS] Times and counters read 0, because a simulated device is never late.
 const fn sync_manager_parameters<M: Model>(
     name: &'static str,
     sync_type: Object<M>,
@@ -90,7 +91,8 @@ const fn sync_manager_parameters<M: Model>(
     ]
 }
 
-/// The error register (CiA 301 7.5.2.2) for the error codes of the axes: bit 0 for any error, and the bits of their groups.
+/// The error register 0x1001 (CiA 301 7.5.2.2) for the error codes of the axes: bit 0 for any error, and one bit for the
+/// group of each error.
 fn error_register<M: Model>(device: &M) -> i64 {
     let bits = |code: u16| match code >> 12 {
         0 => 0,

@@ -1,30 +1,31 @@
-//! How a device with distributed clocks is synchronized: objects 0x1C32:1 and 0x1C33:1 (ETG.1020 21).
+//! Synchronization types of a device with distributed clocks: objects 0x1C32:1 and 0x1C33:1 (ETG.1020 21).
 //!
-//! \[OURS] As in public stacks of slaves, a device goes by what its controller is set to, SYNC0 or none, until a master writes a
-//! type. One that was told SYNC0 refuses OP without it: nothing would drive it. Other types make no difference, since the
-//! simulated network has one clock.
+//! \[OURS] Like public slave stacks, a device uses the setting of its slave controller, SYNC0 or none, until a master
+//! writes a type. A device whose type is SYNC0 refuses OP without SYNC0, because nothing would trigger its cycles. Other
+//! types behave alike, because the simulated network has one clock.
 
 use crate::ethercat::AlStatus;
 use crate::ethercat::coe::AbortCode;
 use crate::ethercat::registers::SyncActivation;
 
-/// Synchronization types: of outputs free run, the event of sync manager 2, SYNC0; of inputs the same, and the event of sync
-/// manager 2 as 0x22.
+/// Synchronization types. Outputs: 0 free run, 1 sync manager 2 event, 2 SYNC0. Inputs: the same, but 0x22 for the sync
+/// manager 2 event.
 const SM_EVENT: u16 = 1;
 const SYNC0: u16 = 2;
 const SM2_EVENT: u16 = 0x22;
 
-/// The types that a master has written, and what the network gives.
+/// The types that a master has written, and whether the network has a SYNC0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct SyncTypes {
-    /// Those of outputs and of inputs; `None`: a master has written none.
+    /// The types of outputs and of inputs; `None` until a master writes one.
     written: [Option<u16>; 2],
-    /// Whether there is a SYNC0; `None`: the network has not said so.
+    /// Whether there is a SYNC0; `None` until the network has reported it.
     has_sync0: Option<bool>,
 }
 
 impl SyncTypes {
-    /// What the object shows. \[OURS] SYNC0 as long as nobody has said whether there is one.
+    /// The value of 0x1C32:1 (`n` = 0) or 0x1C33:1 (`n` = 1). \[OURS] It is SYNC0 until the network has reported whether
+    /// there is one.
     pub(super) fn shown(&self, n: usize) -> u16 {
         self.written[n].unwrap_or(match (self.has_sync0, n) {
             (Some(false), 0) => SM_EVENT,
@@ -33,10 +34,10 @@ impl SyncTypes {
         })
     }
 
-    /// A master writes a type.
+    /// Handles a master's write to 0x1C32:1 (`n` = 0) or 0x1C33:1 (`n` = 1).
     ///
     /// # Errors
-    /// [`AbortCode::VALUE_RANGE`] for a type that the device does not have.
+    /// [`AbortCode::VALUE_RANGE`] for a type that the device does not support.
     pub(super) fn write(&mut self, n: usize, code: u16) -> Result<(), AbortCode> {
         if code > SYNC0 && (n, code) != (1, SM2_EVENT) {
             return Err(AbortCode::VALUE_RANGE);
@@ -45,21 +46,21 @@ impl SyncTypes {
         Ok(())
     }
 
-    /// What the sync unit of the controller is set to, register 0x0981.
+    /// Takes over the setting of the controller's SYNC unit, register 0x0981.
     pub(super) fn note_activation(&mut self, activation: u8) {
         let both = SyncActivation::ACTIVATE.0 | SyncActivation::SYNC0.0;
         self.note_sync0(activation & both == both);
     }
 
-    /// Whether there is a SYNC0.
+    /// Takes over whether there is a SYNC0.
     pub(super) const fn note_sync0(&mut self, has_sync0: bool) {
         self.has_sync0 = Some(has_sync0);
     }
 
-    /// Whether the device may go to OP.
+    /// Checks whether the device may go to OP.
     ///
     /// # Errors
-    /// [`AlStatus::INVALID_DC_SYNC`]: a master has told it to run by SYNC0, and there is none.
+    /// [`AlStatus::INVALID_DC_SYNC`]: a master has set the type SYNC0, and there is no SYNC0.
     pub(super) fn check(&self) -> Result<(), AlStatus> {
         let lacks_sync0 = self.has_sync0 == Some(false) && self.written.contains(&Some(SYNC0));
         if lacks_sync0 { Err(AlStatus::INVALID_DC_SYNC) } else { Ok(()) }

@@ -1,17 +1,17 @@
-//! An object for whoever tests a master: octets of any length up to 512, which are read as they were written, so that a
-//! master can transfer values of one segment and of many.
+//! An object for testing masters: up to 512 octets of any length, read back as they were written, so that a master can
+//! transfer values in one segment and in many.
 
 use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};
 use crate::slave::dictionary::{Access, DataTypeCode, EntryDescription, ObjectDescription, access_of, put_first};
 
-/// The index of the object. \[OURS] One of the manufacturer-specific area that few makers use.
+/// The index of the object. \[OURS] An index of the manufacturer-specific area that few vendors use.
 pub const TEST_MEMORY: u16 = 0x4FFF;
-/// The most octets that it stores \[OURS].
+/// The maximum number of octets that the object stores \[OURS].
 pub const TEST_MEMORY_BYTES_MAX: usize = 512;
 
 const NAME: &str = "Test memory";
 
-/// The description of the object.
+/// The description of the object for SDO information.
 pub(super) const OBJECT: ObjectDescription<'static> = ObjectDescription {
     index: TEST_MEMORY,
     data_type: DataTypeCode::OCTET_STRING,
@@ -20,7 +20,7 @@ pub(super) const OBJECT: ObjectDescription<'static> = ObjectDescription {
     name: NAME,
 };
 
-/// The description of its entry with these octets in it.
+/// The description of the object's entry for SDO information, when it contains these octets.
 pub(super) fn entry(octets: &[u8]) -> EntryDescription<'static> {
     EntryDescription {
         at: ObjectAddress::new(TEST_MEMORY, 0),
@@ -46,7 +46,7 @@ pub(super) fn read(octets: &[u8], at: ObjectAddress, scope: SdoScope, value: &mu
     Ok(put_first(octets, value))
 }
 
-/// SDO download: whether these octets may be stored.
+/// SDO download: checks whether the octets in `value` may be stored.
 pub(super) fn may_write(at: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode> {
     check(at, scope)?;
     if value.len() > TEST_MEMORY_BYTES_MAX { Err(AbortCode::TOO_LONG) } else { Ok(()) }

@@ -1,13 +1,13 @@
 //! Complete access: all sub-indices of an object in one transfer (ETG.1000.6 5.6.2, ETG.1020 12.2).
 //!
-//! If an object has more than sub-index 0, sub-index 0 takes 16 bits of the transfer, of which the upper 8 are 0. \[OURS]
-//! As most slaves do, a write-only value is read as zeros, and what is sent for a read-only value is ignored.
+//! If an object has more than sub-index 0, sub-index 0 occupies 16 bits of the transfer, of which the upper 8 are 0.
+//! \[OURS] As in most slaves, a write-only value is read as zeros, and the data for a read-only value are ignored.
 
 use super::object::DataType;
 use super::{Access, Device, Object, find, read_entry, write_entry};
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 
-/// A sub-index, and where its value lies in the transfer.
+/// A sub-index, and the position of its value in the transfer.
 struct Part {
     at: ObjectAddress,
     access: Access,
@@ -18,7 +18,7 @@ struct Part {
 /// The first part of a transfer that begins at `at`.
 ///
 /// # Errors
-/// Those of [`super::read`] with complete access.
+/// The abort codes of [`super::read`] with complete access.
 fn first_part<D: Device>(device: &D, at: ObjectAddress) -> Result<Part, AbortCode> {
     if at.sub > 1 {
         return Err(AbortCode::UNSUPPORTED_ACCESS);
@@ -30,19 +30,19 @@ fn first_part<D: Device>(device: &D, at: ObjectAddress) -> Result<Part, AbortCod
     part_from(device, at, 0).ok_or(AbortCode::NO_SUB_INDEX)
 }
 
-/// The rows of an object.
+/// The rows of an object that the device has.
 fn rows<D: Device>(device: &D, index: u16) -> impl Iterator<Item = &'static Object<D>> {
     D::objects().iter().filter(move |row| row.index == index && row.only_if.is_none_or(|has| has(device)))
 }
 
-/// The first sub-index from `at.sub` on, whose value begins at `offset`.
+/// The first existing sub-index from `at.sub` on; its value begins at `offset`.
 fn part_from<D: Device>(device: &D, at: ObjectAddress, offset: usize) -> Option<Part> {
     let row = rows(device, at.index).find(|row| at.sub < row.first_sub.saturating_add(row.count))?;
     let at = ObjectAddress::new(at.index, at.sub.max(row.first_sub));
     Some(Part { at, access: row.access, offset, len: row.data.bytes().into() })
 }
 
-/// The part that follows another one.
+/// The part behind `part`.
 fn part_behind<D: Device>(device: &D, part: &Part) -> Option<Part> {
     let next = ObjectAddress::new(part.at.index, part.at.sub.checked_add(1)?);
     let is_padded = part.at.sub == 0 && part_from(device, next, 0).is_some();
@@ -72,7 +72,7 @@ pub(super) fn write<D: Device>(device: &mut D, at: ObjectAddress, value: &[u8]) 
         part = part_behind(device, &current);
         Some(part.as_ref().map_or(current.offset + current.len, |next| next.offset))
     });
-    // A transfer may end before the object does, but not within a sub-index.
+    // A transfer may end before the end of the object, but not within a sub-index.
     if !ends.into_iter().any(|end| end == value.len()) {
         return Err(AbortCode::LENGTH);
     }

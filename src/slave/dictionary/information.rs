@@ -1,4 +1,5 @@
-//! What a device tells of its objects: the data of the SDO information services (ETG.1000.6 5.6.3), without their bytes.
+//! The descriptions of a device's objects for the SDO information services (ETG.1000.6 5.6.3), independent of their
+//! encoding.
 
 use super::object::Cell;
 use super::{Access, DataType, Device, Object, PdoDirection};
@@ -6,7 +7,7 @@ use crate::ethercat::AlState;
 use crate::ethercat::coe::{AbortCode, DataTypeCode, ObjectAccess, ObjectAddress, ObjectCode, ObjectListType};
 
 impl DataTypeCode {
-    /// The number of a data type.
+    /// The code of a data type on the wire.
     pub const fn of(data: DataType) -> Self {
         Self(match data {
             DataType::Bool => 0x0001,
@@ -28,20 +29,20 @@ impl DataTypeCode {
 pub struct ObjectDescription<'a> {
     /// The index.
     pub index: u16,
-    /// The data type: that of the values of a variable or an array, that of the structure of a record.
+    /// The data type: of the value for a variable, of the elements for an array, of the structure for a record.
     pub data_type: DataTypeCode,
     /// The highest sub-index.
     pub max_sub: u8,
-    /// What the object is made of.
+    /// The object code: variable, array or record.
     pub code: ObjectCode,
     /// The name.
     pub name: &'a str,
 }
 
-/// The rights of a mapping object: it can be read, and written in PreOP.
+/// The access rights of a PDO mapping object: readable, and writable in PreOP.
 pub const MAPPING_ACCESS: ObjectAccess = ObjectAccess::READ.with(ObjectAccess::WRITE_PREOP);
 
-/// The rights of SDOs.
+/// The access rights for SDO information that correspond to `access`.
 pub const fn access_of(access: Access) -> ObjectAccess {
     match access {
         Access::ReadOnly | Access::ReadWriteUpTo(AlState::Init) => ObjectAccess::READ,
@@ -59,29 +60,29 @@ pub struct EntryDescription<'a> {
     pub at: ObjectAddress,
     /// The data type.
     pub data_type: DataTypeCode,
-    /// The length of a value, bits; of a text that of its present value.
+    /// The length of the value, bits; for a text, the length of its present value.
     pub bits: u16,
-    /// Who can read and write it, and where it can be mapped.
+    /// The access rights, and the PDOs into which the entry can be mapped.
     pub access: ObjectAccess,
-    /// The value at power-on, the least and the greatest value, as numbers; `None`: the entry has none to tell.
+    /// The default, minimum and maximum value; `None` if the entry has no such values.
     pub values: Option<EntryValues>,
     /// The name.
     pub name: &'a str,
 }
 
-/// The value of an entry at power-on, and its range.
+/// The default value of an entry, and its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EntryValues {
     /// The value at power-on.
     pub default: i64,
-    /// The least value that can be written.
+    /// The minimum value that can be written.
     pub min: i64,
-    /// The greatest value that can be written.
+    /// The maximum value that can be written.
     pub max: i64,
 }
 
-/// Whether an entry with these access rights brings its object into a list of the SDO information services (ETG.1000.6 table
-/// 43). The lengths of lists, and a list that is not known, have no object.
+/// Whether an entry with these access rights puts its object on an object list of SDO information (ETG.1000.6 table 43).
+/// [`ObjectListType::Lengths`] and unknown lists contain no objects.
 pub const fn is_listed(access: ObjectAccess, list: ObjectListType) -> bool {
     match list {
         ObjectListType::All => true,
@@ -93,20 +94,20 @@ pub const fn is_listed(access: ObjectAccess, list: ObjectListType) -> bool {
     }
 }
 
-/// The name of sub-index 0 of an object with further ones \[OURS].
+/// The name of sub-index 0 of an object with several sub-indices \[OURS].
 pub const NUMBER_OF_ENTRIES: &str = "Number of entries";
 
-/// The rows that a device has.
+/// The rows of the table that apply to this device.
 fn rows_of<D: Device>(device: &D) -> impl Iterator<Item = &'static Object<D>> {
     D::objects().iter().filter(|row| row.only_if.is_none_or(|has| has(device)))
 }
 
-/// The first object with an index of at least `from`.
+/// The lowest existing index from `from` on; `None` if there is none.
 pub fn object_from<D: Device>(device: &D, from: u16) -> Option<u16> {
     rows_of(device).map(|row| row.index).find(|index| *index >= from)
 }
 
-/// The description of an object.
+/// The description of an object for the SDO information services.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`].
@@ -132,7 +133,7 @@ pub fn describe_object<D: Device>(device: &D, index: u16) -> Result<ObjectDescri
     Ok(ObjectDescription { index, data_type, max_sub, code, name: first.name })
 }
 
-/// The description of an entry.
+/// The description of a sub-index for the SDO information services.
 ///
 /// # Errors
 /// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`].

@@ -1,4 +1,4 @@
-//! One row of an object dictionary, written as a chain of constant functions, and the tables that are made of rows.
+//! One row of an object dictionary, built by chained constant functions, and the tables made of rows.
 
 use crate::ethercat::AlState;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
@@ -22,14 +22,14 @@ pub enum DataType {
     U32,
     /// INTEGER64.
     I64,
-    /// UNSIGNED64. Numbers are `i64` with the same bits here, so that a row of this type has no range.
+    /// UNSIGNED64. Values are kept as `i64` with the same bits, so a row of this type has no range.
     U64,
     /// VISIBLE_STRING, of any length.
     Text,
 }
 
 impl DataType {
-    /// The size of a value, bytes; 0 for a text, which has no fixed size.
+    /// The size of a value in bytes; 0 for a text, which has no fixed size.
     pub const fn bytes(self) -> u8 {
         match self {
             Self::Bool | Self::I8 | Self::U8 => 1,
@@ -40,7 +40,7 @@ impl DataType {
         }
     }
 
-    /// The size of a value in process data, bits: there a BOOLEAN is one bit (ETG.1000.6 5.6.7).
+    /// The size of a value in process data, bits. There a BOOLEAN is one bit (ETG.1000.6 5.6.7).
     pub const fn bits(self) -> u8 {
         match self {
             Self::Bool => 1,
@@ -48,7 +48,7 @@ impl DataType {
         }
     }
 
-    /// The least and the greatest value.
+    /// The minimum and the maximum value of the type.
     pub const fn range(self) -> (i64, i64) {
         match self {
             Self::Bool => (0, 1),
@@ -62,7 +62,7 @@ impl DataType {
         }
     }
 
-    /// The number whose low bytes are in `bits`.
+    /// The number in the low bytes of `bits`, sign-extended if the type is signed.
     pub(in crate::slave) const fn decode(self, bits: u64) -> i64 {
         match self {
             Self::Bool | Self::U8 => bits as u8 as i64,
@@ -95,7 +95,7 @@ pub enum Access {
     ReadWrite,
     /// The object can only be written.
     WriteOnly,
-    /// The object can always be read, and written up to this AL state.
+    /// The object can always be read. It can be written in AL states up to this one.
     ReadWriteUpTo(AlState),
 }
 
@@ -111,17 +111,17 @@ pub enum PdoDirection {
 /// Checks whether a value may be stored at an address.
 type Accept<D> = fn(&D, ObjectAddress, i64) -> Result<(), AbortCode>;
 
-/// Writes a live value, or refuses.
+/// Writes a live value, or returns an abort code.
 type Setter<D> = fn(&mut D, i64) -> Result<(), AbortCode>;
 
-/// Where the value of a row is kept.
+/// The place where the value of a row is kept.
 pub(super) enum Cell<D: 'static> {
     Stored { accept: Option<Accept<D>>, changed: Option<fn(&mut D)> },
     Live { get: fn(&D) -> i64, set: Option<Setter<D>> },
     Text(fn(&D) -> &'static str),
 }
 
-// Written out because a derive would ask for `D: Copy`.
+// Written by hand, because a derived implementation would require `D: Copy`.
 impl<D> Clone for Cell<D> {
     fn clone(&self) -> Self {
         *self
@@ -129,10 +129,10 @@ impl<D> Clone for Cell<D> {
 }
 impl<D> Copy for Cell<D> {}
 
-/// One row: an object, or a run of sub-indices that differ in their values only.
+/// One row of the table: an object, or a run of sub-indices that differ only in their values.
 ///
-/// A row begins as a read-only, stored, unmapped value of 0 with the range of its type; the chained functions say what
-/// is different.
+/// A new row is read-only, stored, not mappable, and has the value 0 and the full range of its type. The chained functions
+/// change these properties.
 pub struct Object<D: 'static> {
     pub(super) index: u16,
     pub(super) first_sub: u8,
@@ -145,9 +145,9 @@ pub struct Object<D: 'static> {
     pub(super) max: i64,
     pub(super) default: i64,
     pub(super) only_if: Option<fn(&D) -> bool>,
-    /// The value is kept without power.
+    /// Whether the device keeps the value without power.
     pub(super) backup: bool,
-    /// How process data write the object; `None`: as an SDO does.
+    /// The function by which process data write the object; `None`: they write it as an SDO does.
     pub(super) output: Option<fn(&mut D, i64)>,
     pub(super) cell: Cell<D>,
 }
@@ -181,7 +181,7 @@ impl<D> Object<D> {
         u64 U64 "UNSIGNED64";
     }
 
-    /// A row with a read-only text.
+    /// The row of a read-only text.
     pub const fn text(index: u16, sub: u8, name: &'static str, text: fn(&D) -> &'static str) -> Self {
         let mut row = Self::row(index, sub, name, DataType::Text);
         row.cell = Cell::Text(text);
@@ -210,81 +210,81 @@ impl<D> Object<D> {
         }
     }
 
-    /// The row is for that many sub-indices, its own and those that follow.
+    /// Makes the row stand for `count` consecutive sub-indices.
     pub const fn array(mut self, count: u8) -> Self {
         self.count = count;
         self
     }
 
-    /// Only those devices have the object for which the function is true.
+    /// Restricts the object to devices for which the function returns true.
     pub const fn only_if(mut self, has: fn(&D) -> bool) -> Self {
         self.only_if = Some(has);
         self
     }
 
-    /// The device keeps the value without power.
+    /// Marks the value as kept without power.
     pub const fn backup(mut self) -> Self {
         self.backup = true;
         self
     }
 
-    /// The object can be written.
+    /// Makes the object readable and writable.
     pub const fn rw(mut self) -> Self {
         self.access = Access::ReadWrite;
         self
     }
 
-    /// The object can be written and not read.
+    /// Makes the object write-only.
     pub const fn wo(mut self) -> Self {
         self.access = Access::WriteOnly;
         self
     }
 
-    /// The object can be written up to that AL state.
+    /// Makes the object writable in AL states up to this one.
     pub const fn rw_up_to(mut self, highest: AlState) -> Self {
         self.access = Access::ReadWriteUpTo(highest);
         self
     }
 
-    /// The object may be mapped into an RxPDO.
+    /// Makes the object mappable into an RxPDO.
     pub const fn rx(mut self) -> Self {
         self.pdo = Some(PdoDirection::Rx);
         self
     }
 
-    /// The object may be mapped into an RxPDO, and process data write it by that function instead of as an SDO does.
+    /// Makes the object mappable into an RxPDO. Process data call `output` instead of writing as an SDO does.
     pub const fn rx_by(mut self, output: fn(&mut D, i64)) -> Self {
         self.output = Some(output);
         self.rx()
     }
 
-    /// The object may be mapped into a TxPDO.
+    /// Makes the object mappable into a TxPDO.
     pub const fn tx(mut self) -> Self {
         self.pdo = Some(PdoDirection::Tx);
         self
     }
 
-    /// A download may write values in `min..=max`.
+    /// Sets the allowed range for writing, both ends included.
     pub const fn range(mut self, min: i64, max: i64) -> Self {
         self.min = min;
         self.max = max;
         self
     }
 
-    /// The stored value at power-on.
+    /// Sets the default, which is the stored value at power-on.
     pub const fn default(mut self, value: i64) -> Self {
         self.default = value;
         self
     }
 
-    /// The value is a field of the device that `get` reads. It cannot be written unless the row has a
-    /// [`setter`](Self::setter), too.
+    /// Makes the value live: `get` reads it from a field of the device. The object is read-only unless the row has a
+    /// [`setter`](Self::setter) too.
     pub const fn live(mut self, get: fn(&D) -> i64) -> Self {
         self.cell = Cell::Live { get, set: None };
         self
     }
 
-    /// A live value is written by this function, which may refuse it.
+    /// Sets the function that writes a live value and may refuse it.
     pub const fn setter(mut self, set: Setter<D>) -> Self {
         self.cell = match self.cell {
             Cell::Live { get, .. } => Cell::Live { get, set: Some(set) },
@@ -293,7 +293,7 @@ impl<D> Object<D> {
         self
     }
 
-    /// A value has to pass this check, besides its range, before it is stored.
+    /// Sets an additional check that a value has to pass, besides its range, before it is stored.
     pub const fn accept(mut self, accept: Accept<D>) -> Self {
         self.cell = match self.cell {
             Cell::Stored { changed, .. } => Cell::Stored { accept: Some(accept), changed },
@@ -302,7 +302,7 @@ impl<D> Object<D> {
         self
     }
 
-    /// This function is called after a download has changed the stored value.
+    /// Sets a function that is called after a download has changed the stored value.
     pub const fn changed(mut self, changed: fn(&mut D)) -> Self {
         self.cell = match self.cell {
             Cell::Stored { accept, .. } => Cell::Stored { accept, changed: Some(changed) },
@@ -316,12 +316,12 @@ impl<D> Object<D> {
         ObjectAddress::new(self.index, self.first_sub)
     }
 
-    /// Whether the row is for that address.
+    /// Whether the row contains the sub-index with this address.
     pub const fn has(&self, at: ObjectAddress) -> bool {
         self.index == at.index && at.sub >= self.first_sub && at.sub - self.first_sub < self.count
     }
 
-    /// How many sub-indices the row is for.
+    /// The number of sub-indices of the row.
     pub const fn count(&self) -> u8 {
         self.count
     }
@@ -331,23 +331,23 @@ impl<D> Object<D> {
         self.name
     }
 
-    /// The data type of the object.
+    /// The data type of the value.
     pub const fn data_type(&self) -> DataType {
         self.data
     }
 
-    /// Whether the object can be read and written.
+    /// Whether SDOs can read and write the object.
     pub const fn access(&self) -> Access {
         self.access
     }
 
-    /// The direction of the PDOs that the object may be mapped into; `None`: it cannot be mapped.
+    /// The direction of the PDOs that the object can be mapped into; `None`: it cannot be mapped.
     pub const fn pdo(&self) -> Option<PdoDirection> {
         self.pdo
     }
 }
 
-/// The number of rows of all parts of a table: the `N` of [`join`].
+/// The total number of rows of several tables: the `N` of [`join`].
 pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
     let (mut rows, mut n) = (0, 0);
     while n < parts.len() {
@@ -357,7 +357,7 @@ pub const fn rows<D>(parts: &[&[Object<D>]]) -> usize {
     rows
 }
 
-/// The same rows, for those devices only for which the function is true, see [`Object::only_if`].
+/// The rows, restricted to devices for which the function returns true, see [`Object::only_if`].
 pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D>; N]) -> [Object<D>; N] {
     let mut n = 0;
     while n < N {
@@ -367,10 +367,10 @@ pub const fn only_if<D, const N: usize>(has: fn(&D) -> bool, mut rows: [Object<D
     rows
 }
 
-/// One table made of several parts, in ascending order of the addresses.
+/// Joins several tables into one, in ascending order of address.
 ///
 /// # Panics
-/// If `N` is more than [`rows`]: in a constant, when compiling.
+/// If `N` is greater than [`rows`] of the tables. In a constant this is a compile-time error.
 pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
     let mut table = [parts[0][0]; N];
     let (mut part, mut row, mut n) = (0, 0, 0);
@@ -391,8 +391,8 @@ pub const fn join<D, const N: usize>(parts: &[&[Object<D>]]) -> [Object<D>; N] {
     table
 }
 
-/// Checks a table when it is compiled: addresses ascend without overlap, ranges fit their data types, defaults fit their
-/// ranges, and every object that can be written has a place for its value.
+/// Checks a table at compile time: addresses ascend without overlap, ranges fit their data types, defaults fit their
+/// ranges, and every writable object has a place for its value.
 pub const fn check<D>(objects: &[Object<D>]) {
     let mut n = 0;
     let mut free_from = 0;

@@ -1,15 +1,15 @@
-//! The stored values of a device, and the slots by which it reads them.
+//! The stored values of a device, and the slots for reading them.
 
 use std::marker::PhantomData;
 
 use super::object::{Cell, DataType, Object};
 
-/// A type that a stored value can have.
+/// A Rust type for a stored value.
 pub trait Value: Copy {
     /// The data type of the object.
     const DATA: DataType;
 
-    /// The value with these low bits.
+    /// The value whose bits are the low bits of the argument.
     fn from_bits(bits: u64) -> Self;
 
     /// The bits of the value, zero-extended.
@@ -55,17 +55,17 @@ impl Value for bool {
     }
 }
 
-/// The place of a stored value of type `T` in [`Values`]; [`slot`] makes it.
+/// The location of a stored value of type `T` in [`Values`]; made by [`slot`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot<T> {
     cell: u16,
     value: PhantomData<T>,
 }
 
-/// The slot of a stored object, to be assigned to a constant.
+/// Finds the slot of a stored object. The result is meant for a constant.
 ///
 /// # Panics
-/// If the table has no stored object of that type at that address: in a constant, when compiling.
+/// If the table has no stored object of that type at that address. In a constant this is a compile-time error.
 pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Slot<T> {
     let mut cell = 0;
     let mut n = 0;
@@ -82,12 +82,12 @@ pub const fn slot<D, T: Value>(objects: &[Object<D>], index: u16, sub: u8) -> Sl
     panic!("no such object")
 }
 
-/// The stored values of one device, one cell for each sub-index of its table. They are allocated once, when they are made.
+/// The stored values of one device, one cell for each sub-index of its table. They are allocated once, by [`Self::new`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Values(Box<[u64]>);
 
 impl Values {
-    /// The default values of a table.
+    /// Values with the defaults of a table.
     pub fn new<D>(objects: &[Object<D>]) -> Self {
         let defaults = objects.iter().flat_map(|object| (0..object.count).map(|_| object.data.encode(object.default)));
         Self(defaults.collect())
@@ -98,12 +98,12 @@ impl Values {
         T::from_bits(self.0[usize::from(slot.cell)])
     }
 
-    /// Writes a value for the device itself, without checking access and range.
+    /// Writes a value on behalf of the device itself, without checking access and range.
     pub fn set<T: Value>(&mut self, slot: Slot<T>, value: T) {
         self.0[usize::from(slot.cell)] = value.to_bits();
     }
 
-    /// Takes the values of some indexes over from the values of another device with the same table.
+    /// Copies the values of a range of indices from another device with the same table.
     pub fn copy<D>(&mut self, other: &Self, objects: &[Object<D>], indexes: std::ops::RangeInclusive<u16>) {
         let mut cell = 0;
         for object in objects {

@@ -1,5 +1,5 @@
-//! A CiA 402 drive of one axis: a servo drive in CSP, CSV and CST, or a stepper, which is a drive that has CSP alone.
-//! Both do homing.
+//! A CiA 402 drive with one axis: a servo drive with CSP, CSV and CST, or a stepper, which has only CSP. Both support
+//! homing.
 
 mod objects;
 
@@ -17,32 +17,33 @@ use crate::ethercat::cia402::Mode;
 
 pub use objects::{PRODUCT_CODE, REVISION, STEPPER_PRODUCT_CODE};
 
-/// Which kind of drive a [`Drive`] is.
+/// The kind of a [`Drive`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DriveKind {
     /// A servo drive with CSP, CSV and CST.
     #[default]
     Servo,
-    /// A stepper with an encoder, which has CSP alone.
+    /// A stepper with an encoder, which has only CSP.
     Stepper,
 }
 
 /// The configuration of a [`Drive`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveConfig {
-    /// The name that people know it by.
+    /// The display name of the drive.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
     /// Servo drive or stepper.
     pub kind: DriveKind,
-    /// Where the shaft stands at power-on, counts.
+    /// The position of the shaft at power-on, counts.
     pub position: i64,
     /// The motor and its load.
     pub motor: Motor,
-    /// How long the transitions of its state machine take.
+    /// The durations of the transitions of the CiA 402 state machine.
     pub times: TransitionTimes,
-    /// Its switches and end stops, in counts of the shaft. For another motor than the default one use [`Travel::for_turn`].
+    /// The switches and end stops, in counts of the shaft. For another motor than the default one, use
+    /// [`Travel::for_turn`].
     pub travel: Travel,
 }
 
@@ -71,11 +72,11 @@ impl DriveConfig {
 
 /// A simulated servo drive or stepper.
 ///
-/// \[OURS] An object that is mapped into the RxPDO can be written by SDO too; the next cycle overwrites it. When the
-/// drive leaves OP while it moves (by a change of state, or by the watchdog of its outputs, 100 ms) it brakes on the
-/// quick-stop ramp and ends in Switch on disabled; this is no fault.
+/// \[OURS] SDOs can write an object that is mapped into an RxPDO, too; the next cycle overwrites the value. When a moving
+/// drive leaves OP (by a change of state, or by its watchdog for outputs, 100 ms), it brakes on the quick-stop ramp and
+/// ends in Switch on disabled, without a fault.
 #[derive(Clone, Debug)]
-#[repr(C)] // What a cycle uses lies side by side: the end of `base` and the beginning of `axis`.
+#[repr(C)] // The fields that a cycle uses are adjacent: the end of `base` and the beginning of `axis`.
 pub struct Drive {
     base: Base<Drive>,
     axis: Axis,
@@ -84,7 +85,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive that is switched on now.
+    /// A drive in its power-on state.
     pub fn new(config: DriveConfig) -> Self {
         let DriveConfig { name, serial, kind, position, motor, times, travel } = config;
         let values = objects::defaults(&motor);
@@ -98,7 +99,7 @@ impl Drive {
         }
     }
 
-    /// The axis, for tests that measure what no object shows.
+    /// The axis, for tests that need values which no object shows.
     pub const fn axis(&self) -> &Axis {
         &self.axis
     }

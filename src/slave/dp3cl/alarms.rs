@@ -1,61 +1,62 @@
-//! The alarms: E-800 to E-882 of the EtherCAT side, and those that the red LED flashes.
+//! The alarms of the drive: E-800 to E-882 of the EtherCAT side, and the alarms that the red LED flashes.
 
 use crate::ethercat::AlStatus;
 use crate::slave::state_machine::DeviceFault;
 
-/// How many earlier alarms U1-10 to U1-14 show.
+/// The number of earlier alarms in the history U1-10 to U1-14.
 const HISTORY: usize = 5;
-/// \[OURS] The error code of an alarm, 0x603F, is this plus its main number: the manual gives the codes from 0xFF00 on to
-/// the maker and says that 0x603F shows the main number alone.
+/// \[OURS] The error code of an alarm, 0x603F, is this value plus the main number of the alarm: the manual reserves the
+/// codes from 0xFF00 for the manufacturer and says that 0x603F shows only the main number.
 const MAKER_CODES: u16 = 0xFF00;
 
 /// An alarm of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u16)]
 pub enum Dp3clAlarm {
-    /// E-800: a change of the AL state that does not exist was requested.
+    /// E-800: an invalid change of the AL state was requested.
     InvalidChange = 800,
-    /// E-801: an AL state that does not exist was requested.
+    /// E-801: an unknown AL state was requested.
     UnknownState = 801,
     /// E-802: bootstrap was requested.
     Bootstrap = 802,
-    /// E-803: the PLL has not locked within 1 s.
+    /// E-803: the PLL did not lock within 1 s.
     NotSynchronized = 803,
-    /// E-804: no outputs have come within the time of the watchdog.
+    /// E-804: no outputs came within the watchdog time.
     Watchdog = 804,
     /// E-806: the PLL has lost its lock.
     PhaseLost = 806,
-    /// E-807: SYNC0 came too late or too early, in too many cycles one after the other.
+    /// E-807: SYNC0 came too late or too early in too many consecutive cycles.
     SyncDeviation = 807,
-    /// E-810: the cycle of SYNC0 is none of 500 us, 1 ms, 2 ms, 4 ms.
+    /// E-810: the SYNC0 cycle time is not 500 us, 1 ms, 2 ms or 4 ms.
     SyncCycle = 810,
-    /// E-811: a sync manager of the mailbox is set wrongly.
+    /// E-811: a mailbox sync manager has invalid settings.
     MailboxSyncManager = 811,
-    /// E-814: the time of the watchdog is less than two cycles.
+    /// E-814: the watchdog time is less than two cycles.
     WatchdogTime = 814,
-    /// E-815: register 0x0981 has neither SYNC0 on nor all off.
+    /// E-815: register 0x0981 has an unsupported value: SYNC0 is not on, and not everything is off.
     DcActivation = 815,
-    /// E-816: the synchronization types 0x1C32:1 and 0x1C33:1 are not supported, or do not fit each other or 0x0981.
+    /// E-816: the synchronization types 0x1C32:1 and 0x1C33:1 are not supported, or they do not fit each other or register
+    /// 0x0981.
     SyncType = 816,
-    /// E-817: sync manager 2 is set wrongly, or is not as long as the outputs that are mapped.
+    /// E-817: sync manager 2 has invalid settings, or its length is not that of the mapped outputs.
     OutputSyncManager = 817,
-    /// E-817, too: the same of sync manager 3 and the inputs.
+    /// E-817 too: sync manager 3 has invalid settings, or its length is not that of the mapped inputs.
     InputSyncManager = 0x8000 | 817,
-    /// E-850: the TxPDOs that are assigned are longer than 24 bytes, or cannot be mapped.
+    /// E-850: the assigned TxPDOs are longer than 24 bytes, or cannot be mapped.
     InputsTooLong = 850,
-    /// E-851: the same of the RxPDOs.
+    /// E-851: the assigned RxPDOs are longer than 24 bytes, or cannot be mapped.
     OutputsTooLong = 851,
-    /// E-881: no mode of operation, or one that is not supported, when the drive is enabled.
+    /// E-881: the drive was enabled without a mode of operation, or in an unsupported one.
     Mode = 881,
     /// E-882: a change of the AL state was requested while the drive was enabled.
     ChangeWhileEnabled = 882,
-    /// One flash of the red LED: over current or short circuit.
+    /// One flash of the red LED: overcurrent or short circuit.
     OverCurrent = 1,
-    /// Two flashes: over voltage.
+    /// Two flashes of the red LED: overvoltage.
     OverVoltage = 2,
-    /// Three flashes: under voltage.
+    /// Three flashes of the red LED: undervoltage.
     UnderVoltage = 3,
-    /// Four flashes: no motor.
+    /// Four flashes of the red LED: no motor is connected.
     OpenMotor = 4,
 }
 
@@ -86,13 +87,13 @@ impl Dp3clAlarm {
         Self::OpenMotor,
     ];
 
-    /// The number of the alarm, as U1-00 shows it: 801 for E-801; of an alarm without a number the flashes of the LED
-    /// \[OURS].
+    /// The number of the alarm, as U1-00 shows it: 801 for E-801. An alarm without a number is shown as its number of LED
+    /// flashes \[OURS].
     pub const fn number(self) -> u16 {
         self as u16 & 0x7FFF
     }
 
-    /// What the alarm means, for people, with its number.
+    /// The meaning of the alarm with its number, as text.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::InvalidChange => "an AL state was requested that cannot follow the present one, E-800",
@@ -120,7 +121,7 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The AL status code that comes with the alarm; 0: the AL state has no part in it.
+    /// The AL status code that accompanies the alarm; 0 if the alarm does not concern the AL state.
     pub const fn al_status(self) -> AlStatus {
         match self {
             Self::InvalidChange => AlStatus::INVALID_CHANGE,
@@ -143,12 +144,12 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The alarm that comes with an AL status code.
+    /// The alarm that accompanies an AL status code.
     pub fn of_al_status(status: AlStatus) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| status.0 != 0 && alarm.al_status() == status)
     }
 
-    /// The error code, 0x603F. \[OURS] Alarms of the LED have the codes of IEC 61800-7-201.
+    /// The error code, 0x603F. \[OURS] Alarms that the LED flashes have the codes of IEC 61800-7-201.
     pub const fn error_code(self) -> u16 {
         match self {
             Self::OverCurrent => 0x2310,
@@ -159,28 +160,29 @@ impl Dp3clAlarm {
         }
     }
 
-    /// The bits of the error register, 0x1001: bit 4 with an AL status code, otherwise bit 7.
+    /// The bits of the error register, 0x1001: bit 4 for an alarm with an AL status code, otherwise bit 7.
     pub const fn error_register(self) -> u8 {
         if self.al_status().0 != 0 { 1 << 4 } else { 1 << 7 }
     }
 
-    /// Whether the alarm stays until the drive is switched off \[OURS for a fault reset of the controlword].
+    /// Whether the alarm lasts until the drive is switched off and on. \[OURS] A fault reset by the controlword does not
+    /// clear it either.
     pub const fn needs_restart(self) -> bool {
         matches!(self, Self::OverCurrent | Self::OverVoltage | Self::OpenMotor)
     }
 
-    /// The alarm as a fault of the state machine.
+    /// The alarm as a fault for the state machine.
     pub(super) const fn fault(self) -> DeviceFault {
         DeviceFault { code: self.error_code(), resettable: !self.needs_restart() }
     }
 
-    /// The alarm of the LED with that error code.
+    /// The LED alarm with that error code.
     pub(super) fn of_error_code(code: u16) -> Option<Self> {
         Self::ALL.into_iter().find(|alarm| alarm.error_code() == code)
     }
 }
 
-/// What the drive remembers of the moment of an alarm.
+/// The values that the drive stores when an alarm occurs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AlarmRecord {
     pub(super) phase_a_ma: i16,
@@ -189,23 +191,23 @@ pub(super) struct AlarmRecord {
     pub(super) voltage_v: i16,
     pub(super) position_offset: i16,
     pub(super) speed_rpm: i16,
-    /// Seconds since power-on.
+    /// Time of the alarm, seconds since power-on.
     pub(super) seconds: u32,
 }
 
-/// The present alarm and those before it.
+/// The present alarm and the alarm history.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Alarms {
     present: Option<Dp3clAlarm>,
     record: AlarmRecord,
-    /// The numbers of the last alarms, the newest first; 0: there was none.
+    /// The numbers of the last alarms, newest first; 0: no alarm.
     numbers: [u16; HISTORY + 1],
-    /// How many there were since power-on.
+    /// The number of alarms since power-on.
     count: u16,
 }
 
 impl Alarms {
-    /// An alarm occurs.
+    /// Records a new alarm.
     pub(super) fn note(&mut self, alarm: Dp3clAlarm, record: AlarmRecord) {
         (self.present, self.record) = (Some(alarm), record);
         self.numbers.rotate_right(1);
@@ -213,12 +215,12 @@ impl Alarms {
         self.count = self.count.saturating_add(1);
     }
 
-    /// The alarm is cleared.
+    /// Ends the present alarm.
     pub(super) const fn clear(&mut self) {
         self.present = None;
     }
 
-    /// The drive is switched off and on: the alarms of before stay in the history.
+    /// Power-cycles the alarm memory: the history keeps the earlier alarms.
     pub(super) const fn restart(&mut self) {
         (self.present, self.count) = (None, 0);
     }
@@ -233,17 +235,17 @@ impl Alarms {
         self.present.map_or(0, Dp3clAlarm::number)
     }
 
-    /// U1-01 to U1-08: what was when the last alarm occurred.
+    /// U1-01 to U1-08: the values stored at the last alarm.
     pub(super) const fn record(&self) -> &AlarmRecord {
         &self.record
     }
 
-    /// U1-09: how many alarms there were since power-on.
+    /// U1-09: the number of alarms since power-on.
     pub(super) const fn count(&self) -> u16 {
         self.count
     }
 
-    /// U1-10 to U1-14: the number of an alarm before the last one, from 0.
+    /// U1-10 to U1-14: the number of an earlier alarm. `place` counts from 0, the alarm before the last one.
     pub(super) fn earlier(&self, place: usize) -> u16 {
         self.numbers.get(place + 1).copied().unwrap_or(0)
     }

@@ -1,53 +1,54 @@
-//! What a DP3CL is built and set up as: its rating, its dial switch, what is wired to its inputs, and the variants of
-//! decisions where the maker's manual says nothing or contradicts itself.
+//! The configuration of a DP3CL: its rating, its dial switch, the wiring of its inputs, and variants for points that the
+//! manufacturer's manual leaves open or contradicts.
 
 use super::dial::Dial;
 use super::rating::Rating;
 use crate::slave::state_machine::TransitionTimes;
 use crate::slave::switches::{Input, Travel};
 
-/// The variants of decisions that a real drive may settle otherwise; all off by default.
+/// Alternatives for decisions that a real drive may settle differently; all off by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clVariants {
-    /// The start address of sync manager 1 has to be in the window that the manual prints, 0x1200 to 0x12FF. \[OURS] Off,
-    /// since the maker's own slave description puts it at 0x1080.
+    /// The start address of sync manager 1 must be in the range that the manual gives, 0x1200 to 0x12FF. \[OURS] Off by
+    /// default, because the manufacturer's ESI file puts it at 0x1080.
     pub strict_sync_managers: bool,
-    /// PDOs have 10 sub-indices as in the maker's slave description, not 24 as in the manual \[OURS].
+    /// PDOs have 10 sub-indices, as in the manufacturer's ESI file, instead of 24 as in the manual \[OURS].
     pub ten_entries: bool,
-    /// A set-point during a motion with bit 5 = 0 is kept and begins after the motion, as CiA 402 says. \[OURS] Off: the
-    /// manual says that a new command must be sent.
+    /// A set-point during a motion with controlword bit 5 = 0 is stored and starts after the motion, as CiA 402 says.
+    /// \[OURS] Off by default: the manual says that a new command must be sent.
     pub one_deep_buffer: bool,
-    /// 0x60FF, 0x606B, 0x606D and 0x606F are in command units/s, as CiA 402 says. \[OURS] Off: they are in 0.1 rpm.
+    /// 0x60FF, 0x606B, 0x606D and 0x606F are in command units/s, as CiA 402 says. \[OURS] Off by default: they are in 0.1
+    /// rpm.
     pub speeds_in_units: bool,
-    /// The motor has no index pulse: homing methods that need it run until a limit switch or a halt ends them \[OURS].
+    /// The motor has no index pulse. Homing methods that need one run until a limit switch or a halt ends them \[OURS].
     pub without_index: bool,
 }
 
 /// The configuration of a [`Dp3cl`](super::Dp3cl).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dp3clConfig {
-    /// The name that people know it by.
+    /// The display name of the drive.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
-    /// The rating.
+    /// The rating: peak current and supply range.
     pub rating: Rating,
-    /// Where the shaft stands at power-on, command units.
+    /// The position of the shaft at power-on, command units.
     pub position: i64,
-    /// Its switches and end stops along the travel, in command units. \[OURS] An index pulse comes once a turn, at the place that
-    /// [`Travel::index`] says.
+    /// The switches and end stops along the travel, in command units. \[OURS] The index pulse comes once per turn, at the
+    /// position [`Travel::index`].
     pub travel: Travel,
-    /// The sensor that is wired to each of SI1 to SI4; `None`: none is.
+    /// The sensors wired to SI1 to SI4; `None` for a terminal without a sensor.
     pub wiring: [Option<Input>; 4],
-    /// How long the transitions of its state machine take.
+    /// The durations of the transitions of the CiA 402 state machine.
     pub times: TransitionTimes,
-    /// The dial switch.
+    /// The positions of the dial switch.
     pub dial: Dial,
     /// The supply voltage, mV.
     pub supply_mv: u32,
     /// Whether a motor is connected.
     pub has_motor: bool,
-    /// Variants of decisions.
+    /// The variants of decisions that are switched on.
     pub variants: Dp3clVariants,
 }
 

@@ -1,4 +1,4 @@
-//! The dial switch SW1 to SW8: current, holding current, filter, direction, and the station number.
+//! The dial switch SW1 to SW8: motor current, holding current, command filter, direction, and station number.
 
 use super::rating::Rating;
 
@@ -6,13 +6,15 @@ use super::rating::Rating;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dial(pub u8);
 
-/// Peak currents by SW1 to SW3 (SW1 is bit 0), mA, from code 1 on; code 0 is the current of the parameters.
+/// Peak currents by the code of SW1 to SW3 (SW1 is bit 0), from code 1 on, mA. With code 0 the current comes from the
+/// parameters.
 const PEAK_305_MA: [u16; 7] = [560, 840, 1400, 1820, 2100, 2660, 3000];
 const PEAK_705_MA: [u16; 7] = [2500, 3400, 4200, 5000, 5600, 6400, 7000];
 const PEAK_808_MA: [u16; 7] = [2700, 3600, 4600, 5500, 6400, 7300, 8400];
 
 impl Dial {
-    /// The peak current that SW1 to SW3 set, mA; `None`: that of the parameters. In station mode the switches set none.
+    /// The peak current that SW1 to SW3 select, mA; `None`: the current comes from the parameters, as always in station
+    /// mode.
     pub const fn peak_ma(self, rating: Rating) -> Option<u16> {
         let code = (self.0 & 0b111) as usize;
         if code == 0 || self.sets_station() {
@@ -25,12 +27,13 @@ impl Dial {
         })
     }
 
-    /// SW4: the motor keeps its full current at standstill.
+    /// SW4: whether the motor keeps its full current at standstill.
     pub const fn holds_full_current(self) -> bool {
         !self.sets_station() && self.0 & 1 << 3 != 0
     }
 
-    /// SW5 and SW6: the time of the command filter, microseconds; `None`: that of the parameters; 0: the filter is closed.
+    /// The filter time that SW5 and SW6 select, microseconds; 0: the command filter is off; `None`: the time comes from the
+    /// parameters.
     pub const fn filter_us(self) -> Option<u32> {
         if self.sets_station() {
             return None;
@@ -43,17 +46,17 @@ impl Dial {
         }
     }
 
-    /// SW7: the motor turns clockwise for ascending positions, against the usual direction.
+    /// SW7: whether the motor turns clockwise for increasing positions, the reverse of the usual direction.
     pub const fn is_reversed(self) -> bool {
         !self.sets_station() && self.0 & 1 << 6 != 0
     }
 
-    /// SW8: SW1 to SW7 are the station number.
+    /// SW8, station mode: whether SW1 to SW7 give the station number.
     pub const fn sets_station(self) -> bool {
         self.0 & 1 << 7 != 0
     }
 
-    /// The station number, 1 to 127; `None`: the switch sets none. \[OURS] Number 0 sets none either.
+    /// The station number, 1 to 127; `None` if the switch does not give one. \[OURS] Number 0 counts as none too.
     pub const fn station(self) -> Option<u16> {
         match self.0 & 0x7F {
             number if number != 0 && self.sets_station() => Some(number as u16),

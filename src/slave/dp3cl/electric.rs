@@ -1,4 +1,4 @@
-//! The electric side of the drive: supply, motor current, outputs, LEDs, station number.
+//! The electrical side of the drive: supply, motor current, outputs, LEDs.
 
 use super::alarms::Dp3clAlarm;
 use super::inputs::Dp3clOutputs;
@@ -8,11 +8,11 @@ use crate::ethercat::cia402::DriveState;
 use crate::ethercat::{AlState, Ns};
 use crate::slave::AlStatus;
 
-/// The unit of P0-12, ns. \[OURS] The manual prints none: a millisecond.
+/// The unit of P0-12, ns. \[OURS] One millisecond; the manual gives no unit.
 const HOLDING_DELAY_UNIT_NS: Ns = 1_000_000;
 
 impl Dp3cl {
-    /// The auto tuning at power-on, P1-00, finds out whether there is a motor.
+    /// The power-on test: auto tuning, P1-00, detects whether a motor is connected; then the supply is checked.
     pub(super) fn test_at_power_on(&mut self) {
         let tunes = self.base.values.get(parameters::AUTO_TUNING) != 0;
         if tunes && !self.config.has_motor {
@@ -21,13 +21,14 @@ impl Dp3cl {
         self.check_supply();
     }
 
-    /// Changes the supply voltage, mV.
+    /// Sets the supply voltage, mV.
     pub fn set_supply(&mut self, supply_mv: u32) {
         self.config.supply_mv = supply_mv;
         self.check_supply();
     }
 
-    /// The alarms of the supply. P3-02 is the threshold of under voltage, V; 0: there is no such alarm.
+    /// Raises the overvoltage or undervoltage alarm if the supply is out of range. P3-02 is the undervoltage threshold, V;
+    /// 0 disables that alarm.
     fn check_supply(&mut self) {
         let threshold_mv = u32::from(self.base.values.get(parameters::UNDER_VOLTAGE)) * 1000;
         if self.config.supply_mv > self.config.rating.supply_max_mv() {
@@ -37,7 +38,7 @@ impl Dp3cl {
         }
     }
 
-    /// The outputs ERR and BRK.
+    /// The states of the outputs ERR and BRK.
     pub fn outputs(&self) -> Dp3clOutputs {
         let values = &self.base.values;
         Dp3clOutputs::of(
@@ -48,7 +49,7 @@ impl Dp3cl {
         )
     }
 
-    /// What the LEDs show.
+    /// The states of the LEDs.
     pub fn leds(&self) -> Dp3clLeds {
         let alarm = match self.axis.machine().fault().map(|fault| Dp3clAlarm::of_error_code(fault.code)) {
             None => RedLed::Off,
@@ -65,7 +66,7 @@ impl Dp3cl {
         }
     }
 
-    /// What the LED of a port shows.
+    /// The state of the LED of a port.
     const fn link_led(&self, port: usize) -> LinkLed {
         match (self.links[port], self.exchanged || self.traffic) {
             (false, _) => LinkLed::Off,
@@ -74,19 +75,19 @@ impl Dp3cl {
         }
     }
 
-    /// The time of the command filter that the parameter P0-02 sets; the dial switch may set another one.
+    /// The value of P0-02, the time of the command filter, as read at power-on. The dial switch can override it.
     pub const fn filter_time(&self) -> u16 {
         self.memory.filter_time()
     }
 
-    /// The peak current of the motor, mA. \[OURS] The dial switch replaces P4-00 unless SW1 to SW3 are off.
+    /// The peak current of the motor, mA. \[OURS] The dial switch overrides P4-00 unless SW1 to SW3 are off.
     pub fn peak_ma(&self) -> u32 {
         let by_parameter = u32::from(self.base.values.get(parameters::PEAK_CURRENT)) * 100;
         self.config.dial.peak_ma(self.config.rating).map_or(by_parameter, u32::from)
     }
 
-    /// The current in the motor, mA: none while the power stage is off; while no pulses come for the time of P0-12 that of
-    /// P0-08, unless SW4 keeps it full; otherwise that of P0-05.
+    /// The motor current, mA: 0 while the power stage is off; otherwise P0-05 percent of the peak current. After a pause in
+    /// the pulses of the time P0-12 it is P0-08 percent, unless SW4 keeps the full current.
     pub fn motor_ma(&self) -> u32 {
         if !self.has_current() {
             return 0;
@@ -98,7 +99,7 @@ impl Dp3cl {
         self.peak_ma() * u32::from(values.get(percent)) / 100
     }
 
-    /// Whether the power stage is on.
+    /// Whether the power stage is on and the motor has current.
     fn has_current(&self) -> bool {
         use DriveState::*;
         matches!(self.axis.machine().state(), OperationEnabled | QuickStopActive | FaultReactionActive)

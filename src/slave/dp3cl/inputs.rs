@@ -1,55 +1,55 @@
-//! The inputs SI1 to SI4 and the outputs ERR and BRK: which function a parameter gives to which terminal.
+//! The inputs SI1 to SI4 and the outputs ERR and BRK, and their assignment to functions by parameters.
 //!
-//! A sensor of the travel is wired to a terminal, and a parameter says which terminal a function reads: with P2-06 = 4 the
-//! positive limit is what is wired to SI4. Whoever forces the inputs of the device forces the terminals.
+//! A sensor along the travel is wired to a terminal, and a parameter selects the terminal for a function: with P2-06 = 4,
+//! the positive limit switch is the sensor wired to SI4. Forcing the inputs of the device forces the terminals.
 
 use crate::slave::lines::{InputPattern, Lines};
 use crate::slave::switches::{HomeSwitch, Input, Travel};
 
-/// How many inputs there are.
+/// The number of input terminals.
 pub(super) const PINS: usize = 4;
 
-/// \[OURS] What is wired to SI1 to SI4: nothing (a push button that clears alarms), POT, NOT and HOME, as the parameters
-/// have it from the factory.
+/// \[OURS] The wiring of SI1 to SI4: no sensor (a push button that clears alarms), POT, NOT and HOME. It fits the factory
+/// parameters.
 pub(super) const USUAL_WIRING: [Option<Input>; PINS] =
     [None, Some(Input::PositiveLimit), Some(Input::NegativeLimit), Some(Input::Home)];
 
-/// A range of counts that has none, and one that has all.
+/// The empty range of counts, and the range of all counts.
 const NOWHERE: (i64, i64) = (i64::MAX, i64::MIN);
 const EVERYWHERE: (i64, i64) = (i64::MIN, i64::MAX);
 
-/// The terminal that a value of P2-02 to P2-08 selects.
+/// The terminal that one of P2-02 to P2-08 selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Terminal {
-    /// The number of the terminal, from 0.
+    /// The index of the terminal, from 0.
     pub(super) pin: usize,
-    /// The function is on while no current flows.
+    /// Whether the function is on while no current flows.
     pub(super) inverted: bool,
 }
 
 impl Terminal {
-    /// The terminal of a parameter: bits 0 to 3 are its number, bit 4 inverts it \[OURS: 0 is on while current flows].
-    /// `None`: the function has no terminal; so has one with a number that does not exist \[OURS].
+    /// Decodes a parameter: bits 0 to 3 are the number of the terminal, bit 4 inverts it \[OURS: 0 is on while current
+    /// flows]. `None`: the function has no terminal, or a number that does not exist \[OURS].
     pub(super) fn of(parameter: u16, terminals: usize) -> Option<Self> {
         let pin = usize::from(parameter & 0xF).checked_sub(1).filter(|pin| *pin < terminals)?;
         Some(Self { pin, inverted: parameter & 1 << 4 != 0 })
     }
 }
 
-/// The terminals SI1 to SI4 with what is wired to them.
+/// The terminals SI1 to SI4 with the sensors wired to them.
 #[derive(Clone, Debug)]
 pub(super) struct Pins {
     wiring: [Option<Input>; PINS],
-    /// Where current flows, counts.
+    /// The range of positions in which current flows at each terminal, counts.
     ranges: [(i64, i64); PINS],
-    /// The value that the sensor at a terminal sticks at.
+    /// The value at which the sensor of each terminal is stuck; `None` for a working sensor.
     stuck: [Option<bool>; PINS],
     lines: Lines,
 }
 
 impl Pins {
-    /// The terminals with sensors wired to them. `reversed`: the motor turns the other way round, so that every sensor lies
-    /// on the other side.
+    /// The terminals with their sensors. With `reversed`, the motor turns the other way, so each sensor is at the negated
+    /// position.
     pub(super) fn new(wiring: [Option<Input>; PINS], travel: &Travel, reversed: bool) -> Self {
         let range = |sensor| {
             let range = match sensor {
@@ -62,7 +62,8 @@ impl Pins {
                 }),
                 Input::Index => None,
             };
-            // The opposite of the lowest number does not exist: both stand for "without end".
+            // The negative of the lowest number does not exist. The lowest and the highest number both mean "unlimited" and
+            // are swapped.
             let opposite = |end: i64| match end {
                 i64::MIN => i64::MAX,
                 i64::MAX => i64::MIN,
@@ -74,7 +75,7 @@ impl Pins {
         Self { wiring, ranges, stuck: [None; PINS], lines: Lines::default() }
     }
 
-    /// Whether current flows at a terminal with the shaft at that count.
+    /// Whether current flows at a terminal when the shaft is at `position`, counts.
     pub(super) fn is_on(&self, pin: usize, position: i64) -> bool {
         match self.constant(pin) {
             Some(value) => value,
@@ -85,17 +86,18 @@ impl Pins {
         }
     }
 
-    /// The value of a terminal that does not follow its sensor.
+    /// The level of a terminal that is forced or whose sensor is stuck; `None` for a terminal that follows its sensor.
     fn constant(&self, pin: usize) -> Option<bool> {
         if self.lines.is_forced() { Some(self.lines.inputs() >> pin & 1 != 0) } else { self.stuck[pin] }
     }
 
-    /// The state of a function with the shaft at that count. A function without a terminal is off.
+    /// The state of the function of a parameter when the shaft is at `position`, counts. A function without a terminal is
+    /// off.
     pub(super) fn function(&self, parameter: u16, position: i64) -> bool {
         Terminal::of(parameter, PINS).is_some_and(|terminal| self.is_on(terminal.pin, position) != terminal.inverted)
     }
 
-    /// The range of counts where the terminal of a function is on, and whether the function is on outside of it instead.
+    /// The range of counts in which current flows at the terminal of a function, and whether the function is inverted.
     /// `None`: the function has no terminal.
     pub(super) fn wiring_of(&self, parameter: u16) -> Option<((i64, i64), bool)> {
         let Terminal { pin, inverted } = Terminal::of(parameter, PINS)?;
@@ -107,7 +109,8 @@ impl Pins {
         Some((range, inverted))
     }
 
-    /// The first count after `from`, up to `to` and in its direction, where the sensor at a terminal changes.
+    /// The first count behind `from`, in the direction of `to` and not beyond it, at which the sensor of a terminal
+    /// changes.
     pub(super) fn next_change(&self, pin: usize, from: i64, to: i64) -> Option<i64> {
         if self.constant(pin).is_some() {
             return None;
@@ -123,7 +126,7 @@ impl Pins {
         if up { places.min() } else { places.max() }
     }
 
-    /// Makes a sensor stick at a value; `None`: it works again.
+    /// Makes a sensor stick at a value; `None` repairs it.
     pub(super) fn stick(&mut self, sensor: Input, value: Option<bool>) {
         for (wired, stuck) in self.wiring.iter().zip(&mut self.stuck) {
             if *wired == Some(sensor) {
@@ -132,13 +135,13 @@ impl Pins {
         }
     }
 
-    /// Forces all terminals to a pattern, bit 0 is SI1; `None`: they follow their sensors again.
+    /// Forces all terminals to a pattern, in which bit 0 is SI1; with `None` the terminals follow their sensors again.
     pub(super) fn force(&mut self, pattern: Option<InputPattern>) {
         self.lines.force(pattern);
         self.lines.pass(0);
     }
 
-    /// `dt_ns` pass in a pattern that changes.
+    /// Advances a changing pattern by `dt_ns`.
     pub(super) const fn pass(&mut self, dt_ns: u64) {
         self.lines.pass(dt_ns);
     }
@@ -152,15 +155,15 @@ impl Pins {
 /// The outputs of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clOutputs {
-    /// ERR: with the parameters of the factory on while the drive has an alarm.
+    /// ERR: on while the drive has an alarm (with the factory parameters).
     pub err: bool,
-    /// BRK: with the parameters of the factory on while the brake is to be open, that is while the motor has current.
+    /// BRK: on to open the brake, that is while the motor has current (with the factory parameters).
     pub brk: bool,
 }
 
 impl Dp3clOutputs {
-    /// The outputs by the parameters P2-02 (alarm) and P2-03 (brake). \[OURS] Terminal 1 is ERR, 2 is BRK; two functions on
-    /// one terminal are both heard.
+    /// The outputs that the parameters P2-02 (alarm) and P2-03 (brake) select. \[OURS] Terminal 1 is ERR and terminal 2 is
+    /// BRK; two functions on one terminal are ORed.
     pub(super) fn of(alarm_output: u16, brake_output: u16, alarm: bool, brake_open: bool) -> Self {
         let is_on = |pin| {
             let drives = |parameter, on: bool| {

@@ -1,4 +1,4 @@
-//! The LEDs of the drive as values: what a person in front of it sees.
+//! The LEDs of the drive as values.
 
 /// The red LED.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -6,7 +6,7 @@ pub enum RedLed {
     /// Off: there is no alarm.
     #[default]
     Off,
-    /// That many flashes, then a pause of 1 s, and again.
+    /// This many flashes, then a pause of 1 s, repeated.
     Flashes(u8),
     /// Always on: an alarm of the EtherCAT side.
     On,
@@ -17,25 +17,25 @@ pub enum RedLed {
 pub enum LinkLed {
     /// There is no link.
     Off,
-    /// There is a link, and no traffic. \[OURS] On a network without controllers there always is a link.
+    /// There is a link but no traffic. \[OURS] On a network without slave controllers there is always a link.
     #[default]
     On,
-    /// There is traffic.
+    /// There is a link with traffic.
     Flashing,
 }
 
-/// What the LEDs show.
+/// The states of the LEDs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dp3clLeds {
     /// Green: the drive has power.
     pub power: bool,
     /// Red: alarms.
     pub alarm: RedLed,
-    /// LED 1 and LED 3, yellow: the connection is normal. \[OURS] That is so in PreOP, SafeOP and OP without an alarm of the
+    /// LED 1 and LED 3, yellow: the connection is normal. \[OURS] On in PreOP, SafeOP and OP without an alarm of the
     /// EtherCAT side.
     pub run: bool,
-    /// LED 4, L/A IN, green: the link to the slave before, or to the master.
+    /// LED 4, L/A IN, green: the link towards the master.
     pub link_in: LinkLed,
-    /// LED 2, L/A OUT, green: the link to the slave behind.
+    /// LED 2, L/A OUT, green: the link to the next slave.
     pub link_out: LinkLed,
 }

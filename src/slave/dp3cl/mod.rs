@@ -1,22 +1,23 @@
-//! The stepper drive Xinje DP3CL, whole: an open loop stepper with profile position, profile velocity, homing and CSP.
+//! Complete model of the stepper drive Xinje DP3CL: an open-loop stepper with profile position, profile velocity, homing
+//! and CSP.
 //!
-//! | file | what it answers |
+//! | file | content |
 //! | --- | --- |
-//! | `mod.rs` | what the drive is made of, how an alarm occurs |
-//! | `config.rs`, `dial.rs` | what it is built and set up as; the dial switch |
+//! | `mod.rs` | the parts of the drive; raising and clearing alarms |
+//! | `config.rs`, `dial.rs` | the configuration; the dial switch |
 //! | `objects.rs` | its object dictionary and its PDOs |
 //! | `parameters.rs`, `monitors.rs` | parameters P0 to P8 and commands F0; monitors U0 to U4 |
 //! | `motion.rs`, `profile.rs`, `set_points.rs` | the modes of operation; ramps; the handshake of profile position |
 //! | `inputs.rs`, `touch_probe.rs`, `leds.rs` | inputs and outputs, touch probes, LEDs |
-//! | `electric.rs`, `readings.rs`, `timing.rs` | supply, current, outputs; what objects show of the motion, and of the cycle |
-//! | `model.rs` | how time passes in it, its faults, and what it says to changes of its AL state |
+//! | `electric.rs`, `readings.rs`, `timing.rs` | supply, current, outputs; motion values that objects show; cycle timing |
+//! | `model.rs` | the time step, faults, and changes of the AL state |
 //! | `alarms.rs`, `startup.rs` | the alarms E-8xx, and the checks before a change of the AL state |
 //!
-//! Homing, the state machine of CiA 402, the switches and what holds of every device are those of the other slaves.
+//! Homing, the CiA 402 state machine, the switches and the common part of all devices are shared with the other slaves.
 //!
-//! **Open loop** \[OURS]. The position actual value 0x6064 is the demand of the cycle before. A shaft that is jammed is a
-//! fault that nobody could see in a real drive without an encoder: it shows in 0x6064 here, until it ends. So does an end
-//! stop: beyond it the shaft stands, and is there again when the demand comes back.
+//! **Open loop** \[OURS]. The position actual value 0x6064 is the demand of the previous cycle. A jammed shaft would be
+//! invisible in a real drive, which has no encoder; in this model it shows in 0x6064 as long as the fault lasts. So does an
+//! end stop: the shaft stops there, and follows the demand again once the demand comes back.
 
 mod alarms;
 mod config;
@@ -58,7 +59,7 @@ pub use inputs::Dp3clOutputs;
 pub use leds::{Dp3clLeds, LinkLed, RedLed};
 pub use rating::Rating;
 
-/// The name of 0x1008.
+/// The device name, object 0x1008.
 pub(super) const DEVICE_NAME: &str = "VH3C";
 
 /// A mode of operation of the drive, 0x6060.
@@ -79,7 +80,7 @@ pub enum Dp3clMode {
 }
 
 impl Dp3clMode {
-    /// The mode with this value of 0x6060; `None`: the drive does not have it.
+    /// The mode with this value of 0x6060; `None` for a mode that the drive does not support.
     pub const fn from_code(code: i8) -> Option<Self> {
         match code {
             0 => Some(Self::None),
@@ -108,39 +109,39 @@ pub struct Dp3cl {
     pins: Pins,
     probes: TouchProbes,
     alarms: Alarms,
-    /// The shaft where the last cycle began, counts: what 0x6064 shows.
+    /// The position of the shaft at the beginning of the last cycle, counts; the basis of 0x6064.
     shown: i64,
-    /// The shaft stands here, whatever the drive demands.
+    /// The position at which the shaft is jammed, counts; `None` for a free shaft.
     jammed_at: Option<i64>,
-    /// The last values written to the commands F0-00 to F0-02.
+    /// The last values written to F0-00 to F0-02, to detect rising edges.
     commands: [bool; 3],
-    /// SI1 and SI2 at the end of the last cycle.
+    /// The levels of SI1 and SI2 at the end of the last cycle.
     seen_pins: [bool; 2],
     last_step: LastStep,
-    /// The input that clears alarms was on.
+    /// Whether the input that clears alarms was on in the last cycle, to detect its rising edge.
     clears: bool,
-    /// Process data were exchanged since the last step, and before it.
+    /// Whether process data were exchanged since the last step (`exchanged`) and in the step before (`traffic`).
     exchanged: bool,
     traffic: bool,
-    /// Which ports of the controller have a link: IN, OUT.
+    /// Whether ports IN and OUT of the slave controller have a link.
     links: [bool; 2],
     power_on_count: u16,
     on_ns: Ns,
-    /// How long no pulses have come.
+    /// The time since the last pulse, ns.
     without_pulses_ns: Ns,
     cycle_ns: Ns,
     timing: Timing,
     communication: Option<Communication>,
-    /// Bits 0 to 2 of register 0x0981, and the cycle of SYNC0.
+    /// Bits 0 to 2 of register 0x0981, and the SYNC0 cycle time, ns; `None` if unknown.
     dc: Option<(u8, Ns)>,
-    /// The drive runs by SYNC0.
+    /// Whether SYNC0 triggers the cycles of the drive.
     by_sync0: bool,
-    /// Cycles one after the other in which SYNC0 deviated too much.
+    /// The number of consecutive cycles in which SYNC0 deviated too much.
     deviations: u16,
 }
 
 impl Dp3cl {
-    /// A drive that is switched on now, as it comes from the factory.
+    /// A drive with factory parameters in its power-on state.
     pub fn new(config: Dp3clConfig) -> Self {
         let mut memory = Memory::new(parameters::factory(config.rating));
         let values = memory.load(config.rating, config.dial.station());
@@ -187,49 +188,49 @@ impl Dp3cl {
     fn axis_at_power_on(config: &Dp3clConfig, turn: u16, position: i64, values: &super::dictionary::Values) -> Axis {
         let train = PulseTrain { max_rate: u32::MAX };
         let index = config.travel.index.map(|index| index % u32::from(turn));
-        // The modes of the drive stop at its limit switches themselves, see `motion.rs`.
+        // The modes of the drive stop at limit switches themselves, see `motion.rs`.
         let travel = Travel { index, limits_stop_motion: false, ..config.travel };
         let mut axis = Axis::of_pulses(&train, config.times, objects::settings(values), position)
             .with_travel(&travel, turn.into());
         if config.variants.without_index {
             axis.stick(Input::Index, Some(false));
         }
-        // [OURS] No position is kept without power.
+        // [OURS] The drive does not keep its position without power.
         axis.set_position(0);
         axis
     }
 
-    /// The configuration.
+    /// The configuration of the drive.
     pub const fn config(&self) -> &Dp3clConfig {
         &self.config
     }
 
-    /// The axis, for tests that measure what no object shows.
+    /// The axis, for tests that need values which no object shows.
     pub const fn axis(&self) -> &Axis {
         &self.axis
     }
 
-    /// The present alarm; `None`: there is none.
+    /// The present alarm; `None` if there is no alarm.
     pub const fn alarm(&self) -> Option<Dp3clAlarm> {
         self.alarms.present()
     }
 
-    /// Changes the dial switch. It is read at power-on, but for the current of the motor.
+    /// Sets the dial switch. Motor current follows immediately; the other settings are read at power-on.
     pub const fn set_dial(&mut self, dial: Dial) {
         self.config.dial = dial;
     }
 
-    /// The statusword.
+    /// The statusword: the bits of the state machine and those of the mode of operation.
     pub fn statusword(&self) -> Statusword {
         Statusword(self.axis.machine().status_bits() | self.motion.bits())
     }
 
-    /// The mode in force.
+    /// The active mode of operation.
     pub const fn mode(&self) -> Dp3clMode {
         self.motion.active
     }
 
-    /// An alarm occurs: the drive goes to Fault.
+    /// Raises an alarm: the drive goes to Fault.
     fn raise(&mut self, alarm: Dp3clAlarm) {
         if self.alarms.present() == Some(alarm) {
             return;
@@ -248,12 +249,12 @@ impl Dp3cl {
         self.axis.machine_mut().raise(alarm.fault());
     }
 
-    /// The alarm is cleared, if it does not need a restart: by F0-00, by the input of P2-05, or by a fault reset.
+    /// Clears the present alarm unless it needs a restart. Called for F0-00, the input of P2-05, and a fault reset.
     fn clear_alarm(&mut self) {
         self.axis.machine_mut().request_reset();
     }
 
-    /// Gives the functions POT, NOT and HOME the terminals that their parameters name.
+    /// Connects the functions POT, NOT and HOME to the terminals that their parameters select.
     fn rewire(&mut self) {
         let values = &self.base.values;
         let parameter = |input| match input {
@@ -265,7 +266,7 @@ impl Dp3cl {
         self.axis.set_switches(switches);
     }
 
-    /// Takes the target position of process data or of an SDO. After homing the first one in CSP does not count, see
+    /// Takes over the target position from process data or an SDO. The first one in CSP after homing is ignored, see
     /// `axis/homing.rs`.
     fn take_target_position(&mut self, position: i32) {
         self.motion.target_position = position;
@@ -274,7 +275,7 @@ impl Dp3cl {
         }
     }
 
-    /// `dt_ns` pass at the inputs: one that clears alarms does so when it goes on.
+    /// Reads the inputs in a step of `dt_ns`. A rising edge of the input that clears alarms clears the alarm.
     fn read_inputs(&mut self, dt_ns: Ns) {
         let clears = self.pins.function(self.base.values.get(parameters::ALARM_CLEAR), self.shaft_position_now());
         if clears && !std::mem::replace(&mut self.clears, clears) {

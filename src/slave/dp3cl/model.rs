@@ -1,4 +1,4 @@
-//! The drive as a device: how time passes in it, its faults, and what it says to changes of its AL state.
+//! The drive as a [`Model`]: the time step, faults, and changes of the AL state.
 
 use std::slice;
 
@@ -22,7 +22,7 @@ use crate::slave::process_data::{MappingLimits, Pdo};
 use crate::slave::switches::Input;
 use crate::slave::{AlStatus, Fault};
 
-/// How long after the synchronization has begun the PLL has time to lock.
+/// The time limit for the PLL to lock after synchronization has begun, ns.
 const SYNC_LOCK_LIMIT_NS: Ns = 1_000_000_000;
 
 impl Model for Dp3cl {
@@ -32,7 +32,7 @@ impl Model for Dp3cl {
 
     const TEST_MEMORY: bool = false;
 
-    // [OURS] In SafeOP the controller's watchdog runs from the first outputs on.
+    // [OURS] In SafeOP, the watchdog of the slave controller runs from the first outputs on.
     const WATCHDOG_IN_SAFEOP: bool = true;
 
     fn objects() -> &'static [Object<Self>] {
@@ -59,13 +59,13 @@ impl Model for Dp3cl {
         slice::from_mut(&mut self.axis)
     }
 
-    /// P7-00.
+    /// The station alias from parameter P7-00.
     fn station_alias(&self) -> u16 {
         self.base.values.get(parameters::SET_ADDRESS)
     }
 
-    /// The registers of its controller as the manual has them, and no emergencies, of which it says nothing \[OURS]. Its clock has
-    /// 64 bits, although its register of features says that it has 32 \[OURS].
+    /// The values of the slave controller's registers from the manual. The manual does not mention emergencies, so there
+    /// are none \[OURS]. The clock has 64 bits, although the feature register says 32 \[OURS].
     fn controller_settings(&self) -> EscSettings {
         EscSettings {
             controller_type: 0x04,
@@ -111,7 +111,8 @@ impl Model for Dp3cl {
 
     fn note_exchange(&mut self) {
         self.exchanged = true;
-        // With SYNC0 a controller says when outputs and pulses came; without one both come with the exchange.
+        // With SYNC0, the slave controller reports when outputs and pulses come. Without SYNC0 or without a controller,
+        // both come with the exchange.
         if !self.by_sync0 || self.communication.is_none() {
             self.timing.note_outputs(self.on_ns);
         }
@@ -125,7 +126,7 @@ impl Model for Dp3cl {
     }
 
     fn fault_meaning(&self, _axis: usize, code: u16) -> &'static str {
-        // Several alarms share a code.
+        // Several alarms have the same error code, so the present alarm decides.
         let alarm = self.alarms.present().filter(|alarm| alarm.error_code() == code);
         alarm.map_or(error_name(code), Dp3clAlarm::meaning)
     }
@@ -169,7 +170,7 @@ impl Model for Dp3cl {
         };
         checked.map_err(Dp3clAlarm::al_status)?;
         if to == AlState::SafeOp && self.by_sync0 && self.dc.is_some() {
-            // [OURS] With SYNC0 on the types read "DC", whatever was written.
+            // [OURS] With SYNC0 on, the types read as "DC", whatever was written.
             self.base.values.set(objects::OUTPUT_SYNC_TYPE, objects::DC_SYNC0);
             self.base.values.set(objects::INPUT_SYNC_TYPE, objects::DC_SYNC0);
         }
@@ -253,7 +254,8 @@ impl Model for Dp3cl {
 }
 
 impl Dp3cl {
-    /// Something of the synchronization has happened.
+    /// Handles a synchronization event of the slave controller. A loss of synchronization raises an alarm and lowers the AL
+    /// state.
     fn synchronization(&mut self, event: SyncEvent) {
         let runs = matches!(self.base.al_state(), AlState::SafeOp | AlState::Op) && self.by_sync0;
         let alarm = match event {

@@ -1,38 +1,39 @@
-//! The monitors U0 to U4 (0x3000 plus the printed address of the group): what the drive shows of itself. Those that the
-//! manual only lists read 0; \[OURS] so do machine type, series, and the dates of production and firmware, which are those of one
-//! drive.
+//! The monitors U0 to U4 (0x3000 plus the printed address of the group): read-only values of the drive. Monitors that the
+//! manual only lists read 0; \[OURS] so do machine type, series, production date and firmware date, which belong to an
+//! individual drive.
 
 use super::Dp3cl;
 use crate::slave::dictionary::Object;
 
-/// The firmware that is modelled, as object 0x100A and U2-07 show it: 5.11.
+/// The modelled firmware version, 5.11, for object 0x100A and U2-07.
 const SOFTWARE_VERSION: u16 = 511;
-/// The hardware version of 0x1009 and U2-08: 1.0.
+/// The hardware version, 1.0, for object 0x1009 and U2-08.
 const HARDWARE_VERSION: u16 = 10;
-/// \[OURS] Electrical turns of a turn of the motor: those of a stepper with steps of 1.8 degrees.
+/// \[OURS] Electrical turns per turn of the motor: the value of a stepper with steps of 1.8 degrees.
 const ELECTRICAL_TURNS: f64 = 50.0;
 
-/// What the monitors show of the motion.
+/// The values of the motion that the monitors show.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Monitored {
-    /// Speed, rpm.
+    /// Motor speed, rpm.
     pub(super) speed_rpm: i16,
     /// Command pulses since power-on, with their sign.
     pub(super) pulses: i64,
-    /// Pulses within the turn, from 0.
+    /// Position within the turn, pulses, from 0.
     pub(super) single_turn: u32,
     /// Whole turns.
     pub(super) turns: i64,
-    /// The electric angle, degrees.
+    /// Electrical angle, degrees.
     pub(super) electric_angle: i16,
-    /// The currents of the phases and their vector, mA.
+    /// The phase currents and the magnitude of their vector, mA.
     pub(super) phase_a_ma: i16,
     pub(super) phase_b_ma: i16,
     pub(super) current_ma: i16,
 }
 
 impl Monitored {
-    /// The motion at a position, command units, with `turn` of them a turn, and a current in the motor, mA.
+    /// The values for a position (command units), a velocity (command units/s), `turn` command units per turn, and a motor
+    /// current (mA).
     pub(super) fn of(pulses: i64, velocity: f64, turn: u16, current_ma: u32) -> Self {
         let turn_units = i64::from(turn.max(1));
         let single_turn = pulses.rem_euclid(turn_units);
@@ -53,7 +54,8 @@ impl Monitored {
     }
 }
 
-/// The sine of 0 to 360 degrees to 0.2 %, by the formula of Bhaskara: every target computes the same bits.
+/// The sine of an angle from 0 to 360 degrees, exact to 0.2 %, by Bhaskara's formula: it gives the same bits on every
+/// target.
 fn sine(degrees: f64) -> f64 {
     let half = degrees % 180.0;
     let product = half * (180.0 - half);
@@ -61,12 +63,12 @@ fn sine(degrees: f64) -> f64 {
     if degrees < 180.0 { sine } else { -sine }
 }
 
-/// The 16-bit word of a number with that place, from the lowest.
+/// The 16-bit word of a number at `place`; 0 is the lowest word.
 const fn words(number: i64, place: u32) -> i64 {
     (number >> (16 * place)) & 0xFFFF
 }
 
-/// U0-10 to U0-13: the number of command pulses in 63 bits, and above them 1 for the negative direction.
+/// U0-10 to U0-13: the magnitude of the command pulses in 63 bits; the top bit is 1 for the negative direction.
 fn command_pulses(drive: &Dp3cl, place: u32) -> i64 {
     let pulses = drive.monitored().pulses;
     let bits = pulses.unsigned_abs() & !(1 << 63) | u64::from(pulses < 0) << 63;

@@ -1,8 +1,9 @@
-//! How the modes of operation move the axis: a position demand is made here, slice by slice, and the axis follows it.
+//! The motion of the axis in each mode of operation. This file computes a position demand slice by slice; the axis follows
+//! it.
 //!
-//! Homing is that of the axis. In every other mode the axis follows a position: in CSP that of the process data, in the
-//! profile modes the one that [`Profile`] makes. Positions are command units of the shaft here; the polarity, 0x607E, is
-//! applied where objects are read and written.
+//! Homing is a mode of the axis itself. In every other mode the axis follows a position: in CSP that of the process data,
+//! in the profile modes that of [`Profile`]. Positions here are command units of the shaft; the polarity, 0x607E, is
+//! applied when objects are read and written.
 
 use super::alarms::Dp3clAlarm;
 use super::objects::{self, Limits};
@@ -15,50 +16,51 @@ use crate::slave::device::Model;
 use crate::slave::state_machine::Power;
 use crate::slave::switches::Input;
 
-/// \[OURS] How often the demand of the profile modes is computed.
+/// \[OURS] The interval at which the demand of the profile modes is computed, ns.
 const SLICE_NS: Ns = 1_000_000;
 
-/// How long something has been so, for the windows of positions and speeds.
+/// Measures for how long a condition has been true without a break, ns. Used for position and speed windows.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stopwatch(Ns);
 
 impl Stopwatch {
-    /// `ns` have passed; whether it has been so for longer than that many milliseconds.
+    /// Advances by `ns` with the present value of the condition. Returns whether it has been true for longer than `ms`
+    /// milliseconds.
     fn longer_than(&mut self, is_so: bool, ms: u16, ns: Ns) -> bool {
         self.0 = if is_so { self.0.saturating_add(ns) } else { 0 };
         is_so && self.0 > Ns::from(ms) * 1_000_000
     }
 }
 
-/// What a mode of operation keeps while it moves the axis.
+/// The state of the modes of operation.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    /// 0x6060 as it was written.
+    /// The mode that was written to 0x6060.
     pub(super) requested: i8,
-    /// 0x6061.
+    /// The active mode, 0x6061.
     pub(super) active: Dp3clMode,
-    /// 0x607A as it was written.
+    /// The target position as written to 0x607A.
     pub(super) target_position: i32,
-    /// The target of CSP has come since the mode was entered.
+    /// Whether a target position has come since CSP was entered.
     pub(super) target_came: bool,
-    /// 0x60FF as it was written.
+    /// The target velocity as written to 0x60FF.
     pub(super) target_velocity: i32,
     profile: Profile,
     set_points: SetPoints,
-    /// A limit switch or a software limit holds the axis back.
+    /// Whether a limit switch or a software limit restricts the motion.
     limited: bool,
-    /// The demand of CSP brakes on a ramp in this slice, so that its velocity is the ramp's.
+    /// Whether the demand of CSP brakes on a ramp in this slice, so that its velocity is that of the ramp.
     brakes: bool,
     was_enabled: bool,
     outside: Stopwatch,
     inside: Stopwatch,
     slow: Stopwatch,
-    /// Statusword bits 10 to 13 of the mode.
+    /// Statusword bits 10 to 13, which depend on the mode.
     bits: u16,
 }
 
 impl Motion {
-    /// The motion of a drive at power-on.
+    /// The state at power-on.
     pub(super) fn new() -> Self {
         Self {
             requested: 0,
@@ -83,14 +85,14 @@ impl Motion {
         self.profile.velocity()
     }
 
-    /// The bits of the statusword.
+    /// Statusword bits 10 to 13.
     pub(super) const fn bits(&self) -> u16 {
         self.bits
     }
 }
 
 impl Dp3cl {
-    /// `dt_ns` pass in the modes of operation.
+    /// Advances the modes of operation by `dt_ns`.
     pub(super) fn run_modes(&mut self, dt_ns: Ns) {
         self.motion.limited = false;
         let mut left = dt_ns;
@@ -104,7 +106,7 @@ impl Dp3cl {
         self.supervise(dt_ns);
     }
 
-    /// Whether the modes of operation move the axis: it has power, and does not brake by itself.
+    /// Whether the modes of operation control the axis: it has power and does not brake on its own.
     pub(super) fn is_in_control(&self) -> bool {
         self.axis.follows() && self.axis.machine().power() == Power::Follow
     }
@@ -134,7 +136,7 @@ impl Dp3cl {
         self.check_mode();
     }
 
-    /// The power stage does not follow: there is no motion to go on with, and the demand is where the axis is.
+    /// Cancels all motion while the power stage does not follow: the demand is the present position of the axis.
     fn stand_by(&mut self) {
         let position = self.axis.demand();
         let word = self.axis.machine().controlword().0;
@@ -144,13 +146,13 @@ impl Dp3cl {
         self.axis.targets_mut().position = position as i32;
     }
 
-    /// Whether the mode can be changed now. In homing the axis itself brakes after the mode was left.
+    /// Whether the mode can change now. On leaving homing, the axis itself brakes.
     fn stands_for_change(&self) -> bool {
         self.motion.active == Dp3clMode::Homing || self.motion.profile.stands()
     }
 
-    /// \[OURS] A mode is changed in any state of the drive; an axis that moves first stops on the quick-stop ramp. A mode that
-    /// the drive does not have changes nothing (E-881).
+    /// \[OURS] Brakes on the quick-stop ramp before a change of mode. The mode can be changed in any state of the drive. An
+    /// unsupported mode changes nothing (E-881).
     fn brake_for_change(&mut self, ns: Ns) {
         let ramp = self.ramp(objects::QUICK_STOP);
         self.motion.profile.brake(ramp, ns);
@@ -164,7 +166,7 @@ impl Dp3cl {
         (self.motion.inside, self.motion.slow) = Default::default();
     }
 
-    /// Moves the demand as the mode says.
+    /// Moves the demand for `ns` according to the active mode.
     fn move_demand(&mut self, ns: Ns) {
         match self.motion.active {
             Dp3clMode::Homing => return,
@@ -183,7 +185,7 @@ impl Dp3cl {
         self.axis.targets_mut().position = self.motion.profile.position() as i32;
     }
 
-    /// CSP: the target position plus the position offset, 0x60B0.
+    /// CSP: moves the demand to the target position plus the position offset, 0x60B0.
     fn follow_process_data(&mut self, ns: Ns) {
         let demand = self.axis.demand();
         if !self.motion.target_came {
@@ -192,7 +194,7 @@ impl Dp3cl {
         }
         let offset = self.base().values.get(objects::POSITION_OFFSET);
         let target = self.shaft_position(self.motion.target_position.wrapping_add(offset));
-        // The position nearest to the demand that has those low 32 bits.
+        // The position that is nearest to the demand and has these low 32 bits.
         let wanted = demand.wrapping_add(target.wrapping_sub(demand as i32).into());
         let allowed = self.within_limits(wanted);
         let way = allowed.wrapping_sub(demand);
@@ -205,7 +207,7 @@ impl Dp3cl {
         profile.brake(ramp, ns);
         let beyond = profile.position().wrapping_sub(allowed);
         if beyond.signum() == way.signum() {
-            // From beyond the target the way back would be a jump.
+            // Braking may end beyond the target. Stay at the target then, since moving back would be a jump.
             *profile = Profile::moving_at(allowed, profile.velocity());
         }
         self.motion.brakes = true;
@@ -251,15 +253,15 @@ impl Dp3cl {
         }
     }
 
-    /// The velocity that 0x60FF asks for, command units/s of the shaft, within 0x607F and 0x6080.
+    /// The velocity that 0x60FF requests, command units/s of the shaft, limited by 0x607F and 0x6080.
     fn wanted_velocity(&self) -> f64 {
         let wanted = self.units_per_second(self.motion.target_velocity) * self.velocity_sign();
         let most = self.velocity_max();
         wanted.clamp(-most, most)
     }
 
-    /// A speed of an object in 0.1 rpm, command units/s. \[OURS] 0x60FF, 0x606B, 0x606D and 0x606F are in 0.1 rpm as the
-    /// manual prints of the first, unless the variant says that they are in command units/s.
+    /// Converts a speed of an object into command units/s. \[OURS] 0x60FF, 0x606B, 0x606D and 0x606F are in 0.1 rpm, as the
+    /// manual says of the first, unless the variant `speeds_in_units` is on.
     fn units_per_second(&self, speed: i32) -> f64 {
         if self.config.variants.speeds_in_units {
             return f64::from(speed);
@@ -267,7 +269,7 @@ impl Dp3cl {
         f64::from(speed) * f64::from(self.memory.subdivision()) / 600.0
     }
 
-    /// The inverse of it.
+    /// Converts command units/s into the unit of speed objects: the inverse of [`Self::units_per_second`].
     pub(super) fn as_speed(&self, units_per_second: f64) -> f64 {
         if self.config.variants.speeds_in_units {
             return units_per_second;
@@ -275,7 +277,7 @@ impl Dp3cl {
         units_per_second * 600.0 / f64::from(self.memory.subdivision())
     }
 
-    /// The smaller one of 0x607F and 0x6080, command units/s.
+    /// The lower of the limits 0x607F and 0x6080, command units/s.
     fn velocity_max(&self) -> f64 {
         let values = &self.base().values;
         let by_profile = f64::from(values.get(objects::MAX_PROFILE_VELOCITY));
@@ -283,7 +285,7 @@ impl Dp3cl {
         by_profile.min(by_motor)
     }
 
-    /// The ramps and the speed of the profile modes: 0x6081 to 0x6084, within 0x607F, 0x6080, 0x60C5 and 0x60C6.
+    /// The speed and the ramps of the profile modes: 0x6081 to 0x6084, limited by 0x607F, 0x6080, 0x60C5 and 0x60C6.
     fn position_ramps(&self) -> Ramps {
         let values = &self.base().values;
         let within = |ramp, most| self.ramp(ramp).min(self.ramp(most));
@@ -294,7 +296,7 @@ impl Dp3cl {
         }
     }
 
-    /// The ramp of a halt, by the halt option code 0x605D.
+    /// The ramp of a halt, selected by the halt option code 0x605D.
     fn halt_ramp(&self) -> f64 {
         match self.base().values.get(objects::HALT_OPTION) {
             1 => self.position_ramps().deceleration,
@@ -302,8 +304,8 @@ impl Dp3cl {
         }
     }
 
-    /// The target within the position range 0x607B and the software limits 0x607D. \[OURS] A pair whose minimum is not less
-    /// than its maximum is off.
+    /// Limits a target to the position range 0x607B and the software limits 0x607D. \[OURS] A pair whose minimum is not
+    /// less than its maximum has no effect.
     fn within_limits(&mut self, wanted: i64) -> i64 {
         let mut allowed = wanted;
         for Limits { min, max } in [objects::POSITION_RANGE, objects::SOFTWARE_LIMITS] {
@@ -319,7 +321,8 @@ impl Dp3cl {
         allowed
     }
 
-    /// Whether a limit switch is active in the direction of a motion. \[OURS] It stops the axis on the quick-stop ramp.
+    /// Whether the limit switch in the direction of motion (the sign of `direction`) is active. \[OURS] It stops the axis
+    /// on the quick-stop ramp.
     fn is_blocked(&mut self, direction: f64) -> bool {
         let inputs = self.axis.inputs();
         let blocked =
@@ -328,7 +331,7 @@ impl Dp3cl {
         blocked
     }
 
-    /// E-881: the drive is enabled without a mode, or in one that it does not have.
+    /// Raises E-881 if the drive is enabled without a mode or in an unsupported one.
     fn check_mode(&mut self) {
         let is_enabled = self.axis.machine().state() == DriveState::OperationEnabled;
         let was_enabled = std::mem::replace(&mut self.motion.was_enabled, is_enabled);
@@ -339,7 +342,7 @@ impl Dp3cl {
         }
     }
 
-    /// Compares demand and actual values with their windows, and makes the bits of the statusword.
+    /// Compares demand and actual values with their windows, and sets statusword bits 10 to 13.
     fn supervise(&mut self, dt_ns: Ns) {
         let values = &self.base().values;
         let lag = self.following_error().unsigned_abs();

@@ -1,8 +1,8 @@
-//! The object dictionary of the DP3CL, its PDOs, and the settings that its axis reads from them. Positions in command units,
-//! speeds in command units/s unless the row says otherwise.
+//! The object dictionary of the DP3CL, its PDOs, and the settings that its axis reads from them. Positions are in command
+//! units, speeds in command units/s unless the row says otherwise.
 //!
-//! \[OURS] Both the objects of the manual and those that only the maker's slave description has are there, and values at
-//! power-on, which the manual prints nowhere for 0x6000 to 0x6FFF, are the defaults of the rows.
+//! \[OURS] The dictionary contains the objects of the manual and those that only the manufacturer's ESI file has. For
+//! 0x6000 to 0x6FFF the manual gives no power-on values; the defaults of the rows stand in for them.
 
 use super::monitors::MONITOR_ROWS;
 use super::parameters::{COMMANDS, ENCODER_COUNTS, PARAMETER_ROWS, SUBDIVISION};
@@ -17,7 +17,7 @@ use crate::slave::homing::method::Method;
 use crate::slave::process_data::{IMAGE_BYTES_MAX, MappingLimits, Pdo, rx_pdo, tx_pdo};
 use crate::slave::state_machine::OptionCodes;
 
-/// The identity. \[OURS] Of the two that the maker's slave description has, that of its device type.
+/// The identity. \[OURS] The manufacturer's ESI file has two identities; this is the one of its device type.
 pub(super) const IDENTITY: Identity = Identity {
     // Device profile 402, stepper.
     device_type: 0x0004_0192,
@@ -27,10 +27,10 @@ pub(super) const IDENTITY: Identity = Identity {
     revision: 0x2021_1108,
 };
 
-/// The most bytes of process data of one direction. \[OURS] It is the sum of the tables that are assigned, and is checked
-/// in the change to SafeOP.
+/// The maximum number of process data bytes per direction. \[OURS] It limits the sum of the assigned PDOs and is checked on
+/// the change to SafeOP.
 const PROCESS_DATA_BYTES_MAX: usize = 24;
-/// \[OURS] Sub-indices 1 to 24 of a table as in the manual; padding is refused.
+/// \[OURS] A PDO has sub-indices 1 to 24, as in the manual; padding entries are refused.
 pub(super) const LIMITS: MappingLimits = MappingLimits {
     entries: 24,
     pdos: 4,
@@ -38,15 +38,15 @@ pub(super) const LIMITS: MappingLimits = MappingLimits {
     padding: false,
     long_pdos_refused: false,
 };
-/// The same with 10 entries, as the maker's slave description has them.
+/// The same limits with 10 sub-indices, as in the manufacturer's ESI file.
 pub(super) const TEN_ENTRIES: MappingLimits = MappingLimits { entries: 10, ..LIMITS };
 const _: () = assert!(PROCESS_DATA_BYTES_MAX <= IMAGE_BYTES_MAX, "the image has room");
 
-/// 0x6502. \[OURS] Profile position, profile velocity, homing, CSP.
+/// 0x6502, supported modes. \[OURS] Profile position, profile velocity, homing, CSP.
 const SUPPORTED_MODES: i64 = 0xA5;
-/// The value of 0x1C32:1 and 0x1C33:1 with SYNC0.
+/// The synchronization type SYNC0 for 0x1C32:1 and 0x1C33:1.
 pub(super) const DC_SYNC0: u16 = 2;
-/// 0x1C32:4 and 0x1C33:4.
+/// The supported synchronization types, 0x1C32:4 and 0x1C33:4.
 const SYNC_TYPES: i64 = 0x8007;
 
 pub(super) const OUTPUT_SYNC_TYPE: Slot<u16> = slot(OBJECTS, 0x1C32, 1);
@@ -81,7 +81,7 @@ const HOMING_ZERO_SPEED: Slot<u32> = slot(OBJECTS, 0x6099, 2);
 const HOMING_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x609A, 0);
 const HOME_OFFSET: Slot<i32> = slot(OBJECTS, 0x607C, 0);
 
-/// Two objects that are the ends of a range of positions.
+/// The two objects that limit a range of positions.
 pub(super) struct Limits {
     pub(super) min: Slot<i32>,
     pub(super) max: Slot<i32>,
@@ -90,11 +90,12 @@ pub(super) struct Limits {
 pub(super) const POSITION_RANGE: Limits = Limits { min: slot(OBJECTS, 0x607B, 1), max: slot(OBJECTS, 0x607B, 2) };
 pub(super) const SOFTWARE_LIMITS: Limits = Limits { min: slot(OBJECTS, 0x607D, 1), max: slot(OBJECTS, 0x607D, 2) };
 
-/// The settings that the axis reads. Limits and windows are those of the drive itself, not of the axis. \[OURS] A ramp of 0
-/// is taken as 1, so that every motion ends.
+/// The settings for the axis. Limits and windows are not among them, because the drive itself checks those. \[OURS] A ramp
+/// of 0 counts as 1, so that every motion ends.
 pub(super) fn settings(values: &Values) -> Settings {
     let ramp = |slot: Slot<u32>| values.get(slot).max(1);
-    // The offset is a position of objects, and home one of the shaft. [OURS] At home 0x6064 becomes the offset, with its sign.
+    // The home offset is a position of the objects, but home is a position of the shaft. [OURS] At home 0x6064 becomes the
+    // offset with its sign.
     let reversed = values.get(POLARITY) & 1 << 7 != 0;
     let offset = values.get(HOME_OFFSET);
     Settings {
@@ -125,13 +126,13 @@ pub(super) fn settings(values: &Values) -> Settings {
 }
 
 impl Dp3cl {
-    /// A ramp of the objects, command units/s².
+    /// A ramp from the objects, command units/s².
     pub(super) fn ramp(&self, slot: Slot<u32>) -> f64 {
         self.base().values.get(slot).max(1).into()
     }
 }
 
-/// An object that the axis reads was written.
+/// Passes new settings to the axis after one of its objects was written.
 fn changed(drive: &mut Dp3cl) {
     let settings = settings(&drive.base.values);
     drive.axis.apply_settings(settings);
@@ -145,7 +146,7 @@ const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 10] = [
     DESCRIPTION,
     &identity(),
-    // [OURS] The synchronization types at power-on are those of the maker's slave description.
+    // [OURS] The synchronization types at power-on are those of the manufacturer's ESI file.
     &both(
         Row::u16(0x1C32, 1, "Synchronization type").rw().default(0x0001),
         Row::u16(0x1C33, 1, "Synchronization type").rw().default(0x0022),
@@ -160,7 +161,7 @@ const PARTS: [&[Row]; 10] = [
     PROBES_AND_INPUTS,
 ];
 
-/// The PDOs at power-on, as the maker's slave description has them. \[OURS] The first one of each direction is assigned.
+/// The PDOs at power-on, as in the manufacturer's ESI file. \[OURS] The first PDO of each direction is assigned.
 pub(super) const PDOS: &[Pdo<Dp3cl>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60B8_0010]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x607A_0020, 0x6081_0020, 0x6083_0020, 0x6084_0020, 0x6060_0008]),
@@ -184,7 +185,7 @@ pub(super) const PDOS: &[Pdo<Dp3cl>] = &[
 
 const DESCRIPTION: &[Row] = &[
     Row::u32(0x1000, 0, "Device type").default(IDENTITY.device_type as i64),
-    // [OURS] Of 8 bits, as chapter 8 of the manual says, and it can be mapped, as chapter 5 says.
+    // [OURS] 8 bits wide, as chapter 8 of the manual says, and mappable, as chapter 5 says.
     Row::u8(0x1001, 0, "Error register").tx().live(error_register),
     Row::text(0x1008, 0, "Device name", |_| DEVICE_NAME),
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
@@ -204,7 +205,7 @@ fn error_register(drive: &Dp3cl) -> i64 {
 
 const I32_RANGE: std::ops::RangeInclusive<i64> = i32::MIN as i64..=i32::MAX as i64;
 
-/// A position as an object of 32 bits.
+/// The low 32 bits of a position, as the value of an object.
 fn as_i32(value: i64) -> i64 {
     value as i32 as i64
 }
@@ -222,13 +223,13 @@ fn set_controlword(drive: &mut Dp3cl, word: i64) -> Result<(), AbortCode> {
     Ok(())
 }
 
-/// 0x6060. \[OURS] A mode that the drive does not have is accepted, and raises E-881 when the drive is enabled.
+/// Writes 0x6060. \[OURS] An unsupported mode is accepted and raises E-881 when the drive is enabled.
 fn set_mode(drive: &mut Dp3cl, mode: i64) -> Result<(), AbortCode> {
     drive.motion.requested = mode as i8;
     Ok(())
 }
 
-/// 0x6092:1, which is P0-01.
+/// Writes 0x6092:1, which sets P0-01.
 fn set_feed(drive: &mut Dp3cl, units: i64) -> Result<(), AbortCode> {
     match units {
         ..200 => Err(AbortCode::VALUE_LOW),
@@ -249,7 +250,7 @@ const CONTROL: &[Row] = &[
         .live(|drive| drive.axis.machine().controlword().0.into())
         .setter(set_controlword),
     Row::u16(0x6041, 0, "Statusword").tx().live(|drive| drive.statusword().0.into()),
-    // [OURS] The manual prints no values of the option codes: these are those of CiA 402.
+    // [OURS] The manual gives no values for the option codes; these are the values of CiA 402.
     Row::i16(0x605A, 0, "Quick stop option code").rw().range(0, 8).default(2).changed(changed),
     Row::i16(0x605B, 0, "Shutdown option code").rw().range(0, 1).changed(changed),
     Row::i16(0x605C, 0, "Disable operation option code").rw().range(0, 1).default(1).changed(changed),
@@ -280,14 +281,14 @@ const CONTROL: &[Row] = &[
     Row::i16(0x6074, 0, "Torque demand").tx(),
     Row::u32(0x6075, 0, "Motor rated current"),
     Row::u32(0x6076, 0, "Motor rated torque"),
-    // [OURS] An open loop drive does not measure torque.
+    // [OURS] An open-loop drive does not measure torque, so this reads 0.
     Row::i16(0x6077, 0, "Torque actual value").tx(),
     Row::i16(0x6078, 0, "Current actual value").tx().live(current_permille),
-    // [OURS] In mV.
+    // [OURS] The unit is mV.
     Row::u32(0x6079, 0, "DC link voltage").tx().live(|drive| drive.config.supply_mv.into()),
 ];
 
-/// 0x6078, 0.1 % \[OURS] of the peak current.
+/// 0x6078, motor current in 0.1 % \[OURS] of the peak current.
 fn current_permille(drive: &Dp3cl) -> i64 {
     i64::from(drive.motor_ma()) * 1000 / i64::from(drive.peak_ma().max(1))
 }
@@ -327,7 +328,8 @@ const MOTION: &[Row] = &[
     Row::u8(0x6092, 0, "Feed constant").default(2),
     Row::u32(0x6092, 1, "Feed").rw().live(|drive| drive.base.values.get(SUBDIVISION).into()).setter(set_feed),
     Row::u32(0x6092, 2, "Shaft revolutions").rw().default(1),
-    // [OURS] What the manual has and the maker's description does not, 0x6093, 0x60C0 and 0x60C1, is there and cannot be mapped.
+    // [OURS] The manual has 0x6093, 0x60C0 and 0x60C1, but the manufacturer's ESI file does not: they exist and cannot be
+    // mapped.
     Row::u8(0x6093, 0, "Position factor").default(2),
     Row::u32(0x6093, 1, "Numerator").rw(),
     Row::u32(0x6093, 2, "Divisor").rw(),
@@ -340,7 +342,7 @@ const MOTION: &[Row] = &[
     Row::u32(0x6502, 0, "Supported drive modes").tx().default(SUPPORTED_MODES),
 ];
 
-/// Homing, offsets and what is stored only: 0x6098 to 0x60F2.
+/// Homing, offsets, and objects without an effect: 0x6098 to 0x60F2.
 const HOMING_AND_OFFSETS: &[Row] = &[
     Row::i8(0x6098, 0, "Homing method")
         .rw()
@@ -365,7 +367,7 @@ const HOMING_AND_OFFSETS: &[Row] = &[
     Row::i16(0x60C0, 0, "Interpolation sub mode").rw(),
     Row::u8(0x60C1, 0, "Interpolation data record").default(1),
     Row::u32(0x60C1, 1, "Interpolation data record 1").rw(),
-    // [OURS] The cycle is that of SYNC0: these are stored, and another cycle raises nothing.
+    // [OURS] The cycle time is that of SYNC0. These values are only stored, and a different cycle time raises no alarm.
     Row::u8(0x60C2, 0, "Interpolation time period").default(2),
     Row::u8(0x60C2, 1, "Period").rw().range(1, 20).default(1),
     Row::i8(0x60C2, 2, "Index").rw().range(-3, -3).default(-3),
@@ -373,7 +375,7 @@ const HOMING_AND_OFFSETS: &[Row] = &[
     Row::u32(0x60C6, 0, "Max deceleration").rw().rx().default(1_000_000),
     Row::u16(0x60E0, 0, "Positive torque limit").rw().rx(),
     Row::u16(0x60E1, 0, "Negative torque limit").rw().rx(),
-    // [OURS] It can be mapped and is ignored: relative targets are added to the last one.
+    // [OURS] Mappable, and without effect: relative targets are always added to the last target.
     Row::u16(0x60F2, 0, "Positioning option code").rw().rx(),
 ];
 
@@ -397,7 +399,7 @@ const PROBES_AND_INPUTS: &[Row] = &[
         .live(|drive| as_i32(drive.as_increments(drive.demand_value()))),
     Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
-    // [OURS] They are stored, and drive no output.
+    // [OURS] The values are stored and drive no output.
     Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
     Row::u32(0x60FE, 2, "Bit mask").rw().rx(),
 ];

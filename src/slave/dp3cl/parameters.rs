@@ -1,8 +1,8 @@
-//! The parameters P0 to P8 (0x2000 plus the printed address) and the commands F0 (0x4000): their rows, and which of their
-//! values are in force when.
+//! The parameters P0 to P8 (0x2000 plus the printed address) and the commands F0 (0x4000): their rows, their saved values,
+//! and when a value takes effect.
 //!
-//! A parameter has three values: the one that SDOs read and write; the saved one, which F0-02 makes of it and which a
-//! restart brings back; and, for P0-01 and P0-02, the one in force, which only a restart changes. Parameters that the manual
+//! A parameter has up to three values: the value that SDOs read and write; the saved value, which F0-02 stores and a
+//! restart restores; and, for P0-01 and P0-02, the active value, which only a restart changes. Parameters that the manual
 //! lists without a meaning, or not at all, store what is written.
 
 use super::objects::OBJECTS;
@@ -11,11 +11,11 @@ use crate::ethercat::cia402::DriveState;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{Object, Slot, Values, slot};
 
-/// P0-01 from the factory: command units of a turn of the motor.
+/// P0-01, factory value: command units per turn of the motor.
 pub(super) const SUBDIVISION_DEFAULT: u16 = 10_000;
-/// P4-01: counts of a turn, after multiplication by 4, that the drive shows as those of an encoder.
+/// P4-01: encoder counts per turn (after multiplication by 4) for the positions in encoder counts.
 pub(super) const ENCODER_COUNTS: u16 = 4000;
-/// The indexes of parameters.
+/// The index range of the parameters.
 const PARAMETERS: std::ops::RangeInclusive<u16> = 0x2000..=0x2FFF;
 
 pub(super) const SUBDIVISION: Slot<u16> = slot(OBJECTS, 0x2001, 0);
@@ -34,14 +34,14 @@ pub(super) const UNDER_VOLTAGE: Slot<u16> = slot(OBJECTS, 0x2302, 0);
 pub(super) const PEAK_CURRENT: Slot<u16> = slot(OBJECTS, 0x2400, 0);
 pub(super) const SET_ADDRESS: Slot<u16> = slot(OBJECTS, 0x2700, 0);
 
-/// The values from the factory.
+/// The factory values of all objects for a rating.
 pub(super) fn factory(rating: Rating) -> Values {
     let mut values = Values::new(OBJECTS);
     values.set(PEAK_CURRENT, rating.peak_default_100ma());
     values
 }
 
-/// What the memory of the drive keeps while it has no power, and what it read from it at power-on.
+/// The non-volatile memory of the drive, and the parameters that were read from it at power-on.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
     saved: Values,
@@ -50,24 +50,24 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// The memory of a drive as it comes from the factory.
+    /// The memory of a drive with factory parameters.
     pub(super) fn new(factory: Values) -> Self {
         let (subdivision, filter_time) = (factory.get(SUBDIVISION), factory.get(FILTER_TIME));
         Self { saved: factory, subdivision, filter_time }
     }
 
-    /// F0-02: saves the parameters.
+    /// F0-02: saves the parameters in the memory.
     pub(super) fn save(&mut self, values: &Values) {
         self.saved.copy(values, OBJECTS, PARAMETERS);
     }
 
-    /// F0-01: the parameters become those of the factory. \[OURS] They are saved, too.
+    /// F0-01: resets the parameters to their factory values. \[OURS] Saves them too.
     pub(super) fn restore(&mut self, values: &mut Values, rating: Rating) {
         values.copy(&factory(rating), OBJECTS, PARAMETERS);
         self.save(values);
     }
 
-    /// The drive is switched on: its values then, with `station`, if the dial switch sets one, in P7-00 for good.
+    /// The object values at power-on. If the dial switch gives a `station` number, it is stored in P7-00 permanently.
     pub(super) fn load(&mut self, rating: Rating, station: Option<u16>) -> Values {
         if let Some(station) = station {
             self.saved.set(SET_ADDRESS, station);
@@ -78,18 +78,19 @@ impl Memory {
         values
     }
 
-    /// P0-01 in force: command units of a turn.
+    /// The active value of P0-01: command units per turn.
     pub(super) const fn subdivision(&self) -> u16 {
         self.subdivision
     }
 
-    /// P0-02 in force: the time of the command filter. \[OURS] The manual prints no unit, and the filter has no effect here.
+    /// The active value of P0-02: the time of the command filter. \[OURS] The manual gives no unit, and the simulated
+    /// filter has no effect.
     pub(super) const fn filter_time(&self) -> u16 {
         self.filter_time
     }
 }
 
-/// A command F0.
+/// A command of the group F0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Command {
     ClearAlarm,
@@ -97,8 +98,8 @@ enum Command {
     Save,
 }
 
-/// A row of a command. \[OURS] It reads 0, acts when 1 is written after 0, and in Operation enabled only the alarm can be
-/// cleared.
+/// The row of a command. \[OURS] It reads 0 and executes when 1 is written after 0. In Operation enabled only "clear alarm"
+/// is allowed.
 const fn command(index: u16, name: &'static str, set: fn(&mut Dp3cl, i64) -> Result<(), AbortCode>) -> Row {
     Row::bool(index, 0, name).rw().live(|_| 0).setter(set)
 }
@@ -124,12 +125,12 @@ fn execute(drive: &mut Dp3cl, command: Command, value: i64) -> Result<(), AbortC
     Ok(())
 }
 
-/// The greatest peak current depends on the rating.
+/// Checks the peak current against the maximum of the rating.
 fn accept_peak_current(drive: &Dp3cl, _at: ObjectAddress, value: i64) -> Result<(), AbortCode> {
     if value > drive.config.rating.peak_max_100ma().into() { Err(AbortCode::VALUE_HIGH) } else { Ok(()) }
 }
 
-/// A parameter that gives a terminal a function was written.
+/// Reconnects the input functions after a parameter that assigns a terminal was written.
 fn rewire(drive: &mut Dp3cl) {
     drive.rewire();
 }
@@ -143,9 +144,9 @@ pub(super) const COMMANDS: &[Row] = &[
     command(0x4002, "F0-02 Save parameters", |drive, value| execute(drive, Command::Save, value)),
 ];
 
-/// The rows of the parameters. Names without a word are those of parameters that the manual does not explain. \[OURS] All
-/// are of 16 bits without a sign, as the maker's slave description has them: their ranges exceed those that the manual's
-/// INTEGER16 has.
+/// The rows of the parameters. Rows whose name is only a number are parameters that the manual does not explain. \[OURS]
+/// All are unsigned 16-bit values, as in the manufacturer's ESI file, since their ranges exceed the INTEGER16 of the
+/// manual.
 pub(super) const PARAMETER_ROWS: &[Row] = &[
     Row::u16(0x2000, 0, "P0-00").rw().backup(),
     Row::u16(0x2001, 0, "P0-01 Subdivision").rw().backup().range(200, 51200).default(SUBDIVISION_DEFAULT as i64),
@@ -257,7 +258,7 @@ pub(super) const PARAMETER_ROWS: &[Row] = &[
     Row::u16(0x2702, 0, "P7-02").rw().backup(),
     Row::u16(0x2703, 0, "P7-03").rw().backup(),
     Row::u16(0x2704, 0, "P7-04").rw().backup(),
-    // [OURS] Sampling channels are addresses, so that the digits that the manual prints are hexadecimal.
+    // [OURS] Sampling channels are addresses, so the digits in the manual are hexadecimal.
     Row::u16(0x2800, 0, "P8-00 Sampling channel 1").rw().backup().default(0x8001),
     Row::u16(0x2801, 0, "P8-01 Sampling channel 2").rw().backup().default(0x8003),
     Row::u16(0x2802, 0, "P8-02 Sampling channel 3").rw().backup(),

@@ -1,21 +1,21 @@
-//! The ramps of profile position, profile velocity and halt: a position demand that never exceeds a velocity, an acceleration
-//! and a deceleration (0x6086 = 0, linear ramps). Positions in command units, speeds in command units/s.
+//! The ramps of profile position, profile velocity and halt: a position demand with limited velocity, acceleration and
+//! deceleration (0x6086 = 0, linear ramps). Positions are in command units, speeds in command units/s.
 
 use crate::ethercat::Ns;
 use crate::slave::axis::rounded;
 
-/// The limits of a profile.
+/// The limits of a motion profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ramps {
-    /// The greatest speed.
+    /// The maximum speed, units/s.
     pub(super) velocity: f64,
-    /// How fast the speed grows, units/s².
+    /// The rate at which the speed increases, units/s².
     pub(super) acceleration: f64,
-    /// How fast the speed shrinks, units/s².
+    /// The rate at which the speed decreases, units/s².
     pub(super) deceleration: f64,
 }
 
-/// A position demand and how fast it moves.
+/// A position demand with its velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Profile {
     whole: i64,
@@ -24,17 +24,17 @@ pub(super) struct Profile {
 }
 
 impl Profile {
-    /// A demand that stands at a position.
+    /// A demand at standstill at a position.
     pub(super) const fn standing_at(position: i64) -> Self {
         Self { whole: position, fraction: 0.0, velocity: 0.0 }
     }
 
-    /// A demand at a position that moves with a velocity.
+    /// A demand at a position that moves with a velocity, units/s.
     pub(super) const fn moving_at(position: i64, velocity: f64) -> Self {
         Self { whole: position, fraction: 0.0, velocity }
     }
 
-    /// The position, to the nearest unit.
+    /// The position, rounded to the nearest unit.
     pub(super) const fn position(&self) -> i64 {
         self.whole
     }
@@ -44,12 +44,12 @@ impl Profile {
         self.velocity
     }
 
-    /// Whether the demand stands still.
+    /// Whether the demand is at standstill.
     pub(super) const fn stands(&self) -> bool {
         self.velocity == 0.0
     }
 
-    /// `ns` pass on the way to a position. True: the demand has arrived there and stands.
+    /// Moves the demand for `ns` towards a target position. Returns true once the demand is at standstill there.
     pub(super) fn run_to(&mut self, target: i64, ramps: &Ramps, ns: Ns) -> bool {
         let seconds = ns as f64 / 1e9;
         let Ramps { velocity, acceleration, deceleration } = *ramps;
@@ -62,12 +62,12 @@ impl Profile {
         let towards = if left < 0.0 { -1.0 } else { 1.0 };
         let (way, now) = (left * towards, self.velocity * towards);
         if now < 0.0 {
-            // The demand still moves away from its target.
+            // The demand is still moving away from its target.
             self.move_on((now + least_step).min(0.0) * towards, seconds);
             return false;
         }
-        // The greatest velocity at the end of this time from which the deceleration still stops at the target: it solves
-        // to^2 / 2d + (now + to) t / 2 = way.
+        // The maximum velocity at the end of this time from which the deceleration still stops at the target: the solution
+        // of to^2 / 2d + (now + to) t / 2 = way.
         let root = seconds * seconds * 0.25 + 2.0 / deceleration * (way - now * seconds * 0.5);
         let stopping = if root > 0.0 { deceleration * (root.sqrt() - seconds * 0.5) } else { 0.0 };
         let wanted = stopping.clamp(0.0, velocity);
@@ -76,7 +76,7 @@ impl Profile {
         false
     }
 
-    /// `ns` pass while the velocity changes towards another one. True: it has that velocity.
+    /// Changes the velocity for `ns` towards `wanted`. Returns true once the demand has that velocity.
     pub(super) fn run_at(&mut self, wanted: f64, ramps: &Ramps, ns: Ns) -> bool {
         let seconds = ns as f64 / 1e9;
         let from = self.velocity;
@@ -88,14 +88,14 @@ impl Profile {
         to == wanted
     }
 
-    /// `ns` pass while the demand brakes to a standstill. True: it stands.
+    /// Brakes the demand for `ns`. Returns true once it is at standstill.
     pub(super) fn brake(&mut self, deceleration: f64, ns: Ns) -> bool {
         self.run_at(0.0, &Ramps { velocity: 0.0, acceleration: deceleration, deceleration }, ns)
     }
 
     fn move_on(&mut self, to: f64, seconds: f64) {
         if self.velocity == 0.0 && to == 0.0 {
-            // Half a unit would be rounded up and down for ever.
+            // A remainder of half a unit would be rounded up and down endlessly.
             return;
         }
         self.fraction += (self.velocity + to) * 0.5 * seconds;

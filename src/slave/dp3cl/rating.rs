@@ -1,6 +1,6 @@
-//! The ratings of the DP3CL.
+//! The ratings of the DP3CL: peak current and supply range.
 
-/// The rating of a DP3CL-ABC: the peak current and the supply.
+/// The rating of a DP3CL-ABC, encoded in its model number ABC: peak current and supply range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rating {
     /// DP3CL-305: 3 A, 20 to 50 V.
@@ -13,7 +13,7 @@ pub enum Rating {
 }
 
 impl Rating {
-    /// The number in the name of the model.
+    /// The number in the model name, such as 705.
     pub const fn number(self) -> u16 {
         match self {
             Self::A3 => 305,
@@ -22,7 +22,7 @@ impl Rating {
         }
     }
 
-    /// The greatest value of P4-00, peak current, 100 mA.
+    /// The maximum of P4-00, peak current, in units of 100 mA.
     pub const fn peak_max_100ma(self) -> u16 {
         match self {
             Self::A3 => 40,
@@ -31,7 +31,7 @@ impl Rating {
         }
     }
 
-    /// The value of P4-00 from the factory, 100 mA.
+    /// The factory value of P4-00, peak current, in units of 100 mA.
     pub const fn peak_default_100ma(self) -> u16 {
         match self {
             Self::A3 => 30,
@@ -40,8 +40,8 @@ impl Rating {
         }
     }
 
-    /// The highest supply voltage; above it the drive has the alarm over voltage. \[OURS] The manual gives the range of the
-    /// supply and no threshold of the alarm.
+    /// The maximum supply voltage, mV. A higher voltage raises the overvoltage alarm. \[OURS] The manual gives the supply
+    /// range but no threshold for the alarm.
     pub const fn supply_max_mv(self) -> u32 {
         match self {
             Self::A3 | Self::A7 => 50_000,

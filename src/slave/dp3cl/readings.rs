@@ -1,31 +1,31 @@
-//! What objects show of the motion: positions and velocities with the signs of the polarity, and the monitors.
+//! The motion values that objects show: positions and velocities with the signs of the polarity, and the monitors.
 
 use super::monitors::Monitored;
 use super::{Dp3cl, objects, parameters};
 
 impl Dp3cl {
-    /// The position of the shaft, counts: where it is jammed, or what the drive demands as far as the end stops allow.
+    /// The position of the shaft, counts: the position where it is jammed, or else the demand limited by the end stops.
     pub(super) fn shaft_position_now(&self) -> i64 {
         let position = self.jammed_at.unwrap_or(self.axis.plant().position());
         self.config.travel.stops.map_or(position, |(low, high)| position.clamp(low, high.max(low)))
     }
 
-    /// The sign of positions of objects against those of the shaft: bit 7 of the polarity, 0x607E.
+    /// The sign that converts shaft positions to object positions: bit 7 of the polarity, 0x607E.
     pub(super) fn position_sign(&self) -> i64 {
         if self.base.values.get(objects::POLARITY) & 1 << 7 != 0 { -1 } else { 1 }
     }
 
-    /// The sign of velocities of objects: bit 6 of the polarity.
+    /// The sign that converts shaft velocities to object velocities: bit 6 of the polarity, 0x607E.
     pub(super) fn velocity_sign(&self) -> f64 {
         if self.base.values.get(objects::POLARITY) & 1 << 6 != 0 { -1.0 } else { 1.0 }
     }
 
-    /// A position of an object as one of the shaft.
+    /// Converts a position of an object to a position of the shaft.
     pub(super) fn shaft_position(&self, position: i32) -> i32 {
         if self.position_sign() < 0 { position.wrapping_neg() } else { position }
     }
 
-    /// The target position, 0x607A, as one of the shaft.
+    /// The target position, 0x607A, as a position of the shaft.
     pub(super) fn shaft_target(&self) -> i32 {
         self.shaft_position(self.motion.target_position)
     }
@@ -45,13 +45,13 @@ impl Dp3cl {
         self.demand_value().wrapping_sub(self.actual_value())
     }
 
-    /// A position in command units as counts of the encoder, P4-01 of them a turn: 0x6063 and 0x60FC \[OURS].
+    /// Converts a position from command units to encoder counts, P4-01 counts per turn: 0x6063 and 0x60FC \[OURS].
     pub(super) fn as_increments(&self, position: i64) -> i64 {
         let turn = i128::from(self.memory.subdivision());
         (i128::from(position) * i128::from(parameters::ENCODER_COUNTS)).div_euclid(turn) as i64
     }
 
-    /// The velocity as objects have it, command units/s: that of the demand, or of the axis while it brakes by itself.
+    /// The velocity that objects show, command units/s: that of the demand, or of the axis while it brakes on its own.
     pub(super) fn velocity_value(&self) -> f64 {
         let velocity = if self.is_in_control() { self.motion.velocity() } else { self.axis.plant().velocity() };
         velocity * self.velocity_sign()
@@ -66,7 +66,7 @@ impl Dp3cl {
         self.on_ns / 1_000_000_000
     }
 
-    /// U3-08, the cycle of the drive. \[OURS] In microseconds.
+    /// U3-08, the cycle time of the drive. \[OURS] In microseconds.
     pub(super) const fn cycle_us(&self) -> i64 {
         (self.cycle_ns / 1000) as i64 & 0xFFFF
     }

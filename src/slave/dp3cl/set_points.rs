@@ -1,63 +1,64 @@
-//! Profile position: the handshake by which set-points are taken (controlword bits 4, 5 and 6, statusword bit 12).
+//! Profile position: the handshake for set-points (controlword bits 4, 5 and 6, statusword bit 12).
 
 use super::profile::Ramps;
 
-/// Controlword bit 4: a new set-point.
+/// Controlword bit 4: its rising edge gives a new set-point.
 const NEW_SET_POINT: u16 = 1 << 4;
-/// Controlword bit 5: change at once, interrupting the motion.
+/// Controlword bit 5: change immediately, interrupting the present motion.
 const AT_ONCE: u16 = 1 << 5;
 /// Controlword bit 6: the target position is relative.
 const RELATIVE: u16 = 1 << 6;
 
-/// The values that a set-point takes over when bit 4 rises.
+/// The object values that a set-point latches at the rising edge of bit 4.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SetPointValues {
-    /// 0x607A, with its sign for the shaft.
+    /// The target position 0x607A, with the sign of the shaft.
     pub(super) target: i32,
-    /// Speed and ramps. A speed of 0 cancels the set-point.
+    /// Speed and ramps. A speed of 0 cancels the motion.
     pub(super) ramps: Ramps,
 }
 
-/// A motion.
+/// A motion towards a target.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Move {
     pub(super) target: i64,
     pub(super) ramps: Ramps,
 }
 
-/// The set-points of profile position.
+/// The set-points of profile position: the present motion and the handshake.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPoints {
-    /// The motion under way.
+    /// The present motion.
     current: Option<Move>,
-    /// The set-point that begins after it, in the variant with a buffer: whether it is relative, and its values.
+    /// The next set-point, in the variant with a buffer: whether it is relative, and its values.
     buffered: Option<(bool, SetPointValues)>,
-    /// The target of the newest set-point, to which relative ones are added \[OURS].
+    /// The target of the newest set-point. Relative set-points are added to it \[OURS].
     last_target: i64,
     new_bit: bool,
     acknowledged: bool,
-    /// A limit switch has ended the last motion before its target.
+    /// Whether a limit switch has ended the last motion before its target.
     missed: bool,
 }
 
 impl SetPoints {
-    /// Profile position begins at a position. Bit 4 has to rise for a set-point.
+    /// The state when profile position is entered at `position`. If bit 4 is set already, it must fall and rise again for a
+    /// set-point.
     pub(super) fn begin(position: i64, word: u16) -> Self {
         Self { last_target: position, new_bit: word & NEW_SET_POINT != 0, ..Self::default() }
     }
 
-    /// All set-points are void; the axis stands at a position.
+    /// Cancels all set-points; the axis is at standstill at `position`.
     pub(super) fn void(&mut self, position: i64, word: u16) {
         *self = Self::begin(position, word);
     }
 
-    /// A limit switch has stopped the motion.
+    /// Ends the present motion at `position`, because a limit switch has stopped it.
     pub(super) const fn stop_short(&mut self, position: i64) {
         self.missed |= self.current.is_some();
         (self.current, self.buffered, self.last_target) = (None, None, position);
     }
 
-    /// Takes a controlword. `buffers`: a set-point during a motion is kept for later instead of being ignored.
+    /// Handles a controlword. With `buffers`, a set-point during a motion is stored for later instead of being ignored.
     pub(super) fn command(&mut self, word: u16, values: SetPointValues, buffers: bool) {
         let was_set = std::mem::replace(&mut self.new_bit, word & NEW_SET_POINT != 0);
         if !self.new_bit {
@@ -75,7 +76,8 @@ impl SetPoints {
         }
     }
 
-    /// Starts a motion. False: its speed is 0, and the motion before it is cancelled, too. \[OURS] It is not acknowledged then.
+    /// Starts a motion. Returns false if the speed is 0; then the present motion is cancelled. \[OURS] Such a set-point is
+    /// not acknowledged.
     fn start(&mut self, relative: bool, values: SetPointValues) -> bool {
         let target = i64::from(values.target);
         self.missed = false;
@@ -88,12 +90,12 @@ impl SetPoints {
         true
     }
 
-    /// The motion under way.
+    /// The present motion; `None` if there is none.
     pub(super) const fn current(&self) -> Option<&Move> {
         self.current.as_ref()
     }
 
-    /// The motion has arrived at its target.
+    /// Ends the present motion at its target, and starts the buffered set-point.
     pub(super) fn arrive(&mut self) {
         self.current = None;
         if let Some((relative, values)) = self.buffered.take() {
@@ -102,12 +104,12 @@ impl SetPoints {
         }
     }
 
-    /// Statusword bit 12: a set-point was taken, and bit 4 has not fallen yet.
+    /// Statusword bit 12: a set-point was accepted, and bit 4 has not fallen yet.
     pub(super) const fn is_acknowledged(&self) -> bool {
         self.acknowledged
     }
 
-    /// Whether there is nothing left to do, and nothing was missed.
+    /// Whether all motions are done and none was stopped before its target.
     pub(super) const fn are_complete(&self) -> bool {
         self.current.is_none() && self.buffered.is_none() && !self.missed
     }

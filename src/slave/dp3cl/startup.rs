@@ -1,33 +1,34 @@
-//! What the drive checks before a change of its AL state, in the order of the checks \[OURS], and the alarm that it refuses
-//! with.
+//! The checks of the drive before a change of its AL state, in their order \[OURS], and the alarm of each check.
 //!
-//! On a network without controllers only the mapping, the lengths of the sync managers and the cycle of SYNC0 are known.
+//! On a network without slave controllers, only the mapping, the lengths of the sync managers and the SYNC0 cycle time are
+//! known.
 
 use super::alarms::Dp3clAlarm;
 use super::config::Dp3clVariants;
 use crate::ethercat::Ns;
 use crate::slave::communication::{Communication, SyncManagerSettings};
 
-/// The cycles of SYNC0 that the drive has, ns.
+/// The supported SYNC0 cycle times, ns.
 pub(super) const SYNC0_CYCLES_NS: [Ns; 4] = [500_000, 1_000_000, 2_000_000, 4_000_000];
-/// Bits 0 to 2 of register 0x0981 with SYNC0 on, and with all off.
+/// Bits 0 to 2 of register 0x0981 with SYNC0 on, and with everything off.
 const SYNC0_ON: u8 = 0b011;
 const SYNC_OFF: u8 = 0b000;
-/// The bits of a sync manager's control byte that are checked \[OURS]. Bit 6 switches the watchdog on.
+/// The bits of a sync manager's control byte that are checked \[OURS]. Bit 6, which enables the watchdog, is not among
+/// them.
 const CONTROL_MASK: u8 = 0x3F;
 const WATCHDOG_BIT: u8 = 1 << 6;
-/// Those bits of sync managers 0 to 3. \[OURS] The manual prints 100110b for all; these are those of the maker's slave
-/// description.
+/// The expected control bits of sync managers 0 to 3. \[OURS] The manual gives 100110b for all; these are the values of the
+/// manufacturer's ESI file.
 const CONTROLS: [u8; 4] = [0x26, 0x22, 0x24, 0x20];
-/// Where sync managers 0 and 1 may begin. \[OURS] The manual prints 0x1200 to 0x12FF for sync manager 1, and the maker's
-/// slave description has 0x1080.
+/// The allowed start addresses of sync managers 0 and 1. \[OURS] For sync manager 1 the manual gives 0x1200 to 0x12FF, and
+/// the manufacturer's ESI file has 0x1080.
 const MAILBOX_OUT_STARTS: std::ops::RangeInclusive<u16> = 0x1000..=0x10FF;
 const MAILBOX_IN_STARTS: std::ops::RangeInclusive<u16> = 0x1080..=0x12FF;
 const MAILBOX_IN_STARTS_STRICT: std::ops::RangeInclusive<u16> = 0x1200..=0x12FF;
-/// The lengths that they may have.
+/// The allowed lengths of sync managers 0 and 1, bytes.
 const MAILBOX_OUT_LENGTHS: std::ops::RangeInclusive<u16> = 32..=256;
 const MAILBOX_IN_LENGTHS: std::ops::RangeInclusive<u16> = 40..=256;
-/// Where sync managers 2 and 3 may lie: the memory of the controller.
+/// The allowed addresses of sync managers 2 and 3: the process data RAM of the slave controller.
 const PROCESS_DATA_AREA: std::ops::RangeInclusive<u16> = 0x1000..=0x1FFF;
 
 /// A synchronization type, 0x1C32:1 or 0x1C33:1.
@@ -42,7 +43,7 @@ impl SyncType {
     fn of(value: u16) -> Option<Self> {
         match value {
             0x00 => Some(Self::FreeRun),
-            // [OURS] 0x22, the event of sync manager 2, is what the maker's slave description has in 0x1C33:1.
+            // [OURS] 0x22, the sync manager 2 event, is the value of 0x1C33:1 in the manufacturer's ESI file.
             0x01 | 0x22 => Some(Self::SyncManager),
             0x02 => Some(Self::Sync0),
             _ => None,
@@ -50,10 +51,10 @@ impl SyncType {
     }
 }
 
-/// The change from Init to PreOP: the sync managers of the mailbox.
+/// Checks the mailbox sync managers on the change from Init to PreOP.
 ///
 /// # Errors
-/// [`Dp3clAlarm::MailboxSyncManager`].
+/// [`Dp3clAlarm::MailboxSyncManager`] if one has invalid settings.
 pub(super) fn to_preop(communication: &Communication, variants: Dp3clVariants) -> Result<(), Dp3clAlarm> {
     let [out, input, data_out, data_in] = &communication.sync_managers;
     let in_starts = if variants.strict_sync_managers { MAILBOX_IN_STARTS_STRICT } else { MAILBOX_IN_STARTS };
@@ -73,19 +74,19 @@ fn has_control(sm: &SyncManagerSettings, control: u8) -> bool {
     sm.control & CONTROL_MASK == control
 }
 
-/// What the change from PreOP to SafeOP depends on, besides the mapping.
+/// The settings that the change from PreOP to SafeOP depends on, besides the mapping.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SafeOpSettings {
-    /// The registers of the controller; `None`: there is none.
+    /// The registers of the slave controller; `None`: the network has no slave controllers.
     pub(super) communication: Option<Communication>,
-    /// Bits 0 to 2 of register 0x0981 and the cycle of SYNC0; `None`: not known.
+    /// Bits 0 to 2 of register 0x0981 and the SYNC0 cycle time, ns; `None`: unknown.
     pub(super) dc: Option<(u8, Ns)>,
-    /// 0x1C32:1 and 0x1C33:1.
+    /// The synchronization types 0x1C32:1 and 0x1C33:1.
     pub(super) sync_types: (u16, u16),
 }
 
-/// The change from PreOP to SafeOP, after the checks of the mapping and of the lengths of the sync managers: whether the
-/// drive runs by SYNC0.
+/// Checks the change from PreOP to SafeOP, after the checks of the mapping and the sync manager lengths. Returns whether
+/// the drive runs by SYNC0.
 ///
 /// # Errors
 /// The alarm with which the drive refuses.
@@ -115,7 +116,8 @@ pub(super) fn to_safeop(settings: &SafeOpSettings) -> Result<bool, Dp3clAlarm> {
     }
 }
 
-/// Checks sync manager 2 or 3. One without process data is off. \[OURS] It lies over none of the others, those of the mailbox too.
+/// Checks sync manager 2 or 3. Without process data it must be off. \[OURS] Its area must not overlap that of any other
+/// sync manager, including the mailboxes.
 fn check_process_data(
     sm: &SyncManagerSettings,
     others: [&SyncManagerSettings; 3],
@@ -132,7 +134,7 @@ fn check_process_data(
     if good { Ok(()) } else { Err(alarm) }
 }
 
-/// Bits 0 to 2 of register 0x0981 for a network without controllers.
+/// Bits 0 to 2 of register 0x0981 and the SYNC0 cycle time, for a network without slave controllers.
 pub(super) const fn activation_of(cycle_ns: Option<Ns>) -> (u8, Ns) {
     match cycle_ns {
         Some(cycle_ns) => (SYNC0_ON, cycle_ns),

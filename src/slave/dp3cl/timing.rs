@@ -1,12 +1,13 @@
-//! What U3 shows of the cycle: when outputs and pulses of SYNC0 came, and how far apart they were. \[OURS] All of it in microseconds
-//! and as of the change to SafeOP; a time is that since power-on, of which the monitors show the lower 16 bits.
+//! The cycle timing that the monitors U3 show: when outputs and SYNC0 pulses came, and their intervals. \[OURS] Times are
+//! in microseconds and measured from the change to SafeOP on; a point in time counts from power-on, and its monitor shows
+//! the lower 16 bits.
 
 use crate::ethercat::Ns;
 
-/// A microsecond, the unit of U3 \[OURS].
+/// The unit of U3, ns: one microsecond \[OURS].
 const US: Ns = 1000;
 
-/// The last, the greatest and the least of some spans of time, ns.
+/// The last, the maximum and the minimum of some time intervals, ns.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spans {
     last: Ns,
@@ -21,13 +22,13 @@ impl Spans {
         self.least = Some(self.least.map_or(ns, |least| least.min(ns)));
     }
 
-    /// The last, the greatest and the least one as monitors show them, us; 0 before there was one.
+    /// The last, maximum and minimum interval as the monitors show them, us; 0 before the first interval.
     pub(super) fn shown(&self) -> [u16; 3] {
         [self.last, self.most, self.least.unwrap_or(0)].map(|ns| (ns / US) as u16)
     }
 }
 
-/// Things that come each cycle.
+/// The times of a cyclic event: its last occurrence and its periods.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cyclic {
     last: Option<Ns>,
@@ -35,45 +36,45 @@ pub(super) struct Cyclic {
 }
 
 impl Cyclic {
-    /// One came, so long after power-on.
+    /// Records an occurrence at time `at`, ns since power-on.
     fn note(&mut self, at: Ns) {
         if let Some(last) = self.last.replace(at) {
             self.periods.note(at.saturating_sub(last));
         }
     }
 
-    /// The spans between them.
+    /// The periods between the occurrences.
     pub(super) const fn periods(&self) -> &Spans {
         &self.periods
     }
 
-    /// When the last one came, us; 0 before.
+    /// The time of the last occurrence, us since power-on; 0 before the first one.
     pub(super) fn time(&self) -> u16 {
         (self.last.unwrap_or(0) / US) as u16
     }
 }
 
-/// The timing of the cycle.
+/// The cycle timing of the drive.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Timing {
-    /// Outputs.
+    /// The arrival of outputs.
     pub(super) pdi: Cyclic,
-    /// Pulses of SYNC0.
+    /// The pulses of SYNC0.
     pub(super) sync0: Cyclic,
-    /// From outputs to the pulse of SYNC0 after them.
+    /// The interval from the arrival of outputs to the next SYNC0 pulse.
     pub(super) pdi_to_sync0: Spans,
-    /// When outputs came that no pulse has followed yet.
+    /// The time of outputs that no SYNC0 pulse has followed yet, ns since power-on.
     waiting: Option<Ns>,
 }
 
 impl Timing {
-    /// Outputs came, so long after power-on.
+    /// Records the arrival of outputs at time `at`, ns since power-on.
     pub(super) fn note_outputs(&mut self, at: Ns) {
         self.pdi.note(at);
         self.waiting = Some(at);
     }
 
-    /// A pulse of SYNC0 came, so long after power-on.
+    /// Records a SYNC0 pulse at time `at`, ns since power-on.
     pub(super) fn note_sync0(&mut self, at: Ns) {
         self.sync0.note(at);
         if let Some(outputs) = self.waiting.take() {

@@ -1,28 +1,28 @@
-//! The touch probes: 0x60B8 says which edge of which signal stores the position, 0x60B9 what was stored, 0x60BA to 0x60BD
-//! are the positions.
+//! The touch probes: 0x60B8 selects the signal and the edge that latch the position, 0x60B9 is the status, 0x60BA to 0x60BD
+//! are the latched positions.
 
 use super::Dp3cl;
 use crate::ethercat::Ns;
 use crate::slave::communication::LatchChange;
 
-/// How many probes there are.
+/// The number of touch probes.
 pub(super) const PROBES: usize = 2;
 
-/// Bits of 0x60B8 of probe 1; those of probe 2 are 8 higher.
+/// Bits of 0x60B8 for probe 1; the bits for probe 2 are 8 positions higher.
 const ENABLE: u16 = 1 << 0;
 const CONTINUOUS: u16 = 1 << 1;
 const BY_INDEX: u16 = 1 << 2;
 const RISING: u16 = 1 << 4;
 const FALLING: u16 = 1 << 5;
-/// Bits of 0x60B9 of probe 1; those of probe 2 are 8 higher.
+/// Bits of 0x60B9 for probe 1; the bits for probe 2 are 8 positions higher.
 const ENABLED: u16 = 1 << 0;
 const RISING_STORED: u16 = 1 << 1;
 const FALLING_STORED: u16 = 1 << 2;
 
-/// The most edges of one signal that are looked at in a cycle \[OURS]: more than any motor makes.
+/// The maximum number of edges of one signal that a cycle evaluates \[OURS]: more than any motor produces.
 const EDGES_MAX: usize = 256;
 
-/// A probe by which the position is stored.
+/// The state of one touch probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Probe {
     function: u16,
@@ -31,18 +31,18 @@ struct Probe {
     falling: i32,
 }
 
-/// What a probe listens to.
+/// The signal of a touch probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Signal {
-    /// Its input: SI1 of probe 1, SI2 of probe 2.
+    /// The probe's input: SI1 for probe 1, SI2 for probe 2.
     Input,
-    /// The index pulse.
+    /// The index pulse of the motor.
     Index,
 }
 
 impl Probe {
-    /// Takes its part of 0x60B8. \[OURS] When bit 0 is cleared the status is, too, and the positions stay; a rising bit 0
-    /// begins anew.
+    /// Writes the probe's half of 0x60B8. \[OURS] Clearing bit 0 also clears the status and keeps the positions; a rising
+    /// bit 0 starts the probe anew.
     const fn set_function(&mut self, function: u16) {
         if function & ENABLE == 0 {
             self.status = 0;
@@ -60,8 +60,8 @@ impl Probe {
         }
     }
 
-    /// The signal has an edge with the axis at that position. \[OURS] With both edges selected both are stored; in the
-    /// continuous mode the bit of the status stays 1.
+    /// Handles an edge of the signal when the axis is at `position`. \[OURS] If both edges are selected, both are latched;
+    /// in continuous mode the status bit stays 1.
     const fn edge(&mut self, rises: bool, position: i32) {
         let (selected, stored) = if rises { (RISING, RISING_STORED) } else { (FALLING, FALLING_STORED) };
         let is_first = self.status & stored == 0;
@@ -77,15 +77,15 @@ impl Probe {
     }
 }
 
-/// What happened to the shaft and to SI1 and SI2 during the last step.
+/// The motion of the shaft and the changes at SI1 and SI2 in the last step.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LastStep {
-    /// Where the shaft was when it began, and when it ended, counts.
+    /// The position of the shaft at the beginning and at the end of the step, counts.
     pub(super) from: i64,
     pub(super) to: i64,
-    /// How long it took.
+    /// The duration of the step, ns.
     pub(super) ns: Ns,
-    /// The levels that SI1 and SI2 have got without the shaft.
+    /// New levels of SI1 and SI2 that the motion of the shaft has not caused.
     pub(super) forced: [Option<bool>; PROBES],
 }
 
@@ -93,17 +93,17 @@ pub(super) struct LastStep {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TouchProbes {
     probes: [Probe; PROBES],
-    /// 0x60B8 as it was written.
+    /// The value written to 0x60B8.
     function: u16,
 }
 
 impl TouchProbes {
-    /// 0x60B8.
+    /// 0x60B8, touch probe function.
     pub(super) const fn function(&self) -> u16 {
         self.function
     }
 
-    /// Writes 0x60B8.
+    /// Writes 0x60B8, touch probe function.
     pub(super) const fn set_function(&mut self, function: u16) {
         self.function = function;
         let [first, second] = &mut self.probes;
@@ -111,30 +111,30 @@ impl TouchProbes {
         second.set_function(function >> 8);
     }
 
-    /// 0x60B9.
+    /// 0x60B9, touch probe status.
     pub(super) const fn status(&self) -> u16 {
         self.probes[0].status | self.probes[1].status << 8
     }
 
-    /// 0x60BA, 0x60BB, 0x60BC, 0x60BD: the position at the rising and at the falling edge of probe 1, then of probe 2.
+    /// 0x60BA to 0x60BD by `place` 0 to 3: the position at the rising and at the falling edge of probe 1, then of probe 2.
     pub(super) const fn position(&self, place: usize) -> i32 {
         let probe = &self.probes[place / 2];
         if place.is_multiple_of(2) { probe.rising } else { probe.falling }
     }
 
-    /// What a probe (0 or 1) listens to; `None`: it is off.
+    /// The signal of a probe (0 or 1); `None` if the probe is off.
     pub(super) const fn signal(&self, probe: usize) -> Option<Signal> {
         self.probes[probe].signal()
     }
 
-    /// The signal of a probe has an edge with the axis at that position.
+    /// Handles an edge of a probe's signal when the axis is at `position`.
     pub(super) const fn edge(&mut self, probe: usize, rises: bool, position: i32) {
         self.probes[probe].edge(rises, position);
     }
 }
 
 impl Dp3cl {
-    /// The shaft has moved from one count to another: the probes store the positions of the edges between.
+    /// Latches the positions of all edges that the shaft has passed on its way from `from` to `to`, counts.
     pub(super) fn probe(&mut self, from: i64, to: i64) {
         for probe in 0..PROBES {
             let Some(signal) = self.probes.signal(probe) else { continue };
@@ -152,7 +152,8 @@ impl Dp3cl {
         }
     }
 
-    /// A terminal that is forced has changed since the last cycle, while the shaft stands at a count: the levels of those that have.
+    /// Latches the position if a forced terminal has changed since the last cycle, while the shaft is at standstill.
+    /// Returns the new levels of the terminals that have changed.
     pub(super) fn probe_forced(&mut self) -> [Option<bool>; PROBES] {
         let at = self.shaft_position_now();
         let mut changed = [None; PROBES];
@@ -169,8 +170,9 @@ impl Dp3cl {
         changed
     }
 
-    /// Tells the changes at SI1 and SI2 during the last step, once. \[OURS] SI1 is latch input 0 of the controller, SI2 is 1; the
-    /// shaft moves evenly during a step, and a terminal that is forced changes when the step begins.
+    /// Reports each change at SI1 and SI2 during the last step, once. \[OURS] SI1 is latch input 0 of the slave controller,
+    /// SI2 is latch input 1. The shaft moves evenly during a step, and a forced terminal changes at the beginning of the
+    /// step.
     pub(super) fn tell_terminal_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let LastStep { from, to, ns, forced } = std::mem::take(&mut self.last_step);
         for (input, forced) in forced.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The object dictionary of servo drives and steppers (CiA 402-2, ETG.1000.6). Positions in counts, speeds in counts/s.
+//! The object dictionary of servo drives and steppers (CiA 402-2, ETG.1000.6). Positions are in counts, speeds in counts/s.
 
 use super::{Drive, DriveKind};
 use crate::ethercat::AlState;
@@ -52,19 +52,19 @@ const MAX_POSITION: Slot<i32> = slot(OBJECTS, 0x607D, 2);
 const PROFILE_VELOCITY: Slot<u32> = slot(OBJECTS, 0x6081, 0);
 const PROFILE_ACCELERATION: Slot<u32> = slot(OBJECTS, 0x6083, 0);
 
-/// The settings that the axis reads from the stored values.
+/// The axis settings from the stored values.
 pub(super) fn settings(values: &Values) -> Settings {
     Settings {
         following_window: values.get(FOLLOWING_WINDOW),
         following_timeout_ms: values.get(FOLLOWING_TIMEOUT),
         position_limits: (values.get(MIN_POSITION), values.get(MAX_POSITION)),
-        // [OURS] The lowest of the three limits is in force in both directions.
+        // [OURS] The lowest of the three torque limits applies in both directions.
         max_torque: values.get(MAX_TORQUE).min(values.get(POSITIVE_TORQUE)).min(values.get(NEGATIVE_TORQUE)),
         ..AXIS.settings(values)
     }
 }
 
-/// The default values of the table, and \[OURS] those that depend on the motor.
+/// The default values of the table, with the values that depend on the motor \[OURS].
 pub(super) fn defaults(motor: &Motor) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = motor.counts_per_turn.max(1);
@@ -85,17 +85,18 @@ pub(super) fn defaults(motor: &Motor) -> Values {
 
 type Row = Object<Drive>;
 
-/// The object dictionary: what CiA 402-2 and ETG.6010 have for the modes of a drive, and what masters map and write beside it.
+/// The object dictionary: the objects of CiA 402-2 and ETG.6010 for the modes of a drive, and other objects that masters
+/// map or write.
 ///
-/// The objects of profile modes have no effect. 0x60C2 has none either, since the demand follows the actual cycle. \[OURS] An
-/// object with which a drive would move otherwise than it does here takes the one value that leaves the motion as it is, so
-/// that nobody is left to believe it: no polarity (0x607E), no gear (0x6091), no touch probe (0x60B8).
+/// The objects of profile modes have no effect. 0x60C2 has no effect either, because the demand follows the actual cycle.
+/// \[OURS] An object that would change the motion in a way that is not simulated accepts only its neutral value, so that a
+/// master notices: no polarity (0x607E), no gear (0x6091), no touch probe (0x60B8).
 pub(super) const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 5] = [&description(), &identity(), &synchronization(), &axis_objects::<_, 0>(), DRIVE];
 
-/// The PDOs at power-on: for CSP, CSV and CST, and \[OURS] five more of each direction, without entries, for masters that fill
-/// others than the first ones. \[OURS] Those of CSP are assigned.
+/// The PDOs at power-on: for CSP, CSV and CST, and \[OURS] five empty ones per direction for masters that fill others than
+/// the first PDOs. \[OURS] The PDOs for CSP are assigned.
 pub(super) const PDOS: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010]),
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020]),
@@ -115,7 +116,7 @@ pub(super) const PDOS: &[Pdo<Drive>] = &[
     Pdo::empty(0x1A07),
 ];
 
-/// Those of a stepper, which has no CSV and no CST.
+/// The PDOs of a stepper, which has neither CSV nor CST.
 const STEPPER_PDOS: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, true, [0x6041_0010, 0x6064_0020, 0x6077_0010, 0x603F_0010]),
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020]),
@@ -135,7 +136,7 @@ const STEPPER_PDOS: &[Pdo<Drive>] = &[
     Pdo::empty(0x1A07),
 ];
 
-/// The PDOs of masters that change between the cyclic modes in OP: all targets, all actual values.
+/// The PDOs that masters use which change between the cyclic modes in OP: all targets, all actual values.
 pub(super) const OFTEN_MAPPED: &[Pdo<Drive>] = &[
     tx_pdo!(OBJECTS, 0x1A00, false, [0x6041_0010, 0x6064_0020, 0x606C_0020, 0x6077_0010]),
     rx_pdo!(OBJECTS, 0x1600, false, [0x6040_0010, 0x607A_0020, 0x60FF_0020, 0x6071_0010]),
@@ -148,9 +149,9 @@ pub(super) const fn pdos_of(kind: DriveKind) -> &'static [Pdo<Drive>] {
     }
 }
 
-/// The objects that other CiA 402 axes do not have, or have otherwise.
+/// The objects in which a drive differs from other CiA 402 axes.
 const DRIVE: &[Row] = &[
-    // [OURS] The first version of each.
+    // [OURS] Hardware and software are their first versions.
     Row::text(0x1009, 0, "Hardware version", |_| "1.0"),
     Row::text(0x100A, 0, "Software version", |_| "1.0"),
     Row::u32(0x6065, 0, "Following error window").rw().rx().changed(changed::<_, 0>),
@@ -176,7 +177,7 @@ const DRIVE: &[Row] = &[
     Row::u32(0x6075, 0, "Motor rated current").rw().default(RATED_CURRENT_MA),
     Row::u32(0x6076, 0, "Motor rated torque").live(|drive| drive.motor.rated_torque.into()),
     Row::i16(0x6077, 0, "Torque actual value").tx().live(|drive| drive.axis.measured().torque.into()),
-    // [OURS] The current is that of the torque, each as a part of its rated value.
+    // [OURS] The current is proportional to the torque, each relative to its rated value.
     Row::i16(0x6078, 0, "Current actual value").tx().live(|drive| drive.axis.measured().torque.into()),
     Row::u32(0x6079, 0, "DC link circuit voltage").tx().default(DC_LINK_MV),
     Row::u8(0x607D, 0, "Software position limit").default(2),
@@ -227,7 +228,7 @@ const DRIVE: &[Row] = &[
         .live(|drive| drive.axis.following_error().clamp(i32::MIN.into(), i32::MAX.into())),
     Row::u32(0x60FD, 0, "Digital inputs").tx().live(|drive| drive.axis.inputs().bits().into()),
     Row::u8(0x60FE, 0, "Digital outputs").default(2),
-    // [OURS] Digital outputs of a drive are not wired: what is written is read back.
+    // [OURS] The digital outputs of a drive are not connected; a written value is read back.
     Row::u32(0x60FE, 1, "Physical outputs").rw().rx(),
     Row::u32(0x60FE, 2, "Bit mask").rw().rx(),
     target_velocity::<_, 0>().only_if(is_servo),
@@ -235,17 +236,18 @@ const DRIVE: &[Row] = &[
     Row::u32(0x6502, 0, "Supported drive modes").live(supported_modes),
 ];
 
-/// \[OURS] The current of the motor, 0.1 % of rated and mA, and the DC link, mV, of a drive of that size.
+/// \[OURS] Maximum current of the motor (0.1 % of rated), rated current (mA) and DC link voltage (mV) of a drive of this
+/// size.
 const MAX_CURRENT: i64 = 3000;
 const RATED_CURRENT_MA: i64 = 2800;
 const DC_LINK_MV: i64 = 325_000;
 
-/// The greatest speed, rpm.
+/// The maximum speed, rpm.
 fn rpm(motor: &Motor) -> i64 {
     i64::from(motor.max_velocity) * 60 / i64::from(motor.counts_per_turn.max(1))
 }
 
-/// 0x6402: a sinusoidal PM brushless motor, or a micro-step stepper.
+/// 0x6402, motor type: a sinusoidal PM brushless motor, or a micro-step stepper.
 fn motor_type(drive: &Drive) -> i64 {
     match drive.kind {
         DriveKind::Servo => 10,
@@ -257,7 +259,7 @@ fn is_servo(drive: &Drive) -> bool {
     drive.kind == DriveKind::Servo
 }
 
-/// 0x6502: homing, CSP, and of a servo drive CSV and CST.
+/// 0x6502, supported drive modes: homing and CSP; a servo drive also CSV and CST.
 fn supported_modes(drive: &Drive) -> i64 {
     match drive.kind {
         DriveKind::Servo => 1 << 5 | 1 << 7 | 1 << 8 | 1 << 9,

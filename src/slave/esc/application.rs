@@ -1,6 +1,7 @@
-//! The AL state machine behind a controller: which changes of state it makes, and what it answers; `checks.rs` has what it checks.
+//! The AL state machine of a slave behind its slave controller: which changes of state it makes, and how it answers
+//! requests. `checks.rs` has the checks.
 //!
-//! Source: ETG.1000.6 6.4, ETG.1020, as public stacks of slaves show them; rules ECAT-11.
+//! Source: ETG.1000.6 6.4, ETG.1020, and the behaviour of public slave stacks; rules ECAT-11.
 
 use super::Controller;
 use super::mailbox::{ANSWERS, REQUESTS};
@@ -10,10 +11,10 @@ use crate::ethercat::sii::{CategoryKind, Sii, SiiSmType};
 use crate::ethercat::{AlState, AlStatus, Ns};
 use crate::slave::{Slave, SyncEvent};
 
-/// How long a slave waits for outputs, or for SYNC0, on its way to OP: 9 s less 50 ms (public stacks of slaves).
+/// The time that a slave waits for outputs or SYNC0 on its way to OP, ns: 9 s minus 50 ms (public slave stacks).
 pub const OP_WAIT_NS: Ns = 8_950_000_000;
 
-/// Which sync managers are for process data.
+/// The numbers of the sync managers for process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ProcessManagers {
     pub(super) outputs: u8,
@@ -21,7 +22,8 @@ pub(super) struct ProcessManagers {
 }
 
 impl ProcessManagers {
-    /// Behind those of a mailbox. Without one they are the first that the EEPROM has for each direction.
+    /// The sync managers 2 and 3 behind those of a mailbox. Without a mailbox, the first ones that the EEPROM describes for
+    /// each direction.
     pub(super) fn of(eeprom: &[u8], has_mailbox: bool) -> Self {
         if has_mailbox {
             return Self { outputs: 2, inputs: 3 };
@@ -35,37 +37,37 @@ impl ProcessManagers {
     }
 }
 
-/// A sync manager that no controller uses: a direction without process data has it.
+/// The number of a sync manager that no controller uses. A direction without process data gets this number.
 const NO_MANAGER: u8 = MANAGERS_MAX as u8 - 1;
 
-/// The AL state machine.
+/// The state of the AL state machine.
 #[derive(Clone, Debug)]
 pub(super) struct Application {
     status: AlStatusRegister,
     code: AlStatus,
     pub(super) has_mailbox: bool,
     pub(super) managers: ProcessManagers,
-    /// A request that is not worked on yet, and when it will be.
+    /// A request that is not processed yet, with the time for processing it.
     requested: Option<(AlControl, Ns)>,
-    /// On the way to OP: until when the slave waits.
+    /// The time until which the slave waits for outputs or SYNC0 on its way to OP; `None` if it does not wait.
     waiting: Option<Ns>,
-    /// In SafeOP and OP: when SYNC0 has to have come.
+    /// The time by which SYNC0 must have come, in SafeOP and OP; `None` without such a limit.
     lock_due: Option<Ns>,
-    /// SafeOP was entered with distributed clocks.
+    /// Whether SafeOP was entered with distributed clocks.
     pub(super) is_synchronized: bool,
-    /// SYNC0 has come since SafeOP was entered.
+    /// Whether SYNC0 has come since SafeOP was entered.
     pub(super) sync_came: bool,
-    /// Outputs have come since SafeOP was entered.
+    /// Whether outputs have come since SafeOP was entered.
     pub(super) outputs_came: bool,
 }
 
-/// What a change of state means for the rest of the slave.
+/// The consequence of a change of state for the other parts of the slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     None,
-    /// The mailbox begins, in PreOP or in bootstrap.
+    /// The mailbox starts, in PreOP or in bootstrap.
     MailboxOn,
-    /// Process data begin.
+    /// Process data start.
     ProcessDataOn,
 }
 
@@ -85,7 +87,7 @@ impl Application {
         }
     }
 
-    /// The state that the network reads.
+    /// The AL state that the network reads, including bootstrap.
     pub(super) const fn shown_state(&self) -> RequestedState {
         self.status.state()
     }
@@ -94,7 +96,7 @@ impl Application {
         self.shown_state() == RequestedState::Boot
     }
 
-    /// The state of the device; in bootstrap it stands in Init.
+    /// The AL state of the device. During bootstrap the device is in Init.
     pub(super) fn state(&self) -> AlState {
         match self.status.state() {
             RequestedState::State(state) => state,
@@ -110,7 +112,7 @@ impl Application {
         (self.status, self.code) = (status, code);
         controller.set_al_status(status, code);
         if !status.contains(AlStatusRegister::ERROR) {
-            // The sync manager that was switched off by the watchdog is on again.
+            // Enables the outputs again if the watchdog has deactivated their sync manager.
             controller.managers.deactivate(self.managers.outputs, false, &mut controller.memory);
         }
     }
@@ -119,7 +121,7 @@ impl Application {
         self.show(AlStatusRegister::of(RequestedState::State(state)), AlStatus::NONE, controller);
     }
 
-    /// The slave is, or stays, in a state for a reason.
+    /// Goes to, or stays in, a state with the error flag and an AL status code.
     fn fail(&mut self, state: AlState, code: AlStatus, controller: &mut Controller) {
         self.fail_in(RequestedState::State(state), code, controller);
     }
@@ -130,18 +132,18 @@ impl Application {
         self.show(status, code, controller);
     }
 
-    /// The slave leaves its state by itself.
+    /// Makes the slave leave its state on its own, with an error.
     pub(super) fn fall(&mut self, to: AlState, code: AlStatus, controller: &mut Controller, device: &mut dyn Slave) {
-        // Every device can go to a lower state.
+        // Every device can go to a lower state, so the result is always `Ok`.
         let _ = device.enter(to);
         self.fail(to, code, controller);
     }
 
-    /// No outputs have come for too long: the slave leaves OP, and takes none before the error is acknowledged.
+    /// Handles an expired watchdog: the slave leaves OP and accepts no outputs until the master has acknowledged the error.
     pub(super) fn lose_outputs(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         let was_in_op = self.state() == AlState::Op;
         device.expire_watchdog();
-        // Some devices take it for a mistake in SafeOP, too.
+        // Some devices treat an expired watchdog as an error in SafeOP too.
         if !was_in_op && device.al_status() != AlStatus::WATCHDOG {
             return;
         }
@@ -150,7 +152,7 @@ impl Application {
         controller.managers.deactivate(self.managers.outputs, true, &mut controller.memory);
     }
 
-    /// SYNC0 was switched off: the slave leaves OP. In SafeOP the device may take it for a mistake.
+    /// Handles a deactivated SYNC0: the slave leaves OP. In SafeOP the device may report an error.
     pub(super) fn lose_sync(&mut self, controller: &mut Controller, device: &mut dyn Slave) {
         device.report_sync(SyncEvent::LockLost);
         if self.state() < AlState::Op {
@@ -163,29 +165,29 @@ impl Application {
         self.fall(device.state().min(AlState::SafeOp), code, controller, device);
     }
 
-    /// The device may have left its state by itself: the slave follows.
+    /// Adopts the state of the device if the device has left its state on its own.
     pub(super) fn follow(&mut self, controller: &mut Controller, device: &dyn Slave) {
         if device.state() != self.state() && !controller.is_device_emulated() {
             self.fail(device.state(), device.al_status(), controller);
         }
     }
 
-    /// AL control was written.
+    /// Records a write to AL control, to be processed at time `due`.
     pub(super) fn request(&mut self, control: AlControl, due: Ns) {
         self.requested = Some((control, due));
     }
 
-    /// When something has to be done next.
+    /// The time of the next action; `None` if nothing is pending.
     pub(super) fn due(&self) -> Option<Ns> {
         [self.requested.map(|(_, due)| due), self.waiting, self.lock_due].into_iter().flatten().min()
     }
 
-    /// Whether [`Self::advance`] has something to do, now or later.
+    /// Whether an action of [`Self::advance`] is pending, due or not.
     pub(super) const fn is_busy(&self) -> bool {
         self.requested.is_some() || self.waiting.is_some() || self.lock_due.is_some()
     }
 
-    /// Time has passed, or a frame: works on a request that is due, and on the way to OP.
+    /// Processes a request that is due, and continues on the way to OP. Called after a frame and when time has passed.
     pub(super) fn advance(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         if let Some((control, _)) = self.requested.take_if(|(_, due)| *due <= now) {
             let change = self.handle(control, now, controller, device);
@@ -202,7 +204,8 @@ impl Application {
         Change::None
     }
 
-    /// The time is over in which SYNC0 has to come. \[OURS] A first pulse that is still to come begins it anew.
+    /// Checks SYNC0 when its time limit is over. \[OURS] If the first pulse is still scheduled, the time limit starts at
+    /// that pulse.
     fn check_lock(&mut self, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         if self.state() < AlState::SafeOp || !self.is_synchronized || self.sync_came {
             return;
@@ -215,8 +218,8 @@ impl Application {
         self.fail(device.state(), device.al_status(), controller);
     }
 
-    /// Without a state machine: the status is what the master has asked for, its acknowledgement too, and the device, which judges
-    /// nothing, is in that state.
+    /// Handles AL control without a state machine: AL status copies AL control with its acknowledge bit, and the device
+    /// goes to that state without checks.
     fn copy_control(&mut self, control: AlControl, controller: &mut Controller, device: &mut dyn Slave) -> Change {
         const COPIED: u16 = 0x1F;
         let from = self.state();
@@ -259,7 +262,7 @@ impl Application {
         let RequestedState::State(to) = control.state() else {
             let refused = device.request_state(control.state()).err();
             let code = refused.unwrap_or(AlStatus::UNKNOWN_STATE);
-            // Bootstrap is entered from Init alone, whether there is one or not.
+            // Bootstrap can be entered from Init only, whether the slave supports it or not.
             let is_wrong_step = code == AlStatus::BOOT_UNSUPPORTED && from != AlState::Init && device.state() == from;
             let code = if is_wrong_step { AlStatus::INVALID_CHANGE } else { code };
             self.fail(device.state(), code, controller);
@@ -277,7 +280,7 @@ impl Application {
         }
     }
 
-    /// From Init to bootstrap, with the mailboxes that the EEPROM has for it.
+    /// Goes from Init to bootstrap, with the mailboxes that the EEPROM defines for it.
     fn enter_bootstrap(&mut self, controller: &mut Controller) -> Change {
         match Self::check_boot_mailbox(controller) {
             Ok(()) => {
@@ -291,7 +294,7 @@ impl Application {
         }
     }
 
-    /// From bootstrap to Init; other states are not reached.
+    /// Goes from bootstrap to Init. Any other state is refused.
     fn leave_bootstrap(&mut self, to: RequestedState, controller: &mut Controller) {
         match to {
             RequestedState::State(AlState::Init) => self.succeed(AlState::Init, controller),
@@ -310,7 +313,7 @@ impl Application {
         device: &mut dyn Slave,
     ) -> Result<Change, AlStatus> {
         let checked = match (from, to) {
-            // The device is asked once outputs have come.
+            // The change is made once outputs have come, see `try_op`.
             (AlState::SafeOp, AlState::Op) => {
                 self.waiting = Some(now + OP_WAIT_NS);
                 return Ok(Change::None);
@@ -319,10 +322,10 @@ impl Application {
             (AlState::PreOp, AlState::SafeOp) => self.check_process_data(controller),
             _ => Ok(()),
         };
-        // The device's own code goes before that of the controller's checks.
+        // A refusal by the device takes precedence over the checks of the controller.
         device.enter(to)?;
         if let Err(code) = checked {
-            // Every device can go to a lower state.
+            // Every device can go to a lower state, so the result is always `Ok`.
             let _ = device.enter(from);
             return Err(code);
         }
@@ -340,7 +343,7 @@ impl Application {
         }
     }
 
-    /// On the way to OP: goes there once outputs and SYNC0 have come.
+    /// Goes to OP once outputs and SYNC0 have come, or fails when the waiting time is over.
     fn try_op(&mut self, until: Ns, now: Ns, controller: &mut Controller, device: &mut dyn Slave) {
         let has_outputs = active_len(&controller.managers.registers(self.managers.outputs)) > 0;
         let lacks_outputs = has_outputs && !self.outputs_came && device.waits_for_outputs();
@@ -360,7 +363,7 @@ impl Application {
             return;
         }
         self.waiting = None;
-        // SYNC0 may have been switched on since the request.
+        // The master may have activated SYNC0 since its request.
         device.set_communication(&controller.communication());
         match device.enter(AlState::Op) {
             Ok(()) => self.succeed(AlState::Op, controller),
@@ -368,7 +371,7 @@ impl Application {
         }
     }
 
-    /// A sync manager was enabled, disabled or changed: the state may be lost.
+    /// Repeats the checks after a sync manager was enabled, disabled or changed; the slave may fall back to a lower state.
     pub(super) fn check_again(
         &mut self,
         activated: u16,

@@ -1,4 +1,4 @@
-//! Slave controllers in a line, and the handle by which scripts and tests reach them while frames pass.
+//! A line of slave controllers with a cable, whose handle lets scripts and tests inject faults while frames pass.
 
 use super::scripted::Scripted;
 use super::{Chain, DescriptionError, EscSettings, EscSlave, FrameFate, Predecessor};
@@ -6,53 +6,53 @@ use crate::ethercat::{CableEnd, Ns};
 use crate::slave::Slave;
 use crate::slave::cable::{self, Cable, Noise};
 
-/// A slave in a line cannot be put on a network: its EEPROM cannot be written.
+/// The error for a slave that cannot be put on a network, because its EEPROM cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[error("slave {slave} ({kind}) cannot be put on a network: {source}")]
 pub struct UndescribedError {
-    /// Which one, from 1.
+    /// The number of the slave, from 1.
     pub slave: usize,
-    /// Its name.
+    /// The name of the slave.
     pub kind: String,
-    /// Why.
+    /// The reason.
     pub source: DescriptionError,
 }
 
-/// The drift of the crystal of a slave (from 0), parts per billion.
+/// The drift of the crystal of slave `n` (from 0), parts per billion.
 fn drift_of(n: usize, count: usize, most: u32) -> i32 {
     let (steps, most) = (count.saturating_sub(1).max(1) as i64, i64::from(most));
     let drift = most - 2 * most * n as i64 / steps;
     drift.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }
 
-/// Slaves in a line, to which happens what its [`Cable`] is told.
+/// A line of slaves that carries out the faults of its [`Cable`].
 pub struct CabledChain {
     chain: Chain,
     cable: Cable,
-    /// How many slaves the cable reaches.
+    /// The number of slaves in front of the cut, as last applied.
     reach: u8,
-    /// The slaves that do not answer.
+    /// The slaves that do not answer, as last applied.
     silent: [u64; 4],
-    /// The cable from the card to the first slave is whole, as far as the card knows.
+    /// Whether the first network card is connected to the first slave. A cut of the [`Cable`] is separate.
     has_first: bool,
-    /// The cable from the last slave to a second card is whole.
+    /// Whether a second network card is connected to the last slave.
     is_ring: bool,
-    /// How many frames have passed a cable that damages some, and whether the next one is damaged on its way back.
+    /// The number of frames since the last damaged one, and whether the next frame is damaged on its way back.
     passed: u16,
     is_back_next: bool,
 }
 
 impl CabledChain {
-    /// Slaves in a line that are switched on at time 0.
+    /// A line of slaves, switched on at time 0.
     ///
     /// # Errors
-    /// [`UndescribedError`]: a device does not say what belongs into its EEPROM.
+    /// [`UndescribedError`]: a device does not define the content of its EEPROM.
     pub fn new(devices: Vec<Box<dyn Slave>>, cable: Cable) -> Result<Self, UndescribedError> {
         Self::with_drift(devices, cable, 0)
     }
 
-    /// The same slaves with crystals that are up to `drift_ppb` parts per billion too fast or too slow: the first one is too fast
-    /// by that much, the last one too slow, and the others lie evenly between them.
+    /// As [`Self::new`], with drifting crystals: that of the first slave is `drift_ppb` parts per billion too fast, that of
+    /// the last one is too slow by as much, and the others are evenly distributed in between.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -78,27 +78,27 @@ impl CabledChain {
         })
     }
 
-    /// The cable, for faults.
+    /// The cable, for injecting faults.
     pub const fn cable(&self) -> &Cable {
         &self.cable
     }
 
-    /// The slaves.
+    /// The slave controllers in the line.
     pub const fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// The slaves, to cause something in them that the cable knows nothing of.
+    /// The slave controllers in the line, for faults that [`Cable`] does not offer.
     pub const fn chain_mut(&mut self) -> &mut Chain {
         &mut self.chain
     }
 
-    /// Each slave is left as that other master leaves it, which ends at `now`.
+    /// Puts each slave into the state in which another master leaves it, which ends at `now`.
     pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
         self.chain.leave(predecessor, now);
     }
 
-    /// A frame goes out at `now` and is changed in place, as [`Chain::process`] says.
+    /// Sends a frame at `now` and changes it in place, see [`Chain::process`].
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.follow_cable(now);
         match self.cable.noise() {
@@ -107,7 +107,7 @@ impl CabledChain {
         }
     }
 
-    /// Whether a frame is the one of many that the cable damages.
+    /// Counts a frame that passes the noisy cable section. Returns whether this frame is damaged.
     fn is_damaged(&mut self, noise: Noise) -> bool {
         if !(1..=self.reached()).contains(&noise.slave) {
             return false;
@@ -120,15 +120,16 @@ impl CabledChain {
         is_damaged
     }
 
-    /// How many slaves frames come to.
+    /// The number of slaves that frames reach.
     const fn reached(&self) -> u8 {
         let last = self.chain.len() as u8;
         if self.reach < last { self.reach } else { last }
     }
 
-    /// A frame passes the cable before that slave, which damages it, by turns on the way out and on the way back. Who gets it
-    /// first counts an invalid frame at that port, all behind it a forwarded error, and nobody takes its datagrams; it comes
-    /// back to the master with a wrong check sequence, which is as if it did not.
+    /// Sends a frame that is damaged in the cable section in front of `slave`, alternately on the way out and on the way
+    /// back. The first slave that receives the damaged frame counts an invalid frame at that port; all later ones count a
+    /// forwarded error, and no slave processes the datagrams. The frame returns to the master with a wrong check sequence,
+    /// which is the same as a lost frame.
     fn damage(&mut self, slave: u8, frame: &mut [u8], now: Ns) -> FrameFate {
         const IN: usize = 0;
         const BACK: usize = 1;
@@ -146,7 +147,7 @@ impl CabledChain {
             self.chain.slave_mut(before).controller_mut().note_invalid_frame(IN);
             (before + 1..reached).for_each(|n| self.chain.slave_mut(n).controller_mut().note_forwarded_error(IN));
         }
-        // All slaves but the last one get it once more, from the one behind.
+        // All slaves except the last one receive the frame again from the slave behind them.
         let back = if is_back { before } else { reached - 1 };
         for n in (0..back).rev() {
             let controller = self.chain.slave_mut(n).controller_mut();
@@ -159,7 +160,7 @@ impl CabledChain {
         FrameFate::Lost
     }
 
-    /// A frame goes out at that end, as [`Chain::process_from`] says.
+    /// Sends a frame from one end of the line, see [`Chain::process_from`].
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         if end == CableEnd::First && !self.is_ring {
             return (self.process(frame, now), end);
@@ -168,14 +169,14 @@ impl CabledChain {
         self.chain.process_from(end, frame, now)
     }
 
-    /// Connects the card before the first slave, or takes it away. The [`Cable`] may be cut there, too.
+    /// Connects or disconnects the card in front of the first slave. A cut of the [`Cable`] is independent of this.
     pub fn connect_first(&mut self, is_connected: bool) {
         if is_connected != std::mem::replace(&mut self.has_first, is_connected) && !self.chain.is_empty() {
             self.chain.connect(0, is_connected && self.reach != 0);
         }
     }
 
-    /// Connects a second card to port 1 of the last slave, or takes it away.
+    /// Connects or disconnects a second card at port 1 of the last slave.
     pub fn connect_second(&mut self, is_connected: bool) {
         let is_connected = is_connected && !self.chain.is_empty();
         if is_connected != std::mem::replace(&mut self.is_ring, is_connected) {
@@ -183,7 +184,7 @@ impl CabledChain {
         }
     }
 
-    /// Time passes up to `now`.
+    /// Advances the slaves to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.follow_cable(now);
         for n in 0..self.chain.len() {
@@ -192,7 +193,7 @@ impl CabledChain {
         self.chain.advance(now);
     }
 
-    /// What the cable was told happens to the slaves.
+    /// Applies the state of the cable to the slaves.
     fn follow_cable(&mut self, now: Ns) {
         let chain = &mut self.chain;
         let place = |slave: u8| usize::from(slave) - 1;

@@ -1,7 +1,8 @@
-//! Slaves on a cable: a frame goes through all of them and comes back.
+//! Slaves on a cable: a frame passes all of them and returns.
 //!
-//! The cable is a tree. A frame leaves a slave by port 3, then 1, then 2, and comes back by port 0; a port that is closed
-//! is passed by. A second card at the last slave makes it a ring. Time is that of one clock for the whole network, which each slave has a copy of that drifts.
+//! The cable is a tree. A frame leaves a slave through port 3, then 1, then 2, and returns through port 0; closed ports are
+//! skipped. A second card at the last slave makes the network a ring. Time is that of one clock for the whole network; the
+//! clock of each slave is a drifting copy of it.
 
 use super::passing::Passing;
 use super::place::Place;
@@ -11,17 +12,17 @@ use crate::ethercat::registers::{DL_CONTROL, DlControl, PORTS};
 use crate::ethercat::{CableEnd, Frame, Ns, mark_as_passed};
 use crate::slave::plant::{SIDE_BY_SIDE, follow_side_by_side};
 
-/// \[OURS] How long a frame takes from one slave to the next one unless it is set, ns: a cable of some metres and two ports.
+/// \[OURS] The default time that a frame takes from one slave to the next, ns: some metres of cable and two ports.
 pub const HOP_NS: Ns = 310;
 
-/// What has become of a frame.
+/// The outcome of sending a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameFate {
-    /// It comes back at that time, where it has gone out or at the other end of a ring.
+    /// The frame comes back at that time, to the card that sent it or to the other end of a ring.
     Returned(Ns),
-    /// A slave has destroyed it, because it is not of EtherCAT.
+    /// A slave has destroyed the frame, because it is not an EtherCAT frame.
     Destroyed,
-    /// It is gone: no slave is reached, or a port without a link is open.
+    /// The frame is lost: it reaches no slave, or it left an open port without a link.
     Lost,
 }
 
@@ -29,16 +30,16 @@ pub enum FrameFate {
 #[derive(Default)]
 pub struct Chain {
     places: Vec<Place>,
-    /// The place and the port to which a second card is connected.
+    /// The index of the slave, and its port, to which a second card is connected.
     ring: Option<(usize, usize)>,
-    /// The ways of frames from the first end and from the last one.
+    /// The routes of frames from the first and from the last end.
     routes: [Route; 2],
-    /// The datagrams of the frame that passes. Kept for its room.
+    /// The datagrams of the present frame. Kept between frames so that none allocates.
     passing: Passing,
 }
 
 impl Chain {
-    /// Slaves in a line, each at port 1 of the one before.
+    /// A line of slaves, each connected to port 1 of the previous one.
     pub fn line(slaves: impl IntoIterator<Item = EscSlave>) -> Self {
         let mut chain = Self::default();
         for slave in slaves {
@@ -56,10 +57,11 @@ impl Chain {
         self.push(slave, None);
     }
 
-    /// Adds a slave at a port, 1 to 3, of another one; its number. If a slave is there already, that stays.
+    /// Connects a slave to port 1 to 3 of another one and returns its number. If that port already has a slave, that slave
+    /// stays connected.
     ///
     /// # Panics
-    /// If there is no slave `parent`, or the port is none of 1 to 3.
+    /// If there is no slave `parent`, or the port is not in 1..=3.
     pub fn add(&mut self, slave: EscSlave, parent: usize, port: usize) -> usize {
         assert!((1..PORTS).contains(&port), "slaves are connected to ports 1 to 3");
         let place = self.places.len();
@@ -77,7 +79,7 @@ impl Chain {
         self.update_links();
     }
 
-    /// How many slaves there are, whether frames reach them or not.
+    /// The number of slaves, including those that frames do not reach.
     pub const fn len(&self) -> usize {
         self.places.len()
     }
@@ -87,59 +89,59 @@ impl Chain {
         self.places.is_empty()
     }
 
-    /// A slave, from 0 on in the order in which they were added.
+    /// The slave with number `n`, from 0, in the order in which they were added.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn slave(&self, n: usize) -> &EscSlave {
         &self.places[n].slave
     }
 
-    /// Each slave is left as that other master leaves it, which ends at `now`.
+    /// Puts each slave into the state in which another master leaves it, which ends at `now`.
     pub fn leave(&mut self, predecessor: &mut Predecessor, now: Ns) {
         self.places.iter_mut().for_each(|place| predecessor.leave(&mut place.slave, now));
         self.forget_routes();
     }
 
-    /// A slave, to be changed.
+    /// The slave with number `n`, mutable.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn slave_mut(&mut self, n: usize) -> &mut EscSlave {
         self.forget_routes();
         &mut self.places[n].slave
     }
 
-    /// Makes SDOs of a slave take that much longer, as [`EscSlave::delay_sdo`] says.
+    /// Delays the SDOs of a slave by `ns`, see [`EscSlave::delay_sdo`].
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn delay_sdo(&mut self, n: usize, ns: Ns) {
         self.places[n].slave.delay_sdo(ns);
     }
 
-    /// Sets how long a frame takes to a slave from the one before it, ns.
+    /// Sets the time that a frame takes from the previous slave to this one, ns.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn set_hop(&mut self, n: usize, hop_ns: Ns) {
         self.forget_routes();
         self.places[n].hop_ns = hop_ns;
     }
 
-    /// Cuts the cable in front of a slave, or repairs it.
+    /// Repairs the cable in front of a slave, or cuts it.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn connect(&mut self, n: usize, is_connected: bool) {
         self.places[n].is_connected = is_connected;
         self.update_links();
     }
 
-    /// Switches a slave off, or on at `now`, when it begins anew.
+    /// Switches a slave off, or on at `now`; then the slave restarts.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn power(&mut self, n: usize, is_powered: bool, now: Ns) {
         let place = &mut self.places[n];
         if is_powered && !place.is_powered {
@@ -149,19 +151,19 @@ impl Chain {
         self.update_links();
     }
 
-    /// Makes a slave let frames pass untouched, or take part in them again. Time passes in it.
+    /// Makes a slave forward frames without processing them, or process them again. Its time advances in both cases.
     ///
     /// # Panics
-    /// If there is none with that number.
+    /// If there is no slave with that number.
     pub fn silence(&mut self, n: usize, is_silent: bool) {
         self.forget_routes();
         self.places[n].is_silent = is_silent;
     }
 
-    /// Connects a second card to a port, 1 to 3, of a slave, so that the cables make a ring, or takes it away.
+    /// Connects a second card to port 1 to 3 of a slave, which makes the network a ring, or disconnects it.
     ///
     /// # Panics
-    /// If there is none with that number, or the port is none of 1 to 3, or a slave is there.
+    /// If there is no slave with that number, the port is not in 1..=3, or the port has a slave.
     pub fn connect_second(&mut self, ring: Option<(usize, usize)>) {
         if let Some((place, port)) = ring {
             assert!((1..PORTS).contains(&port), "cards are connected to ports 1 to 3");
@@ -190,22 +192,24 @@ impl Chain {
         }
     }
 
-    /// A frame goes out at `now` before the first slave and is changed in place, as it comes back. Frames have to come in the
-    /// order of their times.
+    /// Sends a frame at `now` in front of the first slave. The frame is changed in place into what comes back. Frames have
+    /// to be sent in the order of their times.
     ///
-    /// \[OURS] A frame whose datagrams do not fit into it has no effect but in the error counters of the slaves.
+    /// \[OURS] A frame whose datagrams do not fit into it only increments error counters of the slaves.
     pub fn process(&mut self, frame: &mut [u8], now: Ns) -> FrameFate {
         self.process_from(CableEnd::First, frame, now).0
     }
 
-    /// A frame goes out at `now` at that end, as [`Self::process`] says; what becomes of it, and at which end it comes back.
+    /// Sends a frame at `now` from one end, like [`Self::process`]. Returns the outcome, and the end at which the frame
+    /// comes back.
     ///
-    /// A frame from the last end passes the slaves untouched, until it is at the first end, or comes to a slave whose port 0
-    /// is closed: from there back the slaves work on it, unless it has turned so before (ETG.1000.4, "circulating frame").
+    /// A frame from the last end passes slaves unprocessed until it reaches the first end, or a slave whose port 0 is
+    /// closed. There it turns round, and the slaves process it on the way back, unless it has turned round before
+    /// (ETG.1000.4, "circulating frame").
     pub fn process_from(&mut self, end: CableEnd, frame: &mut [u8], now: Ns) -> (FrameFate, CableEnd) {
         let place = usize::from(end == CableEnd::Last);
         if self.routes[place].exit.is_none() {
-            // What loses frames may be a port that is open for a time.
+            // The frame may get lost at a port that is open temporarily. Advance first, because that time may be over.
             self.advance(now);
         }
         let mut route = std::mem::take(&mut self.routes[place]);
@@ -215,7 +219,7 @@ impl Chain {
         }
         let fate = match route.exit {
             Some(Exit { end, after_ns }) => (self.visit(frame, &mut route, now, now + after_ns), end),
-            // The slaves before the hole have had it.
+            // The slaves in front of the open port have processed the frame.
             None => {
                 self.visit(frame, &mut route, now, now);
                 (FrameFate::Lost, end)
@@ -258,7 +262,7 @@ impl Chain {
         FrameFate::Returned(back)
     }
 
-    /// Whether a slave on the way destroys frames that are not of EtherCAT.
+    /// Whether a slave on the route destroys frames that are not EtherCAT frames.
     fn destroys_others(&self, visits: &[Visit]) -> bool {
         visits.iter().any(|visit| {
             let control = self.places[visit.place].slave.controller().peek(DL_CONTROL, 1);
@@ -266,7 +270,7 @@ impl Chain {
         })
     }
 
-    /// Time passes up to `now` in all slaves that have power.
+    /// Advances all slaves that have power to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.places.iter_mut().filter(|place| place.is_powered).for_each(|place| place.slave.advance(now));
         let has_changed = |visit: &Visit| self.places[visit.place].slave.ports_have_changed();
@@ -276,14 +280,14 @@ impl Chain {
     }
 }
 
-/// Whether there is a link between a slave and the one that it is connected to; for the first one, to the master.
+/// Whether there is a link between a slave and its parent; for the first slave, between the slave and the master.
 fn has_link(places: &[Place], n: usize) -> bool {
     let place = &places[n];
     let parent_is_powered = place.parent.is_none_or(|(parent, _)| places[parent].is_powered);
     place.is_powered && place.is_connected && parent_is_powered
 }
 
-/// The devices of neighbours to which a frame has brought outputs work on them, their motors side by side.
+/// Lets the devices of neighbouring slaves that have received outputs work on them. Their motors are computed side by side.
 fn work(places: &mut [Place]) {
     let mut motors = [const { None }; SIDE_BY_SIDE];
     let mut step_ns = 0;

@@ -1,7 +1,7 @@
-//! What the controller checks before a change of the AL state, and when sync managers are changed later; the device has checks of its
-//! own.
+//! The checks of the slave controller's registers before a change of the AL state, and after later changes of sync
+//! managers. The device has its own checks.
 //!
-//! Source: ETG.1000.6 6.4, ETG.1020, as public stacks of slaves show them; rules ECAT-11.
+//! Source: ETG.1000.6 6.4, ETG.1020, and the behaviour of public slave stacks; rules ECAT-11.
 
 use super::Controller;
 use super::application::{Application, active_len};
@@ -10,12 +10,12 @@ use crate::ethercat::AlStatus;
 use crate::ethercat::registers::{BufferMode, DL_STATUS, DlStatus, RAM, SmDirection, SyncActivation, SyncManager};
 use crate::ethercat::sii::{MailboxArea, Sii};
 
-/// \[OURS] The longest mailbox, which is what one datagram can write.
+/// \[OURS] The maximum size of a mailbox, bytes: what one datagram can write.
 pub const MAILBOX_BYTES_MAX: u16 = 1486;
-/// \[OURS] The shortest cycle of SYNC0 with which a slave goes to SafeOP, ns.
+/// \[OURS] The minimum SYNC0 cycle time with which a slave goes to SafeOP, ns.
 pub const SYNC0_CYCLE_MIN_NS: u32 = 100_000;
 impl Application {
-    /// Whether the EEPROM is loaded, and the sync managers of the mailbox are as they have to be.
+    /// Checks that the EEPROM is loaded and the mailbox sync managers have valid settings.
     pub(super) fn check_mailbox(&self, controller: &Controller) -> Result<(), AlStatus> {
         if DlStatus(controller.memory.u16(DL_STATUS)).0 & DlStatus::SII_LOADED == 0 {
             return Err(AlStatus::EEPROM_ERROR);
@@ -39,7 +39,8 @@ impl Application {
         if all_right { Ok(()) } else { Err(AlStatus::INVALID_MAILBOX) }
     }
 
-    /// Whether the sync managers of process data are as they have to be, whatever their length; those of inputs first.
+    /// Checks that the process data sync managers have valid settings, apart from their lengths. The one for inputs is
+    /// checked first.
     pub(super) fn check_areas(&self, controller: &Controller) -> Result<[SyncManager; 2], AlStatus> {
         let outputs = controller.managers.registers(self.managers.outputs);
         let inputs = controller.managers.registers(self.managers.inputs);
@@ -60,7 +61,7 @@ impl Application {
         Ok([outputs, inputs])
     }
 
-    /// Whether sync managers and distributed clocks allow SafeOP; the device judges the lengths.
+    /// Checks that sync managers and distributed clocks allow SafeOP. The device checks the lengths.
     pub(super) fn check_process_data(&self, controller: &Controller) -> Result<(), AlStatus> {
         let [outputs, inputs] = self.check_areas(controller)?;
         let activation = controller.sync_activation();
@@ -81,7 +82,7 @@ impl Application {
         Ok(())
     }
 
-    /// Whether the sync managers of the mailbox are those that the EEPROM has for bootstrap.
+    /// Checks that the mailbox sync managers are those that the EEPROM defines for bootstrap.
     pub(super) fn check_boot_mailbox(controller: &Controller) -> Result<(), AlStatus> {
         let Ok(areas) = Sii::new(controller.eeprom()).map(|sii| sii.info().boot_mailbox) else {
             return Err(AlStatus::EEPROM_ERROR);

@@ -1,35 +1,36 @@
-//! The clock of a controller: local time, which drifts and is slewed, and system time, which is distributed.
+//! The clock of a slave controller: the local time, which drifts and is corrected gradually, and the distributed system
+//! time.
 
 use crate::ethercat::Ns;
 use crate::ethercat::registers::SystemTimeDifference;
 
-/// \[OURS] The most by which one received system time corrects the local time, ns. A master that writes 0 at its start makes
-/// a clock jump by no more than that.
+/// \[OURS] The maximum correction of the local time by one received system time, ns. It also limits the jump of a clock
+/// when a master writes 0 at its start.
 pub const SLEW_MAX_NS: i64 = 1_000;
-/// \[OURS] How much faster or slower a clock runs while it is corrected: one part of this many.
+/// \[OURS] The change of the clock's rate during a correction: 1/100.
 const SLEW_DIVISOR: u64 = 100;
 /// The value of the speed counter start at power-on.
 pub(super) const SPEED_START: u16 = 0x1000;
 /// The filter depths at power-on.
 pub(super) const FILTERS: [u8; 2] = [0x04, 0x0C];
 
-/// The clock.
+/// The clock of one slave controller.
 #[derive(Clone, Debug)]
 pub(super) struct Clock {
-    /// The time of the network at which the clock was looked at last, ns.
+    /// The network time of the last update, ns.
     now: Ns,
-    /// The local time then, ns.
+    /// The local time at the last update, ns.
     local: u64,
     drift_ppb: i32,
-    /// What of the drift is less than a nanosecond, in 1e-9 ns.
+    /// The accumulated drift below one nanosecond, in 1e-9 ns.
     remainder: i64,
-    /// What is left to correct, ns.
+    /// The remaining correction of the local time, ns.
     correction: i64,
-    /// System time is local time plus this.
+    /// The offset of the system time to the local time, ns.
     pub(super) offset: u64,
-    /// The delay from the reference clock to this one, ns.
+    /// The propagation delay from the reference clock to this one, ns.
     pub(super) delay: u32,
-    /// The mean difference to the received times, ns.
+    /// The filtered difference to the received system times, ns.
     difference: i64,
 }
 
@@ -38,7 +39,7 @@ impl Clock {
         Self { now, local, drift_ppb, remainder: 0, correction: 0, offset: 0, delay: 0, difference: 0 }
     }
 
-    /// Time passes up to `now`.
+    /// Advances the clock to network time `now`.
     #[inline]
     pub(super) fn advance(&mut self, now: Ns) {
         let passed = now.saturating_sub(self.now);
@@ -52,11 +53,11 @@ impl Clock {
         }
     }
 
-    /// The part of [`Self::advance`] in which a clock differs from the time of the network.
+    /// Applies drift and correction for a period of network time, as part of [`Self::advance`].
     fn drift(&mut self, passed: Ns) {
         if self.drift_ppb != 0 {
             let drifted = i128::from(passed) * i128::from(self.drift_ppb) + i128::from(self.remainder);
-            // Numbers of 64 bits are divided much faster.
+            // 64-bit divisions are much faster.
             let (drift, remainder) = match i64::try_from(drifted) {
                 Ok(drifted) => (drifted.div_euclid(1_000_000_000), drifted.rem_euclid(1_000_000_000)),
                 Err(_) => (drifted.div_euclid(1_000_000_000) as i64, drifted.rem_euclid(1_000_000_000) as i64),
@@ -72,7 +73,7 @@ impl Clock {
         }
     }
 
-    /// The time of the network before which the clock does not go on by that many ns, however it is corrected.
+    /// The earliest network time at which the clock can have advanced by `ns`, whatever corrections it receives.
     pub(super) fn soonest(&self, ns: u64) -> Ns {
         let drift = u128::from(ns) * u128::from(self.drift_ppb.max(0).unsigned_abs()) / 1_000_000_000;
         let at_its_own = ns.saturating_sub(u64::try_from(drift).unwrap_or(u64::MAX));
@@ -84,41 +85,41 @@ impl Clock {
         self.local
     }
 
-    /// The local time at another time of the network nearby, ns.
+    /// The local time at network time `at`, ns, which must be near the last update.
     pub(super) fn local_at(&self, at: Ns) -> u64 {
         let ahead = i128::from(at) - i128::from(self.now);
         let drift = (ahead * i128::from(self.drift_ppb)).div_euclid(1_000_000_000);
         self.local.wrapping_add_signed((ahead + drift) as i64)
     }
 
-    /// The system time as the slave's own controller reads it, ns.
+    /// The system time as the slave's processor reads it, ns.
     pub(super) const fn system(&self) -> u64 {
         self.local.wrapping_add(self.offset)
     }
 
-    /// The system time at another time of the network nearby, ns.
+    /// The system time at network time `at`, ns, which must be near the last update.
     pub(super) fn system_at(&self, at: Ns) -> u64 {
         self.local_at(at).wrapping_add(self.offset)
     }
 
-    /// The system time as the network reads it: less the delay from the reference, ns.
+    /// The system time as the network reads it, ns: without the propagation delay from the reference clock.
     pub(super) const fn system_for_network(&self) -> u64 {
         self.system().wrapping_sub(self.delay as u64)
     }
 
-    /// A system time was received: its lower 32 bits. `depth`: how slowly the mean difference follows.
+    /// Handles the lower 32 bits of a received system time. The filter gain for the mean difference is 1/2^`depth`.
     pub(super) fn receive(&mut self, received: u32, depth: u8) {
         let ahead = i64::from((self.system_for_network() as u32).wrapping_sub(received).cast_signed());
         self.difference += (ahead - self.difference) >> depth.min(15);
         self.correction = (-ahead).clamp(-SLEW_MAX_NS, SLEW_MAX_NS);
     }
 
-    /// The filters begin anew.
+    /// Resets the filter of the time difference.
     pub(super) const fn reset_filters(&mut self) {
         self.difference = 0;
     }
 
-    /// Register 0x092C.
+    /// The value of register 0x092C, system time difference.
     pub(super) const fn shown_difference(&self) -> SystemTimeDifference {
         SystemTimeDifference::of(self.difference)
     }
@@ -128,7 +129,7 @@ impl Clock {
 mod tests {
     use super::*;
 
-    /// Whatever a clock drifts by and is corrected by meanwhile, it does not go on by so much sooner.
+    /// The clock does not advance faster than [`Clock::soonest`] says, whatever its drift and its corrections.
     #[test]
     fn no_correction_makes_a_clock_faster_than_it_says() {
         let mut dice = oorandom::Rand64::new(13);

@@ -1,4 +1,4 @@
-//! The controller of a slave without its device: registers, RAM, and what an access to them does.
+//! The slave controller without its device: registers, RAM, and the effects of accesses to them.
 
 mod accesses;
 mod ports;
@@ -22,35 +22,35 @@ use crate::slave::{Communication, SyncManagerSettings};
 
 use protection::Protection;
 
-/// What has happened to a controller since its device looked.
+/// Events of a slave controller that its device has not handled yet.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ControllerEvents {
-    /// AL control was written.
+    /// The master has written AL control.
     pub(super) al_control: bool,
-    /// The watchdog of process data has expired.
+    /// The process data watchdog has expired.
     pub(super) watchdog: bool,
-    /// The unit for SYNC was switched on or off.
+    /// The SYNC unit was activated or deactivated.
     pub(super) sync_changed: bool,
-    /// The controller was reset.
+    /// The master has reset the controller.
     pub(super) reset: bool,
 }
 
-/// A slave controller (ESC): what the network can read and write, without a device.
+/// A slave controller (ESC): the memory that the network reads and writes, without a device.
 #[derive(Clone, Debug)]
-#[repr(C)] // What each frame uses lies side by side, first.
+#[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub struct Controller {
-    /// When the newest frame has come.
+    /// The arrival time of the newest frame.
     pub(super) arrival: Ns,
     pub(super) watchdog: Watchdog,
     clock: Clock,
     pub(super) events: ControllerEvents,
-    /// Registers were written.
+    /// Whether a frame has written registers that affect the device or the next event.
     pub(super) is_set_anew: bool,
-    /// Before then no pulse comes.
+    /// The time before which no SYNC pulse comes.
     without_pulse: Ns,
-    /// Another port has been opened or closed since the way of frames was found.
+    /// Whether a port has been opened or closed since the route of frames was computed.
     pub(super) ports_have_changed: bool,
-    /// The mask of the events for the master, as in the memory.
+    /// The mask of the events for the master, a copy of register 0x0200.
     event_mask: u16,
     protection: Protection,
     pub(super) memory: Memory,
@@ -59,25 +59,27 @@ pub struct Controller {
     pub(super) sync: SyncUnit,
     pub(super) eeprom: Eeprom,
     settings: EscSettings,
-    /// How long after a frame has come it is back at ports 1, 2 and 3, if it leaves by them, ns.
+    /// The round-trip time of a frame through ports 1, 2 and 3, from its arrival at the slave, ns; `None` for a port that
+    /// frames do not leave by.
     pub(super) returns: [Option<Ns>; PORTS - 1],
-    /// Which ports have a link.
+    /// Whether each port has a link.
     links: [bool; PORTS],
-    /// Which ports with the loop control "auto close" are open.
+    /// For the loop setting "auto close": whether each port may open. A lost link clears this, a write to DL control sets
+    /// it again.
     opened: [bool; PORTS],
-    /// Which ports are open.
+    /// Whether each port is open.
     open: [bool; PORTS],
-    /// Bits 8 to 15 of DL control as they are when they are not for a second alone, and when that second ends.
+    /// The permanent loop settings (bits 8 to 15 of DL control), and the time when temporary ones end.
     permanent_loops: u8,
     temporary_until: Option<Ns>,
-    /// How many bytes of the reset sequence have come.
+    /// The number of bytes of the reset sequence received so far.
     reset_progress: usize,
-    /// Room for the bytes of a datagram while they are combined.
+    /// A reusable buffer for combining the data of a datagram with those of the memory.
     pub(super) scratch: Vec<u8>,
 }
 
 impl Controller {
-    /// A controller that is switched on at `now`, with the content of its EEPROM.
+    /// A controller that is switched on at `now`, with this content of the EEPROM.
     pub fn new(settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let mut controller = Self {
             memory: Memory::new(&settings),
@@ -108,7 +110,7 @@ impl Controller {
         controller
     }
 
-    /// Switches the controller off and on again: everything but its EEPROM and its cables is as new.
+    /// Power-cycles the controller: everything except the EEPROM and the cables is reset.
     pub fn power_on(&mut self, now: Ns) {
         self.memory.clear();
         self.fmmus = Fmmus::default();
@@ -132,7 +134,7 @@ impl Controller {
         let ports = settings.ports.iter().rev().fold(0, |byte, port| byte << 2 | port & 0b11);
         memory.set_u8(registers::PORT_DESCRIPTOR, ports);
         memory.set_u16(registers::FEATURES, settings.features.0);
-        // A port that is there decides by itself.
+        // Existing ports start in automatic mode.
         let exists = |port: &usize| settings.ports[*port] >= 2;
         let auto = |control: DlControl, port| control.with_loop(port, LoopControl::Auto);
         let control = (0..PORTS).filter(exists).fold(DlControl::POWER_ON, auto);
@@ -151,7 +153,7 @@ impl Controller {
         self.memory.set_u16(ECAT_EVENT, EcatEvents::DL_STATUS.0);
     }
 
-    /// Loads the first words of the EEPROM. The alias is loaded at power-on alone.
+    /// Loads the configuration words of the EEPROM. The alias is loaded only at power-on.
     fn load_words(&mut self, at_power_on: bool) {
         let info = self.eeprom.load(&mut self.memory);
         if let Some(info) = info {
@@ -184,40 +186,40 @@ impl Controller {
         self.eeprom.content()
     }
 
-    /// Whether nothing may be written in this frame.
+    /// Whether write protection blocks all writes of the present frame.
     #[inline]
     pub(super) const fn is_write_protected(&self) -> bool {
         self.protection.blocks_all()
     }
 
-    /// A frame comes.
+    /// Begins a frame that arrives at time `arrival`.
     #[inline]
     pub(super) fn begin_frame(&mut self, arrival: Ns) {
         self.arrival = arrival;
         self.protection.begin_frame();
     }
 
-    /// Puts a station alias into the EEPROM, from where it is loaded at the next power-on.
+    /// Stores a station alias in the EEPROM. It is loaded at the next power-on.
     pub(super) fn store_alias(&mut self, alias: u16) {
         self.eeprom.store_alias(alias);
     }
 
-    /// Bytes of the memory as they stand there, without any effect. Clocks and the states of sync managers show what was read last.
+    /// Reads bytes of the memory without side effects. Clocks and sync manager states have the values of their last access.
     pub fn peek(&self, address: u16, len: usize) -> &[u8] {
         self.memory.slice(address.into(), len)
     }
 
-    /// A frame came in at a port with a wrong check sequence.
+    /// Counts a frame with a wrong check sequence that came in at a port.
     pub fn note_invalid_frame(&mut self, port: usize) {
         self.memory.count(registers::RX_ERRORS + 2 * port as u16);
     }
 
-    /// A frame came in at a port that another slave has marked: its check sequence was wrong there.
+    /// Counts a frame that came in at a port with the mark of another slave that had detected the error.
     pub fn note_forwarded_error(&mut self, port: usize) {
         self.memory.count(registers::FORWARDED_ERRORS + port as u16);
     }
 
-    /// A frame came whose datagrams do not fit into it.
+    /// Counts a frame whose datagrams do not fit into it.
     pub fn note_wrong_structure(&mut self) {
         self.memory.count(registers::PROCESSING_UNIT_ERRORS);
     }
@@ -232,7 +234,7 @@ impl Controller {
         self.memory.set_u16(ECAT_EVENT, left.0);
     }
 
-    /// The events that the controller adds to each datagram.
+    /// The event bits that the controller ORs into each datagram.
     pub(super) fn masked_events(&self) -> u16 {
         match self.event_mask {
             0 => 0,
@@ -240,7 +242,7 @@ impl Controller {
         }
     }
 
-    /// The bits of the sync managers in the events for the master.
+    /// The event bits of the sync managers for the master.
     fn manager_events(&self) -> u16 {
         let mut events = EcatEvents::NONE;
         for n in 0..self.managers.count().min(8) {
@@ -256,7 +258,7 @@ impl Controller {
         events.0
     }
 
-    /// Time passes up to `now`: the clock, the EEPROM and the watchdog go on.
+    /// Advances the clock, the EEPROM, the watchdog and temporary loop settings to `now`.
     pub fn advance(&mut self, now: Ns) {
         self.clock.advance(now);
         if self.eeprom.advance(now, &mut self.memory) {
@@ -271,37 +273,38 @@ impl Controller {
         }
     }
 
-    /// Time passes up to `now`, before which the controller does nothing by itself.
+    /// Advances only the clock to `now`. The caller has made sure that nothing else happens before.
     #[inline]
     pub(super) fn advance_quietly(&mut self, now: Ns) {
         self.clock.advance(now);
     }
 
-    /// Whether nothing but frames does anything up to `now`, if [nothing is ahead](Self::has_something_ahead) and pulses were
-    /// [looked for](Self::look_for_pulse).
+    /// Whether no event other than frames occurs up to `now`. Valid if [nothing is ahead](Self::has_something_ahead) and
+    /// the next pulse [was computed](Self::look_for_pulse).
     #[inline]
     pub(super) fn is_quiet_until(&self, now: Ns) -> bool {
         now < self.without_pulse && self.watchdog.due().is_none_or(|due| now < due)
     }
 
-    /// Whether something other than the watchdog and pulses happens by itself sooner or later: a command for the EEPROM is done, or
-    /// ports are as before.
+    /// Whether an event other than the watchdog and SYNC pulses is pending: the end of an EEPROM command or of temporary
+    /// loop settings.
     pub(super) fn has_something_ahead(&self) -> bool {
         self.eeprom.due().is_some() || self.temporary_until.is_some()
     }
 
-    /// Finds out before when no pulse comes, whatever frames do to the clock that [leaves the device quiet](Self::is_set_anew).
+    /// Computes a time before which no SYNC pulse comes, whatever clock corrections frames bring, as long as they do not
+    /// [set registers anew](Self::is_set_anew).
     pub(super) fn look_for_pulse(&mut self) {
         self.without_pulse = self.until_pulse().map_or(Ns::MAX, |left| self.clock.soonest(left));
     }
 
-    /// How much time of the clock is left until the next pulse, ns; 0 if it has come.
+    /// The clock time until the next SYNC pulse, ns; 0 if it is due. `None` if no pulse is scheduled.
     fn until_pulse(&self) -> Option<u64> {
         let (at, _) = self.sync.next()?;
         Some(at.wrapping_sub(self.clock.system()).cast_signed().max(0).unsigned_abs())
     }
 
-    /// Whether a frame has written registers that make the device do something, or that change when something happens next.
+    /// Whether a frame has written registers that trigger an action of the device or change the next event.
     #[inline]
     pub(super) const fn is_set_anew(&self) -> bool {
         self.is_set_anew
@@ -317,17 +320,17 @@ impl Controller {
         self.memory.set_u32(AL_EVENT, left.0);
     }
 
-    /// When the watchdog expires, the EEPROM is done or ports are as before next. `None`: nothing of that is to come.
+    /// The time of the next event of watchdog, EEPROM or temporary loop settings; `None` if none is pending.
     pub(super) fn next_due(&self) -> Option<Ns> {
         [self.watchdog.due(), self.eeprom.due(), self.temporary_until].into_iter().flatten().min()
     }
 
-    /// When the next pulse comes, as far as the clock can tell.
+    /// The network time of the next SYNC pulse, as estimated by the clock; `None` if no pulse is scheduled.
     pub(super) fn next_pulse(&self, now: Ns) -> Option<Ns> {
         Some(now + self.until_pulse()?)
     }
 
-    /// Lets the pulses that have come by `now` pass in one go.
+    /// Skips all SYNC pulses up to `now` at once.
     pub(super) fn skip_pulses(&mut self, now: Ns) {
         self.clock.advance(now);
         let skipped = self.sync.skip_to(self.clock.system());
@@ -336,7 +339,7 @@ impl Controller {
         }
     }
 
-    /// The next pulse that has come by now.
+    /// Takes the next SYNC pulse that is due.
     pub(super) fn take_pulse(&mut self) -> Option<SyncPulse> {
         let (_, pulse) = self.sync.take(self.clock.system())?;
         self.show_pulse(pulse);
@@ -352,7 +355,7 @@ impl Controller {
         self.memory.set_u8(status, 1);
     }
 
-    /// Takes the events for the device.
+    /// Takes the pending events for the device.
     pub(super) fn take_events(&mut self) -> ControllerEvents {
         let events = std::mem::take(&mut self.events);
         self.is_set_anew = false;
@@ -365,29 +368,29 @@ impl Controller {
         events
     }
 
-    /// AL control as the master has written it.
+    /// The value of AL control that the master has written.
     pub(super) fn al_control(&self) -> AlControl {
         AlControl(self.memory.u16(AL_CONTROL))
     }
 
-    /// Shows the device's AL status and its code, the code first.
+    /// Shows the device's AL status with its code. The code is written first.
     pub(super) fn set_al_status(&mut self, status: AlStatusRegister, code: AlStatus) {
         self.memory.set_u16(AL_STATUS_CODE, code.0);
         self.memory.set_u16(AL_STATUS, status.0);
         self.raise(EcatEvents::AL_STATUS);
     }
 
-    /// Whether the EEPROM says that AL status copies AL control.
+    /// Whether the EEPROM configures device emulation: AL status copies AL control.
     pub(super) fn is_device_emulated(&self) -> bool {
         self.memory.u8(registers::ESC_CONFIGURATION) & 1 != 0
     }
 
-    /// The unit for SYNC: what is activated.
+    /// The activation register of the SYNC unit; nothing is active without distributed clocks.
     pub(super) fn sync_activation(&self) -> SyncActivation {
         if self.has_clock() { SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION)) } else { SyncActivation::NONE }
     }
 
-    /// What the device reads of the registers before a change of state.
+    /// The registers that the device checks before a change of state.
     pub(super) fn communication(&self) -> Communication {
         let settings = |n| {
             let manager = self.managers.registers(n);
@@ -406,39 +409,39 @@ impl Controller {
         }
     }
 
-    /// The cycle of SYNC0, ns.
+    /// The SYNC0 cycle time, ns.
     pub(super) fn sync0_cycle_ns(&self) -> u32 {
         self.memory.u32(registers::SYNC0_CYCLE)
     }
 
-    /// A latch input, from 0 to one less than [`LATCHES`](registers::LATCHES), has that level from the time `at` of the network on,
-    /// which is not much earlier or later than that of the newest frame. A level that it has already changes nothing; nor does an
-    /// input that there is not, or a controller without distributed clocks.
+    /// Sets the level of a latch input, 0 to [`LATCHES`](registers::LATCHES) - 1, from network time `at` on, which must be
+    /// near the arrival of the newest frame. Without effect for an unchanged level, for an input that does not exist, and
+    /// without distributed clocks.
     pub fn set_latch_input(&mut self, input: usize, is_on: bool, at: Ns) {
         if self.has_clock() && input < registers::LATCHES {
             latch_unit::set_level(input, is_on, at, &self.clock, &mut self.memory);
         }
     }
 
-    /// The levels of the latch inputs at power-on, bit 0 that of input 0.
+    /// Sets the levels of the latch inputs at power-on without causing edges; bit 0 is input 0.
     pub(super) fn begin_latch_inputs(&mut self, levels: u8) {
         if self.has_clock() {
             latch_unit::set_levels(levels, &mut self.memory);
         }
     }
 
-    /// Bytes that no master writes, or that are written without any effect: the RAM, and the station alias.
+    /// Writes bytes that masters cannot write, or that have no side effects: the RAM, and the station alias.
     pub(super) fn fill(&mut self, address: u16, data: &[u8]) {
         let room = self.memory.end().saturating_sub(address.into());
         self.memory.put(address, &data[..data.len().min(room)]);
     }
 
-    /// The slave's own controller takes the EEPROM, or gives it back.
+    /// Takes the EEPROM for the slave's processor, or gives it back to the master.
     pub fn take_eeprom(&mut self, takes: bool) {
         self.memory.set_u8(registers::SII_PDI_ACCESS, takes.into());
     }
 
-    /// The system time as the slave's own controller reads it, ns.
+    /// The system time as the slave's processor reads it, ns.
     pub const fn system_time_ns(&self) -> u64 {
         self.clock.system()
     }

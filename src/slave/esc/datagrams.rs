@@ -1,10 +1,10 @@
-//! What a controller does with a datagram that passes it: the 15 commands.
+//! Processing of a datagram in a slave controller: the 15 commands.
 
 use super::Controller;
 use crate::ethercat::registers::{DL_CONTROL, DlControl, PHYSICAL_OFFSET, STATION_ADDRESS, STATION_ALIAS};
 use crate::ethercat::{Addressing, Command, DatagramHeader};
 
-/// Which parts of an access were done.
+/// The parts of an access that were carried out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Done {
     pub(super) read: bool,
@@ -12,19 +12,19 @@ pub(super) struct Done {
 }
 
 impl Done {
-    /// What the working counter of a command that only reads or only writes counts.
+    /// The increment of the working counter for a command that only reads or only writes.
     const fn single(self) -> u16 {
         (self.read || self.written) as u16
     }
 
-    /// What the working counter of a command that does both counts.
+    /// The increment of the working counter for a command that reads and writes.
     const fn both(self) -> u16 {
         self.read as u16 + 2 * self.written as u16
     }
 }
 
 impl Controller {
-    /// A datagram of the frame passes the controller. What its working counter counts.
+    /// Processes a datagram of a frame. Returns the increment of its working counter.
     #[inline]
     pub(super) fn pass(&mut self, header: &mut DatagramHeader, data: &mut [u8]) -> u16 {
         let command = header.command;
@@ -72,7 +72,7 @@ impl Controller {
         }
     }
 
-    /// Own bytes for a datagram of that length, filled with 0.
+    /// Takes the reusable buffer with `len` bytes of 0.
     pub(super) fn take_scratch(&mut self, len: usize) -> Vec<u8> {
         let mut scratch = std::mem::take(&mut self.scratch);
         scratch.clear();
@@ -80,7 +80,7 @@ impl Controller {
         scratch
     }
 
-    /// Reads, and combines what was read with what came by OR.
+    /// Reads memory and ORs it into the data of the datagram.
     fn read_combined(&mut self, address: usize, data: &mut [u8]) -> u16 {
         let mut own = self.take_scratch(data.len());
         let done = self.read(address, &mut own);
@@ -89,7 +89,8 @@ impl Controller {
         done.into()
     }
 
-    /// Reads and writes: the datagram takes away what was there, and leaves what it brought.
+    /// Exchanges data: the memory at `from` goes into the datagram (`combined`: is ORed into it), and the original data are
+    /// written at `to`.
     fn swap(&mut self, from: usize, to: usize, data: &mut [u8], combined: bool) -> Done {
         let mut brought = self.take_scratch(data.len());
         brought.copy_from_slice(data);
@@ -105,7 +106,7 @@ impl Controller {
     #[inline]
     fn pass_logical(&mut self, header: &DatagramHeader, data: &mut [u8]) -> u16 {
         let command = header.command;
-        // Outputs are taken before inputs replace them, if both have the same logical bytes.
+        // Write before reading, in case outputs and inputs share logical bytes.
         let written = command != Command::Lrd && self.write_mapped(header.address, data);
         let read = command != Command::Lwr && self.read_mapped(header.address, data);
         let done = Done { read, written };

@@ -1,7 +1,7 @@
-//! The EEPROM of a device, written from what the device says about itself.
+//! Generates the EEPROM of a device from the device's own description.
 //!
-//! \[OURS] Categories 20 (data types), 42 and 43 (FMMUs and sync units in full) are left out: every master skips them by their length
-//! if it does not know them, and none that is known needs one.
+//! \[OURS] Categories 20 (data types), 42 and 43 (extended FMMU and sync unit data) are left out: masters that do not know
+//! them skip them by their length, and no known master needs them.
 
 use super::EscSettings;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
@@ -13,37 +13,37 @@ use crate::ethercat::sii::{
 use crate::ethercat::{AlState, AlStatus, WireError};
 use crate::slave::Slave;
 
-/// \[OURS] The size of the EEPROM of a device, bytes.
+/// \[OURS] The size of a device's EEPROM, bytes.
 const EEPROM_BYTES: usize = 2048;
-/// \[OURS] Word 2: SYNC pulses of 10 us.
+/// \[OURS] Word 2, in units of 10 ns: SYNC pulses of 10 us.
 const SYNC_PULSE_LENGTH: u16 = 1000;
-/// \[OURS] The mailboxes of a device.
+/// \[OURS] The mailbox areas of a device.
 const MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 128 }, send: MailboxArea { start: 0x1080, len: 128 } };
-/// \[OURS] The mailboxes in bootstrap of a device that has files: longer ones, since files are.
+/// \[OURS] The bootstrap mailbox areas of a device with files. They are longer, because files are.
 const BOOT_MAILBOX: MailboxAreas =
     MailboxAreas { receive: MailboxArea { start: 0x1000, len: 256 }, send: MailboxArea { start: 0x1100, len: 256 } };
-/// \[OURS] Where its outputs and its inputs lie: three buffers of the longest image have room at each.
+/// \[OURS] The start addresses of outputs and inputs, with room for three buffers of the longest process data each.
 const OUTPUTS_START: u16 = 0x1100;
 const INPUTS_START: u16 = 0x1400;
-/// The index of an object's address in a mapping entry, and padding.
+/// The object index of a padding entry in a PDO mapping.
 const PADDING: u16 = 0;
 
-/// Why there is no EEPROM for a device.
+/// Why the EEPROM of a device cannot be generated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptionError {
-    /// The device does not go to PreOP, where it says what it maps.
+    /// The device refuses PreOP, the state in which its PDO mapping can be read.
     #[error("the device refuses PreOP with AL status code {0}; describe a device that was just switched on")]
     State(AlStatus),
-    /// An object that is needed cannot be read.
+    /// A required object cannot be read.
     #[error("object {object} cannot be read: {code}; a device needs 0x1018, 0x1C12 and 0x1C13 to be described")]
     Object {
-        /// Which one.
+        /// The address of the object.
         object: ObjectAddress,
-        /// Why.
+        /// The abort code of the read.
         code: AbortCode,
     },
-    /// What the device says does not fit into the EEPROM.
+    /// The description of the device does not fit into the EEPROM.
     #[error("the description does not fit into {EEPROM_BYTES} bytes: {0}; map fewer objects")]
     TooLong(WireError),
 }
@@ -59,13 +59,13 @@ fn number(device: &mut dyn Slave, index: u16, sub: u8) -> Result<u32, Descriptio
     device.upload(object).map(|value| value.bits).map_err(|code| DescriptionError::Object { object, code })
 }
 
-/// The items of a list whose sub-index 0 is their number.
+/// The items of a list object, whose sub-index 0 is their number.
 fn list(device: &mut dyn Slave, index: u16) -> Result<Vec<u32>, DescriptionError> {
     let count = number(device, index, 0)? as u8;
     (1..=count).map(|sub| number(device, index, sub)).collect()
 }
 
-/// The PDOs that are assigned in one direction, each with its entries.
+/// The assigned PDOs of one direction, each with its entries.
 fn pdos(device: &mut dyn Slave, assignment: u16) -> Result<Vec<(u16, Vec<SiiPdoEntry>)>, DescriptionError> {
     let mut pdos = Vec::new();
     for index in list(device, assignment)? {
@@ -84,13 +84,13 @@ fn described(device: &dyn Slave, entry: u32) -> SiiPdoEntry {
     SiiPdoEntry { index: object.index, sub, name: 0, data_type, bits, flags: 0 }
 }
 
-/// How many bytes PDOs have together.
+/// The total length of PDOs, bytes.
 fn bytes_of(pdos: &[(u16, Vec<SiiPdoEntry>)]) -> u16 {
     let bits: usize = pdos.iter().flat_map(|(_, entries)| entries).map(|entry| usize::from(entry.bits)).sum();
     bits.div_ceil(8) as u16
 }
 
-/// The text of object 0x1008, or the name that people know the device by.
+/// The text of object 0x1008, or else the display name of the device.
 fn name_of(device: &mut dyn Slave) -> String {
     let mut text = [0; 64];
     match device.read(ObjectAddress::new(0x1008, 0), SdoScope::Entry, &mut text) {
@@ -99,15 +99,15 @@ fn name_of(device: &mut dyn Slave) -> String {
     }
 }
 
-/// Writes the EEPROM of a device: its identity, its mailbox, its PDOs as they are mapped now, its clocks. The device has to
-/// be in Init, and is there again afterwards.
+/// Generates the EEPROM of a device: identity, mailbox, PDOs as mapped now, and distributed clocks. The device must be in
+/// Init, and returns to Init.
 ///
 /// # Errors
 /// [`DescriptionError`].
 pub fn eeprom_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, DescriptionError> {
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
     let written = write(device, settings);
-    // Every device can go to a lower state.
+    // Every device can go to a lower state, so the result is always `Ok`.
     let _ = device.enter(AlState::Init);
     written
 }
@@ -135,7 +135,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     let mut eeprom = vec![0; EEPROM_BYTES];
     let mut sii = SiiWriter::new(&mut eeprom, &info)?;
     let (name, kind) = (name_of(device), device.name().to_owned());
-    // Masters with SOEM show the first text as the name, whatever the category of general data says.
+    // SOEM-based masters show the first text as the name, whatever the general category says.
     sii.strings(&[&name, "ecmsk", &kind])?;
     let coe = coe_details(device);
     let ports = settings.ports.map(|port| match port {
@@ -159,7 +159,7 @@ fn write(device: &mut dyn Slave, settings: &EscSettings) -> Result<Vec<u8>, Desc
     Ok(eeprom)
 }
 
-/// What the device can do with its objects. Masters read the mapping by complete access if the EEPROM says that it has it.
+/// The CoE features of the device. Masters read the mapping by complete access if the EEPROM says that it is supported.
 fn coe_details(device: &mut dyn Slave) -> CoeDetails {
     let has_information = device.object_from(0).is_some();
     let sync_manager_types = ObjectAddress::new(0x1C00, 0);

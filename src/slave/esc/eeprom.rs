@@ -1,4 +1,4 @@
-//! The EEPROM of a slave and the interface to it, registers 0x0500 to 0x050F.
+//! The EEPROM of a slave and its interface, registers 0x0500 to 0x050F.
 
 use super::EscSettings;
 use super::memory::Memory;
@@ -8,24 +8,24 @@ use crate::ethercat::sii::{CHECKED_LEN, Sii, SiiInfo, checksum};
 
 /// The bits of the control word that a master can set.
 const WRITABLE: SiiControl = SiiControl(SiiControl::WRITE_ENABLE.0 | 0b111 << 8);
-/// The bits that say what went wrong with a command.
+/// The error bits of a command.
 const COMMAND_ERRORS: SiiControl = SiiControl(SiiControl::COMMAND_ERROR.0 | SiiControl::WRITE_ENABLE_ERROR.0);
-/// The bits that say whether the first words were loaded.
+/// The error bits of loading the configuration words.
 const LOADING_ERRORS: SiiControl = SiiControl(SiiControl::CHECKSUM_ERROR.0 | SiiControl::NOT_LOADED.0);
 
-/// Where the station alias stands: word 4.
+/// The byte offset of the station alias, word 4.
 const ALIAS: usize = 8;
 
-/// The EEPROM and its interface.
+/// The EEPROM with its interface.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     content: Vec<u8>,
     reads_8_bytes: bool,
     takes_ns: Ns,
-    /// How long it acknowledges nothing after a word was written, and until when it does not now.
+    /// The time after a write during which the EEPROM does not acknowledge, and the end of the present one.
     silence_ns: Ns,
     silent_until: Ns,
-    /// The control word that was written, until its command is done, and when that is.
+    /// The control word of the running command, and the time when the command is done.
     running: Option<(SiiControl, Ns)>,
 }
 
@@ -39,7 +39,7 @@ impl Eeprom {
         &self.content
     }
 
-    /// The words that are loaded at power-on; `None`: their checksum is wrong.
+    /// The configuration words for power-on; `None` if their checksum is wrong.
     pub(super) fn load(&mut self, memory: &mut Memory) -> Option<SiiInfo> {
         self.running = None;
         let info = Sii::new(&self.content).ok().filter(Sii::has_right_checksum).map(|sii| sii.info());
@@ -48,7 +48,7 @@ impl Eeprom {
         info
     }
 
-    /// Puts a station alias into word 4, with the checksum that fits. An EEPROM whose checksum is wrong stays as it is.
+    /// Stores a station alias in word 4 and updates the checksum. An EEPROM with a wrong checksum is left unchanged.
     pub(super) fn store_alias(&mut self, alias: u16) {
         if !Sii::new(&self.content).is_ok_and(|sii| sii.has_right_checksum()) {
             return;
@@ -64,19 +64,19 @@ impl Eeprom {
         if self.content.len() > 2048 { reads | SiiControl::TWO_ADDRESS_BYTES } else { reads }
     }
 
-    /// Whether a master may write the interface now.
+    /// Whether the master may write to the interface now.
     pub(super) fn is_free(&self, memory: &Memory) -> bool {
         memory.u8(registers::SII_PDI_ACCESS) & 1 == 0 && self.running.is_none()
     }
 
-    /// A master has written the lower byte of the control word alone, of which it can change one bit.
+    /// Handles a write of only the lower byte of the control word, in which a master can change one bit.
     pub(super) fn written_in_part(&mut self, memory: &mut Memory) {
         let written = SiiControl(memory.u16(SII_CONTROL));
         let kept = SiiControl(written.0 & (0xFF00 | SiiControl::WRITE_ENABLE.0));
         memory.set_u16(SII_CONTROL, (kept | self.fixed_bits()).0);
     }
 
-    /// A master has written the control word. True: the words for the registers have to be loaded again.
+    /// Handles a write of the control word: starts the command.
     pub(super) fn command(&mut self, written: SiiControl, now: Ns, memory: &mut Memory) {
         let kept = SiiControl(memory.u16(SII_CONTROL) & LOADING_ERRORS.0) | self.fixed_bits();
         let written = SiiControl(written.0 & WRITABLE.0);
@@ -88,7 +88,7 @@ impl Eeprom {
         self.running = Some((written, now + self.takes_ns));
     }
 
-    /// Time has passed: a command may be done. True: the first words have to be loaded again.
+    /// Completes the running command if it is done by `now`. Returns true if the configuration words must be loaded again.
     pub(super) fn advance(&mut self, now: Ns, memory: &mut Memory) -> bool {
         let Some((written, _)) = self.running.take_if(|(_, due)| *due <= now) else { return false };
         let at = (memory.u32(SII_ADDRESS) as usize).saturating_mul(2);
@@ -97,7 +97,7 @@ impl Eeprom {
             SiiCommand::Read => {
                 let len = if self.reads_8_bytes { 8 } else { 4 };
                 for n in 0..len {
-                    // Behind the end an EEPROM reads as an empty one.
+                    // Beyond its end the EEPROM reads as erased.
                     let byte = self.content.get(at.saturating_add(n)).copied().unwrap_or(0xFF);
                     memory.set_u8(SII_DATA + n as u16, byte);
                 }
@@ -123,7 +123,7 @@ impl Eeprom {
         written.command() == SiiCommand::Reload
     }
 
-    /// When the running command is done.
+    /// The time when the running command is done; `None` if no command is running.
     pub(super) fn due(&self) -> Option<Ns> {
         self.running.map(|(_, due)| due)
     }

@@ -1,5 +1,5 @@
-//! The ESI file of a device (ETG.2000), from the same description as its EEPROM: what TwinCAT and other tools want to have of a
-//! slave.
+//! Generates the ESI file of a device (ETG.2000) from the same description as its EEPROM, for TwinCAT and other
+//! configuration tools.
 
 use std::ops::Range;
 
@@ -12,11 +12,11 @@ use crate::ethercat::sii::{
 use crate::ethercat::{AlState, WireError};
 use crate::slave::Slave;
 
-/// \[OURS] Who has made all devices.
+/// \[OURS] The vendor name of all simulated devices.
 const VENDOR: &str = "ecmsk";
 
-/// The ESI file of a device, which has to be in Init, and is there again afterwards. It is made of the device's EEPROM, and the
-/// names of its objects.
+/// Generates the ESI file of a device from its EEPROM and the names of its objects. The device must be in Init, and returns
+/// to Init.
 ///
 /// # Errors
 /// [`DescriptionError`].
@@ -24,7 +24,7 @@ pub fn esi_of(device: &mut dyn Slave, settings: &EscSettings) -> Result<String, 
     let eeprom = eeprom_of(device, settings)?;
     device.enter(AlState::PreOp).map_err(DescriptionError::State)?;
     let written = write(&*device, settings, &eeprom);
-    // Every device can go to a lower state.
+    // Every device can go to a lower state, so the result is always `Ok`.
     let _ = device.enter(AlState::Init);
     Ok(written?)
 }
@@ -113,7 +113,7 @@ fn entry_line(device: &dyn Slave, entry: SiiPdoEntry) -> String {
     )
 }
 
-/// The name of a data type by its number (ETG.1020), or that of an unsigned one as long.
+/// The name of a data type by its code (ETG.1020). An unknown code gets the name of the unsigned type of the same length.
 fn type_name(code: u8, bits: u8) -> String {
     let known = [
         (1, "BOOL"),
@@ -136,8 +136,8 @@ fn type_name(code: u8, bits: u8) -> String {
     }
 }
 
-/// What the mailbox can do. \[OURS] A device without a value that is too long for one message does without segments, as the maker's
-/// description of the DP3CL says.
+/// The mailbox element with its CoE features. \[OURS] A device whose values all fit into one message does not support
+/// segments, as in the manufacturer's ESI file of the DP3CL.
 fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool) -> String {
     let flag = |bit| u8::from(general.coe.contains(bit));
     let files = if protocols.contains(MailboxProtocols::FOE) { "<FoE/>" } else { "" };
@@ -151,7 +151,8 @@ fn mailbox(general: &SiiGeneral, protocols: MailboxProtocols, has_segments: bool
     )
 }
 
-/// The first words of the EEPROM, and the mailboxes in bootstrap if there is one, as hexadecimal bytes in their order there.
+/// The configuration words of the EEPROM, and the bootstrap mailboxes if there are any, as hexadecimal bytes in EEPROM
+/// order.
 fn memory(info: &SiiInfo, eeprom: &[u8]) -> String {
     const CONFIGURED: Range<usize> = 0..14;
     const BOOT_MAILBOX: Range<usize> = 0x28..0x30;

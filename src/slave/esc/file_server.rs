@@ -1,22 +1,22 @@
-//! The FoE server of a slave: one file at a time, packet by packet.
+//! The FoE server of a slave: one transfer at a time, packet by packet.
 //!
 //! Source: ETG.1000.6 5.8; rules ECAT-12.
 
 use crate::ethercat::foe::{FOE_OVERHEAD, FoeError, FoeMessage};
 use crate::slave::files::{FILE_BYTES_MAX, FileStore};
 
-/// The transfer under way.
+/// The present transfer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Transfer {
     #[default]
     None,
-    /// A file is read; the packet of that number was sent.
+    /// The master reads a file; packet number `packet` was sent last.
     Read { packet: u32 },
-    /// A file is written; the packet of that number comes next.
+    /// The master writes a file; packet number `packet` is expected next.
     Write { packet: u32 },
 }
 
-/// The server.
+/// The state of the FoE server.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FileServer {
     transfer: Transfer,
@@ -25,13 +25,13 @@ pub(super) struct FileServer {
     is_in_bootstrap: bool,
 }
 
-/// How many bytes of a file a mailbox has room for.
+/// The number of file bytes that fit into a mailbox.
 fn packet_bytes(mailbox: usize) -> usize {
     mailbox.saturating_sub(FOE_OVERHEAD).max(1)
 }
 
 impl FileServer {
-    /// Ends a transfer without a word; the mailbox begins anew, in bootstrap or not.
+    /// Ends a transfer without a message, because the mailbox restarts, in bootstrap or not.
     pub(super) fn reset(&mut self, is_in_bootstrap: bool) {
         self.is_in_bootstrap = is_in_bootstrap;
         self.end();
@@ -39,11 +39,12 @@ impl FileServer {
 
     fn end(&mut self) {
         self.transfer = Transfer::None;
-        // A file may be long.
+        // Releases the memory, because a file may be long.
         self.bytes = Vec::new();
     }
 
-    /// Answers a message; `None`: there is nothing to say. `mailboxes`: how long those for requests and for answers are, bytes.
+    /// Answers a message; `None` if no answer is due. `mailboxes` are the lengths of the request and response mailboxes,
+    /// bytes.
     pub(super) fn answer(
         &mut self,
         message: &FoeMessage<'_>,
@@ -69,13 +70,13 @@ impl FileServer {
         }
     }
 
-    /// Ends the transfer with a code.
+    /// Ends the transfer with an error code.
     fn refuse(&mut self, code: FoeError) -> FoeMessage<'_> {
         self.end();
         FoeMessage::Error { code, text: code.text().unwrap_or_default().as_bytes() }
     }
 
-    /// A packet of the file that is read; behind the end it is empty.
+    /// A data packet of the file being read; empty beyond the end of the file.
     fn packet(&self, packet: u32, mailbox: usize) -> FoeMessage<'_> {
         let room = packet_bytes(mailbox);
         let start = (packet as usize - 1).saturating_mul(room).min(self.bytes.len());
@@ -90,7 +91,7 @@ impl FileServer {
         Ok(Sent::Packet(1))
     }
 
-    /// The master has got a packet: the next one, if it was not the last.
+    /// Handles the acknowledgement of a packet: returns the next packet, or `None` after the last one.
     fn acknowledged(&mut self, packet: u32, mailbox: usize) -> Option<FoeMessage<'_>> {
         match self.transfer {
             Transfer::Read { packet: sent } if sent == packet => {
@@ -116,7 +117,7 @@ impl FileServer {
         Ok(Sent::Ack(0))
     }
 
-    /// The master has sent a packet. One with less than there is room for is the last.
+    /// Handles a data packet from the master. A packet that does not fill the mailbox is the last one.
     fn take(&mut self, packet: u32, data: &[u8], mailbox: usize, files: &mut FileStore) -> Result<Sent, FoeError> {
         let Transfer::Write { packet: expected } = self.transfer else { return Err(FoeError::ILLEGAL) };
         if packet != expected {
@@ -135,7 +136,7 @@ impl FileServer {
     }
 }
 
-/// What is answered.
+/// The answer to a message, before it is encoded.
 #[derive(Clone, Copy, Debug)]
 enum Sent {
     Packet(u32),

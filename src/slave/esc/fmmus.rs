@@ -1,4 +1,4 @@
-//! Logical addressing: which bits of a datagram are which bits of the memory.
+//! Logical addressing: the FMMUs' mapping between bits of a datagram and bits of the memory.
 
 use std::ops::Range;
 
@@ -7,24 +7,24 @@ use super::managers::Managers;
 use super::memory::Memory;
 use crate::ethercat::registers::{self, Fmmu, FmmuDirections};
 
-/// The most FMMUs that a controller has.
+/// The maximum number of FMMUs of a slave controller.
 pub(super) const FMMUS_MAX: usize = 16;
 
-/// What a datagram that has all of an FMMU needs to know of it.
+/// The data for the fast path: a datagram that contains the whole area of an FMMU.
 #[derive(Clone, Copy, Debug, Default)]
 struct Whole {
-    /// The logical address of the first byte, and how many bytes there are.
+    /// The logical address of the first byte, and the number of bytes.
     logical: u32,
     len: u16,
-    /// A bit for the sync manager whose area is just what the FMMU maps, in whole bytes; 0: none.
+    /// The bit of the sync manager whose area is exactly the mapped one, in whole bytes; 0 if there is none.
     area: u16,
 }
 
-/// The FMMUs as their registers say, decoded when these are written.
+/// The FMMUs, decoded when their registers are written.
 #[derive(Clone, Debug, Default)]
-#[repr(C)] // What each frame uses lies side by side, first.
+#[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub(super) struct Fmmus {
-    /// A bit for each FMMU that maps outputs, and that maps inputs.
+    /// The FMMUs that map outputs, and those that map inputs, one bit each.
     outputs: u16,
     inputs: u16,
     wholes: [Whole; FMMUS_MAX],
@@ -32,7 +32,7 @@ pub(super) struct Fmmus {
 }
 
 impl Fmmus {
-    /// Decodes the registers of so many FMMUs, of which each finds its sync manager.
+    /// Decodes the registers of `count` FMMUs and assigns each its sync manager.
     pub(super) fn decode(count: u8, memory: &Memory, managers: &Managers) -> Self {
         let mut fmmus = Self::default();
         for n in 0..count.min(FMMUS_MAX as u8) {
@@ -51,12 +51,12 @@ impl Fmmus {
         fmmus
     }
 
-    /// How much of an FMMU a datagram has, where the areas that can be exchanged whole are those in `areas`.
+    /// The share of FMMU `n` in a datagram. `areas` are the sync managers whose areas can be exchanged as a whole.
     #[inline]
     fn share(&self, n: usize, areas: u16, address: u32, data_len: usize) -> Share {
         let Whole { logical, len, area } = self.wholes[n];
         let (data_len, len) = (data_len as u64, u64::from(len));
-        // Both are far greater than any length if they are less than 0.
+        // A negative difference wraps to a value far above any length.
         let at = u64::from(logical).wrapping_sub(address.into());
         let skipped = u64::from(address).wrapping_sub(logical.into());
         let area = area & areas;
@@ -67,17 +67,18 @@ impl Fmmus {
     }
 }
 
-/// How much of an FMMU a datagram has.
+/// The overlap of an FMMU with a datagram.
 enum Share {
-    /// Nothing.
+    /// No overlap.
     None,
-    /// All, and it can be exchanged whole: the number of the sync manager, and the bytes of the datagram.
+    /// The datagram contains the whole FMMU, and its area can be exchanged as a whole: the number of the sync manager, and
+    /// the range of bytes in the datagram.
     Whole(usize, Range<usize>),
-    /// Something that has to be looked at.
+    /// A possible overlap that needs a closer look.
     Part,
 }
 
-/// The first of the bits in `left`, which is taken out of them.
+/// Takes the lowest set bit out of `left` and returns its number.
 #[inline]
 const fn next(left: &mut u16) -> Option<usize> {
     if *left == 0 {
@@ -88,16 +89,16 @@ const fn next(left: &mut u16) -> Option<usize> {
     Some(n)
 }
 
-/// The part of an FMMU that a datagram has.
+/// The overlapping part of an FMMU and a datagram.
 struct Part {
-    /// The first of its bytes in the datagram, and how many bytes there are.
+    /// The offset of the part in the datagram, and its length, bytes.
     at: usize,
     len: usize,
-    /// How many bytes of the FMMU come before.
+    /// The number of bytes of the FMMU in front of the part.
     skipped: usize,
 }
 
-/// The bytes of a datagram at a logical address that an FMMU maps.
+/// The part of an FMMU in a datagram at a logical address; `None` without overlap.
 fn part_of(fmmu: &Fmmu, address: u32, data: &[u8]) -> Option<Part> {
     let (begin, end) = (u64::from(fmmu.logical), u64::from(fmmu.logical) + u64::from(fmmu.len));
     let (first, last) = (u64::from(address), u64::from(address) + data.len() as u64);
@@ -109,7 +110,8 @@ fn part_of(fmmu: &Fmmu, address: u32, data: &[u8]) -> Option<Part> {
     })
 }
 
-/// The bits of the part as pairs of bit numbers: in the datagram, and in the memory from its first byte on.
+/// The mapped bits of a part, as pairs of bit numbers: in the datagram, and in the memory relative to the first mapped
+/// byte.
 fn bits<'f>(fmmu: &'f Fmmu, part: &Part) -> impl Iterator<Item = (usize, usize)> + use<'f> {
     let (first, total) = (usize::from(fmmu.first_bit), fmmu.bits() as usize);
     let begin = 8 * part.skipped;
@@ -133,7 +135,7 @@ fn set_bit(bytes: &mut [u8], bit: usize, value: bool) {
 }
 
 impl Controller {
-    /// Writes what FMMUs map for outputs. Whether anything was written.
+    /// Writes the data that FMMUs map as outputs into the memory. Returns whether anything was written.
     #[inline]
     pub(super) fn write_mapped(&mut self, address: u32, data: &[u8]) -> bool {
         if self.is_write_protected() {
@@ -155,7 +157,7 @@ impl Controller {
         done
     }
 
-    /// Writes the part of an FMMU that a datagram has.
+    /// Writes the part of an FMMU that a datagram contains.
     #[inline(never)]
     fn write_part(&mut self, n: usize, address: u32, data: &[u8]) -> bool {
         let fmmu = self.fmmus.all[n];
@@ -168,7 +170,7 @@ impl Controller {
         }
     }
 
-    /// \[OURS] Bits beside the mapped ones keep their values everywhere, not in the digital outputs alone.
+    /// \[OURS] Unmapped neighbouring bits keep their values everywhere, not only in the digital outputs.
     fn write_bits(&mut self, fmmu: &Fmmu, part: &Part, data: &[u8]) -> bool {
         let Some((first, last)) = bounds(fmmu, part) else { return false };
         let address = usize::from(fmmu.physical) + first / 8;
@@ -184,7 +186,8 @@ impl Controller {
         done
     }
 
-    /// Reads what FMMUs map for inputs; other bits stay as they came. Whether anything was read.
+    /// Reads the memory that FMMUs map as inputs into the datagram; other bits are left unchanged. Returns whether anything
+    /// was read.
     #[inline]
     pub(super) fn read_mapped(&mut self, address: u32, data: &mut [u8]) -> bool {
         let (mut done, mut left) = (false, self.fmmus.inputs);
@@ -201,7 +204,7 @@ impl Controller {
         done
     }
 
-    /// Reads the part of an FMMU that a datagram has.
+    /// Reads the part of an FMMU that a datagram contains.
     #[inline(never)]
     fn read_part(&mut self, n: usize, address: u32, data: &mut [u8]) -> bool {
         let fmmu = self.fmmus.all[n];

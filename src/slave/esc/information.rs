@@ -1,4 +1,4 @@
-//! SDO information: what a slave answers to questions about its objects, in fragments if the mailbox is short.
+//! The SDO information server of a slave, which answers in fragments if the mailbox is short.
 
 use crate::ethercat::WireError;
 use crate::ethercat::coe::{
@@ -8,39 +8,39 @@ use crate::ethercat::coe::{
 use crate::slave::Slave;
 use crate::slave::dictionary::{EntryDescription as Entry, ObjectDescription as Object};
 
-/// Bytes of a mailbox in front of the data of a fragment: headers of mailbox, CoE and information.
+/// Bytes of a mailbox in front of the data of a fragment: mailbox header, CoE header and SDO information header.
 const OVERHEAD: usize = 6 + 2 + InformationFragment::HEADER_LEN;
-/// How many bytes of an answer there is room for before a longer one needs more.
+/// The capacity reserved for a response, bytes. A longer response allocates.
 const ANSWER_ROOM: usize = 1024;
-/// \[OURS] The longest name of an entry that is told, bytes.
+/// \[OURS] The maximum length of an entry name in a response, bytes.
 const NAME_ROOM: usize = 256;
 
-/// An answer that is given fragment by fragment.
+/// A response that is sent fragment by fragment.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Information {
     answer: Vec<u8>,
     kind: Option<InformationKind>,
-    /// How many bytes have gone.
+    /// The number of bytes sent so far.
     sent: usize,
 }
 
 impl Information {
-    /// Gives up what is left of an answer.
+    /// Drops the rest of a response.
     pub(super) fn reset(&mut self) {
         self.answer.clear();
         self.answer.reserve(ANSWER_ROOM);
         (self.kind, self.sent) = (None, 0);
     }
 
-    /// Whether there is a fragment to come.
+    /// Whether a fragment is still to be sent.
     pub(super) const fn is_waiting(&self) -> bool {
         self.kind.is_some()
     }
 
-    /// Takes a question; [`Self::next`] gives the answer.
+    /// Handles a request; [`Self::next`] returns the response.
     ///
     /// # Errors
-    /// [`WireError::Short`]: the question is too short.
+    /// [`WireError::Short`]: the request is too short.
     pub(super) fn ask(&mut self, question: InformationFragment<'_>, device: &dyn Slave) -> Result<(), WireError> {
         self.reset();
         let data = question.data;
@@ -78,7 +78,7 @@ impl Information {
         self.put(InformationKind::ObjectResponse, |room| described.encode(room));
     }
 
-    /// Of the values that are wanted those are told that the device tells; a unit is none of them.
+    /// Encodes an entry description with the requested values, as far as the device defines them. Units are not supported.
     fn put_entry(&mut self, entry: &Entry<'_>, wanted: ValueInfo) {
         let mut info = ValueInfo(wanted.0 & (ValueInfo::ACCESS | ValueInfo::CATEGORY | ValueInfo::MAPPING).0);
         let mut data = [0; 3 * 8 + NAME_ROOM];
@@ -108,7 +108,7 @@ impl Information {
 
     fn put(&mut self, kind: InformationKind, encode: impl FnOnce(&mut [u8]) -> Result<usize, WireError>) {
         self.answer.resize(ANSWER_ROOM, 0);
-        // A name that is longer than that is left out with its object.
+        // A name that does not fit leaves the description empty.
         let len = encode(&mut self.answer).unwrap_or(0);
         self.answer.truncate(len);
         self.kind = Some(kind);
@@ -134,10 +134,10 @@ impl Information {
         Ok(())
     }
 
-    /// The next fragment for a mailbox of that length.
+    /// The next fragment for a mailbox of `mailbox` bytes; `None` if nothing is left.
     pub(super) fn next(&mut self, mailbox: usize) -> Option<InformationFragment<'_>> {
         let kind = self.kind?;
-        // Indices are not torn.
+        // A fragment must not split a 16-bit index.
         let room = (mailbox.saturating_sub(OVERHEAD) & !1).max(2);
         let (from, whole) = (self.sent, self.answer.len());
         let len = (whole - from).min(room);

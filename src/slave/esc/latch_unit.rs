@@ -1,7 +1,6 @@
-//! The unit that keeps the times of the distributed clock at which the latch inputs of a controller change, registers 0x09A8 to
-//! 0x09CF.
+//! The latch unit: captures the system times at which the latch inputs of a controller change, registers 0x09A8 to 0x09CF.
 //!
-//! Source: ETG.1000.4 and the data sheets of controllers; rules ECAT-13.6 and on.
+//! Source: ETG.1000.4 and the data sheets of slave controllers; rules ECAT-13.6 and following.
 
 use super::clock::Clock;
 use super::memory::Memory;
@@ -11,10 +10,10 @@ use crate::ethercat::registers::{
     LatchStatus, latch_time,
 };
 
-/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: latch input 0 is that of the slave's own controller; bit 5: input 1 is.
+/// Bit 4 of [`CYCLIC_UNIT_CONTROL`]: latch input 0 belongs to the slave's processor; bit 5: latch input 1.
 const OWNED_BY_DEVICE: u8 = 1 << 4;
 
-/// Whether the slave's own controller has a latch input, and not the master.
+/// Whether a latch input belongs to the slave's processor instead of the master.
 pub(super) fn is_devices(input: usize, memory: &Memory) -> bool {
     memory.u8(CYCLIC_UNIT_CONTROL) & OWNED_BY_DEVICE << input != 0
 }
@@ -23,7 +22,7 @@ fn status(input: usize, memory: &Memory) -> LatchStatus {
     LatchStatus(memory.u8(LATCH_STATUS + input as u16))
 }
 
-/// Sets the levels of the inputs, bit 0 that of input 0, without an edge.
+/// Sets the levels of the inputs without causing edges; bit 0 is input 0.
 pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     for input in 0..LATCHES {
         let without = status(input, memory).without(LatchStatus::PIN);
@@ -32,8 +31,8 @@ pub(super) fn set_levels(levels: u8, memory: &mut Memory) {
     }
 }
 
-/// An input has a level from `at` on. In the continuous mode the time of each edge is kept; in the single mode that of the first one,
-/// until it is read.
+/// Sets the level of an input from network time `at` on. In continuous mode the time of every edge is captured; in
+/// single-event mode only that of the first edge, until its time is read.
 pub(super) fn set_level(input: usize, is_on: bool, at: Ns, clock: &Clock, memory: &mut Memory) {
     let before = status(input, memory);
     if before.contains(LatchStatus::PIN) == is_on {
@@ -60,14 +59,16 @@ fn levels(memory: &Memory) -> u8 {
         .fold(0, |bits, input| bits | 1 << input)
 }
 
-/// The master has read the time of an edge: with an input of its own the next edge counts.
+/// Acknowledges an edge whose time the master has read: if the input belongs to the master, the next edge is captured
+/// again.
 pub(super) fn acknowledge(input: usize, edge: LatchEdge, memory: &mut Memory) {
     if !is_devices(input, memory) {
         forget(input, edge, memory);
     }
 }
 
-/// The control of the inputs, or who has them, was written. \[OURS] An edge whose mode is continuous now is no event any more.
+/// Handles a write to the latch control or to the assignment of the inputs. \[OURS] An edge that is now in continuous mode
+/// no longer counts as an event.
 pub(super) fn control_written(memory: &mut Memory) {
     for input in 0..LATCHES {
         for edge in LatchEdge::ALL {
@@ -85,7 +86,7 @@ fn forget(input: usize, edge: LatchEdge, memory: &mut Memory) {
     show_events(memory);
 }
 
-/// Shows in the event registers whether an edge waits to be read, to the master or to the slave's own controller.
+/// Updates the event registers of the master and of the slave's processor: whether a captured edge is waiting to be read.
 fn show_events(memory: &mut Memory) {
     let waits = |of_device: bool, memory: &Memory| {
         let mine = (0..LATCHES).filter(|input| is_devices(*input, memory) == of_device);

@@ -1,5 +1,5 @@
-//! The mailbox of a slave: requests out of sync manager 0, answers into sync manager 1, the last one once more if the master
-//! asks for it.
+//! The mailbox of a slave: it takes requests from sync manager 0, puts responses into sync manager 1, and repeats the last
+//! response on request of the master.
 
 use super::file_server::FileServer;
 use super::information::Information;
@@ -15,14 +15,14 @@ use crate::ethercat::registers::{SmActivate, SmPdiControl, SmStatus};
 use crate::ethercat::{Ns, WireError, registers::SyncManager};
 use crate::slave::Slave;
 
-/// The sync manager of requests.
+/// The sync manager for requests.
 pub(super) const REQUESTS: u8 = 0;
-/// The sync manager of answers.
+/// The sync manager for responses.
 pub(super) const ANSWERS: u8 = 1;
-/// \[OURS] How many emergencies wait at most; others are lost.
+/// \[OURS] The maximum number of pending emergencies; further ones are lost.
 pub const EMERGENCIES_MAX: usize = 8;
 
-/// A message in a buffer that is used again and again.
+/// A message in a reusable buffer.
 #[derive(Clone, Debug, Default)]
 struct Slot {
     bytes: Vec<u8>,
@@ -37,42 +37,42 @@ impl Slot {
     }
 }
 
-/// The mailbox.
+/// The state of the mailbox.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
-    /// The counter of the last request.
+    /// The message counter of the last request.
     last_request: MailboxCounter,
-    /// The counter of the last answer.
+    /// The message counter of the last response.
     counter: MailboxCounter,
     request: Vec<u8>,
-    /// An answer that does not stand in sync manager 1 yet.
+    /// A response that is not in sync manager 1 yet.
     answer: Slot,
-    /// When that answer may stand there.
+    /// The earliest time for putting that response into sync manager 1.
     answer_due: Ns,
-    /// How much longer SDOs are made to take.
+    /// An additional delay of SDO responses, ns.
     sdo_delay_ns: Ns,
     now: Ns,
-    /// A message that stood there and made room for an older one.
+    /// A message that was in sync manager 1 and had to give way to a repeated one.
     put_back: Slot,
-    /// What stands in sync manager 1.
+    /// The message in sync manager 1.
     posted: Vec<u8>,
-    /// It stands there once more.
+    /// Whether the message in sync manager 1 is a repetition.
     is_repeat: bool,
-    /// What the master has read last.
+    /// The last message that the master has read.
     read: Slot,
     emergencies: [Emergency; EMERGENCIES_MAX],
     emergencies_waiting: usize,
     sdo: SdoServer,
     information: Information,
     files: FileServer,
-    /// In bootstrap nothing but files is served.
+    /// Whether the slave is in bootstrap, where only FoE is served.
     is_in_bootstrap: bool,
-    /// What it remembers of messages outlives Init, as in some devices: counters, and the message that was read last.
+    /// Whether counters and the last read message survive Init, as in some devices.
     remembers: bool,
 }
 
 impl Mailbox {
-    /// The mailbox begins anew, with sync managers of these lengths, in bootstrap or not.
+    /// Restarts the mailbox with sync managers of these lengths, in bootstrap or not.
     pub(super) fn reset(&mut self, requests: usize, answers: usize, is_in_bootstrap: bool) {
         for (bytes, len) in [
             (&mut self.request, requests),
@@ -97,23 +97,24 @@ impl Mailbox {
         self.is_in_bootstrap = is_in_bootstrap;
     }
 
-    /// The device is one that remembers messages over Init, the last request with that counter; the last one that was read is this.
+    /// Makes the mailbox one whose memory of messages survives Init, and sets the counter of the last request and the last
+    /// read message.
     pub(super) fn remember(&mut self, last_request: MailboxCounter, read: &[u8]) {
         (self.remembers, self.last_request, self.counter) = (true, last_request, last_request);
         self.read.keep(read);
     }
 
-    /// The device was without power.
+    /// Handles a loss of power: the memory of messages no longer survives Init.
     pub(super) fn forget(&mut self) {
         self.remembers = false;
     }
 
-    /// Makes SDOs take that much longer from the next one on.
+    /// Delays SDOs by `ns`, from the next one on.
     pub(super) const fn delay_sdo(&mut self, ns: Ns) {
         self.sdo_delay_ns = ns;
     }
 
-    /// An error has come or gone. If too many wait already, it is lost.
+    /// Queues an emergency for an error that has come or gone. If too many are pending, it is lost.
     pub(super) fn raise(&mut self, emergency: Emergency) {
         if let Some(place) = self.emergencies.get_mut(self.emergencies_waiting) {
             *place = emergency;
@@ -121,7 +122,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether [`Self::serve`] has something to do, after the network has done that to sync managers.
+    /// Whether [`Self::serve`] has something to do after these accesses of the network to sync managers.
     pub(super) const fn is_touched(&self, done: ManagerEvents) -> bool {
         const BOTH: u16 = 1 << REQUESTS | 1 << ANSWERS;
         (done.written | done.read | done.activated) & BOTH != 0
@@ -131,7 +132,7 @@ impl Mailbox {
             || self.information.is_waiting()
     }
 
-    /// Does what there is to do, after a frame has passed.
+    /// Serves the mailbox after a frame: repeats a message, handles requests, and posts responses.
     pub(super) fn serve(
         &mut self,
         now: Ns,
@@ -147,14 +148,14 @@ impl Mailbox {
             self.posted = posted;
         }
         self.repeat(managers, memory);
-        // The first answer makes room for a second one.
+        // The first response leaves room for a second one.
         for _ in 0..2 {
             self.take_request(managers, memory, device);
             self.post(managers, memory);
         }
     }
 
-    /// Puts the last message that was read into sync manager 1 once more, if the master asks for it.
+    /// Puts the last read message into sync manager 1 again if the master requests a repeat.
     fn repeat(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let SyncManager { activate, pdi, .. } = managers.registers(ANSWERS);
         let asked = activate.contains(SmActivate::REPEAT) != pdi.contains(SmPdiControl::REPEAT_ACKNOWLEDGE);
@@ -174,7 +175,7 @@ impl Mailbox {
     }
 
     fn take_request(&mut self, managers: &mut Managers, memory: &mut Memory, device: &mut dyn Slave) {
-        // One request is in work at a time.
+        // Only one request is processed at a time.
         let is_busy = self.answer.is_used || self.information.is_waiting();
         if is_busy || !managers.registers(REQUESTS).status.contains(SmStatus::FULL) {
             return;
@@ -192,7 +193,7 @@ impl Mailbox {
         self.answer_due = self.now;
         let message = match MailboxMessage::decode(request) {
             Ok(message) => message,
-            // It claims to be longer than its box.
+            // The length in the header exceeds the mailbox.
             Err(_) => return self.answer_fault(MailboxFault::INVALID_SIZE, room),
         };
         if message.header.counter.repeats(self.last_request) {
@@ -230,7 +231,7 @@ impl Mailbox {
                     self.answer_fault(MailboxFault::TOO_SHORT, room);
                 }
             }
-            // What only slaves send, and services that no slave here has.
+            // Messages that only slaves send, and services that simulated slaves do not support.
             _ => self.answer_fault(MailboxFault::SERVICE_UNSUPPORTED, room),
         }
     }
@@ -266,8 +267,8 @@ impl Mailbox {
         self.write_answer(MailboxProtocol::Coe, room, |place| message.encode(place));
     }
 
-    /// Writes an answer that is as long as its mailbox. One that does not fit is left out: masters cannot make a mailbox so
-    /// small.
+    /// Writes a response, padded to the length of the mailbox. A response that does not fit is dropped; masters cannot
+    /// configure such a small mailbox.
     fn write_answer(
         &mut self,
         protocol: MailboxProtocol,
@@ -282,7 +283,7 @@ impl Mailbox {
         self.answer.is_used = matches!(written, Some(Ok(len)) if encode_around(header, len, bytes).is_ok());
     }
 
-    /// Puts the next message into sync manager 1, if that is empty.
+    /// Puts the next message into sync manager 1 if it is empty.
     fn post(&mut self, managers: &mut Managers, memory: &mut Memory) {
         let manager = managers.registers(ANSWERS);
         if !manager.is_enabled() || manager.status.contains(SmStatus::FULL) {
@@ -305,7 +306,7 @@ impl Mailbox {
         managers.put(ANSWERS, &self.posted, memory);
     }
 
-    /// Writes a fragment or an emergency that waits.
+    /// Encodes the next pending SDO information fragment or emergency.
     fn write_waiting(&mut self, room: usize) {
         let mut information = std::mem::take(&mut self.information);
         if let Some(fragment) = information.next(room) {

@@ -1,7 +1,8 @@
-//! The sync managers of a controller: mailboxes with their handshake, and three buffers of which the reader gets the newest.
+//! The sync managers of a slave controller: mailbox mode with its handshake, and buffered mode with three buffers, of which
+//! the reader gets the newest.
 //!
-//! A buffer is opened by its first byte and done with its last one. \[OURS] Effects take place with the datagram, not at the
-//! end of the frame.
+//! Accessing the first byte opens a buffer, and accessing the last byte closes it. \[OURS] Effects take place at the
+//! datagram, not at the end of the frame.
 
 mod manager;
 
@@ -12,28 +13,28 @@ use crate::ethercat::registers::{
 
 use manager::{Manager, Side};
 
-/// The most sync managers that a controller has.
+/// The maximum number of sync managers of a slave controller.
 pub(super) const MANAGERS_MAX: usize = 16;
 
-/// What the network has done to sync managers since somebody asked: a bit for each.
+/// The accesses of the network to sync managers since the last query, one bit per sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ManagerEvents {
-    /// A buffer was written whole.
+    /// A whole buffer was written.
     pub(super) written: u16,
-    /// A buffer was read whole.
+    /// A whole buffer was read.
     pub(super) read: u16,
-    /// The activation was written.
+    /// The activate register was written.
     pub(super) activated: u16,
 }
 
 #[derive(Clone, Debug)]
-#[repr(C)] // What each frame uses lies side by side, first.
+#[repr(C)] // The fields that each frame uses are adjacent, at the beginning.
 pub(super) struct Managers {
     pub(super) events: ManagerEvents,
-    /// A bit for each whose three buffers the network can write, or read, whole and without looking at another one.
+    /// The buffered sync managers whose whole area the network can write (read) without a check for overlaps, one bit each.
     writable: u16,
     readable: u16,
-    /// A bit for each that is enabled and has an area.
+    /// The sync managers that are enabled and have an area, one bit each.
     enabled: u16,
     count: u8,
     managers: [Manager; MANAGERS_MAX],
@@ -50,25 +51,26 @@ impl Managers {
         self.managers[usize::from(n)].registers
     }
 
-    /// Puts the registers of a sync manager into the memory.
+    /// Updates the registers of a sync manager in the memory.
     fn show(&self, n: usize, memory: &mut Memory) {
         memory.put(registers::sync_manager(n as u8), &self.managers[n].registers.encode());
     }
 
-    /// Puts what accesses to areas have changed into the memory, which has to be done before the registers are read.
+    /// Updates the status registers in the memory, which accesses to areas have changed. Must be called before the
+    /// registers are read.
     pub(super) fn show_statuses(&self, memory: &mut Memory) {
         for n in 0..self.count {
             memory.set_u8(registers::sync_manager_status(n), self.registers(n).status.0);
         }
     }
 
-    /// A byte of the registers is written from the network.
+    /// Writes a byte of the registers from the network.
     pub(super) fn write_register(&mut self, offset: u16, value: u8, memory: &mut Memory) {
         let (n, at) = (usize::from(offset) / SYNC_MANAGER_LEN, usize::from(offset) % SYNC_MANAGER_LEN);
         let manager = &mut self.managers[n];
         let mut bytes = manager.registers.encode();
         match at {
-            // Start, length and control do not change while it is enabled.
+            // Start, length and control are write-protected while the sync manager is enabled.
             0..=4 if !manager.registers.is_enabled() => bytes[at] = value,
             6 => {
                 bytes[6] = value;
@@ -88,14 +90,14 @@ impl Managers {
         self.find_whole(memory);
     }
 
-    /// Finds the sync managers whose buffers can be exchanged whole.
+    /// Finds the sync managers whose buffers can be exchanged as a whole.
     fn find_whole(&mut self, memory: &Memory) {
         (self.writable, self.readable) = (0, 0);
         for n in 0..usize::from(self.count) {
             let manager = &self.managers[n];
             let area = manager.area();
             let end = manager.buffer_start(2) + usize::from(manager.registers.len);
-            // An address belongs to the first sync manager that has it.
+            // An address belongs to the first sync manager whose area contains it.
             let mut before = self.managers[..n].iter().filter(|other| other.is_active()).map(Manager::area);
             let is_first = before.all(|other| other.end <= area.start || area.end <= other.start);
             let is_whole = manager.is_usable() && !manager.is_mailbox() && end <= memory.end() && is_first;
@@ -105,24 +107,24 @@ impl Managers {
         }
     }
 
-    /// A bit for each whose three buffers the network can write whole.
+    /// The sync managers in buffered mode whose whole area the network can write, one bit each.
     pub(super) const fn writable(&self) -> u16 {
         self.writable
     }
 
-    /// A bit for each whose three buffers the network can read whole.
+    /// The sync managers in buffered mode whose whole area the network can read, one bit each.
     pub(super) const fn readable(&self) -> u16 {
         self.readable
     }
 
-    /// A bit for the first enabled sync manager that has just this area; 0: there is none.
+    /// The bit of the first enabled sync manager with exactly this area; 0 if there is none.
     pub(super) fn of_area(&self, start: u16, len: u16) -> u16 {
         let has_it =
             |manager: &Manager| manager.is_active() && manager.registers.start == start && manager.registers.len == len;
         self.managers.iter().position(has_it).map_or(0, |n| 1 << n)
     }
 
-    /// The status of a sync manager that nobody has used.
+    /// The initial status of a sync manager.
     fn idle(control: SmControl) -> SmStatus {
         match control.mode() {
             BufferMode::Buffered => SmStatus::NONE.with_last_buffer(3),
@@ -130,7 +132,8 @@ impl Managers {
         }
     }
 
-    /// The enabled sync manager that has an address, and where its area or, without one, the next area begins.
+    /// The enabled sync manager whose area contains an address, with the end of that area; or `None`, with the start of the
+    /// next area.
     fn at(&self, address: usize) -> (Option<usize>, usize) {
         let (mut bits, mut next) = (self.enabled, usize::MAX);
         while bits != 0 {
@@ -147,7 +150,8 @@ impl Managers {
         (None, next)
     }
 
-    /// The network writes three buffers whole, of one that is [writable](Self::writable). Whether that triggers the watchdog.
+    /// Writes a whole buffer of a [writable](Self::writable) sync manager from the network. Returns whether this triggers
+    /// the watchdog.
     #[inline]
     pub(super) fn write_whole(&mut self, n: usize, data: &[u8], memory: &mut Memory) -> bool {
         let manager = &mut self.managers[n];
@@ -157,7 +161,7 @@ impl Managers {
         manager.registers.control.contains(SmControl::WATCHDOG)
     }
 
-    /// The network reads three buffers whole, of one that is [readable](Self::readable).
+    /// Reads the newest whole buffer of a [readable](Self::readable) sync manager for the network.
     #[inline]
     pub(super) fn read_whole(&mut self, n: usize, data: &mut [u8], memory: &Memory) {
         let start = self.managers[n].drain();
@@ -165,7 +169,7 @@ impl Managers {
         self.events.read |= 1 << n;
     }
 
-    /// The network writes RAM. Whether any byte was written.
+    /// Writes RAM from the network. Returns whether any byte was written.
     pub(super) fn write(&mut self, address: usize, data: &[u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;
@@ -198,7 +202,7 @@ impl Managers {
         done
     }
 
-    /// The network reads RAM. Whether any byte was read; others stay as they are.
+    /// Reads RAM for the network. Returns whether any byte was read; other bytes of `data` are left unchanged.
     pub(super) fn read(&mut self, address: usize, data: &mut [u8], memory: &mut Memory) -> bool {
         let mut done = false;
         let mut at = 0;
@@ -231,7 +235,8 @@ impl Managers {
         done
     }
 
-    /// The slave's own controller writes a whole buffer; `false`: the sync manager is off, or its mailbox is full.
+    /// Writes a whole buffer on behalf of the slave's processor. Returns false if the sync manager is off or its mailbox is
+    /// full.
     #[inline]
     pub(super) fn put(&mut self, n: u8, data: &[u8], memory: &mut Memory) -> bool {
         let manager = &mut self.managers[usize::from(n)];
@@ -258,7 +263,7 @@ impl Managers {
         true
     }
 
-    /// The slave's own controller reads a whole buffer; `None`: the sync manager is off, or its mailbox is empty.
+    /// Reads a whole buffer on behalf of the slave's processor; `None` if the sync manager is off or its mailbox is empty.
     #[inline]
     pub(super) fn take<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let manager = &mut self.managers[usize::from(n)];
@@ -276,7 +281,7 @@ impl Managers {
         Some(manager.buffer_start(buffer))
     }
 
-    /// Takes back a message that the network has not read yet, with the whole mailbox.
+    /// Takes back a message that the network has not read yet. Returns the content of the whole mailbox.
     pub(super) fn take_back<'m>(&mut self, n: u8, memory: &'m mut Memory) -> Option<&'m [u8]> {
         let n = usize::from(n);
         let manager = &mut self.managers[n];
@@ -290,7 +295,7 @@ impl Managers {
         Some(memory.slice(start, len))
     }
 
-    /// The repeat that the master has asked for is done.
+    /// Acknowledges a repeat that the master has requested.
     pub(super) fn acknowledge_repeat(&mut self, n: u8, memory: &mut Memory) {
         let SyncManager { activate, pdi, .. } = self.managers[usize::from(n)].registers;
         let wanted = activate.contains(SmActivate::REPEAT);
@@ -300,7 +305,7 @@ impl Managers {
         self.show(n.into(), memory);
     }
 
-    /// The slave's own controller switches a sync manager off, or lets it be on again.
+    /// Deactivates a sync manager on behalf of the slave's processor, or ends that.
     pub(super) fn deactivate(&mut self, n: u8, is_off: bool, memory: &mut Memory) {
         let pdi = &mut self.managers[usize::from(n)].registers.pdi;
         *pdi = if is_off { pdi.with(SmPdiControl::DEACTIVATE) } else { pdi.without(SmPdiControl::DEACTIVATE) };
@@ -314,14 +319,14 @@ impl Managers {
     }
 }
 
-/// Puts bytes into the memory, as far as there is any. Whether there is some.
+/// Writes bytes into the memory, as far as it reaches. Returns whether any byte was written.
 fn put(memory: &mut Memory, address: usize, data: &[u8]) -> bool {
     let len = data.len().min(memory.end().saturating_sub(address));
     memory.slice_mut(address, len).copy_from_slice(&data[..len]);
     len > 0
 }
 
-/// Takes bytes from the memory, as far as there is any. Whether there is some.
+/// Reads bytes from the memory, as far as it reaches. Returns whether any byte was read.
 fn take(memory: &Memory, address: usize, data: &mut [u8]) -> bool {
     let len = data.len().min(memory.end().saturating_sub(address));
     data[..len].copy_from_slice(memory.slice(address, len));

@@ -1,24 +1,24 @@
-//! The memory of a controller: registers below 0x1000 and RAM from there on, and which bytes the network may write.
+//! The memory of a slave controller: registers below 0x1000, RAM above, and which bytes the network can write.
 
 use super::EscSettings;
 use crate::ethercat::registers::{
     self, CLOCK_REGISTERS, FMMU, FMMU_LEN, Features, MAP, RAM, RegisterAccess, SYNC_MANAGER, SYNC_MANAGER_LEN,
 };
 
-/// What the network can do with a byte.
+/// The access of the network to a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ByteAccess {
-    /// No register has it.
+    /// The byte belongs to no register.
     Absent,
     Read,
     Write,
-    /// A write clears it, whatever is written.
+    /// A write clears the byte, whatever the data.
     Clear,
 }
 
 const REGISTERS: usize = RAM as usize;
 
-/// What the network can do with each byte of the registers, by [`MAP`].
+/// The access of the network to each byte of the registers, from [`MAP`].
 static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
     let mut bytes = [ByteAccess::Absent; REGISTERS];
     let mut n = 0;
@@ -39,7 +39,7 @@ static REGISTER_BYTES: [ByteAccess; REGISTERS] = {
     bytes
 };
 
-/// The memory.
+/// The registers and the RAM of one slave controller.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
     bytes: Box<[u8]>,
@@ -61,17 +61,17 @@ impl Memory {
         }
     }
 
-    /// All bytes are 0, as at power-on.
+    /// Sets all bytes to 0, the state at power-on.
     pub(super) fn clear(&mut self) {
         self.bytes.fill(0);
     }
 
-    /// Where the RAM ends.
+    /// The address behind the last byte of the RAM.
     pub(super) fn end(&self) -> usize {
         self.bytes.len()
     }
 
-    /// What the network can do with the byte at an address.
+    /// The access of the network to the byte at an address.
     pub(super) fn access(&self, address: usize) -> ByteAccess {
         let Some(access) = REGISTER_BYTES.get(address) else {
             return if address < self.bytes.len() { ByteAccess::Write } else { ByteAccess::Absent };
@@ -88,7 +88,7 @@ impl Memory {
         }
     }
 
-    /// The bytes from an address on; none where there is no memory.
+    /// `len` bytes from an address on; empty if there is no memory.
     pub(super) fn slice(&self, address: usize, len: usize) -> &[u8] {
         self.bytes.get(address..address.saturating_add(len)).unwrap_or_default()
     }
@@ -139,13 +139,13 @@ impl Memory {
         self.put(address, &value.to_le_bytes());
     }
 
-    /// Counts one more in a counter, which stops at 0xFF.
+    /// Increments a counter, which stops at 0xFF.
     pub(super) fn count(&mut self, address: u16) {
         self.set_u8(address, self.u8(address).saturating_add(1));
     }
 }
 
-/// Copies bytes as `copy_from_slice` does. Process data of a slave are few bytes, for which a call takes longer than to copy
+/// Copies bytes like `copy_from_slice`. Process data of a slave are few bytes, and a call would take longer than copying
 /// them.
 ///
 /// # Panics
@@ -158,7 +158,7 @@ pub(super) fn copy(to: &mut [u8], from: &[u8]) {
     let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>()) else {
         return to.copy_from_slice(from);
     };
-    // They overlap in the middle.
+    // The two parts overlap in the middle.
     if let Some(to) = to.first_chunk_mut() {
         *to = *first;
     }

@@ -1,31 +1,31 @@
-//! Slave controllers (ESC) around simulated slaves, as the network sees them: frames pass a [`Chain`] of them and come back.
+//! Slave controllers (ESC) of simulated slaves, as the network sees them: frames pass a [`Chain`] of them and return.
 //!
 //! Everything here is plain data and pure steps: time is an argument, in nanoseconds of one clock for the whole network,
 //! and a frame allocates nothing.
 //!
-//! | file | what it holds |
+//! | file | content |
 //! | --- | --- |
-//! | `settings.rs` | what kind of controller it is: [`EscSettings`] |
+//! | `settings.rs` | the properties of a slave controller: [`EscSettings`] |
 //! | `controller.rs`, `controller/ports.rs` | the [`Controller`]: its parts, its events; its ports |
-//! | `controller/accesses.rs` | what the network reads and writes, and what that causes |
-//! | `controller/protection.rs` | its write protection |
-//! | `memory.rs` | its memory, and which bytes the network may write |
-//! | `datagrams.rs`, `fmmus.rs` | the 15 commands, and logical addressing to the bit |
-//! | `managers.rs`, `managers/manager.rs` | sync managers: mailboxes, and three buffers; one of them |
-//! | `eeprom.rs` | the interface to the EEPROM |
+//! | `controller/accesses.rs` | reads and writes of the network, and their effects |
+//! | `controller/protection.rs` | write protection |
+//! | `memory.rs` | registers and RAM, and which bytes the network can write |
+//! | `datagrams.rs`, `fmmus.rs` | the 15 commands; logical addressing to the bit |
+//! | `managers.rs`, `managers/manager.rs` | sync managers in mailbox mode and in buffered mode; a single one |
+//! | `eeprom.rs` | the EEPROM and its interface |
 //! | `clock.rs`, `sync_unit.rs`, `latch_unit.rs` | distributed clocks: local and system time, SYNC0 and SYNC1, latch inputs |
-//! | `watchdog.rs` | the watchdog of process data |
-//! | `slave.rs`, `slave/frames.rs`, `slave/cycle.rs` | a controller with its device: [`EscSlave`], what it does with a frame, and how its device works |
-//! | `application.rs`, `checks.rs` | the AL state machine, and what it checks |
-//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox with its repeat, SDO, SDO information, emergencies, files |
-//! | `predecessor.rs` | what another master has left in a slave: [`Predecessor`] |
-//! | `description.rs` | the EEPROM of a device |
-//! | `esi.rs` | its ESI file |
+//! | `watchdog.rs` | the process data watchdog |
+//! | `slave.rs`, `slave/frames.rs`, `slave/cycle.rs` | a controller with its device: [`EscSlave`]; its frames; its cycles |
+//! | `application.rs`, `checks.rs` | the AL state machine, and its checks |
+//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox, its repeats, emergencies; SDO; SDO information; FoE |
+//! | `predecessor.rs` | the state in which another master leaves a slave: [`Predecessor`] |
+//! | `description.rs` | generates the EEPROM of a device |
+//! | `esi.rs` | generates the ESI file of a device |
 //! | `chain.rs` | slaves on a cable: [`Chain`] |
-//! | `cabled.rs`, `scripted.rs` | a line of them to which happens what scripts and tests want: [`CabledChain`] |
-//! | `route.rs`, `passing.rs` | the way of a frame through them, and its datagrams on that way |
+//! | `cabled.rs`, `scripted.rs` | a line of slaves with faults for scripts and tests: [`CabledChain`] |
+//! | `route.rs`, `passing.rs` | the route of a frame through the slaves, and its datagrams on that route |
 //!
-//! Rules: ECAT-8 and on.
+//! Rules: ECAT-8 and following.
 
 mod application;
 mod cabled;

@@ -1,36 +1,37 @@
-//! The datagrams of a frame while it passes slaves: decoded once for all of them, and put back at the end.
+//! The datagrams of a frame while it passes slaves: decoded once for all slaves, and written back at the end.
 
 use crate::ethercat::{DATAGRAM_HEADER_LEN, DATAGRAM_OVERHEAD, DatagramHeader, Datagrams, FRAME_HEADER_LEN};
 
-/// The most datagrams that a frame can say it has.
+/// The maximum number of datagrams in a frame, by the length field of the EtherCAT header.
 const DATAGRAMS_MAX: usize = DatagramHeader::LEN_MAX as usize / DATAGRAM_OVERHEAD;
 
-/// A datagram that passes.
+/// A datagram of the present frame.
 #[derive(Clone, Copy, Debug)]
 struct Datagram {
-    /// The header as the slaves so far have left it.
+    /// The header, as changed by the slaves so far.
     header: DatagramHeader,
-    /// Where its data begin in the frame.
+    /// The offset of the data in the frame.
     data: usize,
-    /// What the slaves so far have added to its working counter.
+    /// The increments of the working counter by the slaves so far.
     counts: u16,
 }
 
-/// The datagrams of the frame that passes.
+/// The datagrams of the present frame.
 #[derive(Debug)]
 pub(super) struct Passing {
     datagrams: Vec<Datagram>,
 }
 
 impl Default for Passing {
-    /// With room for any frame.
+    /// Reserves capacity for the datagrams of any frame.
     fn default() -> Self {
         Self { datagrams: Vec::with_capacity(DATAGRAMS_MAX) }
     }
 }
 
 impl Passing {
-    /// A frame with these datagrams, or with none, begins to pass. False: they do not fit into it, and none of them passes.
+    /// Begins a frame with these datagrams; `None` for a frame without datagrams. Returns false if they do not fit into the
+    /// frame; then no datagram is passed on.
     pub(super) fn begin(&mut self, datagrams: Option<Datagrams<'_>>) -> bool {
         self.datagrams.clear();
         let mut at = FRAME_HEADER_LEN;
@@ -45,7 +46,8 @@ impl Passing {
         true
     }
 
-    /// The datagrams pass a slave, which changes their headers and their data and says what their working counters count.
+    /// Passes the datagrams to a slave. `pass` may change header and data, and returns the increment of the working
+    /// counter.
     pub(super) fn each(&mut self, frame: &mut [u8], mut pass: impl FnMut(&mut DatagramHeader, &mut [u8]) -> u16) {
         for Datagram { header, data, counts } in &mut self.datagrams {
             let len = usize::from(header.len);
@@ -53,15 +55,15 @@ impl Passing {
         }
     }
 
-    /// The frame turns round at a port 0 that is closed, which may happen once (ETG.1000.4, the circulating bit). False: it has
-    /// happened before.
+    /// Sets the circulating bits when the frame turns round at a closed port 0. Returns false if they were set already
+    /// (ETG.1000.4): such a frame may turn round only once.
     pub(super) fn begin_to_circulate(&mut self) -> bool {
         let circulates = self.datagrams.iter().any(|datagram| datagram.header.circulating);
         self.datagrams.iter_mut().for_each(|datagram| datagram.header.circulating = true);
         !circulates
     }
 
-    /// All slaves were passed: what they have changed is put into the frame.
+    /// Ends the frame: writes the changed headers and working counters back.
     pub(super) fn end(&self, frame: &mut [u8]) {
         for Datagram { header, data, counts } in &self.datagrams {
             frame[data - DATAGRAM_HEADER_LEN..][..DATAGRAM_HEADER_LEN].copy_from_slice(&header.encode());

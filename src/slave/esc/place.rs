@@ -1,21 +1,21 @@
-//! A slave's place on the cable.
+//! The position of a slave on the cable.
 
 use super::EscSlave;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::PORTS;
 
-/// A slave on the cable.
+/// A slave with its connections on the cable. A place is an index into [`Chain`](super::Chain).
 pub(super) struct Place {
     pub(super) slave: EscSlave,
-    /// The slave at each port but 0, by its place.
+    /// The places of the slaves at ports 1 to 3.
     pub(super) children: [Option<usize>; PORTS],
-    /// Where the slave is connected: the place and the port.
+    /// The place and port that port 0 of the slave is connected to; `None` for the first slave.
     pub(super) parent: Option<(usize, usize)>,
-    /// How long a frame takes from the parent, ns.
+    /// The time that a frame takes from the parent to this slave, ns.
     pub(super) hop_ns: Ns,
-    /// The cable to the parent is whole.
+    /// Whether the cable to the parent is intact.
     pub(super) is_connected: bool,
     pub(super) is_powered: bool,
-    /// Frames pass it untouched.
+    /// Whether the slave forwards frames without processing them.
     pub(super) is_silent: bool,
 }

@@ -1,11 +1,11 @@
-//! What another master has left in slaves that have kept their power: no register is as at power-on.
+//! The state in which another master leaves slaves that keep their power: any register may differ from its power-on value.
 //!
-//! A seed says what: in which AL state a slave is, and of each register that a master can write whether it was, and with what. What
-//! a write does to the slave it does here, too: a port that is closed hides the slaves behind it, a watchdog with a divider of 0
-//! expires at once, an EEPROM that is busy takes no command.
+//! A seed determines the AL state of each slave, and which of the writable registers were written, with which values. The
+//! writes also have their effects: a closed port hides the slaves behind it, a watchdog with a divider of 0 expires at
+//! once, a busy EEPROM accepts no command.
 //!
-//! What no master can do: write the fixed words of an EEPROM and go, which is a broken slave for everybody, or close port 0, behind
-//! which the slave hears nobody again before it loses its power.
+//! Not generated: writes to the fixed words of an EEPROM, which would break the slave for every master; and a closed port
+//! 0, because the slave could not be reached again before it loses its power.
 
 use oorandom::Rand64;
 
@@ -20,20 +20,20 @@ use crate::ethercat::registers::{
 use crate::ethercat::sii::{CategoryKind, MailboxAreas, Sii, SiiSmType};
 use crate::ethercat::{AlState, Ns};
 
-/// How much of the RAM has something in it, bytes.
+/// The number of bytes of the RAM that are filled with random data.
 const GARBAGE_LEN: usize = 0x800;
 
-/// Another master, which has ended.
+/// A master that has ended, with the random generator for what it leaves behind.
 #[derive(Clone, Debug)]
 pub struct Predecessor {
     dice: Rand64,
 }
 
-/// Where a slave has its mailboxes and its process data, as its EEPROM says.
+/// The mailboxes and the process data areas of a slave, from its EEPROM.
 #[derive(Default)]
 struct Described {
     mailbox: Option<MailboxAreas>,
-    /// By the number of the sync manager.
+    /// The sync managers by their numbers.
     managers: Vec<SyncManager>,
     outputs: Option<SyncManager>,
 }
@@ -57,7 +57,7 @@ impl Described {
 }
 
 impl Predecessor {
-    /// The one with that seed.
+    /// The predecessor with this seed.
     pub fn seeded(seed: u64) -> Self {
         Self { dice: Rand64::new(seed.into()) }
     }
@@ -78,7 +78,7 @@ impl Predecessor {
         (0..len).map(|_| self.dice.rand_u64() as u8).collect()
     }
 
-    /// Leaves a slave, which has been on, at `now`.
+    /// Leaves a running slave at `now` in a random state.
     pub fn leave(&mut self, slave: &mut EscSlave, now: Ns) {
         let target = self.pick(&[AlState::Init, AlState::PreOp, AlState::PreOp, AlState::SafeOp, AlState::Op]);
         let described = Described::of(slave.controller().eeprom());
@@ -96,7 +96,7 @@ impl Predecessor {
             slave.write_unseen(AL_CONTROL, &[wrong, 0], now);
         }
         if self.one_in(2) {
-            // The units for SYNC and for latch inputs are those of the slave's own controller.
+            // Assigns the SYNC unit and the latch inputs at random to the master or the slave's processor.
             let owned = self.bytes(1);
             slave.write_unseen(CYCLIC_UNIT_CONTROL, &owned, now);
         }
@@ -104,7 +104,7 @@ impl Predecessor {
             slave.write_unseen(SII_CONFIGURATION, &[1], now);
             slave.controller_mut().take_eeprom(true);
         }
-        // Behind all others, which could not be written any more.
+        // Write protection comes last, because it blocks the other writes.
         if self.one_in(3) {
             slave.write_unseen(WRITE_REGISTER_PROTECTION, &[1], now);
         }
@@ -113,13 +113,13 @@ impl Predecessor {
         }
     }
 
-    /// A message that nobody has fetched, counters that go on, and the message that was read last, which is repeated if the bit for
-    /// that stands wrong.
+    /// Leaves a request in the mailbox, running message counters, and a last read message. The slave repeats that message
+    /// if the repeat bit has the wrong state.
     fn leave_mailbox(&mut self, slave: &mut EscSlave, described: &Described, now: Ns) {
         let Some(areas) = described.mailbox else { return };
         let counter = MailboxCounter::new(self.below(8) as u8).unwrap_or_default();
         let mut message = vec![0; usize::from(areas.receive.len)];
-        // An upload of 0x1018:1, and its answer.
+        // An SDO upload of 0x1018:1, and its response.
         let [request, answer] = [[0, 0x20, 0x40], [0, 0x30, 0x43]]
             .map(|[low, high, command]| [low, high, command, 0x18, 0x10, 1, 0x5A, 0xA5, 0x5A, 0xA5]);
         let header = MailboxHeader::new(MailboxProtocol::Coe, counter);
@@ -137,7 +137,7 @@ impl Predecessor {
         }
     }
 
-    /// Writes a register, or several of one kind that lie side by side.
+    /// Writes random values to a register, or to a group of adjacent registers of the same kind.
     fn leave_register(&mut self, slave: &mut EscSlave, address: u16, len: u16, now: Ns) {
         let bytes = match address {
             STATION_ADDRESS => self.station().to_le_bytes().to_vec(),
@@ -154,7 +154,7 @@ impl Predecessor {
                 let ahead = self.below(1_000_000_000);
                 slave.controller().system_time_ns().wrapping_add(ahead).to_le_bytes().to_vec()
             }
-            // They have had their turn, or have it behind the others.
+            // Already written, or written after all others.
             AL_CONTROL | SII_CONFIGURATION | registers::SII_ADDRESS | registers::SII_DATA | CYCLIC_UNIT_CONTROL => {
                 return;
             }
@@ -164,14 +164,14 @@ impl Predecessor {
         slave.write_unseen(address, &bytes, now);
     }
 
-    /// A station address that the next master may give to another slave, or any.
+    /// A random station address, often one that the next master may give to another slave.
     fn station(&mut self) -> u16 {
         let near = 0x1001 + self.below(8) as u16;
         let any = self.dice.rand_u64() as u16;
         self.pick(&[near, near, 0, any])
     }
 
-    /// Ports that are closed, or open whatever is there, for good or for a second; and the alias, which addresses the slave, too.
+    /// Random loop settings of the ports, permanent or for one second, and a random station alias that may be enabled.
     fn leave_ports(&mut self, slave: &mut EscSlave, now: Ns) {
         let alias = self.station();
         slave.controller_mut().fill(STATION_ALIAS, &alias.to_le_bytes());
@@ -187,12 +187,12 @@ impl Predecessor {
         }
     }
 
-    /// A command that was refused, and one that is under way.
+    /// A refused EEPROM command, and one that is still running.
     fn leave_eeprom(&mut self, slave: &mut EscSlave, now: Ns) {
         const READ: u8 = 1;
         const WRITE: u8 = 2;
         if self.one_in(2) {
-            // Without leave nothing is written.
+            // The write is refused, because the write-enable bit is missing.
             slave.write_unseen(SII_CONTROL, &[0, WRITE, 8, 0, 0, 0], now);
         }
         if self.one_in(2) {
@@ -214,7 +214,7 @@ impl Predecessor {
         }
     }
 
-    /// Sync managers that lie elsewhere, with other control bytes and with bits for repeats.
+    /// Random sync managers: other areas, control bytes and repeat bits.
     fn leave_managers(&mut self, slave: &mut EscSlave, now: Ns) {
         let first = self.pick(&[0, 2, 4]);
         for n in first..slave.controller().settings().sync_managers.min(16) {
@@ -228,7 +228,7 @@ impl Predecessor {
     }
 }
 
-/// Brings a slave to a state, as its EEPROM describes it.
+/// Brings a slave to an AL state with the settings that its EEPROM describes.
 fn bring(slave: &mut EscSlave, described: &Described, target: AlState, now: Ns) {
     let request = |slave: &mut EscSlave, state: AlState| slave.write_unseen(AL_CONTROL, &[state as u8, 0], now);
     for state in [AlState::PreOp, AlState::SafeOp, AlState::Op].into_iter().filter(|state| *state <= target) {

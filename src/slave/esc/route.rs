@@ -1,57 +1,57 @@
-//! The way of a frame through the slaves of a cable. It is found once, and again when a cable or a port has changed.
+//! The route of a frame through the slaves on a cable. It is computed once, and again after a change of a cable or a port.
 
 use super::place::Place;
 use crate::ethercat::registers::PORTS;
 use crate::ethercat::{CableEnd, Ns};
 use crate::slave::plant::SIDE_BY_SIDE;
 
-/// The ports by which a frame leaves a slave, in the order in which it does.
+/// The order in which a frame leaves a slave by its ports.
 const ORDER: [usize; PORTS - 1] = [3, 1, 2];
 
-/// A slave that a frame passes.
+/// A slave on the route of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Visit {
-    /// The slave, by its place.
+    /// The place of the slave.
     pub(super) place: usize,
-    /// How long after its start the frame comes to the slave, ns.
+    /// The time from the start of the frame to its arrival at the slave, ns.
     pub(super) after_ns: Ns,
-    /// The number of its group: slaves of a group lie side by side, and their devices work together.
+    /// The group number. The slaves of a group are neighbours, and their devices work at the same time.
     pub(super) group: usize,
 }
 
-/// Where a frame leaves the slaves, and how long after it has come, ns.
+/// The end at which a frame leaves the slaves, and the time that it takes, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Exit {
     pub(super) end: CableEnd,
     pub(super) after_ns: Ns,
 }
 
-/// The way of a frame.
+/// The route of a frame.
 #[derive(Debug, Default)]
 pub(super) struct Route {
-    /// Whether nothing has changed since it was found.
+    /// Whether the route is up to date: no cable or port has changed since it was computed.
     pub(super) is_current: bool,
-    /// The slaves that the frame does not pass untouched, in its order.
+    /// The slaves that process the frame, in their order.
     pub(super) visits: Vec<Visit>,
-    /// Where the frame goes; `None`: it is lost.
+    /// The exit of the frame; `None`: the frame gets lost.
     pub(super) exit: Option<Exit>,
-    /// The processing unit of a slave is on the way.
+    /// Whether the route passes the processing unit of a slave.
     pub(super) is_worked_on: bool,
-    /// The frame turns round at a port 0 that is closed.
+    /// Whether the frame turns round at a closed port 0.
     pub(super) turns: bool,
 }
 
-/// Slaves on a cable.
+/// The slaves on a cable, as input for computing a route.
 pub(super) struct Slaves<'p> {
     pub(super) places: &'p mut [Place],
-    /// The place and the port to which a second card is connected.
+    /// The place and port to which a second card is connected.
     pub(super) ring: Option<(usize, usize)>,
-    /// Whether there is a link between the first slave and the card before it.
+    /// Whether there is a link between the first slave and the card in front of it.
     pub(super) is_reached: bool,
 }
 
 impl Route {
-    /// Finds the way of a frame from that end. Tells each slave on it how long after coming a frame is back at its ports.
+    /// Computes the route of a frame from one end. Also tells each slave on the route its round-trip times per port.
     pub(super) fn find(&mut self, slaves: Slaves<'_>, from: CableEnd, has_link: impl Fn(&[Place], usize) -> bool) {
         self.visits.clear();
         self.visits.reserve(slaves.places.len());
@@ -87,7 +87,8 @@ struct Search<'v, L> {
 }
 
 impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
-    /// From a slave on, to which the frame comes after so long at port 0: when it is back there, or where it has left.
+    /// Continues at a slave that the frame reaches after `after_ns` by port 0. Returns when the frame is back at port 0, or
+    /// where it has left the network.
     fn go_on(&mut self, places: &mut [Place], place: usize, after_ns: Ns) -> Option<Exit> {
         *self.is_worked_on = true;
         if !places[place].is_silent {
@@ -114,7 +115,7 @@ impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
         Some(exit.unwrap_or(Exit { end: CableEnd::First, after_ns: at }))
     }
 
-    /// Out of a slave by a port other than 0, and back again; at once if the port is closed.
+    /// Sends the frame out by a port other than 0 and back again; a closed port is skipped.
     fn go_out(&mut self, places: &mut [Place], place: usize, port: usize, at: Ns) -> Option<Exit> {
         if !places[place].slave.controller().is_open(port) {
             return Some(Exit { end: CableEnd::First, after_ns: at });
@@ -122,7 +123,7 @@ impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
         if self.ring == Some((place, port)) {
             return Some(Exit { end: CableEnd::Last, after_ns: at });
         }
-        // An open port without a link is a hole.
+        // The frame gets lost at an open port without a link.
         let child = places[place].children[port].filter(|child| (self.has_link)(places, *child))?;
         let hop_ns = places[child].hop_ns;
         let exit = self.go_on(places, child, at + hop_ns)?;
@@ -130,8 +131,8 @@ impl<L: Fn(&[Place], usize) -> bool> Search<'_, L> {
         Some(Exit { after_ns: exit.after_ns + hop_ns, ..exit })
     }
 
-    /// From a slave towards the first one, to which the frame comes after so long at another port than 0. It passes slaves
-    /// untouched, until it comes to one whose port 0 is closed: there it turns round.
+    /// Continues towards the first slave, from a slave that the frame reaches at time `at` by a port other than 0. The
+    /// frame passes slaves unprocessed until it turns round at a slave whose port 0 is closed.
     fn go_back(&mut self, places: &mut [Place], place: usize, port: usize, at: Ns) -> Option<Exit> {
         let mut at = at;
         for next in ORDER.into_iter().skip_while(|other| *other != port).skip(1) {

@@ -1,4 +1,4 @@
-//! A device that refuses states and aborts SDOs as a script wants, and is otherwise another one.
+//! A wrapper around a device that refuses AL states and aborts SDOs as a script demands.
 
 use crate::ethercat::coe::{AbortCode, ObjectAddress, SdoScope};
 use crate::ethercat::registers::{PORTS, RequestedState};
@@ -10,11 +10,11 @@ use crate::slave::identity::Identity;
 use crate::slave::plant::Servo;
 use crate::slave::{AxisFault, Communication, Fault, FileStore, LatchChange, ManufacturerObjects, Slave, SyncEvent};
 
-/// A device behind what a script does to its answers.
+/// A device, with scripted refusals and aborts.
 pub(super) struct Scripted {
     device: Box<dyn Slave>,
     cable: Cable,
-    /// Its number on the cable, from 1.
+    /// The number of the slave on the cable, from 1.
     number: u8,
 }
 
@@ -23,7 +23,8 @@ impl Scripted {
         Self { device, cable, number }
     }
 
-    /// Whether a state may be entered. \[OURS] A way down is never refused: a slave that has lost its outputs goes there.
+    /// Checks a change of state against the script. \[OURS] A change to a lower state is never refused, because a slave
+    /// that has lost its outputs has to make it.
     fn may_enter(&self, state: AlState) -> Result<(), AlStatus> {
         match self.cable.refusal(self.number, state) {
             Some(status) if state > self.device.state() => Err(status),
@@ -36,7 +37,7 @@ impl Scripted {
     }
 }
 
-/// Everything that a [`Slave`] has is that of the device.
+/// All other functions are passed on to the device.
 impl Slave for Scripted {
     fn name(&self) -> &str {
         self.device.name()

@@ -1,36 +1,36 @@
-//! The SDO server of a slave: one transfer at a time, expedited, normal or in segments.
+//! The SDO server of a slave: one transfer at a time, expedited, normal or segmented.
 
 use crate::ethercat::coe::{
     AbortCode, FIRST_OVERHEAD, ObjectAddress, SEGMENT_OVERHEAD, SdoRequest, SdoResponse, SdoScope, SdoValuePart,
 };
 use crate::slave::Slave;
 
-/// \[OURS] The longest value that a master may write, bytes.
+/// \[OURS] The maximum length of a value that a master can write, bytes.
 pub const VALUE_BYTES_MAX: u32 = 0x1_0000;
-/// How many bytes of a value there is room for before a longer one needs more.
+/// The capacity reserved for a value, bytes. A longer value allocates.
 const VALUE_ROOM: usize = 512;
 
-/// The transfer under way.
+/// The present segmented transfer.
 #[derive(Clone, Copy, Debug, Default)]
 enum Transfer {
     #[default]
     None,
-    /// The value is read in segments; so many bytes have gone.
+    /// The master reads a value in segments, of which `sent` bytes were sent.
     Upload { object: ObjectAddress, sent: usize, toggle: bool },
-    /// The value is written in segments, up to that many bytes.
+    /// The master writes a value of `size` bytes in segments.
     Download { object: ObjectAddress, scope: SdoScope, size: usize, toggle: bool },
 }
 
-/// What the server answers.
+/// The answer of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SdoAnswer<'a> {
     Response(SdoResponse<'a>),
     Abort(ObjectAddress, AbortCode),
-    /// Nothing: the master has aborted.
+    /// No answer: the master has aborted the transfer.
     None,
 }
 
-/// The server.
+/// The state of the SDO server.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SdoServer {
     transfer: Transfer,
@@ -38,14 +38,14 @@ pub(super) struct SdoServer {
 }
 
 impl SdoServer {
-    /// Ends a transfer without a word.
+    /// Ends a transfer without a message.
     pub(super) fn reset(&mut self) {
         self.transfer = Transfer::None;
         self.value.clear();
         self.value.reserve(VALUE_ROOM);
     }
 
-    /// Answers a request. `mailbox`: how long the mailbox for the answer is, bytes.
+    /// Answers a request. `mailbox` is the length of the response mailbox, bytes.
     pub(super) fn answer(&mut self, request: SdoRequest<'_>, mailbox: usize, device: &mut dyn Slave) -> SdoAnswer<'_> {
         match request {
             SdoRequest::Upload { object, scope } => self.upload(object, scope, mailbox, device),
@@ -60,7 +60,7 @@ impl SdoServer {
         }
     }
 
-    /// Ends the transfer under way with a code.
+    /// Aborts the present transfer with an abort code.
     fn abort(&mut self, code: AbortCode) -> SdoAnswer<'_> {
         let object = match self.transfer {
             Transfer::Upload { object, .. } | Transfer::Download { object, .. } => object,
@@ -128,7 +128,7 @@ impl SdoServer {
         let written = match value {
             SdoValuePart::Expedited(data) => device.write(object, scope, data),
             SdoValuePart::Unsized(four) => {
-                // Nobody says how many bytes count: as many as the object has.
+                // The request does not give the size, so use the length of the object.
                 let len = device.read(object, scope, &mut []).unwrap_or(four.len()).min(four.len());
                 device.write(object, scope, &four[..len])
             }

@@ -1,12 +1,12 @@
-//! What kind of controller a slave has, and what its crystal is like.
+//! The properties of a slave controller, and the accuracy of its crystal.
 
 use crate::ethercat::Ns;
 use crate::ethercat::registers::Features;
 
-/// The shortest mailbox of most devices (public stacks of slaves), see [`EscSettings`].
+/// The minimum mailbox length of most devices, bytes (public slave stacks), see [`EscSettings`].
 pub const MAILBOX_BYTES_MIN: u16 = 34;
 
-/// The settings of a controller.
+/// The properties of a slave controller and its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EscSettings {
     /// Type, register 0x0000.
@@ -15,44 +15,46 @@ pub struct EscSettings {
     pub revision: u8,
     /// Build, register 0x0002.
     pub build: u16,
-    /// How many FMMUs there are, 0..=16.
+    /// The number of FMMUs, 0..=16.
     pub fmmus: u8,
-    /// How many sync managers there are, 0..=16.
+    /// The number of sync managers, 0..=16.
     pub sync_managers: u8,
-    /// The process data RAM, KiB, 1..=60.
+    /// The size of the process data RAM, KiB, 1..=60.
     pub ram_kib: u8,
-    /// What the controller can do, register 0x0008. Without [`Features::CLOCK`] it has no registers of distributed clocks.
+    /// The features, register 0x0008. Without [`Features::CLOCK`] the controller has no registers of distributed clocks.
     pub features: Features,
-    /// Word 0 of the EEPROM of a device, loaded into registers 0x0140 and 0x0141.
+    /// Word 0 of the EEPROM, loaded into registers 0x0140 and 0x0141.
     pub pdi_control: u16,
-    /// Word 1 of the EEPROM of a device, loaded into registers 0x0150 and 0x0151.
+    /// Word 1 of the EEPROM, loaded into registers 0x0150 and 0x0151.
     pub pdi_configuration: u16,
-    /// The shortest mailbox with which a device goes to PreOP, bytes.
+    /// The minimum mailbox length with which the device goes to PreOP, bytes.
     pub mailbox_bytes_min: u16,
-    /// What each port is, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
+    /// The type of each port, register 0x0007: 0 and 1 none, 2 EBUS, 3 MII.
     pub ports: [u8; 4],
-    /// What register 0x0400 has if a master cannot write it, as in controllers that were built without that; `None`: a master can.
+    /// The value of register 0x0400 in a controller that was built with a fixed watchdog divider; `None`: the master can
+    /// write the register.
     pub fixed_watchdog_divider: Option<u16>,
-    /// A read of the EEPROM gives 8 bytes, not 4.
+    /// Whether a read of the EEPROM returns 8 bytes instead of 4.
     pub reads_8_bytes: bool,
-    /// How long a command for the EEPROM takes.
+    /// The duration of an EEPROM command, ns.
     pub eeprom_ns: Ns,
-    /// How long the EEPROM acknowledges nothing after a word was written.
+    /// The time after a write during which the EEPROM does not acknowledge, ns.
     pub eeprom_silence_ns: Ns,
     /// The local time at power-on, ns.
     pub local_time_ns: u64,
-    /// By how much the crystal is too fast, parts per billion; negative: too slow.
+    /// The frequency error of the crystal, parts per billion; positive if it is too fast.
     pub drift_ppb: i32,
-    /// The device's identification, which a master asks for by AL control; 0: it has none, and does not answer that.
+    /// The device identification, which a master requests by AL control; 0: none, and such a request is ignored.
     pub device_id: u16,
-    /// How long a change of the AL state takes.
+    /// The duration of a change of the AL state, ns.
     pub state_change_ns: Ns,
-    /// Whether errors of the device are told by emergencies. Some masters take one for the answer to an SDO.
+    /// Whether the device reports its errors by emergencies. Some masters mistake an emergency for an SDO response.
     pub emergencies: bool,
 }
 
 impl Default for EscSettings {
-    /// \[OURS] A controller with two ports, 8 FMMUs, 8 sync managers, 8 KiB and clocks of 64 bits, which is fast and exact.
+    /// \[OURS] A controller with two ports, 8 FMMUs, 8 sync managers, 8 KiB of RAM and 64-bit clocks, without delays and
+    /// without drift.
     fn default() -> Self {
         Self {
             controller_type: 0x11,
@@ -66,7 +68,7 @@ impl Default for EscSettings {
                 | Features::ENHANCED_LINK_MII
                 | Features::SEPARATE_CHECK_ERRORS
                 | Features::ENHANCED_SYNC,
-            // Behind SPI, with SYNC and latch units.
+            // SPI as the process data interface, with SYNC and latch units.
             pdi_control: 0x0C05,
             pdi_configuration: 0,
             mailbox_bytes_min: MAILBOX_BYTES_MIN,

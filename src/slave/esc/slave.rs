@@ -1,4 +1,4 @@
-//! A controller with its device: what the device does after a frame has passed, and while time passes.
+//! A slave controller with its device: the actions of the device after a frame, and when time passes.
 
 mod cycle;
 mod frames;
@@ -18,44 +18,45 @@ use frames::Work;
 
 pub use cycle::ERROR_CYCLE_NS;
 
-/// \[OURS] How often a device works that neither outputs nor SYNC0 drive, ns. It takes its newest outputs then, too.
+/// \[OURS] The cycle time of a device that neither outputs nor SYNC0 trigger, ns. Each cycle takes over the newest outputs.
 pub const FREE_RUN_CYCLE_NS: Ns = 1_000_000;
-/// \[OURS] How long after outputs, or after SYNC0, a device waits for the next ones before it works by itself, ns.
+/// \[OURS] The time that a device waits for the next outputs, or the next SYNC0, before it works in free run, ns.
 pub const DRIVEN_NS: Ns = 20_000_000;
-/// \[OURS] How many pulses of SYNC0 and SYNC1 a device follows in one go; others are left out.
+/// \[OURS] The maximum number of SYNC0 and SYNC1 pulses that are processed at once; further pulses are skipped.
 const PULSES_MAX: u32 = 10_000;
-/// \[OURS] For how many bytes of outputs, and of inputs, there is room before more needs memory.
+/// \[OURS] The capacity reserved for outputs, and for inputs, bytes. Longer process data allocate.
 const PROCESS_DATA_USUAL: usize = 64;
-/// A slave as the network sees it: a controller, and a device behind it.
+/// A slave as the network sees it: a slave controller with a device.
 ///
-/// Nearly every frame brings process data and nothing else, and between frames nothing happens: the slave is quiet then, and
-/// does only what it has to.
-#[repr(C)] // What each frame uses lies side by side, first; the mailbox last.
+/// Nearly every frame carries only process data, and nothing happens between frames. Then the slave is quiet and takes a
+/// fast path.
+#[repr(C)] // The fields that each frame uses come first, the mailbox comes last.
 pub struct EscSlave {
-    /// Up to when time has passed in the controller.
+    /// The time up to which the controller has advanced.
     now: Ns,
-    /// Up to when it has passed in the device.
+    /// The time up to which the device has advanced.
     stepped: Ns,
-    /// When the device works next by itself.
+    /// The time of the device's next cycle in free run.
     free_run: Ns,
-    /// When the device looked for errors.
+    /// The time of the device's last check for errors.
     looked: Ns,
-    /// The code of the error that it saw then.
+    /// The error code at the last check for errors.
     error_code: u16,
-    /// There is nothing to do before the device works by itself, a pulse comes or a watchdog expires, but what frames bring.
+    /// Whether the slave is quiet: apart from frames there is nothing to do before the next free-run cycle, SYNC pulse or
+    /// watchdog expiry.
     is_quiet: bool,
-    /// The device is connected to latch inputs of the controller.
+    /// Whether the device is connected to latch inputs of the controller.
     has_latches: bool,
-    /// The AL state, while the slave is quiet.
+    /// The AL state, valid while the slave is quiet.
     quiet_state: AlState,
-    /// How far the device is with the outputs of the newest frame.
+    /// The progress of the device's work on the outputs of the newest frame.
     work: Work,
     device: Box<dyn Slave>,
-    /// The newest outputs, as long as sync manager 2.
+    /// The newest outputs, with the length of sync manager 2.
     outputs: Vec<u8>,
-    /// When outputs came that no pulse of SYNC0 has followed yet.
+    /// The arrival time of outputs that no SYNC0 pulse has followed yet.
     outputs_came: Option<Ns>,
-    /// Room for the inputs, as long as sync manager 3.
+    /// The buffer for the inputs, with the length of sync manager 3.
     inputs: Vec<u8>,
     /// The station alias of the device at its last power-on.
     station_alias: u16,
@@ -65,7 +66,7 @@ pub struct EscSlave {
 }
 
 impl EscSlave {
-    /// A slave that is switched on at `now`, with the content of its EEPROM. The device has to be in Init.
+    /// A slave that is switched on at `now`, with this content of its EEPROM. The device must be in Init.
     pub fn new(device: Box<dyn Slave>, settings: EscSettings, eeprom: Vec<u8>, now: Ns) -> Self {
         let has_mailbox = Sii::new(&eeprom).is_ok_and(|sii| sii.info().protocols.0 != 0);
         let managers = ProcessManagers::of(&eeprom, has_mailbox);
@@ -93,8 +94,8 @@ impl EscSlave {
         }
     }
 
-    /// A slave that is switched on at `now`, with the EEPROM that its device describes. A device without distributed clocks has
-    /// a controller without them.
+    /// A slave that is switched on at `now`, with an EEPROM generated from its device. A device without distributed clocks
+    /// gets a controller without them.
     ///
     /// # Errors
     /// [`DescriptionError`].
@@ -106,11 +107,12 @@ impl EscSlave {
         Ok(Self::new(device, settings, eeprom, now))
     }
 
-    /// Switches the slave off and on again.
+    /// Power-cycles the slave at `now`.
     pub fn power_on(&mut self, now: Ns) {
         self.device.restart();
         let alias = self.device.station_alias();
-        // A device that was given another alias writes it to the EEPROM, in which a master may have put one meanwhile.
+        // A device with a new alias writes it to the EEPROM. Otherwise the alias there is kept, because a master may have
+        // written it.
         if std::mem::replace(&mut self.station_alias, alias) != alias {
             self.controller.store_alias(alias);
         }
@@ -126,18 +128,18 @@ impl EscSlave {
         self.inputs.clear();
     }
 
-    /// The controller.
+    /// The slave controller.
     pub const fn controller(&self) -> &Controller {
         &self.controller
     }
 
-    /// The controller, for its ports, its error counters and its EEPROM.
+    /// The slave controller, mutable, for access to its ports, error counters and EEPROM.
     pub const fn controller_mut(&mut self) -> &mut Controller {
         self.is_quiet = false;
         &mut self.controller
     }
 
-    /// Sets which ports have a link.
+    /// Sets for each port whether it has a link.
     pub fn set_links(&mut self, links: [bool; PORTS]) {
         self.controller_mut().set_links(links);
         self.device.note_links(links);
@@ -148,7 +150,7 @@ impl EscSlave {
         &*self.device
     }
 
-    /// Another master writes to the slave, in a frame that is seen nowhere else. Whether any byte was written.
+    /// Writes to the slave as another master would, outside of a frame. Returns whether any byte was written.
     pub(super) fn write_unseen(&mut self, address: u16, data: &[u8], now: Ns) -> bool {
         self.is_quiet = false;
         self.advance(now);
@@ -158,22 +160,22 @@ impl EscSlave {
         is_done
     }
 
-    /// The mailbox, to leave something in it.
+    /// The mailbox, mutable, for leaving messages in it.
     pub(super) const fn mailbox_mut(&mut self) -> &mut Mailbox {
         &mut self.mailbox
     }
 
-    /// The device, to cause faults in it.
+    /// The device, mutable, for injecting faults.
     pub fn device_mut(&mut self) -> &mut dyn Slave {
         &mut *self.device
     }
 
-    /// The AL state that the network reads, bootstrap too.
+    /// The AL state that the network reads, including bootstrap.
     pub const fn shown_state(&self) -> RequestedState {
         self.application.shown_state()
     }
 
-    /// The AL state of the device. In bootstrap it stands in Init.
+    /// The AL state of the device. During bootstrap the device is in Init.
     pub fn state(&self) -> AlState {
         self.application.state()
     }
@@ -184,13 +186,13 @@ impl EscSlave {
         self.react(self.controller.arrival);
     }
 
-    /// Makes SDOs take that much longer from the next one on; 0: no longer than they do. Answers come with the next step of
-    /// time, [`FREE_RUN_CYCLE_NS`] later at most.
+    /// Delays SDO responses by `ns` from the next request on; 0 ends the delay. A delayed response comes with a time step,
+    /// at most [`FREE_RUN_CYCLE_NS`] late.
     pub const fn delay_sdo(&mut self, ns: Ns) {
         self.mailbox.delay_sdo(ns);
     }
 
-    /// Tells how long after a frame has come it is back at ports 1, 2 and 3, if it leaves by them, ns.
+    /// Sets the round-trip times of a frame through ports 1, 2 and 3, ns; `None` for a port that frames do not leave by.
     pub(super) const fn set_returns(&mut self, returns: [Option<Ns>; PORTS - 1]) {
         self.controller.returns = returns;
         self.controller.ports_have_changed = false;
@@ -201,7 +203,7 @@ impl EscSlave {
         self.controller.ports_have_changed
     }
 
-    /// Time passes up to `now`.
+    /// Advances the slave to `now`.
     #[inline]
     pub fn advance(&mut self, now: Ns) {
         if self.is_quiet && now < self.free_run && self.controller.is_quiet_until(now) {
@@ -212,7 +214,7 @@ impl EscSlave {
         }
     }
 
-    /// Time passes up to `now`, and things happen in the meantime.
+    /// Advances the slave to `now` when events occur before that time.
     #[inline(never)]
     fn advance_with_care(&mut self, now: Ns) {
         let mut pulses = 0;
@@ -225,25 +227,25 @@ impl EscSlave {
         self.run_to(now);
     }
 
-    /// Whether there is nothing to do before the device works by itself, a pulse comes or a watchdog expires, but what frames bring.
+    /// Whether the slave can become quiet: neither mailbox, AL state machine nor controller have pending work.
     fn has_become_quiet(&self) -> bool {
         let has_mailbox_work = self.mailbox.is_touched(ManagerEvents::default());
         !has_mailbox_work && !self.application.is_busy() && !self.controller.has_something_ahead()
     }
 
-    /// Whether the device works at the pulses of SYNC0.
+    /// Whether SYNC0 pulses trigger the cycles of the device.
     fn follows_pulses(&self) -> bool {
         self.application.is_synchronized && self.state() >= AlState::SafeOp
     }
 
-    /// When something happens next without a frame.
+    /// The time of the next event that occurs without a frame.
     fn due(&self) -> Ns {
         let pulse = self.controller.next_pulse(self.now).filter(|_| self.follows_pulses());
         let others = [pulse, self.controller.next_due(), self.application.due()];
         others.into_iter().flatten().fold(self.free_run, Ns::min)
     }
 
-    /// Time passes up to `now`, before which nothing happens. How many pulses have come.
+    /// Advances to `now`; no event occurs before. Returns the number of pulses processed.
     fn run_to(&mut self, now: Ns) -> u32 {
         self.now = self.now.max(now);
         self.controller.advance(now);
@@ -251,7 +253,7 @@ impl EscSlave {
         while let Some(pulse) = self.controller.take_pulse() {
             pulses += 1;
             if !self.follows_pulses() {
-                // Nobody looks at each of them.
+                // The device does not use the pulses, so skip them all.
                 self.controller.skip_pulses(now);
             } else if pulse == SyncPulse::Sync0 {
                 self.application.sync_came = true;
@@ -272,7 +274,7 @@ impl EscSlave {
         pulses
     }
 
-    /// What the device does at once, after a frame or when time has passed.
+    /// Carries out the immediate actions of the device, after a frame or when time has passed.
     fn react(&mut self, now: Ns) {
         let events = self.controller.take_events();
         if events.reset {
@@ -312,7 +314,7 @@ impl EscSlave {
         self.quiet_state = self.state();
     }
 
-    /// The state has changed to one with a mailbox or with process data.
+    /// Starts the mailbox or process data after a change of state.
     fn begin(&mut self, change: Change, now: Ns) {
         let managers = self.application.managers;
         let len = |n: u8| usize::from(active_len(&self.controller.managers.registers(n)));
@@ -334,7 +336,7 @@ impl EscSlave {
         }
     }
 
-    /// Takes the outputs that were written. Whether the device works on them now, since nothing else drives it.
+    /// Takes over written outputs. Returns whether the device works on them now, because SYNC0 does not trigger it.
     #[inline]
     fn take_outputs(&mut self, state: AlState) -> bool {
         if state < AlState::SafeOp {
@@ -349,14 +351,14 @@ impl EscSlave {
         !self.application.is_synchronized
     }
 
-    /// No outputs have come for too long.
+    /// Handles an expired process data watchdog.
     fn watchdog_expired(&mut self) {
         if self.state() >= AlState::SafeOp && !self.outputs.is_empty() {
             self.application.lose_outputs(&mut self.controller, &mut *self.device);
         }
     }
 
-    /// The unit for SYNC was switched on or off.
+    /// Handles the activation or deactivation of the SYNC unit.
     fn sync_changed(&mut self) {
         let is_running = self.controller.sync_activation().contains(SyncActivation::ACTIVATE);
         if self.state() >= AlState::SafeOp && self.application.is_synchronized && !is_running {

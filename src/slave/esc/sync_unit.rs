@@ -1,42 +1,43 @@
-//! The unit that gives SYNC0 and SYNC1 at times of the distributed clock.
+//! The SYNC unit, which generates SYNC0 and SYNC1 at times of the distributed clock.
 
 use crate::ethercat::registers::SyncActivation;
 
-/// A pulse.
+/// A pulse of the SYNC unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyncPulse {
-    /// SYNC0.
+    /// A pulse of the signal SYNC0.
     Sync0,
-    /// SYNC1.
+    /// A pulse of the signal SYNC1.
     Sync1,
 }
 
-/// How far ahead a start time may be if the near future is the nearer one, ns.
+/// The maximum distance of a start time that counts as in the near future, ns.
 const NEAR_FUTURE_NS: i64 = 1 << 31;
 
-/// The unit.
+/// The state of the SYNC unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SyncUnit {
     activation: SyncActivation,
-    /// The system time of the next pulse of SYNC0, ns.
+    /// The system time of the next SYNC0 pulse, ns; `None` if none is scheduled.
     next0: Option<u64>,
-    /// That of SYNC1.
+    /// The system time of the next SYNC1 pulse, ns; `None` if none is scheduled.
     next1: Option<u64>,
     cycle0_ns: u32,
     delay1_ns: u32,
-    /// The start time was not in the near future.
+    /// Whether the start time was not in the near future.
     is_out_of_range: bool,
-    /// SYNC0 and SYNC1 have had a pulse since the activation.
+    /// Whether SYNC0 and SYNC1 have had a pulse since the activation.
     fired: [bool; 2],
 }
 
-/// Whether a time has come, with times that wrap.
+/// Whether `time` is not after `now`; both wrap around.
 const fn is_reached(time: u64, now: u64) -> bool {
     (now.wrapping_sub(time)).cast_signed() >= 0
 }
 
 impl SyncUnit {
-    /// The activation was written. `start`: the time of the first pulse.
+    /// Handles a write to the activation register. `start` is the system time of the first pulse, ns; `cycles` are the
+    /// SYNC0 cycle time and the delay of SYNC1, ns.
     pub(super) fn activate(&mut self, activation: SyncActivation, start: u64, now: u64, cycles: (u32, u32)) {
         let was_running = self.is_running();
         self.activation = activation;
@@ -51,7 +52,7 @@ impl SyncUnit {
             self.is_out_of_range = !(1..range).contains(&ahead);
             self.next0 = match activation.contains(SyncActivation::CHECK_START) && self.is_out_of_range {
                 true => Some(now),
-                // A start in the past comes with the next turn of the counter, which nobody waits for.
+                // A start in the past would be reached only when the counter wraps, which is never.
                 false => (ahead > 0).then_some(start),
             };
             self.next1 = self.next0.map(|first| first.wrapping_add(self.delay1_ns.into()));
@@ -59,7 +60,7 @@ impl SyncUnit {
         }
     }
 
-    /// Whether the unit gives SYNC0.
+    /// Whether the unit generates SYNC0.
     pub(super) const fn is_running(&self) -> bool {
         self.activation.contains(SyncActivation(SyncActivation::ACTIVATE.0 | SyncActivation::SYNC0.0))
     }
@@ -68,7 +69,7 @@ impl SyncUnit {
         self.activation.contains(SyncActivation::SYNC1)
     }
 
-    /// The system time of the next pulse of either signal, and which one it is; SYNC0 first if both are at once.
+    /// The system time of the next pulse and its signal. If both are due at the same time, SYNC0 comes first.
     pub(super) fn next(&self) -> Option<(u64, SyncPulse)> {
         let next1 = self.next1.filter(|_| self.gives_sync1());
         match (self.next0, next1) {
@@ -78,7 +79,7 @@ impl SyncUnit {
         }
     }
 
-    /// The pulses that come up to `now`, one at a time.
+    /// Takes the next pulse that is due at `now`.
     pub(super) fn take(&mut self, now: u64) -> Option<(u64, SyncPulse)> {
         let (at, pulse) = self.next().filter(|(at, _)| is_reached(*at, now))?;
         match pulse {
@@ -95,13 +96,13 @@ impl SyncUnit {
         Some((at, pulse))
     }
 
-    /// The period of SYNC1, ns: as many cycles of SYNC0 as fit into its delay, and one more.
+    /// The period of SYNC1, ns: the number of whole SYNC0 cycles in its delay plus one, times the SYNC0 cycle time.
     fn period1_ns(&self) -> u64 {
         let turns = self.delay1_ns.checked_div(self.cycle0_ns).map_or(0, |turns| u64::from(turns) + 1);
         turns * u64::from(self.cycle0_ns)
     }
 
-    /// Leaves out the pulses that have come by now, and says of which signals there were some.
+    /// Skips the pulses that are due at `now`. Returns for each signal whether pulses were skipped.
     pub(super) fn skip_to(&mut self, now: u64) -> [bool; 2] {
         let periods = [u64::from(self.cycle0_ns), self.period1_ns()];
         let nexts = [&mut self.next0, &mut self.next1];
@@ -117,12 +118,12 @@ impl SyncUnit {
         skipped
     }
 
-    /// Registers 0x0990 and 0x0998: when the next pulses come.
+    /// The values of registers 0x0990 and 0x0998: the times of the next pulses.
     pub(super) fn shown(&self) -> (Option<u64>, Option<u64>) {
         (self.next0, self.next1)
     }
 
-    /// Register 0x0984: which first pulses are still to come, and whether the start time was out of range.
+    /// The value of register 0x0984: which first pulses are pending, and whether the start time was out of range.
     pub(super) fn pending(&self) -> u8 {
         let zero = self.next0.is_some() && !self.fired[0];
         let one = self.gives_sync1() && self.next1.is_some() && !self.fired[1];

@@ -1,4 +1,4 @@
-//! The watchdog of process data, registers 0x0400 to 0x0443.
+//! The process data watchdog, registers 0x0400 to 0x0443.
 
 use super::memory::Memory;
 use crate::ethercat::Ns;
@@ -6,19 +6,19 @@ use crate::ethercat::registers::{
     WATCHDOG_COUNTER_PROCESS_DATA, WATCHDOG_DIVIDER, WATCHDOG_PDI, WATCHDOG_PROCESS_DATA, WATCHDOG_STATUS,
 };
 
-/// The divider at power-on: units of 100 us.
+/// The divider at power-on, for units of 100 us.
 const DIVIDER: u16 = 0x09C2;
-/// The time at power-on: 1000 units.
+/// The watchdog time at power-on, in units: 1000.
 const TIME: u16 = 0x03E8;
 /// The length of a tick of the divider, ns.
 const TICK_NS: Ns = 40;
 
-/// The watchdog. It begins with the first outputs.
+/// The watchdog. It starts with the first outputs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Watchdog {
-    /// When it expires.
+    /// The time when the watchdog expires; `None` while it is not running.
     due: Option<Ns>,
-    /// The time that is set; `None`: it is off.
+    /// The watchdog time, ns; `None` if the watchdog is off.
     time_ns: Option<Ns>,
 }
 
@@ -30,7 +30,7 @@ impl Watchdog {
         Self { due: None, time_ns: Self::time(memory) }
     }
 
-    /// The time that is set; `None`: it is off.
+    /// The watchdog time that the registers set, ns; `None` if the watchdog is off.
     pub(super) fn time(memory: &Memory) -> Option<Ns> {
         let units = Ns::from(memory.u16(WATCHDOG_PROCESS_DATA));
         let unit = (Ns::from(memory.u16(WATCHDOG_DIVIDER)) + 2) * TICK_NS;
@@ -42,7 +42,7 @@ impl Watchdog {
         memory.set_u16(WATCHDOG_STATUS, runs.into());
     }
 
-    /// Outputs have come.
+    /// Restarts the watchdog because outputs have come.
     #[inline]
     pub(super) fn trigger(&mut self, now: Ns, memory: &mut Memory) {
         let begins = self.due.is_none();
@@ -52,7 +52,7 @@ impl Watchdog {
         }
     }
 
-    /// The time was written. A watchdog that runs begins anew.
+    /// Applies a new watchdog time. A running watchdog restarts.
     pub(super) fn set(&mut self, now: Ns, memory: &mut Memory) {
         self.time_ns = Self::time(memory);
         if self.due.is_some() {
@@ -61,12 +61,12 @@ impl Watchdog {
         self.show(memory);
     }
 
-    /// When it expires.
+    /// The time when the watchdog expires; `None` while it is not running.
     pub(super) const fn due(&self) -> Option<Ns> {
         self.due
     }
 
-    /// Time has passed. True: it has just expired.
+    /// Advances to `now`. Returns true if the watchdog has just expired.
     pub(super) fn advance(&mut self, now: Ns, memory: &mut Memory) -> bool {
         let expired = self.due.take_if(|due| *due <= now).is_some();
         if expired {

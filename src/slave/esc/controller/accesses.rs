@@ -1,4 +1,4 @@
-//! What the network reads and writes in a controller, and what that causes.
+//! Reads and writes of the network in a slave controller, and their effects.
 
 use super::Controller;
 use crate::ethercat::registers::{
@@ -11,24 +11,25 @@ use crate::slave::esc::managers::MANAGERS_MAX;
 use crate::slave::esc::memory::ByteAccess;
 use crate::slave::esc::sync_unit::SyncPulse;
 
-/// The registers of the EEPROM interface that nobody can write while it is busy or not the master's.
+/// The registers of the EEPROM interface that are write-protected while the EEPROM is busy or assigned to the slave's
+/// processor.
 const EEPROM_COMMANDS: std::ops::Range<usize> = registers::SII_CONTROL as usize..registers::MII as usize;
 
-/// Bit 0 of [`CYCLIC_UNIT_CONTROL`](registers::CYCLIC_UNIT_CONTROL): the unit for SYNC is that of the slave's own controller.
+/// Bit 0 of [`CYCLIC_UNIT_CONTROL`](registers::CYCLIC_UNIT_CONTROL): the SYNC unit belongs to the slave's processor.
 const SYNC_OWNED_BY_DEVICE: u8 = 1 << 0;
 
-/// How many bytes the times of all edges at latch inputs have.
+/// Length in bytes of the registers with the latch times of all edges.
 const LATCH_TIMES_LEN: usize = 16 * LATCHES;
 
-/// Whether an access from `address` on touches a register of `len` bytes at `at`.
+/// Whether an access of `accessed` bytes at `address` overlaps a register of `len` bytes at `at`.
 fn touches(address: usize, accessed: usize, at: u16, len: usize) -> bool {
     let at = usize::from(at);
     address < at + len && at < address + accessed
 }
 
-/// What the network reads and writes.
+/// Accesses by the network.
 impl Controller {
-    /// Reads memory for the network. Whether any byte was read; others stay as they are.
+    /// Reads memory for the network. Returns whether any byte was read; bytes of `data` without memory are left unchanged.
     pub(in crate::slave::esc) fn read(&mut self, address: usize, data: &mut [u8]) -> bool {
         let registers = usize::from(RAM).saturating_sub(address).min(data.len());
         let (low, high) = data.split_at_mut(registers);
@@ -62,11 +63,11 @@ impl Controller {
         done
     }
 
-    /// The times of edges at latch inputs were read.
+    /// Acknowledges the edges whose latch times were read.
     fn acknowledge_latches(&mut self, address: usize, len: usize) {
         for input in 0..LATCHES {
             for edge in LatchEdge::ALL {
-                // Reading the first byte is what holds the others still.
+                // Reading the first byte freezes the others, so only that byte acknowledges.
                 if touches(address, len, registers::latch_time(input, edge), 1) {
                     latch_unit::acknowledge(input, edge, &mut self.memory);
                 }
@@ -74,7 +75,7 @@ impl Controller {
         }
     }
 
-    /// Puts into the memory what is counted elsewhere, if it is going to be read.
+    /// Updates registers in the memory that have their values elsewhere, if they are about to be read.
     fn refresh(&mut self, address: usize, len: usize) {
         if touches(address, len, ECAT_EVENT, 2) {
             let others = self.memory.u16(ECAT_EVENT) & 0x000F;
@@ -99,10 +100,11 @@ impl Controller {
         self.memory.set_u8(registers::SYNC_ACTIVATION_STATUS, self.sync.pending());
     }
 
-    /// Writes memory for the network. Whether any byte was written.
+    /// Writes memory for the network. Returns whether any byte was written.
     pub(in crate::slave::esc) fn write(&mut self, address: usize, data: &[u8]) -> bool {
         if address == registers::SYSTEM_TIME.into() && data.len() <= 8 && self.has_clock() && !self.protection.is_on() {
-            // A master that keeps clocks together sends it in each cycle. The device sees nothing of it.
+            // The common case: with distributed clocks the master sends the system time in each cycle. The device is not
+            // involved.
             return self.receive_system_time(data);
         }
         let registers = usize::from(RAM).saturating_sub(address).min(data.len());
@@ -118,7 +120,7 @@ impl Controller {
         done
     }
 
-    /// Outputs that were written whole start the watchdog anew.
+    /// Restarts the watchdog if outputs were written completely.
     fn note_outputs(&mut self) {
         let mut written = self.managers.events.written;
         while written != 0 {
@@ -160,7 +162,7 @@ impl Controller {
         done
     }
 
-    /// Whether a byte sets the unit for SYNC or a latch input, and that belongs to the slave's own controller.
+    /// Whether a byte belongs to the SYNC unit or to a latch input that the slave's processor controls.
     fn is_devices_unit(&self, at: usize) -> bool {
         let Ok(at) = u16::try_from(at) else { return false };
         match at {
@@ -191,11 +193,11 @@ impl Controller {
         }
     }
 
-    /// What a write to registers causes.
+    /// Carries out the side effects of a write to registers.
     fn after_write(&mut self, address: usize, data: &[u8], eeprom_is_free: bool) {
         let hits = |at: u16, len: usize| touches(address, data.len(), at, len);
         self.is_set_anew = true;
-        // The registers in ascending order.
+        // The checks follow the registers in ascending order.
         if hits(registers::RESET_ECAT, 1) {
             self.reset_byte(self.memory.u8(registers::RESET_ECAT));
         }
@@ -219,7 +221,7 @@ impl Controller {
             self.eeprom.written_in_part(&mut self.memory);
         }
         if eeprom_is_free && hits(registers::SII_CONTROL + 1, 1) {
-            // The bit that allows a write counts in the datagram of its command alone.
+            // The write-enable bit is valid only in the datagram with its command.
             let kept =
                 if address > usize::from(registers::SII_CONTROL) { SiiControl::WRITE_ENABLE } else { SiiControl::NONE };
             let written = SiiControl(self.memory.u16(registers::SII_CONTROL)).without(kept);
@@ -239,7 +241,7 @@ impl Controller {
         }
     }
 
-    /// A byte was written to the register by which three of them reset the controller.
+    /// Handles a byte written to the register that resets the controller after three matching bytes.
     fn reset_byte(&mut self, byte: u8) {
         let expected = registers::RESET_SEQUENCE;
         self.reset_progress = match expected.get(self.reset_progress) {
@@ -289,7 +291,7 @@ impl Controller {
         }
     }
 
-    /// A system time is received, if all of its lower 32 bits have come. True: bytes were written.
+    /// Handles a received system time if its lower 32 bits are complete. Returns whether there were any bytes.
     fn receive_system_time(&mut self, data: &[u8]) -> bool {
         if let Some(received) = data.first_chunk() {
             let depth = self.memory.u8(registers::TIME_DIFFERENCE_FILTER);
@@ -298,8 +300,8 @@ impl Controller {
         !data.is_empty()
     }
 
-    /// The activation of the unit for SYNC, of which a controller that is not enhanced knows three bits. `is_new`: it was just
-    /// written, and may ask for a pulse at once, which the device takes no notice of \[OURS].
+    /// The activation of the SYNC unit. Without the enhanced SYNC feature only the lower three bits are used. With
+    /// `is_new`, the register was just written and may request an immediate debug pulse, which the device ignores \[OURS].
     fn written_activation(&mut self, is_new: bool) -> SyncActivation {
         let written = SyncActivation(self.memory.u8(registers::SYNC_ACTIVATION));
         if !self.settings.features.contains(registers::Features::ENHANCED_SYNC) {
@@ -314,7 +316,7 @@ impl Controller {
         written.without(SyncActivation::DEBUG_PULSE)
     }
 
-    /// A start time of 32 bits gets the upper ones that bring it nearest to now \[OURS].
+    /// Extends a 32-bit start time to the 64-bit time that is nearest to the present time \[OURS].
     fn extend_start(&mut self) {
         let now = self.clock.system();
         let ahead = self.memory.u32(registers::SYNC0_START).wrapping_sub(now as u32).cast_signed();
@@ -334,7 +336,7 @@ impl Controller {
     }
 }
 
-/// Whether a write to a byte has an effect without being kept: receive times and system time.
+/// Whether a write to a byte triggers an action and stores no value: receive times and system time.
 fn is_trigger(at: usize) -> bool {
     (usize::from(registers::RECEIVE_TIMES)..usize::from(registers::RECEIVE_TIME_UNIT)).contains(&at)
 }

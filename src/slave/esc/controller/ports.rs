@@ -1,14 +1,14 @@
-//! The ports of a controller: which have a link, and which are open, by DL control and their links.
+//! The ports of a slave controller: their links, and whether they are open, according to DL control and the links.
 
 use super::Controller;
 use crate::ethercat::Ns;
 use crate::ethercat::registers::{self, DL_CONTROL, DL_STATUS, DlControl, DlStatus, EcatEvents, LoopControl, PORTS};
 
-/// How long ports are as DL control says with its bit 1 \[OURS: the data sheets say about a second], ns.
+/// The duration of temporary loop settings, DL control bit 1 \[OURS: the data sheets say about one second], ns.
 const TEMPORARY_NS: Ns = 1_000_000_000;
 
 impl Controller {
-    /// Sets which ports have a link.
+    /// Sets for each port whether it has a link.
     pub fn set_links(&mut self, links: [bool; PORTS]) {
         for (port, link) in links.into_iter().enumerate() {
             if self.links[port] && !link {
@@ -22,12 +22,12 @@ impl Controller {
         }
     }
 
-    /// Whether a frame leaves by a port, or comes back at once.
+    /// Whether a port is open, so that frames leave by it. A closed port is skipped.
     pub const fn is_open(&self, port: usize) -> bool {
         self.open[port]
     }
 
-    /// Whether a port that is there is open, by its loop control and its link.
+    /// Whether the loop setting and the link of an existing port open it.
     fn opens(&self, port: usize) -> bool {
         match DlControl(self.memory.u32(DL_CONTROL)).loop_control(port) {
             LoopControl::Auto => self.links[port],
@@ -37,7 +37,7 @@ impl Controller {
         }
     }
 
-    /// DL control was written: how its ports are, for good or for a second.
+    /// Applies the loop settings in DL control, permanently or for one second.
     pub(super) fn control_loops(&mut self) {
         let is_temporary = self.memory.u32(DL_CONTROL) & DlControl::TEMPORARY != 0;
         self.temporary_until = is_temporary.then(|| self.arrival + TEMPORARY_NS);
@@ -48,7 +48,7 @@ impl Controller {
         self.show_links();
     }
 
-    /// Ports that were set for a second are as before.
+    /// Restores the permanent loop settings when temporary ones end.
     pub(super) fn end_temporary_loops(&mut self) {
         let control = self.memory.u32(DL_CONTROL) & !DlControl::TEMPORARY;
         self.memory.set_u32(DL_CONTROL, control);

@@ -1,16 +1,16 @@
-//! Write protection, registers 0x0020 to 0x0031: while it is on a frame has to ask for leave before it writes.
+//! Write protection, registers 0x0020 to 0x0031: while it is on, a frame must enable writing before it can write.
 //!
-//! Source: the data sheets of controllers ("write register enable", "ESC write enable"); rule ECAT-8.14.
+//! Source: the data sheets of slave controllers ("write register enable", "ESC write enable"); rule ECAT-8.14.
 
 use crate::ethercat::registers::{
     ESC_WRITE_ENABLE, ESC_WRITE_PROTECTION, RAM, WRITE_REGISTER_ENABLE, WRITE_REGISTER_PROTECTION,
 };
 use crate::slave::esc::memory::Memory;
 
-/// Which protection is on, and what the present frame was given leave for.
+/// The active protections, and what the present frame has enabled.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Protection {
-    /// The registers are protected; all of the memory is.
+    /// Whether the registers are protected (`registers`), and whether the whole memory is (`all`).
     registers: bool,
     all: bool,
     may_write_registers: bool,
@@ -18,7 +18,7 @@ pub(super) struct Protection {
 }
 
 impl Protection {
-    /// Leave is given for one frame.
+    /// Begins a frame: an enable is valid for one frame only.
     #[inline]
     pub(super) const fn begin_frame(&mut self) {
         if self.registers || self.all {
@@ -26,19 +26,19 @@ impl Protection {
         }
     }
 
-    /// Whether something is protected.
+    /// Whether any protection is on.
     #[inline]
     pub(super) const fn is_on(self) -> bool {
         self.registers || self.all
     }
 
-    /// Whether nothing may be written.
+    /// Whether all writes are blocked.
     #[inline]
     pub(super) const fn blocks_all(self) -> bool {
         self.all && !self.may_write_all
     }
 
-    /// Whether a byte may not be written.
+    /// Whether a write to the byte at address `at` is blocked.
     pub(super) fn blocks(self, at: usize) -> bool {
         if at == usize::from(ESC_WRITE_ENABLE) {
             return false;
@@ -47,7 +47,7 @@ impl Protection {
         self.blocks_all() || self.registers && !self.may_write_registers && !is_free
     }
 
-    /// A byte was written, whatever to.
+    /// Evaluates a write to any byte: it may enable writing or change the protection.
     pub(super) fn note_written(&mut self, at: usize, memory: &Memory) {
         let Ok(at) = u16::try_from(at) else { return };
         match at {

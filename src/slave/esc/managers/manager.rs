@@ -1,22 +1,23 @@
-//! One sync manager: its registers, and which of its buffers each side has.
+//! One sync manager: its registers, and which buffer each side uses.
 
 use crate::ethercat::registers::{BufferMode, RAM, SmDirection, SmPdiControl, SmStatus, SyncManager};
 
-/// One sync manager and what it keeps.
+/// The state of one sync manager.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Manager {
     pub(super) registers: SyncManager,
-    /// The last written buffer; `None`: none.
+    /// The last written buffer; `None` if no buffer was written.
     pub(super) last: Option<u8>,
-    /// The buffer that the writer has opened.
+    /// The buffer that the writer has opened; `None` if there is none.
     pub(super) writing: Option<u8>,
-    /// The buffer that the reader has opened.
+    /// The buffer that the reader has opened; `None` if there is none.
     pub(super) reading: Option<u8>,
-    /// How far the buffers are from each other, as the length says: a buffer of one byte is a single one.
+    /// The distance between the buffers, bytes: the length of one buffer, or 0 for a length of one byte, which has a single
+    /// buffer.
     pub(super) distance: u16,
 }
 
-/// Which side of a sync manager.
+/// The side that accesses a sync manager.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Writer,
@@ -33,7 +34,7 @@ impl Manager {
         self.registers.is_enabled() && self.registers.len > 0
     }
 
-    /// Whether the slave's own controller may use it: it does not lie over registers.
+    /// Whether the slave's processor may use the sync manager: it is active and not placed over registers.
     pub(super) fn is_usable(&self) -> bool {
         self.is_active() && self.registers.start >= RAM
     }
@@ -42,12 +43,12 @@ impl Manager {
         self.registers.control.mode() == BufferMode::Mailbox
     }
 
-    /// Where a buffer lies.
+    /// The address of the first byte of a buffer.
     pub(super) fn buffer_start(&self, buffer: u8) -> usize {
         usize::from(self.registers.start) + usize::from(buffer) * usize::from(self.distance)
     }
 
-    /// Opens a buffer for a side; `None`: it has to wait.
+    /// Opens a buffer for a side; `None` if the side has to wait.
     pub(super) fn open(&mut self, side: Side) -> Option<u8> {
         let is_full = self.registers.status.contains(SmStatus::FULL);
         let buffer = match (side, self.is_mailbox()) {
@@ -73,7 +74,7 @@ impl Manager {
         Some(buffer)
     }
 
-    /// The last byte of a buffer was written or read.
+    /// Closes the buffer of a side after its last byte was accessed.
     pub(super) fn close(&mut self, side: Side) {
         let is_mailbox = self.is_mailbox();
         let status = &mut self.registers.status;
@@ -98,7 +99,8 @@ impl Manager {
         }
     }
 
-    /// The network, or the slave's own controller, writes the next of three buffers whole: where that lies.
+    /// Marks the next of the three buffers as written and returns its address, at which the caller writes the whole data.
+    /// For both the network and the slave's processor.
     #[inline]
     pub(super) fn fill(&mut self) -> usize {
         let is_taken = |buffer| Some(buffer) == self.last || Some(buffer) == self.reading;
@@ -115,7 +117,8 @@ impl Manager {
         self.buffer_start(buffer)
     }
 
-    /// The network, or the slave's own controller, reads the newest of three buffers whole: where that lies.
+    /// Marks the newest of the three buffers as read and returns its address, from which the caller reads the whole data.
+    /// For both the network and the slave's processor.
     #[inline]
     pub(super) fn drain(&mut self) -> usize {
         self.reading = None;
@@ -124,7 +127,7 @@ impl Manager {
         self.buffer_start(self.last.unwrap_or(0))
     }
 
-    /// Whether the network may use it in this way now.
+    /// Whether the network may now access the sync manager as this side.
     pub(super) fn is_open_to(&self, side: Side) -> bool {
         let SyncManager { control, pdi, .. } = self.registers;
         let wanted = if side == Side::Writer { SmDirection::Write } else { SmDirection::Read };
@@ -133,7 +136,7 @@ impl Manager {
             && !pdi.contains(SmPdiControl::DEACTIVATE)
     }
 
-    /// The buffer that a side uses for bytes from `offset` on; `None`: it may not.
+    /// The buffer for bytes of a side from `offset` on; `None` if access is not allowed.
     pub(super) fn buffer(&mut self, side: Side, offset: usize) -> Option<u8> {
         if offset == 0 {
             return self.open(side);

@@ -1,4 +1,5 @@
-//! A device works: time passes in it, it takes outputs and gives inputs; and what its controller and the mailbox learn of it then.
+//! The cycle of a device: its time advances, it takes over outputs and provides inputs. Its new state is passed to the
+//! controller and the mailbox.
 
 use super::EscSlave;
 use crate::ethercat::coe::{Emergency, ObjectAddress};
@@ -6,15 +7,15 @@ use crate::ethercat::{AlState, Ns};
 use crate::slave::esc::Controller;
 use crate::slave::esc::application::Application;
 
-/// \[OURS] How often a device looks whether there is an error to tell by an emergency, ns.
+/// \[OURS] The interval at which a device is checked for errors to report by emergencies, ns.
 pub const ERROR_CYCLE_NS: Ns = 10_000_000;
-/// The error code and the error register of a device, which emergencies carry.
+/// The objects with the error code and the error register of a device, which emergencies carry.
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(crate::ethercat::cia402::ERROR_CODE, 0);
 const ERROR_REGISTER: ObjectAddress = ObjectAddress::new(0x1001, 0);
 
 impl EscSlave {
-    /// The device works: time passes in it, it takes its newest outputs and gives new inputs. Without a reason it does so again
-    /// in `next_ns`.
+    /// Runs a cycle of the device: its time advances, it takes over its newest outputs and provides new inputs. Without
+    /// another trigger the next cycle follows in `next_ns`.
     pub(super) fn cycle(&mut self, now: Ns, next_ns: Ns) {
         let passed = self.pass_time(now, next_ns);
         if passed > 0 {
@@ -23,7 +24,8 @@ impl EscSlave {
         self.end_cycle(now, self.state());
     }
 
-    /// How much time has to pass in the device up to `now`. Without a reason it works again in `next_ns`.
+    /// The time by which the device has to advance to reach `now`. Without another trigger the next cycle follows in
+    /// `next_ns`.
     pub(super) fn pass_time(&mut self, now: Ns, next_ns: Ns) -> Ns {
         self.free_run = now + next_ns;
         let passed = now.saturating_sub(self.stepped);
@@ -31,7 +33,7 @@ impl EscSlave {
         passed
     }
 
-    /// Time has passed in the device: it takes its newest outputs and gives new inputs.
+    /// Ends a cycle after the device's time has advanced: the device takes over its newest outputs and provides new inputs.
     #[inline]
     pub(super) fn end_cycle(&mut self, now: Ns, state: AlState) {
         if self.has_latches {
@@ -55,7 +57,7 @@ impl EscSlave {
         }
     }
 
-    /// The controller sees what the device did to its latch inputs.
+    /// Passes the level changes that the device has caused at latch inputs to the controller.
     fn pass_latch_changes(&mut self) {
         let Self { controller, device, stepped, .. } = self;
         device.tell_latch_changes(&mut |change| {
@@ -63,7 +65,7 @@ impl EscSlave {
         });
     }
 
-    /// Whether the device runs by SYNC0, and sends nothing before its first pulse.
+    /// Whether the device runs by SYNC0 and provides no inputs before its first pulse.
     fn waits_for_lock(&self) -> bool {
         let Application { is_synchronized, sync_came, .. } = self.application;
         is_synchronized && !sync_came && self.device.sync_lock_limit_ns().is_some()

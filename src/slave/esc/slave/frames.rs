@@ -1,5 +1,5 @@
-//! A frame passes a slave: what it brings, and the work of the device on its outputs, which the chain lets several slaves do
-//! side by side.
+//! Handling of a frame by a slave: its datagrams, and the device's work on its outputs, which the chain does for several
+//! slaves side by side.
 
 use super::EscSlave;
 use crate::ethercat::{DatagramHeader, Ns};
@@ -8,37 +8,38 @@ use crate::slave::esc::mailbox::{ANSWERS, REQUESTS};
 use crate::slave::esc::managers::ManagerEvents;
 use crate::slave::plant::Servo;
 
-/// A bit for each sync manager of the mailbox.
+/// The bits of both mailbox sync managers.
 const MAILBOX: u16 = 1 << REQUESTS | 1 << ANSWERS;
 
-/// How far a device is with the outputs of a frame.
+/// The progress of a device's work on the outputs of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Work {
-    /// There is nothing to work on.
+    /// There are no outputs to work on.
     None,
-    /// The outputs have come.
+    /// Outputs have come, and the work has not begun.
     Waiting,
-    /// Time passes for so long in the device, its motor among others.
+    /// The device is advancing by this time, ns; its motor may be handed out meanwhile.
     Stepping(Ns),
-    /// Time has passed in the device.
+    /// The device has advanced.
     Stepped,
 }
 
 impl EscSlave {
-    /// A frame comes to the slave.
+    /// Begins a frame that arrives at time `arrival`.
     #[inline]
     pub(in crate::slave::esc) fn begin_frame(&mut self, arrival: Ns) {
         self.advance(arrival);
         self.controller.begin_frame(arrival);
     }
 
-    /// A datagram of the frame passes the slave. What its working counter counts.
+    /// Processes a datagram of the frame. Returns the increment of its working counter.
     #[inline]
     pub(in crate::slave::esc) fn pass(&mut self, header: &mut DatagramHeader, data: &mut [u8]) -> u16 {
         self.controller.pass(header, data)
     }
 
-    /// The frame has passed: the device sees what it has brought. [`Self::begin_work`] and [`Self::end_work`] have to follow.
+    /// Ends the frame: the device handles what the frame has brought. [`Self::begin_work`] and [`Self::end_work`] must
+    /// follow.
     #[inline]
     pub(in crate::slave::esc) fn end_frame(&mut self) {
         let mailbox = if self.application.has_mailbox { MAILBOX } else { 0 };
@@ -53,8 +54,8 @@ impl EscSlave {
         }
     }
 
-    /// The device begins to work on the outputs of the frame, if there are some. A motor may be handed out, to be run with those
-    /// of other slaves before [`Self::end_work`]; they all run for `step_ns`, which the first one says.
+    /// Begins the work on the outputs of the frame, if there are any. May hand out the motor, which the caller runs
+    /// together with those of other slaves before [`Self::end_work`]. All run for `step_ns`, which the first slave sets.
     #[inline]
     pub(in crate::slave::esc) fn begin_work(&mut self, step_ns: &mut Ns) -> Option<&mut Servo> {
         if self.work == Work::None {
@@ -73,7 +74,7 @@ impl EscSlave {
         self.device.begin_step(passed)
     }
 
-    /// The device does the rest of its work on the outputs of the frame.
+    /// Completes the work on the outputs of the frame.
     #[inline]
     pub(in crate::slave::esc) fn end_work(&mut self) {
         match std::mem::replace(&mut self.work, Work::None) {

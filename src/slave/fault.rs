@@ -1,20 +1,20 @@
-//! The faults that scripts and tests can cause inside a device. [`Slave::apply_fault`](super::Slave::apply_fault) applies
-//! them, and the verbs of scripts for them stand in `testbed/script/verbs.rs`.
+//! The faults that scripts and tests can inject into a device. [`Slave::apply_fault`](super::Slave::apply_fault) applies
+//! them; their script verbs are in `testbed/script/verbs.rs`.
 
 use super::lines::InputPattern;
 use super::state_machine::DeviceFault;
 use super::switches::Input;
 
-/// A fault that an axis has, for people who look at it from outside.
+/// The present fault of an axis, with its meaning for the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisFault {
     /// The error code, 0x603F.
     pub code: u16,
-    /// What is wrong, in the words of the device: by its manual, or by CiA 402.
+    /// The meaning of the error code, according to the manual of the device or to CiA 402.
     pub meaning: &'static str,
 }
 
-/// A fault inside a device, or its end. Axes and channels are numbered from 0.
+/// The start or the end of a fault inside a device. Axes and channels are numbered from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// An axis goes to the state Fault; its statusword and its error code 0x603F show it.
@@ -24,23 +24,23 @@ pub enum Fault {
         /// The error code, and whether a fault reset clears it.
         fault: DeviceFault,
     },
-    /// An input of an axis sticks at a value. An index pulse that sticks does not come any more.
+    /// A switch of an axis sticks at a value. A stuck index pulse no longer occurs.
     Stick {
         /// The axis.
         axis: usize,
         /// The input; `None`: every input of the axis.
         input: Option<Input>,
-        /// The value; `None`: the input works again.
+        /// The value; `None`: the switch works again.
         value: Option<bool>,
     },
-    /// The shaft of an axis is jammed: it does not move, whatever the torque.
+    /// The shaft of an axis is mechanically blocked: it does not move, whatever the torque.
     Jam {
         /// The axis.
         axis: usize,
-        /// False: the shaft is free again.
+        /// Whether the shaft is blocked; false frees it.
         jammed: bool,
     },
-    /// The digital inputs of a channel are forced to a pattern, instead of following the outputs that they are wired to.
+    /// The digital inputs of a channel are forced to a pattern instead of following the outputs that they are wired to.
     ForceInputs {
         /// The channel.
         channel: usize,
@@ -50,7 +50,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The fault that ends this one. An alarm is its own end, since only a fault reset by the master clears it.
+    /// The fault value that ends this fault. For an alarm it is the alarm itself, because only a fault reset by the master
+    /// clears an alarm.
     #[must_use]
     pub const fn end(self) -> Self {
         match self {
@@ -61,7 +62,7 @@ impl Fault {
         }
     }
 
-    /// The ends of all faults that may last on the axis or the channel with that number.
+    /// The values that end all lasting faults of the axis or the channel with this number.
     pub const fn all_ends(number: usize) -> [Self; 3] {
         [
             Self::Stick { axis: number, input: None, value: None },

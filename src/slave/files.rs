@@ -1,14 +1,14 @@
-//! The files of a device that has some, which masters read and write by FoE: its firmware, in bootstrap, and others.
+//! The files of a device with FoE: its firmware, which masters access in bootstrap, and others.
 
 use crate::ethercat::foe::FoeError;
 
-/// The name of the firmware. \[OURS] A name that begins with it is the firmware, too, e.g. `firmware.bin`.
+/// The name of the firmware file. \[OURS] Any name that begins with it denotes the firmware, such as `firmware.bin`.
 pub const FIRMWARE_NAME: &str = "firmware";
-/// \[OURS] The most files of a device, its firmware included.
+/// \[OURS] The maximum number of files of a device, including its firmware.
 pub const FILES_MAX: usize = 8;
-/// \[OURS] The longest file, bytes.
+/// \[OURS] The maximum size of a file, bytes.
 pub const FILE_BYTES_MAX: usize = 1 << 20;
-/// \[OURS] The longest name, bytes.
+/// \[OURS] The maximum length of a file name, bytes.
 pub const FILE_NAME_BYTES_MAX: usize = 64;
 
 /// A file with its name.
@@ -18,23 +18,23 @@ struct File {
     bytes: Vec<u8>,
 }
 
-/// The files of a device. They are kept without power.
+/// The non-volatile files of a device.
 ///
-/// \[OURS] Firmware is written in bootstrap alone, and read there and in PreOP, SafeOP and OP; other files are read and written in
-/// PreOP, SafeOP and OP. No password is asked for. What is written is kept as it is: the device goes on as it was.
+/// \[OURS] Firmware is written in bootstrap only, and read in bootstrap, PreOP, SafeOP and OP; other files are read and
+/// written in PreOP, SafeOP and OP. No password is required. A written file is stored and has no effect on the device.
 #[derive(Clone, Debug)]
 pub struct FileStore {
-    /// The firmware first.
+    /// The files; the firmware is the first one.
     files: Vec<File>,
 }
 
 impl FileStore {
-    /// The files of a device that comes from its factory with this firmware.
+    /// The files of a device with this factory firmware.
     pub fn new(firmware: impl Into<Vec<u8>>) -> Self {
         Self { files: vec![File { name: FIRMWARE_NAME.into(), bytes: firmware.into() }] }
     }
 
-    /// Whether a file is the firmware, and may be used in this state at all.
+    /// Whether a name denotes the firmware. An error if this file cannot be accessed in the present state at all.
     fn is_firmware(name: &[u8], in_bootstrap: bool) -> Result<bool, FoeError> {
         match (name.starts_with(FIRMWARE_NAME.as_bytes()), in_bootstrap) {
             (false, true) => Err(FoeError::NOT_BOOTSTRAP),
@@ -49,19 +49,19 @@ impl FileStore {
     /// The bytes of a file.
     ///
     /// # Errors
-    /// [`FoeError::NOT_FOUND`]; [`FoeError::NOT_BOOTSTRAP`]: it is no firmware, and the device is in bootstrap.
+    /// [`FoeError::NOT_FOUND`]. [`FoeError::NOT_BOOTSTRAP`]: the file is not the firmware, and the device is in bootstrap.
     pub fn read(&self, name: &[u8], in_bootstrap: bool) -> Result<&[u8], FoeError> {
         let is_firmware = Self::is_firmware(name, in_bootstrap)?;
         let file = self.place(name, is_firmware).and_then(|place| self.files.get(place));
         file.map(|file| &*file.bytes).ok_or(FoeError::NOT_FOUND)
     }
 
-    /// Whether a file may be written.
+    /// Checks whether a file may be written.
     ///
     /// # Errors
-    /// [`FoeError::BOOTSTRAP_ONLY`] for firmware outside bootstrap, [`FoeError::NOT_BOOTSTRAP`] for another file in bootstrap,
-    /// [`FoeError::ILLEGAL`] for a name that is empty or too long, [`FoeError::DISK_FULL`] if there are as many files as there may
-    /// be.
+    /// [`FoeError::BOOTSTRAP_ONLY`] for firmware outside bootstrap, [`FoeError::NOT_BOOTSTRAP`] for another file in
+    /// bootstrap, [`FoeError::ILLEGAL`] for an empty or too long name, [`FoeError::DISK_FULL`] for a new file beyond
+    /// [`FILES_MAX`].
     pub fn may_write(&self, name: &[u8], in_bootstrap: bool) -> Result<(), FoeError> {
         let is_firmware = Self::is_firmware(name, in_bootstrap)?;
         if is_firmware && !in_bootstrap {
@@ -76,10 +76,10 @@ impl FileStore {
         Ok(())
     }
 
-    /// Writes a whole file, as [`Self::may_write`] allows.
+    /// Writes a whole file, if [`Self::may_write`] allows it.
     ///
     /// # Errors
-    /// As [`Self::may_write`], and [`FoeError::DISK_FULL`] beyond [`FILE_BYTES_MAX`].
+    /// The errors of [`Self::may_write`], and [`FoeError::DISK_FULL`] for a file longer than [`FILE_BYTES_MAX`].
     pub fn write(&mut self, name: &[u8], in_bootstrap: bool, bytes: &[u8]) -> Result<(), FoeError> {
         self.may_write(name, in_bootstrap)?;
         if bytes.len() > FILE_BYTES_MAX {

@@ -1,4 +1,4 @@
-//! The handle by which scripts and tests reach a simulated network while it runs, from any thread: its cable, and the true
+//! The handle with which scripts and tests access a running simulated network from any thread: its cable, and the true
 //! positions of its shafts.
 
 use std::ops::Deref;
@@ -8,17 +8,17 @@ use super::AXES_MAX;
 use super::cable::Cable;
 use crate::ethercat::{MAX_SLAVES, Ns};
 
-/// The true positions of all shafts, whatever their slaves report.
+/// The true positions of all shafts, independent of what their slaves report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Shafts {
-    /// The end of the cycle in which they were there, in time of the network.
+    /// The end of the cycle to which the positions belong, ns in the network's time.
     pub at: Ns,
-    /// Slave n is `positions[n - 1]`, one entry for each axis, counts; `None`: no such axis.
+    /// Positions, counts: `positions[n - 1]` has the axes of slave n; `None` for an axis that does not exist.
     pub positions: [[Option<i64>; AXES_MAX]; MAX_SLAVES],
 }
 
-/// A handle on a simulated network; clones are handles on the same one. It has the functions of its [`Cable`], by which
-/// things go wrong.
+/// A handle to a simulated network; clones refer to the same network. It dereferences to its [`Cable`], which injects
+/// faults.
 #[derive(Clone)]
 pub struct SimHandle {
     cable: Cable,
@@ -51,13 +51,13 @@ impl SimHandle {
         self.lock().clone()
     }
 
-    /// The position of one shaft at the end of the newest cycle, counts; `None`: there is no such axis.
+    /// The position of one shaft at the end of the newest cycle, counts; `None` if there is no such axis.
     pub fn shaft(&self, slave: u8, axis: usize) -> Option<i64> {
         let place = usize::from(slave).checked_sub(1)?;
         *self.lock().positions.get(place)?.get(axis)?
     }
 
-    /// Keeps the positions at the end of a cycle, unless a thread is reading those of the cycle before at this moment.
+    /// Stores the positions at the end of a cycle. Skipped if another thread is reading positions at this moment.
     pub(crate) fn publish(&self, at: Ns, positions: impl Iterator<Item = [Option<i64>; AXES_MAX]>) {
         let Ok(mut shafts) = self.shafts.try_lock() else { return };
         shafts.at = at;
@@ -66,7 +66,7 @@ impl SimHandle {
         }
     }
 
-    /// A thread that has panicked leaves plain data behind, which is still valid.
+    /// Locks the positions. A poisoned mutex is used as it is, because plain data are still valid after a panic.
     fn lock(&self) -> MutexGuard<'_, Shafts> {
         self.shafts.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,10 +1,10 @@
-//! A pulse module (HSP) of one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted,
-//! with 16 digital outputs and 16 digital inputs (SK-3, SK-7). Each channel does its own homing. Axis 2 has the objects
-//! of axis 1, 0x800 higher.
+//! A pulse module (HSP) with one or two channels. Each channel is a CiA 402 axis in CSP or CSV whose pulses are counted,
+//! with 16 digital outputs and 16 digital inputs (SK-3, SK-7). Each channel has its own homing. The objects of axis 2 are
+//! those of axis 1, with indices 0x800 higher.
 //!
 //! \[OURS] A module has no encoder: its position is the number of pulses that it has sent. Output k of a channel is wired
-//! to input k of the same channel: what is written is read back a cycle later. Outside OP the outputs are off. The limit
-//! and home switches of a channel and the index pulse of the stepper that it drives have inputs of their own, which
+//! to input k of the same channel, so a written value is read back one cycle later. Outside OP the outputs are off. The
+//! limit and home switches of a channel, and the index pulse of the stepper that it drives, have separate inputs, which
 //! 0x60FD does not show.
 
 mod objects;
@@ -24,7 +24,7 @@ use crate::ethercat::cia402::Mode;
 
 pub use objects::{PRODUCT_CODES, REVISION};
 
-/// How many channels a module has.
+/// The number of channels of a module.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Channels {
     /// One channel.
@@ -37,32 +37,32 @@ pub enum Channels {
 /// The configuration of an [`Hsp`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HspConfig {
-    /// The name that people know it by.
+    /// The display name of the module.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
-    /// One channel or two.
+    /// The number of channels.
     pub channels: Channels,
     /// The position of each channel at power-on, pulses.
     pub positions: [i64; AXES_MAX],
-    /// How every channel makes its pulses.
+    /// The pulse generator of every channel.
     pub train: PulseTrain,
-    /// How long the transitions of every channel take.
+    /// The durations of the transitions of every channel's CiA 402 state machine.
     pub times: TransitionTimes,
-    /// Pulses of one turn of the steppers, which have one index pulse a turn.
+    /// Pulses per turn of the steppers; an index pulse comes once per turn.
     pub pulses_per_turn: u32,
-    /// The switches along the travel of each channel, in pulses. End stops have no effect, since pulses are counted all
-    /// the same.
+    /// The switches along the travel of each channel, in pulses. End stops have no effect, because the pulses are counted
+    /// regardless.
     pub travels: [Travel; AXES_MAX],
 }
 
-/// \[OURS] A common setting of stepper drivers.
+/// \[OURS] Pulses per turn: a common setting of stepper drivers.
 const PULSES_PER_TURN: u32 = 10_000;
 
 impl HspConfig {
-    /// The default configuration of a module with that many channels.
+    /// The default configuration of a module with this number of channels.
     pub fn with(channels: Channels) -> Self {
-        // [OURS] A module has no power stage to charge and no brake to open.
+        // [OURS] Shorter than those of a drive, because a module has no power stage to charge and no brake to open.
         let times = TransitionTimes { switch_on_ns: 2_000_000, enable_ns: 2_000_000, ..TransitionTimes::default() };
         let name = match channels {
             Channels::One => "hsp",
@@ -96,7 +96,7 @@ pub struct Hsp {
 }
 
 impl Hsp {
-    /// A module that is switched on now.
+    /// A module in its power-on state.
     pub fn new(config: HspConfig) -> Self {
         let HspConfig { name, serial, channels, positions, train, times, pulses_per_turn, travels } = config;
         let values = objects::defaults(&train, pulses_per_turn);
@@ -112,12 +112,12 @@ impl Hsp {
         }
     }
 
-    /// The axes, for tests that measure what no object shows.
+    /// The axes, for tests that need values which no object shows.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// The outputs of a channel (from 0), bit k is output k.
+    /// The outputs of a channel (from 0); bit k is output k.
     ///
     /// # Panics
     /// If `channel` is not below [`AXES_MAX`].

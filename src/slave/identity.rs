@@ -1,9 +1,9 @@
-//! Who a slave is.
+//! The identity of a slave.
 
-/// The identity of a kind of slave, as its objects show it.
+/// The identity objects of a kind of slave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Device type, 0x1000: device profile and kind of device.
+    /// Device type, 0x1000: device profile and type.
     pub device_type: u32,
     /// Device name, 0x1008.
     pub name: &'static str,

@@ -1,6 +1,6 @@
-//! A digital IO module: 16 outputs and 16 inputs.
+//! A digital IO module with 16 outputs and 16 inputs.
 //!
-//! Its outputs are wired to its inputs, see [`lines`](super::lines). \[OURS] Outside OP the outputs are off.
+//! The outputs are wired to the inputs, see [`lines`](super::lines). \[OURS] Outside OP the outputs are off.
 
 use std::slice;
 
@@ -27,7 +27,7 @@ const IDENTITY: Identity = Identity {
 /// The configuration of an [`Io`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IoConfig {
-    /// The name that people know it by.
+    /// The display name of the module.
     pub name: String,
     /// Serial number, 0x1018:4.
     pub serial: u32,
@@ -47,13 +47,13 @@ pub struct Io {
 }
 
 impl Io {
-    /// A module that is switched on now.
+    /// A module in its power-on state.
     pub fn new(config: IoConfig) -> Self {
         let IoConfig { name, serial } = config;
         Self { base: Base::new(name, serial, &IDENTITY, Values::new(OBJECTS), PDOS), lines: Lines::default() }
     }
 
-    /// The outputs in force, bit k is output k.
+    /// The present outputs; bit k is output k.
     pub const fn outputs(&self) -> u16 {
         self.lines.outputs()
     }
@@ -105,8 +105,8 @@ impl Model for Io {
 
 type Row = Object<Io>;
 
-/// The object dictionary. \[OURS] It has the areas of the modular device profile (ETG.5001): inputs at 0x6000, outputs at
-/// 0x7000. Outputs are written by process data alone.
+/// The object dictionary. \[OURS] It uses the index ranges of the modular device profile (ETG.5001): inputs at 0x6000,
+/// outputs at 0x7000. Only process data can write the outputs.
 const OBJECTS: &[Row] = &join::<_, { rows(&PARTS) }>(&PARTS);
 const _: () = check(OBJECTS);
 const PARTS: [&[Row]; 4] = [&description(), &identity(), &free_run(), OWN];

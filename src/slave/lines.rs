@@ -1,26 +1,26 @@
 //! The 16 digital outputs and 16 digital inputs of an IO module, or of a channel of a pulse module.
 //!
-//! \[OURS] Output k is wired to input k: what is written is read back a cycle later, unless the inputs are forced.
+//! \[OURS] Output k is wired to input k: a written value is read back one cycle later, unless the inputs are forced.
 
 use crate::ethercat::Ns;
 
-/// How many inputs there are.
+/// The number of inputs.
 const INPUTS: Ns = 16;
 
-/// The values that inputs are forced to.
+/// The pattern that inputs are forced to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputPattern {
-    /// Constant values, bit k is input k.
+    /// Constant values; bit k is input k.
     Bits(u16),
-    /// One input after the other is on, from input 0 to input 15 and again.
+    /// A walking 1: one input after the other is on, from input 0 to input 15, repeatedly.
     Walk {
-        /// How long each input is on; 0 counts as 1.
+        /// The time for which each input is on, ns; 0 counts as 1.
         step_ns: Ns,
     },
 }
 
 impl InputPattern {
-    /// The inputs that long after the pattern has begun.
+    /// The values of the inputs at a time since the pattern has begun.
     const fn after(self, ns: Ns) -> u16 {
         match self {
             Self::Bits(bits) => bits,
@@ -30,32 +30,32 @@ impl InputPattern {
     }
 }
 
-/// The digital inputs and outputs of a module, or of one of its channels.
+/// The digital inputs and outputs of a module, or of one channel of a module.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lines {
     outputs: u16,
     inputs: u16,
-    /// What the inputs are forced to, and for how long they have been.
+    /// The pattern that the inputs are forced to, with the time since it began; `None` if they are not forced.
     forced: Option<(InputPattern, Ns)>,
 }
 
 impl Lines {
-    /// The outputs in force, bit k is output k.
+    /// The present outputs; bit k is output k.
     pub const fn outputs(&self) -> u16 {
         self.outputs
     }
 
-    /// The inputs as they were at the end of the last cycle, bit k is input k.
+    /// The inputs at the end of the last cycle; bit k is input k.
     pub const fn inputs(&self) -> u16 {
         self.inputs
     }
 
-    /// Sets the outputs, bit k is output k.
+    /// Sets the outputs; bit k is output k.
     pub const fn set_outputs(&mut self, bits: u16) {
         self.outputs = bits;
     }
 
-    /// Forces the inputs to a pattern from now on; `None`: they follow the outputs again.
+    /// Forces the inputs to a pattern from now on; with `None` they follow the outputs again.
     pub fn force(&mut self, pattern: Option<InputPattern>) {
         self.forced = pattern.map(|pattern| (pattern, 0));
     }
@@ -65,7 +65,7 @@ impl Lines {
         self.forced.is_some()
     }
 
-    /// `dt_ns` pass.
+    /// Updates the inputs after `dt_ns`.
     pub const fn pass(&mut self, dt_ns: Ns) {
         self.inputs = match &mut self.forced {
             None => self.outputs,

@@ -1,5 +1,5 @@
-//! Manufacturer-specific objects: those from 0x2000 on, and others that programs write at their start and that no simulated
-//! slave has by itself. They have no effect; what is written, by SDO or as process data, is read back.
+//! Manufacturer-specific objects: those from 0x2000 on, and others that programs write at startup although the simulated
+//! slave does not have them. They have no effect; a value written by SDO or as process data is read back.
 //!
 //! ```
 //! use ecmsk::coe::{AbortCode, ObjectAddress, SdoSize};
@@ -29,8 +29,8 @@ use crate::ethercat::coe::{AbortCode, ObjectAccess, ObjectAddress, ObjectCode, S
 pub use format::{FormatError, MANUFACTURER_FILE_BYTES_MAX};
 pub use value::ManufacturerValue;
 
-/// The data type of a manufacturer-specific object. The board transfers 4 bytes at most: of a longer value it reads the
-/// first 4, and it cannot write it. Another master transfers all of it.
+/// The data type of a manufacturer-specific object. The board transfers at most 4 bytes: it reads the first 4 bytes of a
+/// longer value, and it cannot write such a value. Other masters transfer the whole value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ManufacturerType {
     /// `bool`, one byte.
@@ -55,10 +55,10 @@ pub enum ManufacturerType {
     U64,
     /// `f64`, IEEE 754.
     F64,
-    /// `text`, of any length.
+    /// `text`, of variable length.
     Text,
-    /// `any`: a value of unknown size, as of an object that was read over the board, which shows 4 bytes at most. A write
-    /// of any size is accepted.
+    /// `any`: a value of unknown size, such as that of an object that was read over the board, which shows at most 4 bytes.
+    /// A write of any size is accepted.
     Any,
 }
 
@@ -99,7 +99,7 @@ impl ManufacturerType {
         }
     }
 
-    /// The size of a value, bytes; `None`: it is not fixed.
+    /// The size of a value, bytes; `None` if the size is not fixed.
     pub const fn bytes(self) -> Option<u8> {
         match self {
             Self::Bool | Self::I8 | Self::U8 => Some(1),
@@ -110,7 +110,7 @@ impl ManufacturerType {
         }
     }
 
-    /// The number of the data type in an object dictionary. \[OURS] Values of unknown size are octets.
+    /// The code of the data type in an object dictionary. \[OURS] Values of unknown size are octet strings.
     const fn code(self) -> DataTypeCode {
         match self {
             Self::Bool => DataTypeCode::of(DataType::Bool),
@@ -129,8 +129,8 @@ impl ManufacturerType {
         }
     }
 
-    /// Whether a PDO may have an entry of that many bits with a value of this type. \[OURS] An `u8` may be one of the types of 2 to
-    /// 7 bits, which files do not tell apart.
+    /// Whether a PDO entry of this length in bits can contain a value of this type. \[OURS] A `u8` may stand for one of the
+    /// types of 2 to 7 bits, which files do not distinguish.
     const fn can_be_mapped_with(self, bits: u8) -> bool {
         match (self, self.bytes()) {
             (Self::Bool, _) => bits == 1,
@@ -141,17 +141,17 @@ impl ManufacturerType {
     }
 }
 
-/// Into which PDOs an object may be mapped.
+/// The PDO directions that an object can be mapped into.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mappable {
-    /// Into RxPDOs, as an output.
+    /// Whether the object can be mapped into RxPDOs, as an output.
     pub rx: bool,
-    /// Into TxPDOs, as an input.
+    /// Whether the object can be mapped into TxPDOs, as an input.
     pub tx: bool,
 }
 
 impl Mappable {
-    /// The keyword in a file; none for an object that cannot be mapped.
+    /// The keyword in a file; `None` for an object that cannot be mapped.
     pub const fn word(self) -> Option<&'static str> {
         match (self.rx, self.tx) {
             (false, false) => None,
@@ -169,9 +169,9 @@ impl Mappable {
     }
 }
 
-/// The longest value that is stored, bytes \[OURS].
+/// The maximum length of a stored value, bytes \[OURS].
 pub const MANUFACTURER_VALUE_BYTES_MAX: usize = 0x1_0000;
-/// How many bytes of a value of unknown size an upload gives at least.
+/// The minimum length of an upload of a value of unknown size, bytes.
 const ANY_BYTES_MIN: usize = 4;
 
 /// One sub-index of a manufacturer-specific object.
@@ -181,47 +181,48 @@ pub struct ManufacturerObject {
     pub address: ObjectAddress,
     /// The data type.
     pub data: ManufacturerType,
-    /// Whether it can be read and written. A file shows [`Access::ReadWriteUpTo`] as `rw`.
+    /// The SDO access rights. A file shows [`Access::ReadWriteUpTo`] as `rw`.
     pub access: Access,
-    /// Into which PDOs it may be mapped; without effect for a type without a fixed size.
+    /// The PDOs that the object can be mapped into; without effect for a type without a fixed size.
     pub mappable: Mappable,
     /// The value.
     pub value: ManufacturerValue,
-    /// The name that people know it by; may be empty.
+    /// A descriptive name, possibly empty.
     pub name: String,
 }
 
-/// The most objects that [`ManufacturerObjects::any`] creates by writes \[OURS]: more than any program writes at its start.
+/// The maximum number of objects that writes create in [`ManufacturerObjects::any`] \[OURS]: more than any program writes
+/// at startup.
 const MADE_MAX: usize = 4096;
 
-/// The manufacturer-specific objects of a slave. An object of the same address in the dictionary of its kind has
-/// precedence.
+/// The manufacturer-specific objects of a slave. An object with the same address in the dictionary of the slave's kind
+/// takes precedence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ManufacturerObjects {
-    /// In ascending order of their addresses.
+    /// The objects in ascending order of address.
     objects: Vec<ManufacturerObject>,
-    /// Every address of [`Self::ANY`] can be read and written.
+    /// Whether every address in [`Self::ANY`] can be read and written.
     any: bool,
 }
 
 impl ManufacturerObjects {
-    /// The indexes that [`Self::any`] accepts: the manufacturer-specific area (ETG.1000.6 table 63) and that of the device
-    /// profiles, of whose objects a simulated slave has only some (not 0x6093, for example) \[OURS].
+    /// The index ranges that [`Self::any`] accepts: the manufacturer-specific area (ETG.1000.6 table 63) and the area of
+    /// the device profiles, of which a simulated slave has only some objects (for example, 0x6093 is missing) \[OURS].
     pub const ANY: [std::ops::RangeInclusive<u16>; 2] = [0x2000..=0x5FFF, 0x6000..=0x9FFF];
 
-    /// No objects.
+    /// An empty set of objects.
     pub const fn new() -> Self {
         Self { objects: Vec::new(), any: false }
     }
 
-    /// Every object in [`Self::ANY`] reads 0, and a write of any size is stored. A real drive may answer with an abort code
-    /// instead.
+    /// Objects that accept everything in [`Self::ANY`]: an object reads 0 until it is written, and a write of any size is
+    /// stored. A real drive may answer with an abort code instead.
     pub fn any() -> Self {
-        // A transfer does not allocate.
+        // Reserved in advance, so that transfers do not allocate.
         Self { objects: Vec::with_capacity(MADE_MAX), any: true }
     }
 
-    /// These objects. Of two with the same address the later one is kept.
+    /// A set of these objects. Of two objects with the same address the later one is kept.
     pub fn of(objects: impl IntoIterator<Item = ManufacturerObject>) -> Self {
         let mut objects: Vec<_> = objects.into_iter().collect();
         objects.sort_by_key(|object| object.address);
@@ -231,17 +232,17 @@ impl ManufacturerObjects {
         Self { objects, any: false }
     }
 
-    /// The objects, in ascending order of their addresses.
+    /// The objects in ascending order of address.
     pub fn objects(&self) -> &[ManufacturerObject] {
         &self.objects
     }
 
-    /// The first index of these objects from `from` on.
+    /// The lowest index of these objects from `from` on; `None` if there is none.
     pub(super) fn index_from(&self, from: u16) -> Option<u16> {
         self.objects.iter().map(|object| object.address.index).find(|index| *index >= from)
     }
 
-    /// The description of an object. \[OURS] One with several sub-indices is a record.
+    /// The description of an object for SDO information. \[OURS] An object with several sub-indices is a record.
     pub(super) fn describe_object(&self, index: u16) -> Option<ObjectDescription<'_>> {
         let objects = || self.objects.iter().filter(|object| object.address.index == index);
         let (first, last) = (objects().next()?, objects().next_back()?);
@@ -253,7 +254,7 @@ impl ManufacturerObjects {
         Some(ObjectDescription { index, data_type, max_sub, code, name: &first.name })
     }
 
-    /// The description of an entry.
+    /// The description of a sub-index for SDO information.
     pub(super) fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'_>> {
         let object = &self.objects[self.find(at).ok()?];
         let bits = match (object.data, object.data.bytes()) {
@@ -280,8 +281,8 @@ impl ManufacturerObjects {
         self.any && Self::ANY.iter().any(|range| range.contains(&at.index))
     }
 
-    /// SDO upload: puts the first bytes of the value into `value`. The length of the whole value. `otherwise`: the abort
-    /// code of the slave's own dictionary, for an object that is not among these either.
+    /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
+    /// `otherwise` is the abort code of the slave's own dictionary, returned if the object is not found here either.
     ///
     /// # Errors
     /// [`AbortCode::WRITE_ONLY`], [`AbortCode::NO_SUB_INDEX`], `otherwise`; [`AbortCode::COMPLETE_ACCESS`] always \[OURS].
@@ -301,7 +302,7 @@ impl ManufacturerObjects {
         }
     }
 
-    /// SDO download of a whole value; `otherwise` as for [`Self::read`]. The order of the checks is that of
+    /// SDO download of a whole value; `otherwise` as for [`Self::read`]. The checks have the same order as in
     /// [`dictionary::write`](super::dictionary::write()).
     ///
     /// # Errors
@@ -350,10 +351,11 @@ impl ManufacturerObjects {
         }
     }
 
-    /// The place of an object that a PDO of that direction may have an entry of that many bits for.
+    /// The index in [`Self::objects`] of an object that can be mapped into a PDO of this direction with an entry of this
+    /// length.
     ///
     /// # Errors
-    /// [`AbortCode::NOT_MAPPABLE`], or `otherwise` if it is not among these.
+    /// [`AbortCode::NOT_MAPPABLE`], or `otherwise` if the object is not found.
     pub(super) fn mapped(
         &self,
         at: ObjectAddress,
@@ -367,19 +369,19 @@ impl ManufacturerObjects {
         if fits { Ok(place) } else { Err(AbortCode::NOT_MAPPABLE) }
     }
 
-    /// The low bits of the value at a place.
+    /// The low 64 bits of the value of the object with index `place`.
     pub(super) fn bits(&self, place: usize) -> u64 {
         self.objects.get(place).map_or(0, |object| object.value.bits())
     }
 
-    /// Process data bring the value of a place.
+    /// Writes a value from process data to the object with index `place`.
     pub(super) fn take_bits(&mut self, place: usize, bits: u64) {
         if let Some(ManufacturerObject { data, value, .. }) = self.objects.get_mut(place) {
             *value = ManufacturerValue::of_bits(bits, data.bytes().unwrap_or(0).into());
         }
     }
 
-    /// Refuses complete access, since the other sub-indices of such an object are not known.
+    /// Refuses complete access, because not all sub-indices of such an object are known.
     fn one_entry(&self, at: ObjectAddress, scope: SdoScope) -> Result<(), AbortCode> {
         let is_here = self.is_any(at) || self.objects.iter().any(|object| object.address.index == at.index);
         if scope == SdoScope::Complete && is_here { Err(AbortCode::COMPLETE_ACCESS) } else { Ok(()) }
@@ -393,7 +395,7 @@ impl ManufacturerObjects {
 }
 
 impl ManufacturerObject {
-    /// Hands over the bytes that an upload gives.
+    /// Calls `show` with the bytes that an upload returns.
     fn shown<T>(&self, show: impl FnOnce(&[u8]) -> T) -> T {
         match self.value.bytes() {
             short if self.data == ManufacturerType::Any && short.len() < ANY_BYTES_MIN => {

@@ -1,33 +1,32 @@
-//! Models of EtherCAT slaves. A master drives them through the trait [`Slave`]; they know nothing of the board.
+//! Models of EtherCAT slaves. A master drives them through the trait [`Slave`]; they do not depend on the board.
 //!
-//! | file or folder | what it answers |
+//! | file or folder | content |
 //! | --- | --- |
-//! | `drive.rs`, `hsp.rs`, `io.rs` | the kinds of slave: servo drive and stepper, pulse module, module of digital inputs and outputs; their objects are in `drive/objects.rs` and `hsp/objects.rs` |
-//! | `dp3cl/` | the stepper drive Xinje DP3CL, whole |
-//! | `device/`, `device.rs` | what every kind does alike: AL states, mailbox, identity, process data, faults |
-//! | `identity.rs` | who a device is |
-//! | `communication.rs` | what a device reads from the registers of its controller |
-//! | `al.rs` | which changes of its AL state a slave takes part in, and the watchdog of its outputs |
-//! | `dictionary/`, `dictionary.rs` | how objects are read and written by SDO |
+//! | `drive.rs`, `hsp.rs`, `io.rs` | servo drive and stepper, pulse module, digital IO; their objects in `*/objects.rs` |
+//! | `dp3cl/` | complete model of the stepper drive Xinje DP3CL |
+//! | `device/`, `device.rs` | the common part of all kinds: AL states, mailbox, identity, process data, faults |
+//! | `identity.rs` | the identity objects of a device |
+//! | `communication.rs` | the registers of its slave controller that a device checks |
+//! | `al.rs` | the allowed changes of the AL state, and the watchdog for outputs |
+//! | `dictionary/`, `dictionary.rs` | reading and writing of objects by SDO |
 //! | `manufacturer/`, `manufacturer.rs` | manufacturer-specific objects that are read from a file |
-//! | `process_data/`, `process_data.rs` | how objects are mapped into PDOs, and how a cycle moves them |
-//! | `axis/`, `axis.rs` | how an axis follows its targets: modes of operation, following error, statusword |
-//! | `axis_objects.rs` | which objects every axis has, and which settings it reads from them |
+//! | `process_data/`, `process_data.rs` | PDO mapping, and the transfer of process data in a cycle |
+//! | `axis/`, `axis.rs` | the axis: modes of operation, following error, statusword |
+//! | `axis_objects.rs` | the objects of every axis, and the settings that the axis reads from them |
 //! | `state_machine.rs` | the states and transitions of CiA 402 |
-//! | `homing/` | homing: `method.rs` the homing methods (0x6098), `run.rs` one search for home, `mod.rs` the mode around it |
+//! | `homing/` | homing: `method.rs` the homing methods (0x6098), `run.rs` one search for home, `mod.rs` the mode |
 //! | `switches.rs` | limit switches, home switch, index pulse and end stops along the travel of an axis |
-//! | `plant/`, `plant.rs` | the physics: a motor with its load and control loops, or a train of pulses |
+//! | `plant/`, `plant.rs` | the physics: a motor with its load and control loops, or a pulse train |
 //! | `lines.rs` | digital inputs and outputs |
 //! | `files.rs` | the files of a device: firmware and others |
-//! | `fault.rs` | what can go wrong inside a device, for scripts and tests |
-//! | `handle.rs` | the handle by which scripts and tests reach a network while it runs |
-//! | `esc/` | the slave controllers around the slaves, as the network sees them |
-//! | `cable.rs` | what goes wrong between a network and its slaves: cut cables, slaves without power, refused states, aborted SDOs |
+//! | `fault.rs` | faults inside a device, for scripts and tests |
+//! | `handle.rs` | the handle with which scripts and tests access a running network |
+//! | `esc/` | the slave controllers of the slaves, as the network sees them |
+//! | `cable.rs` | faults between a network and its slaves: cuts, lost power, refused states, aborted SDOs |
 //!
-//! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, add its row to
-//! `address/slaves/kinds.rs` and, if the board maps other process data for it, a role to `fieldbus/mod.rs` and a table to
-//! `fieldbus/pdo.rs`. To add a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a verb for scripts to
-//! `testbed/script/verbs.rs`.
+//! To add a kind of slave: implement [`device::Model`] in a file beside `drive.rs`, and add its row to `address/kinds.rs`.
+//! If the board maps other process data for it, also add a role to `fieldbus/mod.rs` and a table to `fieldbus/pdo.rs`. To
+//! add a homing method: `homing/method.rs`. To add a fault: `fault.rs`, and a script verb in `testbed/script/verbs.rs`.
 
 pub mod al;
 pub mod axis;
@@ -79,20 +78,20 @@ use plant::{SIDE_BY_SIDE, Servo, follow_side_by_side};
 use crate::ethercat::registers::{PORTS, RequestedState};
 use crate::ethercat::{AlState, Ns};
 
-/// The most axes that a slave has: a pulse module of two channels has two.
+/// The maximum number of axes of a slave: a pulse module with two channels has two.
 pub const AXES_MAX: usize = 2;
 
-/// A value of at most 4 bytes that an SDO upload has read, or the first 4 bytes of a longer one.
+/// The value of at most 4 bytes that an SDO upload has read, or the first 4 bytes of a longer value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoValue {
-    /// How many of the 4 bytes belong to the value.
+    /// The number of bytes, out of 4, that belong to the value.
     pub size: u8,
     /// The value, zero-extended.
     pub bits: u32,
 }
 
 impl SdoValue {
-    /// The value of which `read` puts the first bytes into 4 bytes and gives the whole length.
+    /// Reads a value: `read` copies up to 4 bytes of it into the buffer and returns its whole length.
     fn of(read: impl FnOnce(&mut [u8]) -> Result<usize, AbortCode>) -> Result<Self, AbortCode> {
         let mut first = [0; 4];
         let len = read(&mut first)?;
@@ -102,13 +101,13 @@ impl SdoValue {
 
 /// One simulated slave: AL state machine, mailbox, process data and physics.
 ///
-/// Time passes only in [`Slave::step`]. Arithmetic is integers or `+ - * /` and `sqrt` of `f64`, so that every target
-/// computes the same bits.
+/// Time advances only in [`Slave::step`]. Calculations use integers, or `+ - * /` and `sqrt` of `f64`, which give the same
+/// bits on every target.
 pub trait Slave: Send {
-    /// The name that people know it by, e.g. `drive`.
+    /// The display name of the slave, such as `drive`.
     fn name(&self) -> &str;
 
-    /// The identity of the slave and its serial number, in any state; `None`: the slave tells none.
+    /// The identity of the slave and its serial number, in any state; `None` if the slave has none.
     fn identity(&self) -> Option<(&Identity, u32)> {
         None
     }
@@ -118,75 +117,73 @@ pub trait Slave: Send {
         0
     }
 
-    /// The AL state. A slave may leave a state by itself, e.g. when no outputs come.
+    /// The AL state. A slave may leave a state on its own, for example when no outputs come.
     fn state(&self) -> AlState;
 
-    /// Requests an AL state. The slave is in that state if the answer is `Ok`.
+    /// Requests an AL state. After `Ok` the slave is in that state.
     ///
     /// # Errors
     /// The AL status code with which the slave refuses.
     fn enter(&mut self, target: AlState) -> Result<(), AlStatus>;
 
-    /// Requests what the AL control register asks for. Bootstrap is a matter of the controller in front of a slave with
-    /// [files](Self::files); the slave itself stands in Init then, and refuses it here.
+    /// Handles the state requested in the AL control register. The slave controller of a slave with [files](Self::files)
+    /// handles Bootstrap; meanwhile the slave itself is in Init, so it refuses Bootstrap here.
     ///
     /// # Errors
-    /// The AL status code with which the slave refuses. It may have fallen back to a lower state.
+    /// The AL status code of the refusal. The slave may have fallen back to a lower state.
     fn request_state(&mut self, request: RequestedState) -> Result<(), AlStatus> {
         request.without_boot().and_then(|state| self.enter(state))
     }
 
-    /// The AL status code of the last change of state that the slave has refused, or with which it has left a state by
-    /// itself; 0 after a change that was made.
+    /// The AL status code of the last refused change of state, or of a state that the slave has left on its own; 0 after a
+    /// successful change.
     fn al_status(&self) -> AlStatus {
         AlStatus(0)
     }
 
-    /// The slave is switched off and on again.
+    /// Power-cycles the slave.
     fn restart(&mut self) {
-        // Every slave can go to Init.
+        // Every slave can go to Init, so the result is always `Ok`.
         let _ = self.enter(AlState::Init);
     }
 
-    /// SDO upload: puts as many of the first bytes of the value into `value` as there is room for. The length of the whole
-    /// value.
+    /// SDO upload: copies the value into `value`, as far as there is room. Returns the length of the whole value, bytes.
     ///
-    /// # Errors
-    /// The SDO abort code.
+    /// The SDO abort code of the refusal.
     fn read(&mut self, object: ObjectAddress, scope: SdoScope, value: &mut [u8]) -> Result<usize, AbortCode>;
 
     /// SDO download of a whole value.
     ///
     /// # Errors
-    /// The SDO abort code.
+    /// The SDO abort code of the refusal.
     fn write(&mut self, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), AbortCode>;
 
-    /// The first object of the slave with an index of at least `from`; `None`: there is none. SDO information tells a master
-    /// which objects there are.
+    /// The lowest existing object index from `from` on; `None` if there is none. The basis of the object lists of SDO
+    /// information.
     fn object_from(&self, from: u16) -> Option<u16> {
         let _ = from;
         None
     }
 
-    /// The description of an object.
+    /// The description of an object for SDO information.
     ///
     /// # Errors
-    /// [`AbortCode::NO_OBJECT`]; [`AbortCode::NO_DICTIONARY`]: the slave tells nothing of its objects.
+    /// [`AbortCode::NO_OBJECT`]. [`AbortCode::NO_DICTIONARY`]: the slave does not support SDO information.
     fn describe_object(&self, index: u16) -> Result<ObjectDescription<'_>, AbortCode> {
         let _ = index;
         Err(AbortCode::NO_DICTIONARY)
     }
 
-    /// The description of an entry.
+    /// The description of a sub-index for SDO information.
     ///
     /// # Errors
-    /// As [`Slave::describe_object`], and [`AbortCode::NO_SUB_INDEX`].
+    /// The errors of [`Slave::describe_object`], and [`AbortCode::NO_SUB_INDEX`].
     fn describe_entry(&self, at: ObjectAddress) -> Result<EntryDescription<'_>, AbortCode> {
         let _ = at;
         Err(AbortCode::NO_DICTIONARY)
     }
 
-    /// The indexes of the objects in a list of the SDO information services, in ascending order.
+    /// The indices of an object list of SDO information, in ascending order.
     fn object_list(&self, list: ObjectListType) -> Vec<u16> {
         let mut from = Some(0);
         let objects = std::iter::from_fn(|| {
@@ -202,10 +199,10 @@ pub trait Slave: Send {
         objects.filter(is_in).collect()
     }
 
-    /// SDO upload of one sub-index; of a value of more than 4 bytes the first 4, as the ECM-SK shows them (SK-6).
+    /// SDO upload of one sub-index. Of a value longer than 4 bytes it returns the first 4, as the ECM-SK does (SK-6).
     ///
     /// # Errors
-    /// The SDO abort code.
+    /// The SDO abort code of the refusal.
     fn upload(&mut self, object: ObjectAddress) -> Result<SdoValue, AbortCode> {
         SdoValue::of(|value| self.read(object, SdoScope::Entry, value))
     }
@@ -213,107 +210,109 @@ pub trait Slave: Send {
     /// SDO download of 1, 2 or 4 bytes to one sub-index.
     ///
     /// # Errors
-    /// The SDO abort code.
+    /// The SDO abort code of the refusal.
     fn download(&mut self, object: ObjectAddress, size: SdoSize, value: u32) -> Result<(), AbortCode> {
         self.write(object, SdoScope::Entry, &value.to_le_bytes()[..size.bytes().into()])
     }
 
-    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0: off. A device goes to SafeOP only if they
-    /// are as long as the process data that are mapped. Init sets both to 0.
+    /// Sets the lengths of sync managers 2 (outputs) and 3 (inputs), bytes; 0 means off. A device goes to SafeOP only if
+    /// they match the lengths of the mapped process data. Init resets both to 0.
     fn set_sync_managers(&mut self, outputs: u16, inputs: u16) {
         let _ = (outputs, inputs);
     }
 
-    /// Hands over the registers of the controller in front of the slave, before a change of state. Without this call a slave
-    /// judges the lengths of its sync managers alone.
+    /// Passes the registers of the slave controller to the slave, before a change of state. Without this call, a slave
+    /// checks only the lengths of its sync managers.
     fn set_communication(&mut self, communication: &Communication) {
         let [_, _, outputs, inputs] = communication.sync_managers;
         self.set_sync_managers(outputs.length, inputs.length);
     }
 
-    /// The controller tells the slave how it is synchronized.
+    /// Reports a synchronization event of the slave controller to the slave.
     fn report_sync(&mut self, event: SyncEvent) {
         let _ = event;
     }
 
-    /// How long after SafeOP, ns, a slave that runs by SYNC0 waits for its first pulse before it says that it is not synchronized; it
-    /// sends no inputs meanwhile. `None`: it sends them, and waits as long as on the way to OP.
+    /// The time after SafeOP, ns, that a slave running by SYNC0 waits for the first pulse before it reports a
+    /// synchronization error; it sends no inputs meanwhile. `None`: it sends inputs, and waits as long as on the way to OP.
     fn sync_lock_limit_ns(&self) -> Option<Ns> {
         None
     }
 
-    /// Which ports of the controller in front of the slave have a link. Without this call it does not know.
+    /// Reports which ports of the slave controller have a link. Without this call the slave does not know.
     fn note_links(&mut self, links: [bool; PORTS]) {
         let _ = links;
     }
 
-    /// The levels of the latch inputs of the controller in front of the slave, bit 0 that of input 0; `None`: nothing of the slave is
-    /// connected to them, and [`Self::tell_latch_changes`] tells nothing.
+    /// The levels of the latch inputs of the slave controller; bit 0 is input 0. `None`: the slave drives no latch inputs,
+    /// and [`Self::tell_latch_changes`] reports nothing.
     fn latch_levels(&self) -> Option<u8> {
         None
     }
 
-    /// Tells each change at the latch inputs during the last [step](Self::step), once.
+    /// Reports each change at the latch inputs during the last [step](Self::step), once.
     fn tell_latch_changes(&mut self, tell: &mut dyn FnMut(LatchChange)) {
         let _ = tell;
     }
 
-    /// The watchdog of outputs in the controller in front of the slave has expired, which runs from the first outputs on: the
+    /// Reports that the slave controller's watchdog for outputs, which runs from the first outputs on, has expired: the
     /// slave leaves OP.
     fn expire_watchdog(&mut self) {
         if self.state() == AlState::Op {
-            // Every slave can go to a lower state.
+            // Every slave can go to a lower state, so the result is always `Ok`.
             let _ = self.enter(AlState::SafeOp);
         }
     }
 
-    /// Sets the cycle of SYNC0 on a network without controllers; `None`: the slave runs without distributed clocks.
+    /// Sets the SYNC0 cycle time on a network without slave controllers, ns; `None`: the slave runs without distributed
+    /// clocks.
     fn set_sync_cycle(&mut self, cycle_ns: Option<Ns>) {
         let _ = cycle_ns;
     }
 
-    /// The process data of a cycle: the slave takes the output image and puts what it measured last into the input image.
-    /// `outputs` is `None` if the master has brought the slave to SafeOP only, in which it takes no outputs.
+    /// Exchanges the process data of a cycle: the slave takes over the output image and writes its latest measurements into
+    /// the input image. `outputs` is `None` if the slave accepts no outputs, because the master has brought it only to
+    /// SafeOP.
     fn exchange(&mut self, outputs: Option<&[u8]>, inputs: &mut [u8]);
 
-    /// `dt_ns` pass.
+    /// Advances the slave by `dt_ns`.
     fn step(&mut self, dt_ns: Ns);
 
-    /// The first half of [`Slave::step`]: `dt_ns` begin to pass. A motor that only has to follow a position is handed out,
-    /// to be run for that time together with those of other slaves before [`Slave::end_step`] is called.
+    /// The first half of [`Slave::step`]. If the slave returns a motor, that motor only has to follow a position: the
+    /// caller runs it for `dt_ns` together with those of other slaves, then calls [`Slave::end_step`].
     fn begin_step(&mut self, dt_ns: Ns) -> Option<&mut Servo> {
         self.step(dt_ns);
         None
     }
 
-    /// The second half of [`Slave::step`].
+    /// The second half of [`Slave::step`], called after [`Slave::begin_step`].
     fn end_step(&mut self, dt_ns: Ns) {
         let _ = dt_ns;
     }
 
-    /// Causes a fault in the device, or ends it. False: the device has no such axis or channel.
+    /// Starts or ends a fault in the device. Returns false if the device has no such axis or channel.
     fn apply_fault(&mut self, fault: Fault) -> bool {
         let _ = fault;
         false
     }
 
-    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read and written, and mapped as process
-    /// data, without any effect.
+    /// Adds manufacturer-specific objects to the slave's object dictionary. They can be read, written and mapped as process
+    /// data, and have no effect.
     fn add_manufacturer_objects(&mut self, objects: ManufacturerObjects) {
         let _ = objects;
     }
 
-    /// Whether a value of the slave may be too long for one message of its mailbox, so that masters need segments.
+    /// Whether the slave may have values that are too long for one mailbox message, so that masters need segments.
     fn has_long_values(&self) -> bool {
         true
     }
 
-    /// The files of the slave; `None`: it has none, and no bootstrap.
+    /// The files of the slave; `None` if it has neither files nor bootstrap.
     fn files(&mut self) -> Option<&mut FileStore> {
         None
     }
 
-    /// What kind of controller is in front of the slave.
+    /// The properties of the slave controller that the slave needs.
     fn controller_settings(&self) -> EscSettings {
         EscSettings::default()
     }
@@ -323,33 +322,34 @@ pub trait Slave: Send {
         true
     }
 
-    /// Whether the slave goes to OP only once outputs have come. Terminals with outputs alone do not wait: theirs are off until
-    /// then.
+    /// Whether the slave goes to OP only after outputs have come. Terminals with outputs only do not wait: their outputs
+    /// are off until then.
     fn waits_for_outputs(&self) -> bool {
         true
     }
 
-    /// The true position of the shaft of an axis (from 0), counts; `None`: the slave has no such axis.
+    /// The true shaft position of an axis (from 0), counts; `None` if the slave has no such axis.
     fn shaft(&self, axis: usize) -> Option<i64> {
         let _ = axis;
         None
     }
 
-    /// The fault of an axis (from 0), from when it comes until it is cleared; `None`: there is none, or no such axis.
+    /// The fault of an axis (from 0) until it is cleared; `None` if there is no fault or no such axis.
     fn fault(&self, axis: usize) -> Option<AxisFault> {
         let _ = axis;
         None
     }
 
-    /// The true positions of the shafts of all axes.
+    /// The true shaft positions of all axes, counts.
     fn shafts(&self) -> [Option<i64>; AXES_MAX] {
         std::array::from_fn(|axis| self.shaft(axis))
     }
 }
 
-/// `dt_ns` pass in all slaves of a network, as by [`Slave::step`] of each. `slave` gives the one at a place.
+/// Advances all slaves of a network by `dt_ns`, with the same result as [`Slave::step`] for each. `slave` gives access to
+/// the slave in an element of `places`.
 ///
-/// Motors that only have to follow a position run side by side, which is faster.
+/// Motors that only have to follow a position are computed side by side, which is faster.
 pub fn step_all<P>(places: &mut [P], slave: impl Fn(&mut P) -> &mut dyn Slave, dt_ns: Ns) {
     for places in places.chunks_mut(SIDE_BY_SIDE) {
         let mut motors = [const { None }; SIDE_BY_SIDE];

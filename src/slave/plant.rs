@@ -1,5 +1,5 @@
-//! The physics of an axis: a motor with its load and control loops (`plant/servo.rs`), or a train of pulses that are
-//! counted (`plant/pulses.rs`).
+//! The physics of an axis: a motor with its load and control loops (`plant/servo.rs`), or a counted pulse train
+//! (`plant/pulses.rs`).
 
 mod pulses;
 mod servo;
@@ -9,48 +9,48 @@ pub use servo::{Motor, SIDE_BY_SIDE, SUBSTEP_MAX_NS, Servo, follow_side_by_side}
 
 use crate::ethercat::Ns;
 
-/// What the control loops have to follow during a span of time.
+/// The setpoint of the control loops for a period of time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Setpoint {
-    /// No torque: the shaft coasts, and friction holds it when it stands.
+    /// No torque: the shaft coasts to a standstill and is then held by friction.
     Coast,
-    /// A position that moves evenly.
+    /// A position that moves at constant velocity.
     Position {
-        /// The position at the start of the span, whole counts.
+        /// The position at the start of the period, whole counts.
         from: i64,
-        /// The fraction of a count that the position at the start has on top of them.
+        /// The fraction of a count to add to `from`.
         fraction: f64,
-        /// The distance that the position moves, counts.
+        /// The distance that the position moves in the period, counts.
         by: f64,
     },
-    /// A velocity that changes evenly.
+    /// A velocity that changes at a constant rate.
     Velocity {
-        /// The velocity at the start of the span, counts/s.
+        /// The velocity at the start of the period, counts/s.
         from: f64,
-        /// The velocity at the end of the span, counts/s.
+        /// The velocity at the end of the period, counts/s.
         to: f64,
     },
-    /// A torque, as a part of the rated one, as long as the speed stays within its limit.
+    /// A torque, as a fraction of the rated torque, while the speed stays within its limit.
     Torque(f64),
 }
 
-/// What an axis moves.
+/// The plant of an axis: the part that moves.
 #[derive(Clone, Debug)]
 pub enum Plant {
     /// A motor with its load.
     Servo(Servo),
-    /// A train of pulses for a stepper driver.
+    /// A pulse train for a stepper driver.
     Pulses(Pulses),
 }
 
-/// What an axis reads from its plant after each step; see the methods of [`Plant`].
+/// The values that an axis reads from its plant after each step; see the methods of [`Plant`].
 pub(super) struct PlantReading {
     pub(super) position: i64,
     pub(super) torque: f64,
     pub(super) limited: bool,
 }
 
-/// Calls the same method of whichever plant it is.
+/// Calls the same method on either kind of plant.
 macro_rules! either {
     ($plant:expr, $it:ident => $what:expr) => {
         match $plant {
@@ -61,7 +61,7 @@ macro_rules! either {
 }
 
 impl Plant {
-    /// Sets the limits of the drive, which apply besides those of the motor: speed in counts/s, torque in 0.1 % of rated.
+    /// Sets the limits of the drive, in addition to those of the motor: speed in counts/s, torque in 0.1 % of rated.
     pub fn set_limits(&mut self, velocity: u32, torque: u16) {
         match self {
             Self::Servo(servo) => servo.set_limits(velocity, torque),
@@ -69,26 +69,26 @@ impl Plant {
         }
     }
 
-    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. Pulses have none.
+    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. Pulses have no end stops.
     pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
         if let Self::Servo(servo) = self {
             servo.set_stops(stops);
         }
     }
 
-    /// Jams the shaft, or frees it. Pulses are counted all the same.
+    /// Blocks the shaft, or frees it. Pulses are counted regardless.
     pub const fn jam(&mut self, jammed: bool) {
         if let Self::Servo(servo) = self {
             servo.jam(jammed);
         }
     }
 
-    /// The fraction of a count that the position has on top of its whole counts, -0.5..=0.5.
+    /// The fraction of a count to add to [`Self::position`], -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         either!(self, it => it.fraction())
     }
 
-    /// Position, torque and limits in one call, since every cycle needs them all.
+    /// Position, torque and limit state in one call, because every cycle needs all of them.
     pub(super) const fn reading(&self) -> PlantReading {
         match self {
             Self::Servo(servo) => {
@@ -100,17 +100,17 @@ impl Plant {
         }
     }
 
-    /// Position, counts.
+    /// The position, whole counts.
     pub const fn position(&self) -> i64 {
         either!(self, it => it.position())
     }
 
-    /// Velocity, counts/s.
+    /// The velocity, counts/s.
     pub const fn velocity(&self) -> f64 {
         either!(self, it => it.velocity())
     }
 
-    /// The velocity of the position that was followed last, counts/s. Pulses follow it without an error.
+    /// The velocity of the last position setpoint, counts/s. A pulse train follows it without error.
     pub const fn demanded_velocity(&self) -> f64 {
         match self {
             Self::Servo(servo) => servo.demanded_velocity(),
@@ -118,7 +118,7 @@ impl Plant {
         }
     }
 
-    /// Torque, as a part of the rated one; positive in the direction of counting up.
+    /// The torque, as a fraction of the rated torque; positive in the direction of increasing counts.
     pub const fn torque(&self) -> f64 {
         match self {
             Self::Servo(servo) => servo.torque(),
@@ -126,12 +126,12 @@ impl Plant {
         }
     }
 
-    /// Whether the shaft stands still.
+    /// Whether the shaft is at standstill.
     pub const fn is_at_standstill(&self) -> bool {
         either!(self, it => it.is_at_standstill())
     }
 
-    /// The acceleration that the greatest torque gives, counts/s²; infinite for pulses.
+    /// The acceleration at the maximum torque, counts/s²; infinite for pulses.
     pub fn torque_as_acceleration(&self) -> f64 {
         match self {
             Self::Servo(servo) => servo.torque_as_acceleration(),
@@ -139,13 +139,13 @@ impl Plant {
         }
     }
 
-    /// `ns` pass with that setpoint. Spans of tens of milliseconds at most keep the fraction precise.
+    /// Runs the plant for `ns` with a setpoint. The fraction stays precise for periods of up to tens of milliseconds.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         either!(self, it => it.run(setpoint, ns));
     }
 }
 
-/// Moves whole counts from the fraction to `whole`, so that the fraction is in -0.5..0.5.
+/// Carries whole counts from the fraction to `whole`, so that the fraction is in -0.5..0.5.
 fn carry(whole: &mut i64, fraction: &mut f64) {
     let shifted = *fraction + 0.5;
     let mut counts = shifted as i64;
@@ -156,13 +156,13 @@ fn carry(whole: &mut i64, fraction: &mut f64) {
     *fraction -= counts as f64;
 }
 
-/// `x` clamped to `-limit..=limit`.
+/// `x`, clamped to `-limit..=limit`.
 #[inline(always)]
 fn clamp_to(x: f64, limit: f64) -> f64 {
     at_least(at_most(x, limit), -limit)
 }
 
-// `f64::min` and `max` treat NaN, which costs time in the innermost loop.
+// `f64::min` and `max` handle NaN, which costs time in the innermost loop.
 #[inline(always)]
 fn at_most(x: f64, limit: f64) -> f64 {
     if x < limit { x } else { limit }

@@ -1,8 +1,8 @@
-//! The process data of a device: which objects are mapped (`mapping.rs`), and how a cycle moves them (`plan.rs`).
+//! The process data of a device: the mapping of its objects (`mapping.rs`), and the transfer in a cycle (`plan.rs`).
 //!
-//! In PreOP a master writes which objects make up a PDO (0x1600.. for outputs, 0x1A00.. for inputs) and which PDOs are
-//! assigned (0x1C12, 0x1C13). When the device goes to SafeOP the mapping is compiled into a `Plan`, by which a cycle
-//! moves the process image without searching for objects.
+//! In PreOP a master writes which objects form a PDO (0x1600.. for outputs, 0x1A00.. for inputs) and which PDOs are
+//! assigned (0x1C12, 0x1C13). When the device goes to SafeOP, the mapping is compiled into a `Plan`, with which a cycle
+//! transfers the process image without searching for objects.
 
 mod mapping;
 mod plan;

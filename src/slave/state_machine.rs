@@ -1,21 +1,22 @@
 //! The state machine of a CiA 402 drive (CiA 402-2, IEC 61800-7-201, 7.1): states, transitions 0 to 16, option codes.
 //!
-//! It does not move anything: it says what the power stage does ([`Power`]) and is told whether the shaft is at standstill.
-//! Transitions that take a real drive some time take it here too, so that programs have to poll the statusword.
+//! The state machine moves nothing itself: it determines what the power stage does ([`Power`]), and its caller tells it
+//! whether the shaft is at standstill. Transitions that take time in a real drive take time here too, so that programs
+//! have to poll the statusword.
 
 use crate::ethercat::Ns;
 use crate::ethercat::cia402::{Controlword, DriveState, Statusword};
 
-/// A fault that a drive shows in its statusword and error code.
+/// A fault that a drive shows in its statusword and its error code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DeviceFault {
     /// The error code, 0x603F.
     pub code: u16,
-    /// Whether a fault reset clears it; if not, it stays until the device is switched off.
+    /// Whether a fault reset clears the fault; otherwise it stays until the device is switched off.
     pub resettable: bool,
 }
 
-/// How long the transitions of a drive take.
+/// The durations of a drive's transitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TransitionTimes {
     /// Transition 1, self test: from power-on to Switch on disabled.
@@ -27,13 +28,13 @@ pub struct TransitionTimes {
 }
 
 impl Default for TransitionTimes {
-    /// \[OURS] The times of a small servo drive.
+    /// \[OURS] The durations of a small servo drive.
     fn default() -> Self {
         Self { self_test_ns: 100_000_000, switch_on_ns: 10_000_000, enable_ns: 40_000_000 }
     }
 }
 
-/// The option codes that decide how a drive stops, as they were written.
+/// The option codes for stopping, as written to their objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionCodes {
     /// Quick stop option code, 0x605A, 0..=8.
@@ -53,31 +54,31 @@ pub enum Ramp {
     SlowDown,
     /// The quick-stop ramp, 0x6085.
     QuickStop,
-    /// The greatest torque that the drive allows.
+    /// Braking at the maximum torque that the drive allows.
     TorqueLimit,
 }
 
 impl Ramp {
-    /// The ramp that an option code selects: 1..=4, and for the quick stop 5..=8 too; `None` for 0: the motor coasts.
+    /// The ramp that an option code selects: 1..=4, for quick stop also 5..=8. `None` for 0: the motor coasts.
     const fn of_option(code: i16) -> Option<Self> {
         match code {
             1 | 5 => Some(Self::SlowDown),
             2 | 6 => Some(Self::QuickStop),
-            // Current limit and voltage limit.
+            // Current limit and voltage limit are treated alike.
             3 | 4 | 7 | 8 => Some(Self::TorqueLimit),
             _ => None,
         }
     }
 }
 
-/// What the power stage does.
+/// The action of the power stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
-    /// It is off: the motor has no torque.
+    /// The power stage is off, and the motor has no torque.
     Off,
     /// The motor follows its targets.
     Follow,
-    /// The motor brakes to standstill and is held there.
+    /// The motor brakes to a standstill and is then held.
     Stop(Ramp),
 }
 
@@ -89,7 +90,7 @@ enum Command {
     EnableOperation,
     DisableVoltage,
     QuickStop,
-    /// Bit 7, fault reset, is set, and the other bits have no meaning.
+    /// Bit 7, fault reset, is set; the other bits are ignored.
     None,
 }
 
@@ -114,21 +115,21 @@ impl Command {
 
 /// The CiA 402 state machine of one axis.
 #[derive(Clone, Debug)]
-#[repr(C)] // What each cycle uses lies side by side, last.
+#[repr(C)] // The fields that each cycle uses are adjacent, at the end.
 pub struct StateMachine {
     times: TransitionTimes,
     options: OptionCodes,
-    /// The transition under way, if it takes time: the state that it leads to, and the time that is left.
+    /// The transition in progress, if it takes time: its target state and the remaining time, ns.
     delayed: Option<(DriveState, Ns)>,
     state: DriveState,
     controlword: Controlword,
-    /// Bit 7 of the controlword, fault reset, has risen since the last step.
+    /// Whether controlword bit 7, fault reset, has risen since the last step.
     reset_requested: bool,
-    /// In Quick stop active: the drive goes to Switch on disabled, whatever the quick stop option code says.
+    /// In Quick stop active: whether the drive goes to Switch on disabled, whatever the quick stop option code says.
     ends_switched_off: bool,
-    /// In Operation enabled: the motor brakes on this ramp before the state changes to this one.
+    /// In Operation enabled: the ramp on which the motor brakes, and the state to which the drive goes afterwards.
     braking: Option<(Ramp, DriveState)>,
-    /// In Fault reaction active: the ramp on which the motor brakes; `None`: it coasts.
+    /// In Fault reaction active: the ramp on which the motor brakes; `None` if it coasts.
     reaction: Option<Ramp>,
     fault: Option<DeviceFault>,
 }
@@ -155,22 +156,22 @@ impl StateMachine {
         self.state
     }
 
-    /// The newest controlword.
+    /// The latest controlword.
     pub const fn controlword(&self) -> Controlword {
         self.controlword
     }
 
-    /// The fault that the drive shows; `None`: it has none.
+    /// The present fault; `None` if there is no fault.
     pub const fn fault(&self) -> Option<DeviceFault> {
         self.fault
     }
 
-    /// Takes over option codes that were written.
+    /// Applies new option codes.
     pub const fn set_options(&mut self, options: OptionCodes) {
         self.options = options;
     }
 
-    /// Takes a controlword. It acts in the next [`StateMachine::step`].
+    /// Stores a controlword. It takes effect in the next [`StateMachine::step`].
     pub const fn command(&mut self, word: Controlword) {
         if word.0 & !self.controlword.0 & Controlword::FAULT_RESET != 0 {
             self.reset_requested = true;
@@ -178,12 +179,12 @@ impl StateMachine {
         self.controlword = word;
     }
 
-    /// Asks for a fault reset as bit 7 of the controlword does. It acts in the next [`StateMachine::step`].
+    /// Requests a fault reset, like a rising bit 7 of the controlword. It takes effect in the next [`StateMachine::step`].
     pub const fn request_reset(&mut self) {
         self.reset_requested = true;
     }
 
-    /// A fault occurs (transition 13). It replaces an earlier one that was not cleared.
+    /// Raises a fault (transition 13). It replaces an earlier fault that was not cleared.
     pub fn raise(&mut self, fault: DeviceFault) {
         let resettable = fault.resettable && self.fault.is_none_or(|earlier| earlier.resettable);
         self.fault = Some(DeviceFault { resettable, ..fault });
@@ -197,9 +198,9 @@ impl StateMachine {
         self.go(DriveState::FaultReactionActive);
     }
 
-    /// No controlword comes any more, because the device has left OP.
+    /// Handles the loss of the master: the device has left OP, so no more controlwords come.
     ///
-    /// \[OURS] The drive brakes as by a quick stop and ends in Switch on disabled; the controlword reads Quick stop.
+    /// \[OURS] The drive brakes as for a quick stop and ends in Switch on disabled; the controlword reads as Quick stop.
     pub fn lose_master(&mut self) {
         self.controlword = Controlword(0b0010);
         if matches!(self.state, DriveState::OperationEnabled | DriveState::QuickStopActive) {
@@ -207,7 +208,7 @@ impl StateMachine {
         }
     }
 
-    /// What the power stage does now.
+    /// The present action of the power stage.
     pub fn power(&self) -> Power {
         match self.state {
             DriveState::OperationEnabled => self.braking.map_or(Power::Follow, |(ramp, _)| Power::Stop(ramp)),
@@ -217,9 +218,9 @@ impl StateMachine {
         }
     }
 
-    /// Statusword bits 0..=6 and 9: the state, voltage enabled (from the end of the self test on) and remote.
+    /// Statusword bits 0..=6 and 9: the state, voltage enabled (after the self test) and remote.
     ///
-    /// In Operation enabled the low byte is 37h, in Switch on disabled 50h (SK-7 \[OBS]).
+    /// The low byte is 37h in Operation enabled and 50h in Switch on disabled (SK-7 \[OBS]).
     pub const fn status_bits(&self) -> u16 {
         match self.state {
             DriveState::NotReadyToSwitchOn => 0,
@@ -227,11 +228,13 @@ impl StateMachine {
         }
     }
 
-    /// `dt_ns` pass, in which at most one transition ends. `standstill`: the shaft does not move.
+    /// Advances the state machine by `dt_ns`, in which at most one transition ends. `standstill` says whether the shaft is
+    /// at standstill.
     pub fn step(&mut self, dt_ns: Ns, standstill: bool) {
         use DriveState::*;
         let reset = std::mem::take(&mut self.reset_requested);
         let command = Command::of(self.controlword);
+        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         match (self.state, command) {
             (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns), // 1
             (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn),                            // 2
@@ -254,13 +257,14 @@ impl StateMachine {
                     self.go(SwitchOnDisabled); // 15
                 }
             }
-            // The transition under way is no longer commanded.
+            // The transition in progress is no longer commanded.
             (SwitchOnDisabled | ReadyToSwitchOn | SwitchedOn, _) => self.delayed = None,
         }
     }
 
     fn step_enabled(&mut self, command: Command, standstill: bool) {
         use DriveState::*;
+        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         let (option, target) = match command {
             Command::DisableVoltage => return self.go(SwitchOnDisabled), // 9
             Command::QuickStop => return self.go(QuickStopActive),       // 11
@@ -281,6 +285,7 @@ impl StateMachine {
     fn step_quick_stop(&mut self, command: Command, standstill: bool) {
         use DriveState::*;
         let stays = matches!(self.options.quick_stop, 5..=8) && !self.ends_switched_off;
+        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         if command == Command::DisableVoltage {
             self.go(SwitchOnDisabled); // 12
         } else if command == Command::EnableOperation && stays {

@@ -1,15 +1,16 @@
 //! The travel of an axis: two limit switches, a home switch, the index pulse of its encoder, and end stops.
 //!
-//! All positions are counts of the shaft, which homing never changes. A switch is active on a range of counts, both ends
-//! included, so that an edge lies between two counts and is detected at the first count behind it; the index pulse is one
-//! count wide. [`Switches::next`] finds the counts where a switch changes between two positions, so that an edge or a
-//! pulse is latched to the count, however far the shaft moves in a cycle.
+//! All positions are counts of the shaft, which homing never changes. A switch is active in a range of counts, both ends
+//! included. An edge is therefore between two counts and is detected at the first count behind it; the index pulse is one
+//! count wide. [`Switches::next`] finds the counts between two positions at which a switch changes, so that edges and
+//! pulses are latched exactly, however far the shaft moves in a cycle.
 
 use super::plant::Motor;
 
-/// \[OURS] A homing run ends in an error after that many turns, unless [`Travel::search_limit`] sets another distance.
+/// \[OURS] The distance in turns after which a homing run ends in an error, unless [`Travel::search_limit`] sets another
+/// one.
 const SEARCH_LIMIT_TURNS: u64 = 100;
-/// \[OURS] How far from 0 the limit switches of [`Travel::for_turn`] are on either side, turns.
+/// \[OURS] The distance of the limit switches of [`Travel::for_turn`] from 0, turns.
 const LIMIT_TURNS: i64 = 10;
 
 /// An input of an axis.
@@ -21,7 +22,7 @@ pub enum Input {
     PositiveLimit,
     /// Home switch, bit 2 of 0x60FD.
     Home,
-    /// Index pulse of the encoder, which no bit shows.
+    /// Index pulse of the encoder, which no bit of 0x60FD shows.
     Index,
 }
 
@@ -29,7 +30,7 @@ impl Input {
     /// Every input.
     pub const ALL: [Self; 4] = [Self::NegativeLimit, Self::PositiveLimit, Self::Home, Self::Index];
 
-    /// The name in messages.
+    /// The name of the input in messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::NegativeLimit => "negative limit switch",
@@ -45,7 +46,7 @@ impl Input {
 pub struct Inputs(u8);
 
 impl Inputs {
-    /// Whether a switch is active. Never true of the index pulse, which is no switch.
+    /// Whether a switch is active. Always false for the index pulse, which is not a switch.
     pub const fn has(self, input: Input) -> bool {
         self.0 & Self::bit(input) != 0
     }
@@ -55,12 +56,12 @@ impl Inputs {
         self.has(Input::NegativeLimit) && self.has(Input::PositiveLimit)
     }
 
-    /// The value of 0x60FD.
+    /// The value of object 0x60FD.
     pub fn bits(self) -> u32 {
         self.0.into()
     }
 
-    /// The same with the limit switches exchanged, for the homing methods that are mirror images of others.
+    /// The states with the limit switches exchanged, for mirrored homing methods.
     pub const fn mirrored(self) -> Self {
         Self(self.0 & 0b100 | (self.0 & 0b001) << 1 | (self.0 & 0b010) >> 1)
     }
@@ -85,33 +86,35 @@ pub enum HomeSwitch {
         /// The highest count.
         last: i64,
     },
-    /// A step: active from this count upwards.
+    /// A step: active at this count and above.
     From(i64),
-    /// A step: active up to this count.
+    /// A step: active at this count and below.
     UpTo(i64),
 }
 
 /// The switches and end stops along the travel of an axis, in counts of its shaft. An input that is `None` is not wired: it
 /// reads 0, and a homing method that needs it ends in a homing error.
 ///
-/// What limit switches do in CSP, CSV and CST says [`Travel::limits_stop_motion`]; homing goes by them in any case.
+/// [`Travel::limits_stop_motion`] says whether limit switches act in CSP, CSV and CST; homing always uses them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
     /// The negative limit switch is active at this count and below.
     pub negative_limit: Option<i64>,
     /// The positive limit switch is active at this count and above.
     pub positive_limit: Option<i64>,
-    /// Where the home switch is active.
+    /// The range in which the home switch is active.
     pub home: Option<HomeSwitch>,
-    /// The index pulse comes once a turn, at every count that leaves this remainder when divided by the counts of a turn.
+    /// The position of the index pulse within a turn: it comes at every count with this remainder modulo the counts per
+    /// turn.
     pub index: Option<u32>,
     /// Mechanical end stops: the lowest and the highest count that the shaft can reach.
     pub stops: Option<(i64, i64)>,
-    /// A homing run whose distance, there and back, exceeds this many counts ends in a homing error.
+    /// The maximum distance of a homing run, there and back, counts. A longer run ends in a homing error.
     pub search_limit: u64,
-    /// \[OURS] Whether a limit switch acts in CSP, CSV and CST, too: it stops a motion in its direction on the quick-stop ramp
-    /// (0x6085), the statusword shows internal limit active (bit 11) while a target is beyond it, and the other direction is
-    /// free. Without it an axis runs past them, like a drive that leaves them to its master.
+    /// \[OURS] Whether limit switches also act in CSP, CSV and CST: an active one stops a motion in its direction on the
+    /// quick-stop ramp (0x6085), and the statusword shows internal limit active (bit 11) while the target is beyond it. The
+    /// opposite direction stays free. If false, an axis passes the limit switches, like a drive that leaves them to its
+    /// master.
     pub limits_stop_motion: bool,
 }
 
@@ -127,9 +130,9 @@ impl Travel {
         limits_stop_motion: false,
     };
 
-    /// \[OURS] A travel on which every homing method finds home from position 0, where an axis stands at power-on:
-    /// limit switches 10 turns away on either side, a home cam half a turn wide around 0, the index pulse at every
-    /// whole turn, no end stops, and runs of 100 turns at most. Nobody has asked for these limits: they act in homing only.
+    /// \[OURS] A travel on which every homing method finds home from position 0, the position at power-on: limit switches
+    /// 10 turns away on either side, a home cam half a turn wide around 0, an index pulse at every whole turn, no end
+    /// stops, and homing runs of at most 100 turns. These default limit switches act in homing only.
     pub fn for_turn(counts_per_turn: u32) -> Self {
         let turn = i64::from(counts_per_turn.max(1));
         Self {
@@ -151,22 +154,22 @@ impl Default for Travel {
     }
 }
 
-/// The switches of an axis as they are wired, and the values that they stick at.
+/// The switches of an axis with their wiring, and the values at which they are stuck.
 #[derive(Clone, Debug)]
 pub struct Switches {
-    /// The counts where each of the three switches is active, or, if it is inverted, where it is not.
+    /// The range of counts of each of the three switches: active inside of it, or outside if the switch is inverted.
     ranges: [(Input, Option<(i64, i64)>); 3],
-    /// Whether each of them is inverted.
+    /// Whether each of the three switches is inverted.
     inverted: [bool; 3],
     index: Option<i64>,
     turn: i64,
     search_limit: f64,
-    /// The value that each input sticks at, in the order of [`Input`].
+    /// The value at which each input is stuck, in the order of [`Input`]; `None` for a working input.
     stuck: [Option<bool>; 4],
 }
 
 impl Switches {
-    /// The switches of a travel on a shaft with that many counts a turn.
+    /// The switches of a travel on a shaft with this number of counts per turn.
     pub fn new(travel: &Travel, counts_per_turn: u32) -> Self {
         let home = travel.home.map(|home| match home {
             HomeSwitch::Cam { first, last } => (first, last),
@@ -187,8 +190,9 @@ impl Switches {
         }
     }
 
-    /// The same index pulse and the same greatest distance with other switches, none of which sticks: the range of counts of
-    /// each, both ends included, and whether it is active outside of that range instead. `None`: it is not wired.
+    /// These switches with another wiring. `wiring` gives for each switch its range of counts, both ends included, and
+    /// whether it is active outside of that range instead; `None` if it is not wired. Index pulse and search limit are
+    /// kept, and no switch is stuck.
     #[must_use]
     pub fn rewired(&self, wiring: impl Fn(Input) -> Option<((i64, i64), bool)>) -> Self {
         let wired = self.ranges.map(|(input, _)| (input, wiring(input)));
@@ -200,13 +204,12 @@ impl Switches {
         }
     }
 
-    /// Makes an input stick at a value; `None`: it works again. An index pulse that sticks, at whichever value, does not
-    /// come.
+    /// Makes an input stick at a value; `None` repairs it. A stuck index pulse does not occur, whatever the value.
     pub const fn stick(&mut self, input: Input, value: Option<bool>) {
         self.stuck[input as usize] = value;
     }
 
-    /// Whether an input is wired, even if it sticks.
+    /// Whether an input is wired, even if it is stuck.
     pub fn is_wired(&self, input: Input) -> bool {
         match input {
             Input::Index => self.index.is_some(),
@@ -214,12 +217,12 @@ impl Switches {
         }
     }
 
-    /// The greatest distance of a homing run, counts.
+    /// The maximum distance of a homing run, counts.
     pub const fn search_limit(&self) -> f64 {
         self.search_limit
     }
 
-    /// The states of the switches with the shaft at that count.
+    /// The states of the switches when the shaft is at `position`, counts.
     pub fn read(&self, position: i64) -> Inputs {
         let mut bits = 0;
         for ((input, range), inverted) in self.ranges.into_iter().zip(self.inverted) {
@@ -231,7 +234,7 @@ impl Switches {
         Inputs(bits)
     }
 
-    /// Whether a switch changes between two counts. It costs less than [`Switches::next`], and in most cycles none does.
+    /// Whether a switch changes between two counts. Cheaper than [`Switches::next`], because in most cycles none changes.
     pub fn change_between(&self, from: i64, to: i64) -> bool {
         let (low, high) = if from < to { (from, to) } else { (to, from) };
         self.ranges.iter().any(|(input, range)| {
@@ -240,13 +243,13 @@ impl Switches {
         })
     }
 
-    /// Whether the index pulse comes at that count.
+    /// Whether the index pulse comes at the count `position`.
     pub fn has_index(&self, position: i64) -> bool {
         self.next_index(position.wrapping_sub(1), true) == Some(position)
     }
 
-    /// The first count after `from`, up to `to` and in its direction, where a switch changes, or with `index` the index
-    /// pulse comes.
+    /// The first count behind `from`, in the direction of `to` and not beyond it, at which a switch changes or, if `index`
+    /// is true, the index pulse comes.
     pub fn next(&self, from: i64, to: i64, index: bool) -> Option<i64> {
         let up = to > from;
         let ahead = |at: &i64| if up { from < *at && *at <= to } else { to <= *at && *at < from };
@@ -262,13 +265,13 @@ impl Switches {
         if up { places.min() } else { places.max() }
     }
 
-    /// The first count after `from`, up to `to` and in its direction, where the index pulse comes.
+    /// The first count behind `from`, in the direction of `to` and not beyond it, at which the index pulse comes.
     pub fn next_pulse(&self, from: i64, to: i64) -> Option<i64> {
         let up = to > from;
         self.next_index(from, up).filter(|at| if up { *at <= to } else { to <= *at })
     }
 
-    /// The count of the first index pulse beyond `from`.
+    /// The count of the next index pulse behind `from`, upwards or downwards.
     fn next_index(&self, from: i64, up: bool) -> Option<i64> {
         let index = self.index.filter(|_| self.stuck[Input::Index as usize].is_none())?;
         let way = if up { index.wrapping_sub(from) } else { from.wrapping_sub(index) }.rem_euclid(self.turn);

@@ -17,7 +17,7 @@
 //! | `watchdog.rs` | the process data watchdog |
 //! | `slave.rs`, `slave/frames.rs`, `slave/cycle.rs` | a controller with its device: [`EscSlave`]; its frames; its cycles |
 //! | `application.rs`, `checks.rs` | the AL state machine, and its checks |
-//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox, its repeats, emergencies; SDO; SDO information; FoE |
+//! | `mailbox.rs`, `sdo_server.rs`, `information.rs`, `file_server.rs` | the mailbox; SDO; SDO information; FoE |
 //! | `predecessor.rs` | the state in which another master leaves a slave: [`Predecessor`] |
 //! | `description.rs` | generates the EEPROM of a device |
 //! | `esi.rs` | generates the ESI file of a device |

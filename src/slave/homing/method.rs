@@ -1,18 +1,18 @@
-//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], the list
-//! in [`HomingError::UnsupportedMethod`](super::HomingError::UnsupportedMethod) and the tables of the tests.
+//! The homing methods of CiA 402-2 as data. To add a method, extend [`Method::from_code`], the list in
+//! [`HomingError::UnsupportedMethod`](super::HomingError::UnsupportedMethod) and the tables of the tests.
 //!
-//! Eight search plans are enough: each method is one of them or its mirror image (left and right, and the two limit
-//! switches, change places), with or without the index pulse. A plan looks for one edge of one switch: home is where the
-//! edge is crossed in one direction, and a run that reaches the same edge from its other side reverses there.
+//! Eight search plans suffice: each method is one of them or its mirror image (left and right are exchanged, and so are the
+//! limit switches), with or without the index pulse. A plan looks for one edge of one switch. Home is where the shaft
+//! crosses the edge in one direction; a run that reaches the edge from the other side reverses there.
 
 use crate::slave::switches::Input;
 
 /// A direction of the shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// Ascending counts, "right" in CiA 402-2.
+    /// Increasing counts, "right" in CiA 402-2.
     Positive,
-    /// Descending counts, "left" in CiA 402-2.
+    /// Decreasing counts, "left" in CiA 402-2.
     Negative,
 }
 
@@ -25,7 +25,7 @@ impl Direction {
         }
     }
 
-    /// The opposite direction for a mirrored method, else the same.
+    /// The opposite direction for a mirrored method, otherwise this direction.
     pub const fn mirrored_if(self, mirrored: bool) -> Self {
         if mirrored { self.reversed() } else { self }
     }
@@ -47,30 +47,31 @@ impl Direction {
     }
 }
 
-/// The edge of a switch by which home is found.
+/// The switch edge that determines home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// The switch that has the edge.
+    /// The switch.
     pub switch: Input,
     /// The direction in which the shaft has to cross the edge.
     pub moving: Direction,
-    /// True: the switch becomes active in that direction; false: it becomes inactive.
+    /// Whether the switch becomes active (true) or inactive (false) when it is crossed in that direction.
     pub rises: bool,
 }
 
 impl Edge {
-    /// The direction to the edge from a position where the switch is active.
+    /// The direction towards the edge from a position where the switch is active.
     pub const fn from_within(self) -> Direction {
         if self.rises { self.moving.reversed() } else { self.moving }
     }
 }
 
-/// How home is searched for. A plan is written for a method that starts to the right where its switch is inactive.
+/// The search plan of a homing method. It is written for the unmirrored variant, which starts to the right if its switch is
+/// inactive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SearchPlan {
-    /// Home is at the edge of a switch, or at the index pulse after it.
+    /// Home is at the edge of a switch, or at the first index pulse behind the edge.
     Edge {
-        /// The edge.
+        /// The edge that determines home.
         edge: Edge,
         /// Whether the positive limit switch reverses the run, once, instead of ending it with a homing error.
         limit_reverses: bool,
@@ -84,16 +85,16 @@ pub enum SearchPlan {
 /// A homing method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Method {
-    /// How home is searched for.
+    /// The search plan.
     pub plan: SearchPlan,
-    /// Left and right are exchanged in the plan.
+    /// Whether left and right are exchanged in the plan.
     pub mirrored: bool,
-    /// Home is at the first index pulse after the edge, not at the edge.
+    /// Whether home is at the first index pulse behind the edge instead of at the edge itself.
     pub index: bool,
 }
 
 impl Method {
-    /// The method for a value of 0x6098: 1 to 14, 17 to 30, 33, 34, 35 and 37; `None`: the method is not supported.
+    /// The method for a value of 0x6098: 1 to 14, 17 to 30, 33, 34, 35 and 37; `None` for an unsupported value.
     pub const fn from_code(code: i8) -> Option<Self> {
         let (plan, mirrored, index) = match code {
             33 | 34 => (SearchPlan::Index, code == 33, true),
@@ -105,7 +106,7 @@ impl Method {
         Some(Self { plan, mirrored, index })
     }
 
-    /// The first input that the method needs and that is not wired; `None`: all are wired.
+    /// The first input that the method needs but that is not wired; `None` if all needed inputs are wired.
     pub fn missing(&self, is_wired: impl Fn(Input) -> bool) -> Option<Input> {
         let edge = match self.plan {
             SearchPlan::Edge { edge: Edge { switch: Input::PositiveLimit, .. }, .. } => [Some(self.ahead()), None],
@@ -116,18 +117,18 @@ impl Method {
         edge.into_iter().chain([index]).flatten().find(|input| !is_wired(*input))
     }
 
-    /// The limit switch in the direction in which the method starts.
+    /// The limit switch in the starting direction of the method.
     fn ahead(&self) -> Input {
         Direction::Positive.mirrored_if(self.mirrored).limit()
     }
 }
 
-/// Whether a method of 1 to 14 starts to the left where its switch is inactive.
+/// Whether a method of 1 to 14 starts to the left if its switch is inactive.
 const fn is_mirrored(code: i8) -> bool {
     matches!(code, 1 | 5 | 6 | 11..=14)
 }
 
-/// The plan of a method of 1 to 14. The mirrored methods have the plan of the one that they are a mirror image of.
+/// The plan of a method of 1 to 14. A mirrored method has the plan of its mirror image.
 const fn edge_plan(code: i8) -> SearchPlan {
     use Direction::{Negative, Positive};
     let (switch, moving, rises) = match code {

@@ -1,24 +1,24 @@
-//! Homing (CiA 402-2, mode 6): the drive searches for a position on its travel by switches and the index pulse.
+//! Homing (CiA 402-2, mode 6): the drive searches for a position on its travel, using switches and the index pulse.
 //!
-//! [`method`] says what a homing method searches for; [`run`] is one search; [`Homing`] is the mode around it: start,
-//! halt, interruption, and bits 10, 12 and 13 of the statusword. Nothing moves here: the axis reads which velocity a run
-//! asks for, moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
+//! [`method`] defines what a homing method searches for, [`run`] is one search, and [`Homing`] is the mode: start, halt,
+//! interruption, and statusword bits 10, 12 and 13. Nothing moves here: the axis reads the velocity that a run requests,
+//! moves its shaft, and reports how far the shaft has moved (`axis/homing.rs`).
 //!
-//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse after it. The axis
-//! brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it stands there homing
-//! is attained: from then on the position actual value is 0x607C at that count, and the statusword shows it (OBS). An axis
-//! that [stays beyond home](HomingSettings::stays_beyond_home) has its new position actual value from the moment when home is
-//! found, and brakes where that happens.
+//! **Where home is.** Home is the count at which the edge was detected, or that of the index pulse behind it. The axis
+//! brakes beyond that count and runs back to it, with speed 0x6099:2 and acceleration 0x609A. When it has stopped there,
+//! homing is attained: from then on the position actual value at that count is 0x607C, and the statusword shows "homing
+//! attained" (OBS). An axis that [stays beyond home](HomingSettings::stays_beyond_home) has its new position actual value
+//! as soon as home is found, and stops where it has braked.
 //!
 //! **Decisions** \[OURS].
-//! - Bits 10, 12 and 13 are those of the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
-//! - 0x6098 to 0x609A and 0x607C are read when a run starts; a change meanwhile acts in the next run.
-//! - While the shaft runs back to home no switch is evaluated, since the shaft has been there before. A run that ends while
-//!   it runs back, for whatever reason, changes no position.
-//! - When bit 4 falls the run ends (interrupted), and the next run starts from the beginning. Halt (bit 8) brakes as 0x605D
-//!   says, and the run continues when halt is reset with bit 4 still set.
-//! - A run during which the power stage is switched off (fault, quick stop, disabled, no master) ends in a homing error.
-//! - A run may start with a shaft that moves more slowly than bit 10 of CSV requires for target reached.
+//! - Statusword bits 10, 12 and 13 follow the table in CiA 402-2 whenever the mode is 6, in every state of the drive.
+//! - 0x6098 to 0x609A and 0x607C are read when a run starts; later changes apply to the next run.
+//! - While the shaft runs back to home, no switch is evaluated, because the shaft has been there before. A run that ends
+//!   for any reason while it runs back changes no position.
+//! - When controlword bit 4 falls, the run ends (interrupted), and the next run starts from the beginning. Halt (bit 8)
+//!   brakes as 0x605D says, and the run continues when halt is reset while bit 4 is still set.
+//! - A run ends in a homing error when the power stage is switched off (fault, quick stop, disabled, no master).
+//! - A run may start while the shaft moves more slowly than the window of statusword bit 10 in CSV.
 //! - Every result stays until the next start, or until the mode is left.
 
 pub mod method;
@@ -28,7 +28,7 @@ use super::switches::{Input, Switches};
 use crate::ethercat::cia402::{Controlword, Statusword};
 use run::Run;
 
-/// What homing reads from the objects of a drive, in counts, counts/s and counts/s².
+/// The settings that homing reads from the objects of a drive, in counts, counts/s and counts/s².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HomingSettings {
     /// Homing method, 0x6098.
@@ -43,7 +43,7 @@ pub struct HomingSettings {
     pub acceleration: u32,
     /// Halt option code, 0x605D.
     pub halt_option: i16,
-    /// The axis brakes beyond home and stays there, instead of running back to it.
+    /// Whether the axis brakes beyond home and stays there instead of running back to home.
     pub stays_beyond_home: bool,
 }
 
@@ -51,7 +51,7 @@ pub struct HomingSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HomingError {
-    /// 0x6098 is a method that is not supported.
+    /// The value of 0x6098 is an unsupported method.
     #[error("homing method {0} is not supported; write one of 1..14, 17..30, 33, 34, 35, 37 to 0x6098")]
     UnsupportedMethod(i8),
     /// The method needs an input that is not wired.
@@ -59,16 +59,16 @@ pub enum HomingError {
     NotWired {
         /// The homing method.
         method: i8,
-        /// The input that is missing.
+        /// The input that is not wired.
         input: Input,
     },
-    /// A limit switch that the method does not use is active in the direction of the run, or the shaft has reached it.
+    /// A limit switch that the method does not use has become active, or was active in the direction of the run.
     #[error("the {} ended the search; check the home switch and where the run starts", .0.name())]
     WrongLimit(Input),
     /// Both limit switches are active at once.
     #[error("both limit switches are active; check their wiring")]
     BothLimits,
-    /// Home was not found within that many counts \[OURS].
+    /// Home was not found within this distance, counts \[OURS].
     #[error("nothing was found on a way of {0} counts; check the switches")]
     TooFar(u64),
     /// The shaft was moving when the run was started.
@@ -82,40 +82,40 @@ pub enum HomingError {
     PowerLost,
 }
 
-/// The position where home was attained.
+/// The result of homing: the shaft's count at home, and the position there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HomePosition {
     /// Home, in counts of the shaft.
     pub at: i64,
-    /// The position actual value that this count has from now on.
+    /// The new position actual value at home.
     pub offset: i32,
 }
 
-/// The position of a shaft, and whether it moves.
+/// The state of a shaft at the start of homing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shaft {
-    /// The position, counts.
+    /// Position of the shaft, counts.
     pub position: i64,
-    /// The shaft moves, or its demand does.
+    /// Whether the shaft or its demand moves.
     pub moves: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// No run was started, or the last one was interrupted.
+    /// No run was started, or the last run was interrupted.
     Idle,
     Searching(Run),
-    /// Home was found at this count, and the shaft runs back to it.
+    /// Home was found at this count, and the shaft is running back to it.
     Returning(i64),
     Attained,
     Failed(HomingError),
 }
 
-/// Homing mode of one axis.
+/// The state of homing mode for one axis.
 #[derive(Clone, Debug)]
 pub struct Homing {
     phase: Phase,
-    /// The settings when the last run was started.
+    /// The settings from the start of the last run.
     settings: HomingSettings,
     /// Bit 4 of the last controlword.
     start_bit: bool,
@@ -123,18 +123,18 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// Homing mode before it was entered.
+    /// The state before homing mode is entered for the first time.
     pub const fn new(settings: HomingSettings) -> Self {
         Self { phase: Phase::Idle, settings, start_bit: false, halted: false }
     }
 
-    /// The mode is entered. Bit 4 has to rise to start a run: if it is set already no run starts.
+    /// Enters homing mode. A run starts when bit 4 rises; if bit 4 is set already, no run starts.
     pub fn enter(&mut self, word: Controlword, settings: HomingSettings) {
         *self = Self::new(settings);
         self.start_bit = starts(word);
     }
 
-    /// The power stage follows no demand: a run that is under way ends in a homing error.
+    /// Ends a run in a homing error, because the power stage no longer follows the demand.
     pub fn lose_power(&mut self, word: Controlword) {
         self.start_bit = starts(word);
         if let Phase::Searching(_) | Phase::Returning(_) = self.phase {
@@ -142,7 +142,7 @@ impl Homing {
         }
     }
 
-    /// Takes the controlword of a drive in Operation enabled.
+    /// Handles the controlword while the drive is in Operation enabled.
     pub fn command(&mut self, word: Controlword, shaft: Shaft, settings: &HomingSettings, switches: &Switches) {
         let was_set = std::mem::replace(&mut self.start_bit, starts(word));
         self.halted = word.0 & Controlword::HALT != 0;
@@ -160,7 +160,8 @@ impl Homing {
         }
     }
 
-    /// The count to which the shaft runs back, and the greatest speed, counts/s.
+    /// The count to which the shaft has to run back, and its maximum speed, counts/s; `None` if the shaft is not to run
+    /// back now.
     pub fn destination(&self) -> Option<(i64, f64)> {
         match self.phase {
             Phase::Returning(at) if !self.halted => Some((at, self.settings.zero_speed.into())),
@@ -168,14 +169,14 @@ impl Homing {
         }
     }
 
-    /// The shaft has run back to home and stands there: homing is attained.
+    /// Completes homing once the shaft has stopped at home. Returns the new home position.
     pub fn arrive(&mut self) -> Option<HomePosition> {
         let (at, _) = self.destination()?;
         self.phase = Phase::Attained;
         Some(HomePosition { at, offset: self.settings.offset })
     }
 
-    /// The velocity that the search asks for, counts/s.
+    /// The velocity that the search requests, counts/s.
     pub fn velocity(&self) -> f64 {
         match &self.phase {
             Phase::Searching(run) if !self.halted => run.velocity(&self.settings),
@@ -183,23 +184,23 @@ impl Homing {
         }
     }
 
-    /// The greatest change of that velocity, counts/s² (0x609A).
+    /// The maximum acceleration of the motion, counts/s² (0x609A).
     pub fn acceleration(&self) -> f64 {
         self.settings.acceleration.into()
     }
 
-    /// Whether the axis stays beyond home instead of running back to it.
+    /// Whether the axis stays beyond home instead of running back to home.
     pub const fn stays_beyond_home(&self) -> bool {
         self.settings.stays_beyond_home
     }
 
-    /// The halt option code 0x605D while halt is commanded; `None`: it is not.
+    /// The halt option code 0x605D while halt is commanded; `None` without halt.
     pub fn halt_option(&self) -> Option<i16> {
         self.halted.then_some(self.settings.halt_option)
     }
 
-    /// The shaft has moved from one count to another, while the demand moved by `way` counts: evaluates the switches and
-    /// the index pulse between them.
+    /// Evaluates the switches and the index pulse between the counts `from` and `to` that the shaft has moved through.
+    /// Meanwhile the demand has moved by `way` counts.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) {
         let Phase::Searching(run) = &mut self.phase else { return };
         match run.pass(from, to, way, switches) {
@@ -209,7 +210,7 @@ impl Homing {
         }
     }
 
-    /// Bits 10, 12 and 13 of the statusword (CiA 402-2, homing mode). `stands`: the shaft stands still.
+    /// Statusword bits 10, 12 and 13 (CiA 402-2, homing mode). `stands` says whether the shaft is at standstill.
     pub fn status_bits(&self, stands: bool) -> u16 {
         let (bits, ended) = match self.phase {
             Phase::Idle => (0, true),
@@ -220,7 +221,7 @@ impl Homing {
         if ended && stands { bits | Statusword::TARGET_REACHED } else { bits }
     }
 
-    /// The homing error of the last run, until the next one starts; `None`: there was none.
+    /// The homing error of the last run, until the next run starts; `None` if there is no error.
     pub fn error(&self) -> Option<HomingError> {
         match self.phase {
             Phase::Failed(error) => Some(error),

@@ -1,47 +1,46 @@
 //! One search for home.
 //!
-//! A run treats the travel as the plan of its method does: for a mirrored method directions and limit switches are
-//! exchanged, so that every run starts to the right where its switch is inactive.
+//! A run sees the travel in the orientation of its method's plan: for a mirrored method, directions and limit switches are
+//! exchanged, so that every run starts to the right if its switch is inactive.
 //!
-//! **Speeds** \[OURS]. A run moves with the speed for switches (0x6099:1) until the switch has been active and the shaft
-//! moves in the direction in which the edge counts. From there on, and in the search for the index pulse, it moves with
-//! the speed for zero (0x6099:2). A run that reaches the edge in its first leg, from outside the switch, uses the speed
-//! for switches up to the edge.
+//! **Speeds** \[OURS]. A run uses the switch speed (0x6099:1) until the switch has been active and the shaft moves in the
+//! direction in which the edge counts. From then on, and while searching for the index pulse, it uses the zero speed
+//! (0x6099:2). A run that reaches the edge on its first leg, from outside the switch, uses the switch speed up to the edge.
 
 use super::method::{Direction, Edge, Method, SearchPlan};
 use super::{HomingError, HomingSettings, Shaft};
 use crate::slave::switches::{Inputs, Switches};
 
-/// What a run searches for at present.
+/// The present target of the search.
 #[derive(Clone, Copy, Debug)]
 enum Sought {
     Edge(Edge),
     Index,
 }
 
-/// A search under way.
+/// A search in progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Run {
     method: Method,
     sought: Sought,
-    /// The positive limit switch will reverse the run; it does so once.
+    /// Whether the positive limit switch will reverse the run. It does so only once.
     limit_reverses: bool,
     heading: Direction,
-    /// The run has not reversed yet, and began where the switch is inactive.
+    /// Whether the run has not reversed yet and began where the switch is inactive.
     on_first_leg: bool,
-    /// The switch has been active.
+    /// Whether the switch has been active during the run.
     switch_seen: bool,
-    /// The switches at the last position.
+    /// The states of the switches at the last position, in the orientation of the plan.
     inputs: Inputs,
-    /// The distance so far, counts.
+    /// The distance of the demand since the start, counts.
     distance: f64,
 }
 
 impl Run {
-    /// Starts a run. `None`: home is the present position.
+    /// Starts a run; `None` if home is the present position.
     ///
     /// # Errors
-    /// Why the run cannot start; the shaft does not move then.
+    /// The reason why the run cannot start; the shaft does not move then.
     pub fn start(settings: &HomingSettings, shaft: Shaft, switches: &Switches) -> Result<Option<Self>, HomingError> {
         let code = settings.method;
         let method = Method::from_code(code).ok_or(HomingError::UnsupportedMethod(code))?;
@@ -72,7 +71,7 @@ impl Run {
         if inputs.has_both_limits() {
             return Err(HomingError::BothLimits);
         }
-        // [OURS] A run that starts on the limit switch which would reverse it starts in the reverse direction.
+        // [OURS] A run that starts on a limit switch that would reverse it starts in the reverse direction.
         if run.heading == Direction::Positive && inputs.has(Direction::Positive.limit()) && run.limit_reverses {
             run.reverse_at_limit();
         }
@@ -94,7 +93,7 @@ impl Run {
         }
     }
 
-    /// The velocity that the run asks for, counts/s.
+    /// The velocity that the run requests, counts/s.
     pub fn velocity(&self, settings: &HomingSettings) -> f64 {
         let slow = match self.sought {
             Sought::Index => true,
@@ -104,10 +103,11 @@ impl Run {
         self.heading.mirrored_if(self.method.mirrored).sign() * f64::from(speed)
     }
 
-    /// The shaft has moved from one count to another, while the demand moved by `way` counts. `Some`: the count of home.
+    /// Evaluates the counts `from` to `to` that the shaft has moved through, while the demand has moved by `way` counts.
+    /// Returns the count of home if home was found.
     ///
     /// # Errors
-    /// Why the run ends without home.
+    /// The reason why the run ends without home.
     pub fn pass(&mut self, from: i64, to: i64, way: f64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let is_new = as_planned(self.method, switches.read(from)) != self.inputs;
         let is_met = is_new || matches!(self.sought, Sought::Index) || switches.change_between(from, to);
@@ -121,11 +121,11 @@ impl Run {
         Ok(None)
     }
 
-    /// Evaluates the switches and the index pulse at each count between two positions where one changes. `Some`: the
-    /// count of home.
+    /// Evaluates the switches and the index pulse at each count between two positions at which one of them changes. Returns
+    /// the count of home if home was found.
     fn scan_path(&mut self, from: i64, to: i64, switches: &Switches) -> Result<Option<i64>, HomingError> {
         let mirrored = self.method.mirrored;
-        // An input may change while the shaft stands still: that counts as if the shaft moved in the direction of the run.
+        // An input may change while the shaft is at standstill. This counts as a motion in the direction of the run.
         let moving = match to.cmp(&from) {
             std::cmp::Ordering::Less => Direction::Negative.mirrored_if(mirrored),
             std::cmp::Ordering::Equal => self.heading,
@@ -144,7 +144,7 @@ impl Run {
         }
     }
 
-    /// Evaluates the switches and the index pulse at one count. True: home is at this count.
+    /// Evaluates the switches and the index pulse at one count. Returns true if home is at this count.
     ///
     /// \[OURS] Home is checked first, then the limit switches.
     fn evaluate(&mut self, moving: Direction, now: Inputs, index: bool) -> Result<bool, HomingError> {
@@ -158,11 +158,11 @@ impl Run {
                 let rises = now.has(edge.switch);
                 self.switch_seen |= rises;
                 match (moving == edge.moving, rises == edge.rises) {
-                    // While the shaft still brakes to reverse it crosses the edge before the run searches for it.
+                    // While the shaft brakes in order to reverse, it crosses the edge before the run looks for it.
                     (true, true) if self.heading != moving => {}
                     (true, true) if self.method.index => self.sought = Sought::Index,
                     (true, true) => return Ok(true),
-                    // The edge was reached from its other side.
+                    // The shaft has reached the edge from the other side.
                     (false, false) => self.reverse(edge.moving),
                     _ => {}
                 }
@@ -178,14 +178,14 @@ impl Run {
         Ok(false)
     }
 
-    /// The limit switch at that end of the travel has become active.
+    /// Handles the limit switch at one end of the travel when it becomes active.
     fn limit_reached(&mut self, end: Direction) -> Result<(), HomingError> {
         let Sought::Edge(edge) = self.sought else { return Err(self.wrong_limit(end)) };
         let turns =
             matches!(self.method.plan, SearchPlan::Edge { limit_reverses: true, .. }) && end == Direction::Positive;
         match (turns, self.heading) {
             _ if edge.switch == end.limit() => {}
-            // The run has reversed already, and the shaft still brakes.
+            // The run has reversed already, and the shaft is still braking.
             (true, Direction::Negative) => {}
             (true, Direction::Positive) if self.limit_reverses => self.reverse_at_limit(),
             _ => return Err(self.wrong_limit(end)),
@@ -193,7 +193,7 @@ impl Run {
         Ok(())
     }
 
-    /// A run does not continue towards an active limit switch, unless it searches for that switch.
+    /// Checks that the run does not continue towards an active limit switch, unless it searches for that switch.
     fn check_limit_ahead(&self) -> Result<(), HomingError> {
         let sought = matches!(self.sought, Sought::Edge(edge) if edge.switch == self.heading.limit());
         if self.inputs.has(self.heading.limit()) && !sought {
@@ -217,7 +217,8 @@ impl Run {
     }
 }
 
-/// The switches as the plan of a method has them: for a mirrored method the limit switches are exchanged.
+/// The states of the switches in the orientation of the method's plan: for a mirrored method the limit switches are
+/// exchanged.
 const fn as_planned(method: Method, inputs: Inputs) -> Inputs {
     if method.mirrored { inputs.mirrored() } else { inputs }
 }

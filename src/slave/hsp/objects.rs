@@ -1,4 +1,4 @@
-//! The object dictionary of pulse modules (CiA 402-2, ETG.6010). Positions in pulses, speeds in pulses/s.
+//! The object dictionary of pulse modules (CiA 402-2, ETG.6010). Positions are in pulses, speeds in pulses/s.
 
 use super::{Channels, Hsp};
 use crate::slave::AXES_MAX;
@@ -31,14 +31,14 @@ pub(super) const fn identity_of(channels: Channels) -> &'static Identity {
     }
 }
 
-/// 0x6502: homing, CSP, CSV.
+/// 0x6502, supported drive modes: homing, CSP, CSV.
 const SUPPORTED_MODES: i64 = 1 << 5 | 1 << 7 | 1 << 8;
 
 const AXES: [AxisSlots; AXES_MAX] = [AxisSlots::of::<_, 0>(OBJECTS), AxisSlots::of::<_, 1>(OBJECTS)];
 
-/// The default values of the table, and \[OURS] those that depend on the greatest rate: from that rate the channel brakes
-/// in a tenth of a second, and by a quick stop in a hundredth. Homing searches a switch with two turns a second, and zero
-/// with a fifth of a turn a second.
+/// The default values of the table, and \[OURS] those that depend on the maximum pulse rate: from that rate a channel
+/// brakes in 0.1 s, and with a quick stop in 0.01 s. Homing searches for a switch at two turns/s and for zero at 0.2
+/// turns/s.
 pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     let mut values = Values::new(OBJECTS);
     let turn = pulses_per_turn.max(5);
@@ -53,7 +53,7 @@ pub(super) fn defaults(train: &PulseTrain, pulses_per_turn: u32) -> Values {
     values
 }
 
-/// The settings that the axis of a channel reads from the stored values.
+/// The settings of a channel's axis, from the stored values.
 pub(super) fn settings(values: &Values, channel: usize) -> Settings {
     AXES[channel].settings(values)
 }
@@ -73,8 +73,9 @@ const PARTS: [&[Row]; 7] = [
     &channel::<1>(),
 ];
 
-/// The PDOs at power-on. \[OURS] Those of the second axis are 16 higher, as in ETG.6010; those of CSP are assigned; some have no
-/// entries, for masters that fill others than the first ones. Of the digital inputs and outputs the low 16 bits are used.
+/// The PDOs at power-on. \[OURS] The PDOs of the second axis are 16 higher, as in ETG.6010. The PDOs for CSP are assigned.
+/// Some PDOs are empty, for masters that fill others than the first ones. Only the low 16 bits of the digital inputs and
+/// outputs are used.
 pub(super) const PDOS: &[Pdo<Hsp>] = &[
     rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020, 0x60FE_0120]),
     rx_pdo!(OBJECTS, 0x1601, false, [0x6040_0010, 0x60FF_0020, 0x60FE_0120]),
@@ -106,14 +107,14 @@ fn has<const N: usize>(hsp: &Hsp) -> bool {
     hsp.axes.len() > N
 }
 
-/// The objects of channel `N` (from 0) that other CiA 402 axes do not have, or have otherwise.
+/// The objects of channel `N` (from 0) in which a pulse module differs from other CiA 402 axes.
 const fn channel<const N: usize>() -> [Row; 6] {
     only_if(
         has::<N>,
         [
             Row::u32(index::<N>(0x60FD), 0, "Digital inputs").tx().live(|hsp| hsp.lines[N].inputs().into()),
             Row::u8(index::<N>(0x60FE), 0, "Digital outputs").default(1),
-            // [OURS] Bits 16 to 31 are not wired: they are ignored, and read as 0.
+            // [OURS] Bits 16 to 31 are not wired: writes to them are ignored, and they read 0.
             Row::u32(index::<N>(0x60FE), 1, "Physical outputs")
                 .rw()
                 .rx()

@@ -1,4 +1,4 @@
-//! The text format of manufacturer-specific objects: one object a line, `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
+//! The text format of manufacturer-specific objects: one object per line, `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
 
 use std::fmt::{self, Write as _};
 
@@ -9,47 +9,47 @@ use super::{
 use crate::ethercat::coe::ObjectAddress;
 use crate::slave::dictionary::Access;
 
-/// The size of the largest file of objects, bytes \[OURS]: some 50,000 lines.
+/// The maximum size of a file of objects, bytes \[OURS]: about 50,000 lines.
 pub const MANUFACTURER_FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// What a line looks like, for errors.
+/// The syntax of a line, for error messages.
 const FORM: &str = "a line is INDEX:SUB TYPE ACCESS VALUE NAME, e.g. `0x2101:1 u16 rw 0x0010 Motor code`";
 
-/// The longest text that is written as a number, bytes.
+/// The maximum length of a text value that is written as a number, bytes.
 const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 
-/// Why a text is no list of objects.
+/// Why a text is not a valid list of objects.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {message}; {FORM}")]
 pub struct FormatError {
     /// The line, from 1.
     pub line: usize,
-    /// What is wrong and what is allowed.
+    /// The error and what is allowed.
     pub message: String,
 }
 
 impl ManufacturerObjects {
-    /// Reads a text of objects, one a line: `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
+    /// Parses a text with one object per line: `INDEX:SUB TYPE ACCESS [MAPPING] VALUE NAME`.
     ///
     /// - `INDEX:SUB`: hexadecimal with 0x, or decimal: `0x2101:1`.
     /// - `TYPE`: `bool`, `i8`, `u8`, `i16`, `u16`, `i32`, `u32`, `f32`, `i64`, `u64`, `f64`, `text`, or `any` for a value
     ///   of unknown size.
     /// - `ACCESS`: `ro`, `rw` or `wo`.
-    /// - `MAPPING`: `rx`, `tx` or `rxtx` for an object that may be mapped into RxPDOs (outputs), TxPDOs (inputs) or both; left out
-    ///   for one that cannot be mapped.
-    /// - `VALUE`: a number; with 0x the bytes as they stand in an SDO. `-`: 0. Of `text` and `any` also the bytes in double
-    ///   quotes, in which `\` stands before a `"` or another `\`, and `\xE9` is the byte 0xE9. Other characters than those of
-    ///   ASCII are bytes of ISO-8859-1, or of UTF-8 if it does not have them.
-    /// - `NAME`: the rest of the line, for people; may be left out.
+    /// - `MAPPING`: `rx`, `tx` or `rxtx` for an object that can be mapped into RxPDOs (outputs), TxPDOs (inputs) or both;
+    ///   left out for an object that cannot be mapped.
+    /// - `VALUE`: a number; with 0x, the bytes in SDO order. `-` stands for 0. For `text` and `any` also the bytes in
+    ///   double quotes, where `\` escapes `"` and `\`, and `\xE9` is the byte 0xE9. Non-ASCII characters are encoded in
+    ///   ISO-8859-1, or in UTF-8 if ISO-8859-1 does not have them.
+    /// - `NAME`: the rest of the line, a descriptive name; may be left out.
     ///
-    /// `#` at the beginning of a line begins a remark. A line may stand for an address once.
+    /// `#` at the beginning of a line begins a comment. Each address may appear only once.
     ///
     /// # Errors
-    /// [`FormatError`], with the line.
+    /// [`FormatError`], with the line number.
     pub fn parse(text: &str) -> Result<Self, FormatError> {
         let mut objects = Vec::new();
         let mut lines = std::collections::HashMap::new();
-        // Editors on Windows put a byte order mark in front.
+        // Editors on Windows begin a file with a byte order mark.
         for (line, text) in (1..).zip(text.strip_prefix('\u{FEFF}').unwrap_or(text).lines()) {
             let text = text.trim();
             if text.is_empty() || text.starts_with('#') {
@@ -116,7 +116,7 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
             data.word()
         )
     })?;
-    // A number has no zeros in front: how many bytes a text has is seen from its last one.
+    // A number has no leading zeros, so the length of a text is given by its last non-zero byte.
     let significant = NUMBER_BYTES_MAX - bits.leading_zeros() as usize / 8;
     let bytes = match (data, data.bytes()) {
         (_, Some(bytes)) => bytes.into(),
@@ -126,7 +126,7 @@ fn number(data: ManufacturerType, value: &str) -> Result<ManufacturerValue, Stri
     Ok(ManufacturerValue::of_bits(bits, bytes))
 }
 
-/// The bytes of a value in quotes, of which the first was taken off, and the rest of the line.
+/// Parses a value in quotes, whose opening quote was already taken. Returns its bytes and the rest of the line.
 fn quoted_bytes(text: &str) -> Result<(Vec<u8>, &str), String> {
     let mut bytes = Vec::new();
     let mut letters = text.char_indices();
@@ -161,7 +161,7 @@ fn quoted_bytes(text: &str) -> Result<(Vec<u8>, &str), String> {
     Err("the VALUE has no second double quote".to_owned())
 }
 
-/// As a line of a file, see [`ManufacturerObjects::parse`].
+/// Writes the object as a line of a file, see [`ManufacturerObjects::parse`].
 impl fmt::Display for ManufacturerObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let access = match self.access {
@@ -175,7 +175,7 @@ impl fmt::Display for ManufacturerObject {
             write!(f, "{mapping} ")?;
         }
         let bytes = self.value.bytes();
-        // As a number a text loses zeros at its end.
+        // A text written as a number would lose zero bytes at its end.
         let is_number =
             bytes.len() <= NUMBER_BYTES_MAX && (self.data != ManufacturerType::Text || bytes.last() != Some(&0));
         if is_number {
@@ -203,21 +203,21 @@ fn write_quoted(f: &mut fmt::Formatter<'_>, bytes: &[u8]) -> fmt::Result {
     f.write_char('"')
 }
 
-/// The first word of a line, and the rest of the line.
+/// Splits off the first word of a line.
 fn word(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())
 }
 
-/// A whole number, with 0x hexadecimal.
+/// Parses an unsigned integer, hexadecimal with 0x.
 fn whole(text: &str) -> Option<u64> {
     let (digits, radix) = text.strip_prefix("0x").or(text.strip_prefix("0X")).map_or((text, 10), |hex| (hex, 16));
-    // `from_str_radix` alone would let a plus sign pass.
+    // `from_str_radix` alone would accept a plus sign.
     let plain = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit());
     u64::from_str_radix(digits, radix).ok().filter(|_| plain)
 }
 
-/// The value as the bytes of an SDO; `None`: the text is no value of that data type.
+/// Parses a value into the bytes of an SDO; `None` if the text is not a value of this data type.
 fn bits(data: ManufacturerType, value: &str) -> Option<u64> {
     let width = u32::from(data.bytes().unwrap_or(8)) * 8;
     let mask = u64::MAX >> (64 - width);

@@ -2,14 +2,14 @@
 
 use crate::slave::dictionary::number_of;
 
-/// How many bytes a short value has at most.
+/// The maximum length of a short value, bytes.
 const SHORT: usize = size_of::<u64>();
 
-/// The bytes of a value as they stand in an SDO, the lowest first.
+/// The bytes of a value in SDO order, the lowest first.
 #[derive(Clone, Debug)]
 pub struct ManufacturerValue(Bytes);
 
-/// A short value needs no memory of its own, so that a transfer in a cycle allocates nothing.
+/// A short value is stored inline, so that a transfer in a cycle does not allocate.
 #[derive(Clone, Debug)]
 enum Bytes {
     Short { len: u8, bytes: [u8; SHORT] },
@@ -17,19 +17,19 @@ enum Bytes {
 }
 
 impl ManufacturerValue {
-    /// The low bytes of a number; at most 8.
+    /// A value of the low `bytes` bytes of a number; at most 8.
     pub fn of_bits(bits: u64, bytes: usize) -> Self {
         Self::of_bytes(&bits.to_le_bytes()[..bytes.min(SHORT)])
     }
 
-    /// These bytes.
+    /// A value of these bytes.
     pub fn of_bytes(bytes: &[u8]) -> Self {
         let mut value = Self(Bytes::Short { len: 0, bytes: [0; SHORT] });
         value.put(bytes);
         value
     }
 
-    /// The bytes.
+    /// The bytes of the value.
     pub fn bytes(&self) -> &[u8] {
         match &self.0 {
             Bytes::Short { len, bytes } => &bytes[..usize::from(*len)],
@@ -37,7 +37,7 @@ impl ManufacturerValue {
         }
     }
 
-    /// The number that the first 8 bytes form.
+    /// The number formed by the first 8 bytes.
     pub fn bits(&self) -> u64 {
         match &self.0 {
             Bytes::Short { bytes, .. } => u64::from_le_bytes(*bytes),
@@ -45,7 +45,7 @@ impl ManufacturerValue {
         }
     }
 
-    /// Replaces the value.
+    /// Replaces the bytes of the value.
     pub(super) fn put(&mut self, new: &[u8]) {
         match &mut self.0 {
             Bytes::Long(bytes) => {

@@ -1,26 +1,26 @@
-//! A train of pulses, as it commands a stepper driver without feedback.
+//! A pulse train that commands a stepper driver without feedback.
 //!
-//! \[OURS] The position is the number of pulses sent. They follow the demand without an error, up to the greatest rate;
-//! after a faster demand they catch up at that rate. They need no ramp: pulses begin and end at once.
+//! \[OURS] The position is the number of pulses sent. It follows the demand without error up to the maximum rate; after a
+//! faster demand the pulses catch up at the maximum rate. Pulses start and stop without a ramp.
 
 use super::{Setpoint, at_most, carry, clamp_to};
 use crate::ethercat::Ns;
 
-/// The configuration of a train of pulses.
+/// The configuration of a pulse train.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PulseTrain {
-    /// The greatest rate, pulses/s; at least 1.
+    /// The maximum rate, pulses/s; at least 1.
     pub max_rate: u32,
 }
 
 impl Default for PulseTrain {
-    /// \[OURS] 4 MHz, what differential line drivers carry well.
+    /// \[OURS] 4 MHz, a rate that differential line drivers transmit well.
     fn default() -> Self {
         Self { max_rate: 4_000_000 }
     }
 }
 
-/// A train of pulses as the plant of an axis.
+/// A pulse train as the plant of an axis.
 #[derive(Clone, Debug)]
 pub struct Pulses {
     max_rate: f64,
@@ -32,23 +32,23 @@ pub struct Pulses {
 }
 
 impl Pulses {
-    /// A train of pulses that begins at `position`.
+    /// A pulse train that starts at `position`, pulses.
     pub fn new(train: &PulseTrain, position: i64) -> Self {
         let max_rate = f64::from(train.max_rate.max(1));
         Self { max_rate, limit: max_rate, whole: position, fraction: 0.0, velocity: 0.0, limited: false }
     }
 
-    /// Sets a limit of the rate, pulses/s, which applies besides the greatest rate.
+    /// Sets a limit of the rate, pulses/s, in addition to the maximum rate.
     pub fn set_limit(&mut self, rate: u32) {
         self.limit = at_most(f64::from(rate), self.max_rate);
     }
 
-    /// The number of pulses sent, those in the negative direction subtracted.
+    /// The number of pulses sent; pulses in the negative direction count negatively.
     pub const fn position(&self) -> i64 {
         self.whole
     }
 
-    /// The fraction of a pulse that the position has on top of its whole pulses, -0.5..=0.5.
+    /// The fraction of a pulse to add to [`Self::position`], -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         self.fraction
     }
@@ -58,7 +58,7 @@ impl Pulses {
         self.velocity
     }
 
-    /// Whether the limit of the rate was in force in the last span.
+    /// Whether the rate was limited in the last period.
     pub const fn is_limited(&self) -> bool {
         self.limited
     }
@@ -68,7 +68,7 @@ impl Pulses {
         self.velocity == 0.0
     }
 
-    /// `ns` pass with that setpoint.
+    /// Generates pulses for `ns` according to a setpoint.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
             return;
@@ -77,7 +77,7 @@ impl Pulses {
         let (asked, by, velocity) = match setpoint {
             Setpoint::Coast | Setpoint::Torque(_) => (0.0, 0.0, 0.0),
             Setpoint::Position { from, fraction, by } => {
-                // Both are near the counter, so the difference is exact.
+                // Both values are close to each other, so the difference is exact.
                 let way = (from.wrapping_sub(self.whole) as f64 + (fraction - self.fraction)) + by;
                 let given = clamp_to(way, self.limit * seconds);
                 (way, given, given / seconds)

@@ -1,13 +1,13 @@
-//! The motor, its shaft and the load on it, with the drive's cascade of position and velocity loop.
+//! The motor with its shaft and load, and the drive's cascade of position loop and velocity loop.
 //!
-//! The shaft is rigid and has inertia, viscous friction and dry friction; the torque that drives it is limited. Time is
-//! cut into sub-steps of at most [`SUBSTEP_MAX_NS`], at which the loops are stable, so that a cycle may have any length.
-//! Dry friction is solved as an impulse that can at most stop the shaft, viscous friction implicitly: neither can make
-//! the shaft oscillate.
+//! The shaft is rigid and has inertia, viscous friction and dry friction; the driving torque is limited. Time is divided
+//! into sub-steps of at most [`SUBSTEP_MAX_NS`], for which the loops are stable, so a cycle may have any length. Dry
+//! friction is modelled as an impulse that can at most stop the shaft, viscous friction implicitly: neither can make the
+//! shaft oscillate.
 //!
-//! Positions are counts. They are kept as a whole `i64` and a fraction, so that an axis may turn in one direction for
-//! ever and its position is as precise far away as near 0; [`Servo::position`] is the whole part, rounded. All arithmetic
-//! is `+ - * /` of `f64` and conversions between `f64` and integers, which every target computes to the same bits.
+//! Positions are in counts, stored as a whole `i64` and a fraction. So an axis can turn in one direction endlessly, and its
+//! position is as precise far away as near 0. [`Servo::position`] is the whole part, rounded. All calculations are
+//! `+ - * /` of `f64` and conversions between `f64` and integers, which give the same bits on every target.
 
 mod side_by_side;
 
@@ -16,35 +16,35 @@ pub use side_by_side::{SIDE_BY_SIDE, follow_side_by_side};
 use super::{Setpoint, at_least, at_most, carry, clamp_to};
 use crate::ethercat::Ns;
 
-/// \[OURS] The cascade runs at 4 kHz at least, as in a small servo drive.
+/// \[OURS] The maximum length of a sub-step, ns: the cascade runs at 4 kHz at least, as in a small servo drive.
 pub const SUBSTEP_MAX_NS: Ns = 250_000;
 
-/// \[OURS] Below this speed, counts/s, the drive compensates dry friction less and less, so that it does not push a shaft
-/// that stands at its target.
+/// \[OURS] The speed below which the drive gradually reduces its compensation of dry friction, counts/s. Otherwise it would
+/// push a shaft that has stopped at its target.
 const FRICTION_FADE: f64 = 10.0;
 
-/// \[OURS] A shaft slower than this, counts/s, counts as standing still.
+/// \[OURS] The speed below which a shaft counts as at standstill, counts/s.
 const STANDSTILL: f64 = 1.0;
 
-/// There are no end stops.
+/// The range of counts of a shaft without end stops.
 const NO_STOPS: (i64, i64) = (i64::MIN, i64::MAX);
 
 /// A motor with its load, and the gains of its drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Motor {
-    /// Counts of one turn.
+    /// Counts per turn.
     pub counts_per_turn: u32,
     /// Rated torque, mN m (0x6076).
     pub rated_torque: u32,
-    /// The acceleration that the rated torque gives the motor with its load, counts/s²; at least 1.
+    /// The acceleration of motor and load at the rated torque, counts/s²; at least 1.
     pub rated_acceleration: u32,
-    /// Greatest torque, 0.1 % of rated.
+    /// The maximum torque, 0.1 % of rated.
     pub peak_torque: u16,
-    /// Greatest speed, counts/s; at least 1.
+    /// The maximum speed, counts/s; at least 1.
     pub max_velocity: u32,
-    /// The torque that overcomes dry friction, 0.1 % of rated.
+    /// The torque of dry friction, 0.1 % of rated.
     pub dry_friction: u16,
-    /// The torque that overcomes viscous friction at the greatest speed, 0.1 % of rated.
+    /// The torque of viscous friction at the maximum speed, 0.1 % of rated.
     pub viscous_friction: u16,
     /// Gain of the position loop, 1/s; up to 1000.
     pub position_gain: u16,
@@ -53,8 +53,8 @@ pub struct Motor {
 }
 
 impl Default for Motor {
-    /// \[OURS] A 400 W servo motor with five times its own inertia on the shaft: 17-bit encoder, 1.27 N m rated, 300 %
-    /// peak, 6000 rpm.
+    /// \[OURS] A 400 W servo motor with a 17-bit encoder, a load of five times its own inertia, 1.27 N m rated torque, 300
+    /// % peak torque and 6000 rpm.
     fn default() -> Self {
         Self {
             counts_per_turn: 1 << 17,
@@ -71,8 +71,8 @@ impl Default for Motor {
 }
 
 impl Motor {
-    /// \[OURS] A NEMA 23 stepper with an encoder, run in a closed loop, with twice its own inertia on the shaft: 10000
-    /// counts a turn, 2 N m, no more torque than the rated one, 3000 rpm.
+    /// \[OURS] A closed-loop NEMA 23 stepper with an encoder of 10000 counts per turn, a load of twice its own inertia, 2 N
+    /// m rated torque, which is also the maximum, and 3000 rpm.
     pub const fn stepper() -> Self {
         Self {
             counts_per_turn: 10_000,
@@ -88,7 +88,7 @@ impl Motor {
     }
 }
 
-/// The constants of a span of time. They are kept as long as spans have the same length.
+/// Precomputed constants for a period of time. They are reused while the length of the periods stays the same.
 #[derive(Clone, Copy, Debug, Default)]
 struct Span {
     ns: Ns,
@@ -97,36 +97,36 @@ struct Span {
     substep_s: f64,
     /// 1 / number of sub-steps.
     share: f64,
-    /// 1 / length of the span, 1/s.
+    /// 1 / length of the period, 1/s.
     rate: f64,
-    /// The velocity loop asks for a change of speed in each sub-step: it subtracts this part of the actual speed,
+    /// Gain of the velocity loop for the actual speed, per sub-step.
     gain: f64,
-    /// and adds this part of the demanded speed, which includes what viscous friction will take.
+    /// Gain of the velocity loop for the demanded speed, per sub-step. It includes the compensation of viscous friction.
     gain_wanted: f64,
-    /// The greatest change of speed in a sub-step that the torque allows.
+    /// The maximum change of speed in a sub-step at the torque limit, counts/s.
     torque: f64,
-    /// The change of speed in a sub-step that dry friction causes.
+    /// The change of speed in a sub-step due to dry friction, counts/s.
     friction: f64,
-    /// The part of the demanded speed that the drive adds to compensate dry friction, up to `friction`.
+    /// Gain of the compensation of dry friction for the demanded speed; the result is limited to `friction`.
     friction_wanted: f64,
-    /// The part of the speed that viscous friction leaves after a sub-step.
+    /// The fraction of the speed that remains after viscous friction has acted for a sub-step.
     decay: f64,
-    /// The torque, as a part of the rated one, for each unit of change of speed.
+    /// The torque, as a fraction of the rated torque, per change of speed in a sub-step.
     torque_per_change: f64,
 }
 
-/// The positions that a motor is to follow in a span of time.
+/// The position setpoint of a motor for a period of time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Way {
-    /// The first one, counts from the whole part of the shaft's.
+    /// The position at the start, counts relative to the whole part of the shaft's position.
     start: f64,
-    /// How far they go in the span, counts.
+    /// The distance in the period, counts.
     by: f64,
 }
 
 /// A motor with its load as the plant of an axis.
 #[derive(Clone, Debug)]
-#[repr(C)] // What each cycle uses lies side by side, first.
+#[repr(C)] // The fields that each cycle uses are adjacent, at the beginning.
 pub struct Servo {
     whole: i64,
     fraction: f64,
@@ -139,7 +139,7 @@ pub struct Servo {
     /// The lowest and the highest count that the shaft can reach.
     stops: (i64, i64),
     span: Span,
-    /// What [`Self::aim_at`] has set last.
+    /// The setpoint that [`Self::aim_at`] has set.
     way: Way,
     acceleration: f64,
     peak_torque: f64,
@@ -151,7 +151,7 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// A shaft that stands at `position`, counts.
+    /// A motor at standstill with its shaft at `position`, counts.
     pub fn new(motor: &Motor, position: i64) -> Self {
         let acceleration = f64::from(motor.rated_acceleration.max(1));
         let max_velocity = f64::from(motor.max_velocity.max(1));
@@ -178,65 +178,66 @@ impl Servo {
         }
     }
 
-    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. It stops there at once.
+    /// Sets the mechanical end stops: the lowest and the highest count that the shaft can reach. The shaft stops there
+    /// immediately.
     pub fn set_stops(&mut self, stops: Option<(i64, i64)>) {
         self.stops = stops.unwrap_or(NO_STOPS);
     }
 
-    /// Jams the shaft, so that it does not move whatever the torque, or frees it.
+    /// Blocks the shaft, so that it does not move whatever the torque, or frees it.
     pub const fn jam(&mut self, jammed: bool) {
         self.jammed = jammed;
         self.span.ns = 0;
     }
 
-    /// Sets the limits of the drive, which apply besides those of the motor: speed in counts/s, torque in 0.1 % of rated.
+    /// Sets the limits of the drive, in addition to those of the motor: speed in counts/s, torque in 0.1 % of rated.
     pub fn set_limits(&mut self, velocity: u32, torque: u16) {
         self.velocity_limit = at_most(f64::from(velocity), self.max_velocity);
         self.torque_limit = at_most(f64::from(torque) / 1000.0, self.peak_torque);
         self.span.ns = 0;
     }
 
-    /// Position, counts.
+    /// The position, whole counts.
     pub const fn position(&self) -> i64 {
         self.whole
     }
 
-    /// The fraction of a count that the position has on top of its whole counts, -0.5..=0.5.
+    /// The fraction of a count to add to [`Self::position`], -0.5..=0.5.
     pub const fn fraction(&self) -> f64 {
         self.fraction
     }
 
-    /// Velocity, counts/s.
+    /// The velocity, counts/s.
     pub const fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// The velocity of the position that was followed last, counts/s.
+    /// The velocity of the last position setpoint, counts/s.
     pub const fn demanded_velocity(&self) -> f64 {
         self.way.by * self.span.rate
     }
 
-    /// Torque, as a part of the rated one; positive in the direction of counting up.
+    /// The torque, as a fraction of the rated torque; positive in the direction of increasing counts.
     pub const fn torque(&self) -> f64 {
         self.torque
     }
 
-    /// Whether a limit of torque or speed was in force at the end of the last span.
+    /// Whether torque or speed was limited at the end of the last period.
     pub const fn is_limited(&self) -> bool {
         self.limited
     }
 
-    /// Whether the shaft stands still.
+    /// Whether the shaft is at standstill.
     pub const fn is_at_standstill(&self) -> bool {
         -STANDSTILL < self.velocity && self.velocity < STANDSTILL
     }
 
-    /// The acceleration that the greatest torque gives, counts/s².
+    /// The acceleration at the maximum torque, counts/s².
     pub fn torque_as_acceleration(&self) -> f64 {
         self.torque_limit * self.acceleration
     }
 
-    /// Sets the positions that the motor follows in the next span if it is [run with others](follow_side_by_side); see
+    /// Sets the position setpoint for the next period if the motor is [run with others](follow_side_by_side); see
     /// [`Setpoint::Position`].
     #[inline]
     pub const fn aim_at(&mut self, from: i64, fraction: f64, by: f64) {
@@ -245,11 +246,11 @@ impl Servo {
 
     #[inline]
     const fn way_of(&self, from: i64, fraction: f64, by: f64) -> Way {
-        // Both are near the shaft, so the difference is exact.
+        // Both positions are close to each other, so the difference is exact.
         Way { start: from.wrapping_sub(self.whole) as f64 + fraction, by }
     }
 
-    /// `ns` pass with that setpoint. Spans of tens of milliseconds at most keep the fraction precise.
+    /// Runs the motor for `ns` with a setpoint. The fraction stays precise for periods of up to tens of milliseconds.
     pub fn run(&mut self, setpoint: Setpoint, ns: Ns) {
         if ns == 0 {
             return;
@@ -268,7 +269,7 @@ impl Servo {
         self.settle();
     }
 
-    /// Keeps the constants of a span of that length.
+    /// Updates the precomputed constants for a period of `ns`.
     #[inline]
     fn set_span(&mut self, ns: Ns) {
         if self.span.ns != ns {
@@ -276,7 +277,7 @@ impl Servo {
         }
     }
 
-    /// Ends a span: moves whole counts out of the fraction, and stops the shaft at an end stop.
+    /// Ends a period: carries whole counts from the fraction, and stops the shaft at an end stop.
     #[inline]
     fn settle(&mut self) {
         carry(&mut self.whole, &mut self.fraction);
@@ -307,7 +308,7 @@ impl Servo {
             torque: self.torque_limit * self.acceleration * substep_s,
             friction: self.dry_friction * self.acceleration * substep_s,
             friction_wanted: self.dry_friction * self.acceleration * substep_s / FRICTION_FADE,
-            // A jam leaves no speed.
+            // A blocked shaft has no speed.
             decay: if self.jammed { 0.0 } else { 1.0 / (1.0 + self.viscous_rate * substep_s) },
             torque_per_change: 1.0 / (self.acceleration * substep_s),
         }
@@ -333,7 +334,7 @@ impl Servo {
             wanted = feed_forward + self.position_gain * (demand - self.fraction);
             asked = self.change_for(span, clamp_to(wanted, self.velocity_limit));
             if by == 0.0 && self.velocity == 0.0 && clamp_to(asked, span.friction) == asked {
-                // Friction holds the shaft, in this sub-step and so in all that follow.
+                // Friction holds the shaft in this sub-step, and therefore in all following ones too.
                 break;
             }
             self.substep(span, clamp_to(asked, span.torque));
@@ -368,13 +369,13 @@ impl Servo {
         self.finish_span((span.torque, span.torque_per_change), asked, too_fast);
     }
 
-    /// The velocity loop: the change of speed that it asks for in a sub-step, with the compensation of friction.
+    /// The velocity loop: the change of speed in a sub-step that it demands, including the compensation of friction.
     fn change_for(&self, span: &Span, wanted: f64) -> f64 {
         let dry = clamp_to(span.friction_wanted * wanted, span.friction);
         (span.gain_wanted * wanted - span.gain * self.velocity) + dry
     }
 
-    /// One sub-step: the motor changes the speed, friction reduces it, the shaft moves.
+    /// Runs one sub-step: the motor changes the speed, friction reduces it, and the shaft moves.
     #[inline(always)]
     fn substep(&mut self, span: &Span, change: f64) {
         let driven = self.velocity + change;
@@ -382,8 +383,8 @@ impl Servo {
         self.fraction += self.velocity * span.substep_s;
     }
 
-    /// Keeps the torque of the last sub-step, and whether it or the speed was limited. The greatest change of speed in a
-    /// sub-step and the torque for each unit of it are those of the span.
+    /// Stores the torque of the last sub-step, and whether torque or speed was limited. `change_max` and
+    /// `torque_per_change` are those of the period.
     #[inline]
     fn finish_span(&mut self, (change_max, torque_per_change): (f64, f64), asked: f64, speed_limited: bool) {
         let given = clamp_to(asked, change_max);

@@ -1,7 +1,11 @@
-//! The objects by which a master maps process data (ETG.1000.6 5.6.7.4): PDO mapping 0x1600..=0x17FF (RxPDO: outputs) and
-//! 0x1A00..=0x1BFF (TxPDO: inputs), and the assignment of PDOs to sync manager 2 (0x1C12) and 3 (0x1C13).
+//! The objects for mapping process data (ETG.1000.6 5.6.7.4): PDO mapping 0x1600..=0x17FF (RxPDO: outputs) and
+//! 0x1A00..=0x1BFF (TxPDO: inputs), and the assignment of PDOs to sync managers 2 (0x1C12) and 3 (0x1C13).
 //!
-//! Each of these objects is a list: sub-index 0 is the count, the items follow. An item of a PDO mapping is `index << 16
+//! Each of these objects is a list: sub-index 0 is the count, and the items follow. An item of a PDO mapping is
+//! `index << 16 | sub-index << 8 | bits`, or padding, for which only the bits are given; an item of an assignment is the
+//! index of a PDO. All are written in PreOP only, in the usual order: count 0, then the items, then the count. \[OURS] A
+//! PDO may be changed while it is assigned, because a mapping takes effect only on the change to SafeOP. A count may be
+//! changed to another value without writing 0 first.
 //! | sub-index << 8 | bits`, or padding, of which only the bits are given; an item of an assignment is the index of a
 //! PDO. All are written in PreOP alone, in the usual order: count 0, then the items, then the count. \[OURS] A PDO may be
 //! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced
@@ -14,33 +18,33 @@ use crate::slave::dictionary::{
     number_of, put_first,
 };
 
-/// The most entries of a PDO \[OURS].
+/// The maximum number of entries of a PDO \[OURS].
 pub const ENTRIES_MAX: usize = 16;
-/// Room for the entries of a PDO of any kind of device.
+/// The capacity for the entries of a PDO, for any kind of device.
 const ITEMS_ROOM: usize = 24;
-/// The most PDOs of one direction that may be assigned \[OURS].
+/// The maximum number of assigned PDOs per direction \[OURS].
 pub const PDOS_MAX: usize = 8;
-/// The most bytes of process data of one direction \[OURS].
+/// The maximum number of process data bytes per direction \[OURS].
 pub const IMAGE_BYTES_MAX: usize = 64;
 
-/// What a kind of device allows in its mapping.
+/// The limits of the PDO mapping of a kind of device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MappingLimits {
-    /// The most entries of a PDO, at most 24.
+    /// The maximum number of entries of a PDO, at most 24.
     pub entries: usize,
-    /// The most PDOs of one direction that may be assigned, at most 24.
+    /// The maximum number of assigned PDOs per direction, at most 24.
     pub pdos: usize,
-    /// The most bytes of process data of one direction, at most [`IMAGE_BYTES_MAX`].
+    /// The maximum number of process data bytes per direction, at most [`IMAGE_BYTES_MAX`].
     pub image_bytes: usize,
-    /// Entries without an object, padding, are allowed.
+    /// Whether padding entries, which have no object, are allowed.
     pub padding: bool,
-    /// A PDO that is too long is refused when it is written, with [`AbortCode::PDO_LENGTH`]; otherwise the change to SafeOP
-    /// is refused.
+    /// Whether a PDO that is too long is refused when it is written, with [`AbortCode::PDO_LENGTH`]. Otherwise the change
+    /// to SafeOP is refused.
     pub long_pdos_refused: bool,
 }
 
 impl MappingLimits {
-    /// The limits of a kind of device that has none of its own.
+    /// The default limits of a kind of device.
     pub const USUAL: Self = Self {
         entries: ENTRIES_MAX,
         pdos: PDOS_MAX,
@@ -61,12 +65,12 @@ pub struct Pdo<D> {
     pub entries: &'static [u32],
     /// Whether the PDO is assigned at power-on.
     pub assigned: bool,
-    /// Copies the PDO as long as it has these entries.
+    /// A function that transfers the whole PDO, used while the PDO has these entries.
     pub mover: Mover<D>,
 }
 
 impl<D> Pdo<D> {
-    /// A PDO without entries, which is not assigned.
+    /// A PDO that is empty and not assigned.
     pub const fn empty(index: u16) -> Self {
         let mover = match direction_of(index) {
             PdoDirection::Rx => Mover::Outputs(|_, _| ()),
@@ -76,7 +80,7 @@ impl<D> Pdo<D> {
     }
 }
 
-/// Copies a whole PDO between the device and the beginning of an image.
+/// A function that copies a whole PDO between the device and the beginning of an image.
 pub enum Mover<D> {
     /// Copies outputs from the image to the device.
     Outputs(fn(&mut D, &[u8])),
@@ -84,7 +88,7 @@ pub enum Mover<D> {
     Inputs(fn(&D, &mut [u8])),
 }
 
-/// The direction of a PDO or of an assignment.
+/// The direction of a PDO mapping or of an assignment object.
 const fn direction_of(index: u16) -> PdoDirection {
     match index {
         0x1600..=0x17FF | RX_ASSIGNMENT => PdoDirection::Rx,
@@ -97,7 +101,7 @@ const fn direction_of(index: u16) -> PdoDirection {
 pub(in crate::slave) struct MappingList {
     index: u16,
     count: u8,
-    /// How many items there may be.
+    /// The maximum number of items.
     items_max: u8,
     items: [u32; ITEMS_ROOM],
 }
@@ -134,7 +138,7 @@ impl MappingList {
         if self.is_assignment() { 2 } else { 4 }
     }
 
-    /// The items that are in force: as many as the count says.
+    /// The active items: as many as the count says.
     fn items(&self) -> &[u32] {
         &self.items[..usize::from(self.count).min(ITEMS_ROOM)]
     }
@@ -157,7 +161,7 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    /// The mapping of a device with these limits, and with these PDOs at power-on.
+    /// The mapping of a device with these limits and these PDOs at power-on.
     pub fn new<D>(pdos: &[Pdo<D>], limits: MappingLimits) -> Self {
         let assignment = |index| {
             let assigned =
@@ -168,17 +172,17 @@ impl Mapping {
         Self { lists: lists.chain([RX_ASSIGNMENT, TX_ASSIGNMENT].map(assignment)).collect(), limits }
     }
 
-    /// What the device allows.
+    /// The limits of the mapping.
     pub const fn limits(&self) -> &MappingLimits {
         &self.limits
     }
 
-    /// The first mapping or assignment object with an index of at least `from`.
+    /// The lowest index of a mapping or assignment object from `from` on; `None` if there is none.
     pub fn index_from(&self, from: u16) -> Option<u16> {
         self.lists.iter().map(|list| list.index).filter(|index| *index >= from).min()
     }
 
-    /// The description of a mapping or assignment object.
+    /// The description of a mapping or assignment object for SDO information.
     pub fn describe_object(&self, index: u16) -> Option<ObjectDescription<'static>> {
         let list = self.list(index)?;
         let (code, data_type) = if list.is_assignment() {
@@ -189,7 +193,7 @@ impl Mapping {
         Some(ObjectDescription { index, data_type, max_sub: list.items_max, code, name: list.name() })
     }
 
-    /// The description of an entry of a mapping or assignment object.
+    /// The description of a sub-index of a mapping or assignment object for SDO information.
     pub fn describe_entry(&self, at: ObjectAddress) -> Option<EntryDescription<'static>> {
         let list = self.list(at.index)?;
         let (_, bytes) = list.value(at.sub)?;
@@ -212,12 +216,12 @@ impl Mapping {
         self.lists.iter().find(|list| list.index == index)
     }
 
-    /// Whether the object with that index is a mapping or an assignment object.
+    /// Whether `index` is a mapping or an assignment object.
     pub fn has(&self, index: u16) -> bool {
         self.list(index).is_some()
     }
 
-    /// The PDOs that are assigned in one direction, in the order of their assignment: index and entries.
+    /// The assigned PDOs of one direction in the order of their assignment: index and entries.
     pub(super) fn assigned(&self, direction: PdoDirection) -> impl Iterator<Item = (u16, &[u32])> {
         let assignment = match direction {
             PdoDirection::Rx => RX_ASSIGNMENT,
@@ -256,8 +260,8 @@ impl Mapping {
         }
     }
 
-    /// SDO download: the changed list, which [`Self::put`] puts in force. `may_map` says whether an entry may be mapped
-    /// into a PDO of a direction.
+    /// SDO download: returns the changed list without storing it; [`Self::put`] stores it. `may_map` checks whether an
+    /// entry may be mapped into a PDO of a direction.
     ///
     /// # Errors
     /// [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::TOO_LONG`], [`AbortCode::TOO_SHORT`] or [`AbortCode::LENGTH`] for a
@@ -297,7 +301,7 @@ impl Mapping {
             }
             SdoScope::Complete => {
                 if at.sub != 0 {
-                    // [OURS] Without sub-index 0 the number of items is not known.
+                    // [OURS] Without sub-index 0 the number of items is unknown.
                     return Err(AbortCode::UNSUPPORTED_ACCESS);
                 }
                 let (count, items) = value.split_at_checked(2).ok_or(AbortCode::LENGTH)?;
@@ -314,14 +318,14 @@ impl Mapping {
         Ok(list)
     }
 
-    /// Replaces the list with the same index.
+    /// Stores a list in place of the one with the same index.
     pub(in crate::slave) fn put(&mut self, list: MappingList) {
         if let Some(place) = self.lists.iter_mut().find(|old| old.index == list.index) {
             *place = list;
         }
     }
 
-    /// Whether the items of a list are allowed together.
+    /// Checks the items of a list, each for itself and all together.
     fn check(
         &self,
         list: &MappingList,

@@ -1,7 +1,7 @@
 //! The plan by which a cycle copies process data between a process image and the objects of a device.
 //!
-//! In an image the mapped entries follow each other, the lowest bit first, without gaps but for padding; the image ends
-//! with a whole byte (ETG.1000.6 5.6.7.4.7).
+//! In an image the mapped entries follow each other without gaps other than padding, the lowest bit first; the image is
+//! extended to a whole byte (ETG.1000.6 5.6.7.4.7).
 
 use std::fmt;
 
@@ -11,32 +11,32 @@ use crate::ethercat::coe::{AbortCode, ObjectAddress};
 use crate::slave::dictionary::{Device, Object, PdoDirection, Place, find, number, take_output};
 use crate::slave::manufacturer::ManufacturerObjects;
 
-/// The most objects that may be mapped in one direction, in all PDOs together \[OURS].
+/// The maximum number of mapped objects per direction, in all PDOs together \[OURS].
 pub const MAPPED_MAX: usize = 32;
 
-/// One object that a cycle copies.
+/// The copy of one object in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::slave) struct EntryCopy {
-    /// Row and cell of the object, see [`Place`].
+    /// Row and cell of the object in the dictionary, see [`Place`].
     row: u16,
     cell: u16,
-    /// The bit of the image at which it begins.
+    /// The position of the object in the image, bits.
     bit: u16,
-    /// Its length, bits.
+    /// The length of the object, bits.
     bits: u8,
 }
 
 /// One step of a plan.
 enum Step<D> {
     Object(EntryCopy),
-    /// A manufacturer-specific object, whose place stands in row and cell.
+    /// A manufacturer-specific object. `row` and `cell` together hold its place.
     Manufacturer(EntryCopy),
-    /// A PDO with entries of power-on, or others that masters often map, which begins at that byte.
+    /// A whole PDO that begins at this byte and has the entries of a power-on PDO or of one that masters often map.
     Inputs(usize, fn(&D, &mut [u8])),
     Outputs(usize, fn(&mut D, &[u8])),
 }
 
-// Written out because a derive would ask for `D: Copy`.
+// Written by hand, because a derived implementation would require `D: Copy`.
 impl<D> Clone for Step<D> {
     fn clone(&self) -> Self {
         *self
@@ -44,17 +44,17 @@ impl<D> Clone for Step<D> {
 }
 impl<D> Copy for Step<D> {}
 
-/// The copies that a cycle makes. A plan allocates when it is made, and never after.
+/// The copies of a cycle. A plan allocates only when it is made.
 pub(in crate::slave) struct Plan<D> {
-    /// The steps for the inputs, then those for the outputs.
+    /// The steps for the inputs, followed by those for the outputs.
     steps: Vec<Step<D>>,
-    /// How many of the steps are for the inputs.
+    /// The number of steps for the inputs.
     inputs: usize,
     input_bytes: usize,
     output_bytes: usize,
-    /// Some bits of the input image belong to no object.
+    /// Whether some bits of the input image belong to no object.
     has_padding: bool,
-    /// All inputs, or all outputs, are one PDO, which this function copies.
+    /// The functions that copy all inputs (all outputs) at once, if they are a single PDO.
     all_inputs: Option<fn(&D, &mut [u8])>,
     all_outputs: Option<fn(&mut D, &[u8])>,
 }
@@ -87,7 +87,7 @@ impl<D> Default for Plan<D> {
     }
 }
 
-/// What a mapping entry means.
+/// The meaning of a mapping entry.
 enum Entry {
     Padding,
     Object(Place),
@@ -95,11 +95,11 @@ enum Entry {
     Manufacturer(usize),
 }
 
-/// The meaning of a mapping entry in a PDO of that direction.
+/// The meaning of a mapping entry in a PDO of this direction.
 ///
 /// # Errors
-/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry with another
-/// length than the object has (CiA 301 7.4.9.4).
+/// [`AbortCode::NO_OBJECT`], [`AbortCode::NO_SUB_INDEX`]; [`AbortCode::NOT_MAPPABLE`], also for an entry whose length
+/// differs from that of the object (CiA 301 7.4.9.4).
 fn entry<D: Planned>(device: &D, direction: PdoDirection, entry: u32) -> Result<Entry, AbortCode> {
     let (at, bits) = parts(entry);
     if bits == 0 {
@@ -118,22 +118,22 @@ fn entry<D: Planned>(device: &D, direction: PdoDirection, entry: u32) -> Result<
     if fits { Ok(Entry::Object(place)) } else { Err(AbortCode::NOT_MAPPABLE) }
 }
 
-/// The address of the object in a mapping entry, and its length in bits.
+/// The object address in a mapping entry, and the length of the entry in bits.
 const fn parts(entry: u32) -> (ObjectAddress, u8) {
     let [bits, sub, low, high] = entry.to_le_bytes();
     (ObjectAddress::new(u16::from_le_bytes([low, high]), sub), bits)
 }
 
-/// Whether a mapping entry is allowed in a PDO of that direction.
+/// Checks whether a mapping entry is allowed in a PDO of this direction.
 ///
 /// # Errors
-/// As [`entry`].
+/// The abort codes of [`entry`].
 pub(in crate::slave) fn may_map<D: Planned>(device: &D, direction: PdoDirection, wanted: u32) -> Result<(), AbortCode> {
     entry(device, direction, wanted).map(|_| ())
 }
 
 impl<D> Plan<D> {
-    /// A plan that copies nothing, with room for the steps of any mapping.
+    /// An empty plan with capacity for the steps of any mapping.
     pub(in crate::slave) fn with_room() -> Self {
         Self { steps: Vec::with_capacity(2 * MAPPED_MAX), ..Self::default() }
     }
@@ -149,7 +149,7 @@ impl<D: Planned> Plan<D> {
     ///
     /// # Errors
     /// [`AlStatus::INVALID_INPUT_MAPPING`], [`AlStatus::INVALID_OUTPUT_MAPPING`]: an entry cannot be mapped, or the mapping
-    /// exceeds the limits of the device or [`MAPPED_MAX`]. The plan copies nothing then.
+    /// exceeds the limits of the device or [`MAPPED_MAX`]. The plan is empty then.
     pub(in crate::slave) fn compile(&mut self, device: &D, mapping: &Mapping) -> Result<(), AlStatus> {
         let mut steps = std::mem::take(&mut self.steps);
         steps.clear();
@@ -177,7 +177,7 @@ impl<D: Planned> Plan<D> {
         Ok(())
     }
 
-    /// Adds the steps of one direction. `None`: the mapping is not valid.
+    /// Adds the steps of one direction; `None` if the mapping is invalid.
     fn add(&mut self, device: &D, direction: PdoDirection, mapping: &Mapping) -> Option<Image> {
         let mut image = Image::default();
         for (index, entries) in mapping.assigned(direction) {
@@ -211,8 +211,8 @@ impl<D: Planned> Plan<D> {
     }
 }
 
-/// One step for a whole PDO, if the PDO has the entries of power-on, or others that masters often map, and begins with a whole
-/// byte.
+/// A single step for a whole PDO, if the PDO has the entries of a power-on PDO or of one that masters often map, and begins
+/// at a byte boundary.
 fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step<D>> {
     let of_power_on = D::pdos().iter().find(|pdo| pdo.index == index && pdo.entries == entries);
     let pdo = of_power_on.or_else(|| D::often_mapped().iter().find(|pdo| pdo.entries == entries))?;
@@ -223,7 +223,7 @@ fn whole_pdo<D: Planned>(index: u16, entries: &[u32], bit: usize) -> Option<Step
     bit.is_multiple_of(8).then_some(step)
 }
 
-/// The image of one direction while its plan is compiled.
+/// The layout of one direction's image while its plan is compiled.
 #[derive(Default)]
 struct Image {
     bits: usize,
@@ -233,23 +233,23 @@ struct Image {
 
 /// A device whose process data are copied by a plan.
 pub(in crate::slave) trait Planned: Device {
-    /// The plan in force.
+    /// The present plan.
     fn plan(&self) -> &Plan<Self>;
 
-    /// The manufacturer-specific objects.
+    /// The manufacturer-specific objects of the device.
     fn manufacturer(&self) -> Option<&ManufacturerObjects>;
 
-    /// The manufacturer-specific objects, to be written by process data.
+    /// The manufacturer-specific objects, mutable for process data.
     fn manufacturer_mut(&mut self) -> Option<&mut ManufacturerObjects>;
 
     /// The PDOs at power-on.
     fn pdos() -> &'static [Pdo<Self>];
 
-    /// PDOs with entries that masters often map, whatever the index.
+    /// PDOs with entries that masters often map, whatever the PDO's index.
     fn often_mapped() -> &'static [Pdo<Self>];
 }
 
-/// Puts the inputs of the device into an image. An image that is too short stays as it is.
+/// Copies the inputs of the device into an image. An image that is too short is left unchanged.
 #[inline]
 pub(in crate::slave) fn put_inputs<D: Planned>(device: &D, image: &mut [u8]) {
     let plan = device.plan();
@@ -281,7 +281,7 @@ fn put_each_input<D: Planned>(device: &D, image: &mut [u8]) {
     }
 }
 
-/// Hands the outputs in an image to the device. An image that is too short is ignored.
+/// Copies the outputs in an image to the device. An image that is too short is ignored.
 #[inline]
 pub(in crate::slave) fn take_outputs<D: Planned>(device: &mut D, image: &[u8]) {
     let plan = device.plan();
@@ -312,10 +312,10 @@ fn take_each_output<D: Planned>(device: &mut D, image: &[u8]) {
     }
 }
 
-/// The copy of a mapping entry of whole bytes that begins at `bit` of its image; for constants.
+/// The copy for a mapping entry of whole bytes that begins at `bit` of its image, evaluated at compile time.
 ///
 /// # Panics
-/// If there is no such object, or it has another length: in a constant, when compiling.
+/// If there is no such object, or its length differs. In a constant this is a compile-time error.
 pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u32) -> EntryCopy {
     let (at, bits) = parts(entry);
     let (mut row, mut cell) = (0, 0);
@@ -328,8 +328,8 @@ pub(in crate::slave) const fn fixed<D>(objects: &[Object<D>], entry: u32, bit: u
     EntryCopy { row: row as u16, cell, bit: bit as u16, bits }
 }
 
-/// An RxPDO that a device has at power-on: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true`
-/// says that it is assigned. Its mover is straight code, since the compiler knows which objects it copies.
+/// Defines a power-on RxPDO: `rx_pdo!(OBJECTS, 0x1600, true, [0x6040_0010, 0x607A_0020])`, where `true` means that the PDO
+/// is assigned. Its mover is straight-line code, because the compiler knows the objects.
 macro_rules! rx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {
@@ -344,7 +344,7 @@ macro_rules! rx_pdo {
     };
 }
 
-/// The same for a TxPDO.
+/// Defines a power-on TxPDO, with the same arguments as `rx_pdo!`.
 macro_rules! tx_pdo {
     ($objects:expr, $index:literal, $assigned:literal, [$($entry:literal),*]) => {
         $crate::slave::process_data::Pdo {
@@ -359,7 +359,7 @@ macro_rules! tx_pdo {
     };
 }
 
-/// Makes one call for each entry, with the bit at which the entry begins.
+/// Expands to one call per entry, with the bit position of the entry.
 macro_rules! each_entry {
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr,) => {};
     ($move:ident, $device:ident, $image:ident, $objects:expr, $bit:expr, $entry:literal $($rest:literal)*) => {
@@ -391,7 +391,7 @@ fn place_of_manufacturer(EntryCopy { row, cell, .. }: EntryCopy) -> usize {
     usize::from(row) << 16 | usize::from(cell)
 }
 
-/// Puts the low bits of a number into an image.
+/// Writes the low bits of a number into an image.
 #[inline(always)]
 fn put(image: &mut [u8], EntryCopy { bit, bits, .. }: EntryCopy, number: u64) {
     let at = usize::from(bit / 8);
@@ -410,7 +410,7 @@ fn put_bits(image: &mut [u8], bit: usize, bits: u8, number: u64) {
     }
 }
 
-/// The bits of an image as a number.
+/// Reads the bits of an entry from an image, as a number.
 #[inline(always)]
 fn take(image: &[u8], EntryCopy { bit, bits, .. }: EntryCopy) -> u64 {
     let at = usize::from(bit / 8);

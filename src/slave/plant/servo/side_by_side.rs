@@ -1,24 +1,24 @@
-//! Several motors that follow positions, computed together.
+//! Computes several motors together that follow positions.
 //!
-//! Each sub-step of a motor needs the result of the one before, so that a processor waits for most of the time that one
-//! motor takes; several motors together take little more time than one. Each gets exactly the bits that [`Servo::run`]
-//! computes, by the same operations in the same order.
+//! Each sub-step of a motor depends on the previous one, so the processor mostly waits while it computes a single motor.
+//! Several motors together take little more time than one. The results are bit-identical to those of [`Servo::run`],
+//! because the operations and their order are the same.
 
 use super::super::clamp_to;
 use super::Servo;
 use crate::ethercat::Ns;
 
-/// How many motors are computed together: as many as a processor with two numbers in a register can work on while it
-/// waits for the results of the first.
+/// The number of motors computed together: enough to fill the pipeline of a processor with two numbers per vector register
+/// while it waits for the results of the first ones.
 pub const SIDE_BY_SIDE: usize = 8;
 
-/// So many motors take less time one by one.
+/// Up to this number, computing the motors one by one is faster.
 const FEW: usize = 2;
 
-/// One number of each motor.
+/// One value for each motor.
 type Each = [f64; SIDE_BY_SIDE];
 
-/// The numbers of all motors, ordered by number and not by motor, so that one instruction works on several motors.
+/// The values of all motors, as a structure of arrays, so that one instruction works on several motors.
 #[derive(Default)]
 struct Motors {
     feed_forward: Each,
@@ -39,7 +39,7 @@ struct Motors {
     asked: Each,
 }
 
-/// `ns` pass for these motors, which follow what they were [aimed at](Servo::aim_at).
+/// Runs these motors for `ns` with the setpoints of [`Servo::aim_at`].
 pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: Ns) {
     if ns == 0 {
         return;
@@ -53,7 +53,7 @@ pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: 
         }
         return;
     }
-    // Zeros are computed for a place without a motor.
+    // Places without a motor compute with zeros.
     let mut of = Motors::default();
     let mut substeps = 0;
     for (n, motor) in motors.iter_mut().enumerate() {
@@ -90,8 +90,8 @@ pub fn follow_side_by_side(motors: &mut [Option<&mut Servo>; SIDE_BY_SIDE], ns: 
 }
 
 impl Motors {
-    /// The same as in `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft that friction holds is computed
-    /// all the same: it gets the same zeros again.
+    /// The same calculation as `follow_position`, `change_for` and `substep` of [`Servo`]. A shaft held by friction is
+    /// computed too and keeps its zeros.
     #[inline(always)]
     fn substep(&mut self) {
         for n in 0..SIDE_BY_SIDE {
@@ -114,15 +114,15 @@ mod tests {
     use super::super::Motor;
     use super::*;
 
-    /// Everything that a motor shows, floating-point numbers as their bits.
+    /// All visible values of a motor; floating-point numbers as bits.
     fn shown(servo: &Servo) -> (i64, [u64; 3], bool) {
-        // 0 and -0 are the same speed.
+        // 0 and -0 are the same speed, so make them equal.
         let numbers = [servo.fraction() + 0.0, servo.velocity() + 0.0, servo.torque() + 0.0];
         (servo.position(), numbers.map(f64::to_bits), servo.is_limited())
     }
 
-    /// Motors side by side get the bits that each gets alone: different ones, at rest, following, behind their
-    /// targets, jammed and at end stops, with places that have no motor, and cycles of any length.
+    /// Motors computed side by side give the same bits as each motor alone: different motors, at rest, following, behind
+    /// their targets, blocked and at end stops, with places without a motor, and with cycles of any length.
     #[test]
     fn side_by_side_is_as_one_by_one() {
         let mut dice = oorandom::Rand64::new(7);

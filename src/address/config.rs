@@ -146,7 +146,7 @@ pub enum ConfigError {
     )]
     WritableByOthers {
         path: PathBuf,
-        /// Who else can have written the file.
+        /// The reason why the file is not trusted: who else can have written it.
         reason: String,
     },
     /// The content of the file is invalid.

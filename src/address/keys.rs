@@ -186,7 +186,7 @@ pub struct Key {
     pub default: Option<&'static str>,
     /// A valid value other than the default.
     pub example: &'static str,
-    /// What the key does, with the unit of its value.
+    /// The effect of the key, with the unit of its value.
     pub meaning: &'static str,
 }
 

@@ -29,7 +29,7 @@ pub enum ManufacturerObjectsSpec {
     File(Arc<str>),
 }
 
-/// Writes the value as it stands behind `objects@` in a link.
+/// Writes the value that follows `objects@` in a link.
 impl fmt::Display for ManufacturerObjectsSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -19,9 +19,9 @@ const NONE: &str = "none";
 /// in that direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PositionRange {
-    /// The lowest position.
+    /// The lowest position, counts; `None` if the range has no lower end.
     pub from: Option<i64>,
-    /// The highest position.
+    /// The highest position, counts; `None` if the range has no upper end.
     pub to: Option<i64>,
 }
 

@@ -90,7 +90,7 @@ pub enum DriveState {
     SwitchedOn,
     /// The motor follows its targets.
     OperationEnabled,
-    /// The drive brakes, or stands, after a quick stop.
+    /// The drive brakes after a quick stop, or is at standstill after it.
     QuickStopActive,
     /// The drive reacts to a fault, for example by braking.
     FaultReactionActive,

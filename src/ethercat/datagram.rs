@@ -42,7 +42,7 @@ macro_rules! commands {
             /// All commands of the standard.
             pub const ALL: [Self; 15] = [$(Self::$name,)*];
 
-            /// The command for a code.
+            /// The command with this code on the wire.
             pub const fn from_code(code: u8) -> Self {
                 match code {
                     $($code => Self::$name,)*

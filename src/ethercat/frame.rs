@@ -54,7 +54,7 @@ pub enum Protocol {
 }
 
 impl Protocol {
-    /// The protocol for a code. Only the lower 4 bits of the code are used.
+    /// The protocol with this code on the wire. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::Datagrams,

@@ -5,7 +5,7 @@
 //! Plain functions over slices encode and decode the wire format. Unknown values survive decoding. No other part of the
 //! crate knows an offset of the wire format.
 //!
-//! | type or module | what it holds |
+//! | type or module | content |
 //! | --- | --- |
 //! | [`FrameHeader`], [`Frame`], [`FrameWriter`] | Ethernet frames and the EtherCAT header |
 //! | [`Command`], [`DatagramHeader`], [`Datagram`] | the 15 commands, datagrams read or changed in place |

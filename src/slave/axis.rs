@@ -219,7 +219,7 @@ impl Axis {
         axis
     }
 
-    /// This axis with switches along its travel. An axis has no switches unless this is called.
+    /// This axis with switches along its travel. Without this call an axis has no switches.
     pub fn with_travel(mut self, travel: &Travel, counts_per_turn: u32) -> Self {
         self.switches = Switches::new(travel, counts_per_turn);
         self.limits_stop_motion = travel.limits_stop_motion;

@@ -19,14 +19,14 @@ pub struct AxisFault {
 pub enum Fault {
     /// An axis goes to the state Fault; its statusword and its error code 0x603F show it.
     Alarm {
-        /// The axis.
+        /// The axis, from 0.
         axis: usize,
-        /// The error code, and whether a fault reset clears it.
+        /// The error code of the fault, and whether a fault reset clears the fault.
         fault: DeviceFault,
     },
     /// A switch of an axis sticks at a value. A stuck index pulse no longer occurs.
     Stick {
-        /// The axis.
+        /// The axis, from 0.
         axis: usize,
         /// The input; `None`: every input of the axis.
         input: Option<Input>,
@@ -35,14 +35,14 @@ pub enum Fault {
     },
     /// The shaft of an axis is mechanically blocked: it does not move, whatever the torque.
     Jam {
-        /// The axis.
+        /// The axis, from 0.
         axis: usize,
         /// Whether the shaft is blocked; false frees it.
         jammed: bool,
     },
     /// The digital inputs of a channel are forced to a pattern instead of following the outputs that they are wired to.
     ForceInputs {
-        /// The channel.
+        /// The channel, from 0.
         channel: usize,
         /// The pattern; `None`: the inputs follow the outputs again.
         pattern: Option<InputPattern>,

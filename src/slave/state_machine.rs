@@ -234,27 +234,29 @@ impl StateMachine {
         use DriveState::*;
         let reset = std::mem::take(&mut self.reset_requested);
         let command = Command::of(self.controlword);
-        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         match (self.state, command) {
-            (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns), // 1
-            (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn),                            // 2
-            (ReadyToSwitchOn | SwitchedOn, Command::DisableVoltage | Command::QuickStop) => self.go(SwitchOnDisabled), // 7, 10
+            // Transition 1.
+            (NotReadyToSwitchOn, _) => self.go_delayed(SwitchOnDisabled, self.times.self_test_ns, dt_ns),
+            (SwitchOnDisabled, Command::Shutdown) => self.go(ReadyToSwitchOn), // transition 2
+            // Transitions 7 and 10.
+            (ReadyToSwitchOn | SwitchedOn, Command::DisableVoltage | Command::QuickStop) => self.go(SwitchOnDisabled),
             (ReadyToSwitchOn, Command::SwitchOn | Command::EnableOperation) => {
-                self.go_delayed(SwitchedOn, self.times.switch_on_ns, dt_ns); // 3
+                self.go_delayed(SwitchedOn, self.times.switch_on_ns, dt_ns); // transition 3
             }
-            (SwitchedOn, Command::EnableOperation) => self.go_delayed(OperationEnabled, self.times.enable_ns, dt_ns), // 4
-            (SwitchedOn, Command::Shutdown) => self.go(ReadyToSwitchOn), // 6
+            // Transition 4.
+            (SwitchedOn, Command::EnableOperation) => self.go_delayed(OperationEnabled, self.times.enable_ns, dt_ns),
+            (SwitchedOn, Command::Shutdown) => self.go(ReadyToSwitchOn), // transition 6
             (OperationEnabled, _) => self.step_enabled(command, standstill),
             (QuickStopActive, _) => self.step_quick_stop(command, standstill),
             (FaultReactionActive, _) => {
                 if self.power() == Power::Off || standstill {
-                    self.go(Fault); // 14
+                    self.go(Fault); // transition 14
                 }
             }
             (Fault, _) => {
                 if reset && self.fault.is_none_or(|fault| fault.resettable) {
                     self.fault = None;
-                    self.go(SwitchOnDisabled); // 15
+                    self.go(SwitchOnDisabled); // transition 15
                 }
             }
             // The transition in progress is no longer commanded.
@@ -264,12 +266,11 @@ impl StateMachine {
 
     fn step_enabled(&mut self, command: Command, standstill: bool) {
         use DriveState::*;
-        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         let (option, target) = match command {
-            Command::DisableVoltage => return self.go(SwitchOnDisabled), // 9
-            Command::QuickStop => return self.go(QuickStopActive),       // 11
-            Command::SwitchOn => (self.options.disable_operation, SwitchedOn), // 5
-            Command::Shutdown => (self.options.shutdown, ReadyToSwitchOn), // 8
+            Command::DisableVoltage => return self.go(SwitchOnDisabled), // transition 9
+            Command::QuickStop => return self.go(QuickStopActive),       // transition 11
+            Command::SwitchOn => (self.options.disable_operation, SwitchedOn), // transition 5
+            Command::Shutdown => (self.options.shutdown, ReadyToSwitchOn), // transition 8
             Command::EnableOperation => {
                 self.braking = None;
                 return;
@@ -285,13 +286,12 @@ impl StateMachine {
     fn step_quick_stop(&mut self, command: Command, standstill: bool) {
         use DriveState::*;
         let stays = matches!(self.options.quick_stop, 5..=8) && !self.ends_switched_off;
-        // The numbers at the ends of lines are those of the transitions in CiA 402-2.
         if command == Command::DisableVoltage {
-            self.go(SwitchOnDisabled); // 12
+            self.go(SwitchOnDisabled); // transition 12
         } else if command == Command::EnableOperation && stays {
-            self.go(OperationEnabled); // 16
+            self.go(OperationEnabled); // transition 16
         } else if !stays && (self.power() == Power::Off || standstill) {
-            self.go(SwitchOnDisabled); // 12
+            self.go(SwitchOnDisabled); // transition 12
         }
     }
 

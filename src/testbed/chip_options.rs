@@ -144,7 +144,7 @@ fn coverages(value: &str) -> Option<Coverages> {
 mod tests {
     use super::*;
 
-    /// XF-13.6 Each value of `crc_over=` is what the model covers in the direction for which it is given.
+    /// XF-13.6 Each value of `crc_over=` sets the part that the CRC covers, in the direction that the value is given for.
     #[test]
     fn what_a_crc_covers_is_given_by_direction() {
         const NAMES: [(&str, Coverage); 3] =

@@ -13,7 +13,7 @@ use crate::own_board::chip::ChipUse;
 use crate::own_board::options::BoardOptions;
 pub use crate::recording::Clock;
 
-/// What connects a modelled board with its slaves.
+/// The connection between a modelled board and its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModelledBus {
     /// No chip: in each cycle the board sends a frame through the slaves (`sim:`).
@@ -44,7 +44,7 @@ pub struct SimOptions {
     pub rate: Fraction,
     /// The script file of events that happen to the board and its slaves.
     pub script: Option<PathBuf>,
-    /// What connects the board with its slaves.
+    /// The connection between the board and its slaves.
     pub bus: ModelledBus,
 }
 

@@ -144,7 +144,7 @@ impl Script {
                 ScriptError::Line { file, line, column, message }
             })?;
         }
-        // The sort is stable, so lines with the same time stay in the order of the file.
+        // A stable sort: lines with the same time keep the order of the file.
         steps.sort_by_key(|step| step.at);
         Ok(Self { steps })
     }

@@ -89,7 +89,7 @@ pub fn writable_by_others(_: &Path) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// LIB-58 In a privileged process no variable is set.
+    /// LIB-58 A privileged process sees no environment variable.
     #[test]
     fn a_privileged_process_has_no_variables() {
         assert!(env::var_os("PATH").is_some());

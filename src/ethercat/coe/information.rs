@@ -29,7 +29,7 @@ pub enum InformationKind {
 }
 
 impl InformationKind {
-    /// The kind for a code. Only the lower 7 bits of the code are used.
+    /// The operation with this code on the wire. Only the lower 7 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x7F {
             1 => Self::ListRequest,
@@ -133,7 +133,7 @@ impl ObjectListType {
     /// The five lists of objects. [`Self::Lengths`] requests their lengths.
     pub const LISTS: [Self; 5] = [Self::All, Self::RxMappable, Self::TxMappable, Self::Backup, Self::Settings];
 
-    /// The list type for a code.
+    /// The list type with this code on the wire.
     pub const fn from_code(code: u16) -> Self {
         match code {
             0 => Self::Lengths,

@@ -23,7 +23,7 @@ pub enum CoeService {
 }
 
 impl CoeService {
-    /// The service for a code. Only the lower 4 bits of the code are used.
+    /// The service with this code on the wire. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::Emergency,

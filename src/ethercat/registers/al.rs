@@ -16,7 +16,7 @@ pub enum RequestedState {
 }
 
 impl RequestedState {
-    /// The state for a code. Only the lower 4 bits of the code are used.
+    /// The state with this code in the register. Only the lower 4 bits of the code are used.
     pub const fn from_code(code: u8) -> Self {
         match code & 0x0F {
             1 => Self::State(AlState::Init),

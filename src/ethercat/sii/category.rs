@@ -31,7 +31,7 @@ pub enum CategoryKind {
 impl CategoryKind {
     pub(super) const END: u16 = 0xFFFF;
 
-    /// The kind for a code.
+    /// The category type with this code in the EEPROM.
     pub const fn from_code(code: u16) -> Self {
         match code {
             10 => Self::Strings,

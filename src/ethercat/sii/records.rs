@@ -181,7 +181,7 @@ pub enum FmmuUsage {
 }
 
 impl FmmuUsage {
-    /// The use for a code.
+    /// The use that a code in the EEPROM stands for.
     pub const fn from_code(code: u8) -> Self {
         match code {
             0 | 0xFF => Self::Unused(code),
@@ -221,7 +221,7 @@ pub enum SiiSmType {
 }
 
 impl SiiSmType {
-    /// The type for a code.
+    /// The use that a code in the EEPROM stands for.
     pub const fn from_code(code: u8) -> Self {
         match code {
             0 => Self::Unused,

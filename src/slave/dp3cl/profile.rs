@@ -139,7 +139,7 @@ mod tests {
         }
     }
 
-    /// DP3CL-6.11 A velocity grows with the acceleration and shrinks with the deceleration, through standstill if it turns.
+    /// DP3CL-6.11 A velocity increases with the acceleration and decreases with the deceleration; a reversal passes standstill.
     #[test]
     fn velocities() {
         let ramps = Ramps { velocity: 0.0, acceleration: 1000.0, deceleration: 4000.0 };

@@ -9,9 +9,9 @@ use crate::ethercat::registers::SystemTimeDifference;
 pub const SLEW_MAX_NS: i64 = 1_000;
 /// \[OURS] The change of the clock's rate during a correction: 1/100.
 const SLEW_DIVISOR: u64 = 100;
-/// The value of the speed counter start at power-on.
+/// The power-on value of the speed counter start register, 0x0930.
 pub(super) const SPEED_START: u16 = 0x1000;
-/// The filter depths at power-on.
+/// The power-on values of the filter depth registers, from 0x0934: time difference and speed counter.
 pub(super) const FILTERS: [u8; 2] = [0x04, 0x0C];
 
 /// The clock of one slave controller.

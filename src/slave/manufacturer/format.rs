@@ -24,7 +24,7 @@ const NUMBER_BYTES_MAX: usize = size_of::<u64>();
 pub struct FormatError {
     /// The line, from 1.
     pub line: usize,
-    /// The error and what is allowed.
+    /// The mistake, and what is allowed instead.
     pub message: String,
 }
 
@@ -243,7 +243,7 @@ fn bits(data: ManufacturerType, value: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
-    /// SK-7.46 What a line may say, and that it is written as it is read.
+    /// SK-7.46 The valid forms of a line, which are read and written without loss.
     #[test]
     fn lines() {
         for (line, bits, written) in [
@@ -266,7 +266,7 @@ mod tests {
         }
     }
 
-    /// SK-7.46 A text of any length stands in quotes, with the bytes that it has.
+    /// SK-7.46 A text of any length is read and written in quotes, with all its bytes.
     #[test]
     fn texts() {
         let long = "x".repeat(1000);
@@ -293,7 +293,7 @@ mod tests {
         }
     }
 
-    /// SK-7.46 What is wrong is said with the line and with what is allowed.
+    /// SK-7.46 An error names the line, the mistake and what is allowed.
     #[test]
     fn wrong_lines() {
         for (line, words) in [

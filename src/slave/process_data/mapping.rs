@@ -6,10 +6,6 @@
 //! index of a PDO. All are written in PreOP only, in the usual order: count 0, then the items, then the count. \[OURS] A
 //! PDO may be changed while it is assigned, because a mapping takes effect only on the change to SafeOP. A count may be
 //! changed to another value without writing 0 first.
-//! | sub-index << 8 | bits`, or padding, of which only the bits are given; an item of an assignment is the index of a
-//! PDO. All are written in PreOP alone, in the usual order: count 0, then the items, then the count. \[OURS] A PDO may be
-//! changed while it is assigned, since a mapping takes effect only in the change to SafeOP, and a count may be replaced
-//! by another one than 0.
 
 use crate::ethercat::AlState;
 use crate::ethercat::coe::{AbortCode, ObjectAddress, ObjectCode, SdoScope};

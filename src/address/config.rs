@@ -68,18 +68,18 @@ pub enum Platform {
     /// Linux and other Unix systems: `$XDG_CONFIG_HOME/ecmsk/ecmsk.toml`, or else `~/.config/ecmsk/ecmsk.toml`; then
     /// `/etc/ecmsk.toml`.
     Unix {
-        /// `XDG_CONFIG_HOME`; a relative path is ignored (XDG Base Directory Specification).
+        /// The environment variable `XDG_CONFIG_HOME`; a relative path is ignored (XDG Base Directory Specification).
         xdg_config_home: Option<PathBuf>,
-        /// `HOME`.
+        /// The environment variable `HOME`.
         home: Option<PathBuf>,
-        /// `/etc`.
+        /// The configuration folder of the system, `/etc`.
         etc: PathBuf,
     },
     /// Windows: `%APPDATA%\ecmsk\ecmsk.toml`, `%ProgramData%\ecmsk\ecmsk.toml`.
     Windows {
-        /// `APPDATA`.
+        /// The environment variable `APPDATA`.
         app_data: Option<PathBuf>,
-        /// `ProgramData`.
+        /// The environment variable `ProgramData`.
         program_data: Option<PathBuf>,
     },
 }

@@ -43,7 +43,7 @@ const SPI_DEVICE: Option<&str> = Some("/dev/spidevB.C");
 struct Row {
     name: &'static str,
     feature: Feature,
-    /// Whether the operating system supports such links.
+    /// Whether this operating system supports links of the scheme.
     is_of_this_system: bool,
     path: Option<&'static str>,
     meaning: &'static str,
@@ -122,7 +122,7 @@ impl Scheme {
         self.row().name
     }
 
-    /// The Cargo feature of this crate that such links need.
+    /// The Cargo feature of this crate that links of the scheme need.
     pub const fn feature(self) -> &'static str {
         self.row().feature.name
     }
@@ -132,19 +132,19 @@ impl Scheme {
         Self::ALL.into_iter().find(|scheme| scheme.name() == name)
     }
 
-    /// Whether this build can open such a link. It needs [its feature](Self::feature) and [an operating
-    /// system](Self::is_of_this_system) that supports such links.
+    /// Whether this build can open links of the scheme. It needs [its feature](Self::feature) and an operating system that
+    /// [supports such links](Self::is_of_this_system).
     pub const fn in_build(self) -> bool {
         self.row().feature.is_on && self.is_of_this_system()
     }
 
-    /// Whether this operating system supports such links: links over SPI or a network card need Linux, and an ECM-XFU on
+    /// Whether this operating system supports links of the scheme: links over SPI or a network card need Linux, and an ECM-XFU on
     /// USB any system but Windows.
     pub const fn is_of_this_system(self) -> bool {
         self.row().is_of_this_system
     }
 
-    /// The next step for a user whose build cannot open such a link, for messages.
+    /// The next step for a user whose build cannot open links of the scheme, for messages.
     pub fn instead(self) -> String {
         let feature = self.feature();
         match self {

@@ -1,4 +1,4 @@
-//! //! The macro for register fields that are sets of named bits.
+//! The macro for register fields that are sets of named bits.
 
 /// Defines integer newtypes with named bits. A value keeps bits that have no name.
 macro_rules! bits {

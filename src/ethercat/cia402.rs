@@ -85,7 +85,7 @@ pub enum DriveState {
     SwitchOnDisabled,
     /// The power stage may be switched on. The controlword Switch on (0x07) does it.
     ReadyToSwitchOn,
-    /// The power stage is on, and the motor has no torque yet. The controlword Enable operation (0x0F) leads to Operation
+    /// The power stage is ready, and the motor has no torque. The controlword Enable operation (0x0F) leads to Operation
     /// enabled.
     SwitchedOn,
     /// The motor follows its targets.

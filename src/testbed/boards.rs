@@ -34,7 +34,7 @@ fn boards() -> MutexGuard<'static, Vec<Entry>> {
     BOARDS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A parked board, its network, and when it was parked.
+/// A parked board, its network, and the time of parking.
 pub(crate) type Parked = (Board, SimHandle, Instant);
 
 /// Reserves the board with that key for a link. Returns the parked board, or `None` if there is none yet and the caller

@@ -66,7 +66,7 @@ pub struct SiiGeneral {
     pub foe: u8,
     /// 1 if the slave supports EoE.
     pub eoe: u8,
-    /// Flags.
+    /// Flags of the slave: supported states, LRW, identification.
     pub flags: SiiGeneralFlags,
     /// The current that the slave draws from EBUS, mA; negative if the slave feeds current.
     pub ebus_current_ma: i16,

@@ -7,7 +7,7 @@ use crate::ethercat::registers::SystemTimeDifference;
 /// \[OURS] The maximum correction of the local time by one received system time, ns. It also limits the jump of a clock
 /// when a master writes 0 at its start.
 pub const SLEW_MAX_NS: i64 = 1_000;
-/// \[OURS] The change of the clock's rate during a correction: 1/100.
+/// \[OURS] The divisor of the rate change during a correction: the clock runs faster or slower by 1/100.
 const SLEW_DIVISOR: u64 = 100;
 /// The power-on value of the speed counter start register, 0x0930.
 pub(super) const SPEED_START: u16 = 0x1000;

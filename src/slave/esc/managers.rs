@@ -305,7 +305,7 @@ impl Managers {
         self.show(n.into(), memory);
     }
 
-    /// Deactivates a sync manager on behalf of the slave's processor, or ends that.
+    /// Deactivates a sync manager on behalf of the slave's processor, or activates it again.
     pub(super) fn deactivate(&mut self, n: u8, is_off: bool, memory: &mut Memory) {
         let pdi = &mut self.managers[usize::from(n)].registers.pdi;
         *pdi = if is_off { pdi.with(SmPdiControl::DEACTIVATE) } else { pdi.without(SmPdiControl::DEACTIVATE) };

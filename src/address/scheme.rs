@@ -138,8 +138,8 @@ impl Scheme {
         self.row().feature.is_on && self.is_of_this_system()
     }
 
-    /// Whether this operating system supports links of the scheme: links over SPI or a network card need Linux, and an ECM-XFU on
-    /// USB any system but Windows.
+    /// Whether this operating system supports links of the scheme: links over SPI or a network card need Linux, and an
+    /// ECM-XFU on USB any system but Windows.
     pub const fn is_of_this_system(self) -> bool {
         self.row().is_of_this_system
     }

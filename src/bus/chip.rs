@@ -107,8 +107,7 @@ impl XfNetwork {
         }
     }
 
-    /// The DL status and the port descriptor of a slave; both are 0 if the chip's firmware cannot send datagrams for
-    /// its host.
+    /// The DL status and the port descriptor of a slave; each is 0 if the chip cannot read it.
     fn ports(&mut self, slave: u8) -> (DlStatus, u8) {
         let mut read = |address: u16, len: usize| {
             let read = self.access(RawOperation::Fprd, slave, address, &vec![0; len]).unwrap_or_default();

@@ -29,7 +29,7 @@ pub struct Machine {
     root: PathBuf,
 }
 
-/// Whether this user may read and write a file.
+/// Whether this user may read and write a file, as its permissions say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// The user may.
@@ -139,7 +139,7 @@ impl Machine {
 mod tests {
     use super::*;
 
-    /// What a device says of itself controls no terminal, and what is endless is cut.
+    /// The text of a device cannot send control codes to the terminal, and a too long text is cut.
     #[test]
     fn texts_from_outside_are_shown_harmlessly() {
         let folder = tempfile::tempdir().expect("a folder");

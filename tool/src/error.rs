@@ -178,7 +178,7 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
     error.exit()
 }
 
-/// The unknown verb in a command line, and the verbs that exist there; `None` if there is no unknown verb.
+/// The last known verb of a command line, and the verbs below it; `None` if it has none.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

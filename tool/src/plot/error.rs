@@ -10,7 +10,7 @@ use super::{MAX_AXES, style};
 /// Why there is no plot.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// A plot reads its recording twice.
+    /// Standard input is named, but a plot reads its recording twice.
     #[error("a plot cannot read standard input; name a file")]
     Stdin,
     /// The network was never in OP.
@@ -24,10 +24,10 @@ pub enum PlotError {
         /// The number of frames of the recording.
         frames: u64,
     },
-    /// The recording has nothing in the range of times that was asked for.
+    /// The recording has nothing in the requested range of times.
     #[error("no time in OP is left: {asked}, and the recording is in OP from {op}; change --from or --to")]
     NothingInRange {
-        /// The range that was asked for.
+        /// The requested range of times.
         asked: String,
         /// The range of times in OP.
         op: String,
@@ -37,15 +37,15 @@ pub enum PlotError {
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// The commands that were asked for.
+        /// The requested commands.
         commands: String,
         /// The slaves that were searched.
         axes: Vec<u8>,
     },
-    /// More axes are asked for than there are colours.
+    /// More axes are requested than there are colours.
     #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
     TooManyAxes {
-        /// The number of axes that are asked for.
+        /// The number of requested axes.
         found: usize,
     },
     /// The network has no such axis.
@@ -76,10 +76,10 @@ pub enum PlotError {
         /// The number of axes of the plot.
         found: usize,
     },
-    /// The recording has no data for the diagrams that are asked for.
+    /// The recording has no data for the requested diagrams.
     #[error("the recording has nothing for the diagrams {asked}; name others with --panels, or leave it out")]
     NoPanel {
-        /// The diagrams that were asked for.
+        /// The requested diagrams.
         asked: String,
     },
     /// The file of the plot is the recording.

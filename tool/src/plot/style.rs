@@ -4,8 +4,8 @@ use plotters::style::RGBColor;
 
 use crate::visible::is_plain;
 
-/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is this many times finer
-/// than a pixel.
+/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is finer than a pixel by this
+/// factor.
 pub const FINE: u32 = 4;
 
 /// Width of the plot.
@@ -97,7 +97,7 @@ pub const fn px(pixels: u32) -> u32 {
     pixels * FINE
 }
 
-/// Pixels on the drawing's grid, as coordinates are.
+/// Pixels on the drawing's grid, as the signed type of coordinates.
 pub const fn at(pixels: u32) -> i32 {
     px(pixels) as i32
 }
@@ -139,7 +139,7 @@ pub fn number(value: f64, digits: usize) -> String {
     if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
 }
 
-/// How many digits after the point distinguish numbers at an axis of that span.
+/// The number of decimals that distinguishes numbers at an axis of this span.
 pub fn digits(span: f64) -> usize {
     // With a span of 1 the marks are 0.1 or 0.05 apart.
     (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize

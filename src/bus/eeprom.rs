@@ -1,4 +1,4 @@
-//! Writing a slave's EEPROM: checks that a content fits the slave, and lists the words that it changes.
+//! Writes a slave's EEPROM: checks that the new content fits the slave, and lists the words that it changes.
 
 pub use super::content_error::ContentError;
 use super::{BusError, Network};
@@ -8,7 +8,7 @@ use crate::master::SiiError;
 /// \[OURS] The most bytes that are read from an EEPROM.
 const BYTES_MAX: usize = 0x8000;
 
-/// A word that a content changes.
+/// A word that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
     /// The address of the word.
@@ -19,7 +19,8 @@ pub struct Change {
     pub to: u16,
 }
 
-/// Checks a content by itself: its length, the checksum of its first words, and that its list of categories has an end.
+/// Checks EEPROM content by itself: its length, the checksum of its first words, and that its list of categories has an
+/// end.
 ///
 /// # Errors
 /// [`ContentError::Len`], [`ContentError::Checksum`], [`ContentError::Categories`]
@@ -36,7 +37,7 @@ pub fn check(content: &[u8]) -> Result<(), ContentError> {
     sii.categories().find_map(Result::err).map_or(Ok(()), |error| Err(ContentError::Categories(error)))
 }
 
-/// Checks that a content fits the slave whose EEPROM has `present` now. If `present` has a wrong checksum, every
+/// Checks that new content fits the slave whose EEPROM has `present` now. If `present` has a wrong checksum, any
 /// content passes.
 ///
 /// # Errors
@@ -80,12 +81,12 @@ pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>
     }
 }
 
-/// The 16-bit words of a content.
+/// EEPROM content as 16-bit words.
 fn words(content: &[u8]) -> Vec<u16> {
     content.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).collect()
 }
 
-/// The words of a slave's EEPROM that differ from a content, by ascending address.
+/// The words of a slave's EEPROM that differ from the new content, by ascending address.
 ///
 /// # Errors
 /// [`BusError::Eeprom`]
@@ -137,8 +138,8 @@ mod tests {
         content
     }
 
-    /// A content of the wrong length, with a wrong checksum, without an end, for another device, or longer than the EEPROM
-    /// is refused.
+    /// EEPROM content of the wrong length, with a wrong checksum, without an end, for another device, or longer than
+    /// the EEPROM is refused.
     #[test]
     fn a_content_that_is_not_fit_is_refused() {
         let good = content(256, 1);
@@ -154,7 +155,7 @@ mod tests {
         assert!(matches!(check_for(&good, &content(256, 2)), Err(ContentError::OtherDevice { .. })));
         let long = content(512, 1);
         assert_eq!(check_for(&long, &good), Err(ContentError::TooLong { len: 512, room: 256 }));
-        // The present content has a wrong checksum, so every content passes.
+        // The present content has a wrong checksum, so any content passes.
         assert_eq!(check_for(&long, &wrong), Ok(()));
     }
 }

@@ -77,7 +77,7 @@ pub enum BusError {
     /// An EEPROM could not be read or written.
     #[error("slave {slave}: {error}{}", eeprom(*.error))]
     Eeprom { slave: u8, error: SiiError },
-    /// A content does not fit the slave's EEPROM.
+    /// The new content does not fit the slave's EEPROM.
     #[error(transparent)]
     Content(#[from] super::content_error::ContentError),
     /// A word of an EEPROM reads back with another value than was written.

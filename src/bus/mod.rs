@@ -15,7 +15,7 @@
 //! | `dictionary.rs` | [`dictionary`]: the objects of a slave as it describes them, with their values |
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
 //! | `clocks.rs` | [`clocks`]: how well the distributed clocks are synchronized |
-//! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether a content fits a slave, what it changes, writing it |
+//! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether new content fits a slave, what it changes, writing it |
 //! | `round_trips.rs` | the round-trip times of frames on a network card |
 //! | `error.rs` | [`BusError`] |
 //!

@@ -47,7 +47,7 @@ fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, fou
     }
 }
 
-/// If a command ended OP in both runs: the axes at rest whose last positions in OP differ.
+/// If the command ended OP in both runs, adds the differences of positions in the last reports of OP, for axes at rest.
 fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Deviation>) {
     let has_left = |step: &Step| step.answer.as_ref().is_some_and(|answer| !answer.is_op());
     if !(has_left(a) && has_left(b)) {

@@ -7,8 +7,8 @@ use crate::xf::host::COMFORTABLE_SIZE;
 
 /// Timeout of a change of state on a board, and the default over a chip, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
-/// The factor, in tenths, from the estimated start to OP to `state_timeout_ms=`, which is set if the result exceeds the
-/// board's timeout. Real slaves may take three times as long as those of the model. \[OURS]
+/// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
+/// model. It is set only if it exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
 /// Time that does not depend on the slaves: two changes of state of all slaves, and the layout of the process image.
 /// \[OURS]

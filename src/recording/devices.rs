@@ -87,7 +87,7 @@ pub struct Skipped {
 }
 
 impl Skipped {
-    /// What may matter to a user, in words; `None` if nothing does.
+    /// The skipped packets that may matter to a user, as text; `None` if there are none.
     pub fn words(&self) -> Option<String> {
         let parts = [
             (self.taken_back, "frames that the board did not take"),

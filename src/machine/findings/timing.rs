@@ -22,7 +22,7 @@ pub fn timer(resolution: Duration) -> Finding {
     finding.figure("resolution_ns", nanoseconds)
 }
 
-/// Judges how late threads are woken; `None` if it could not be measured.
+/// Judges how late threads are woken. `measured` is `None` if it could not be measured.
 pub fn lateness(measured: Option<Lateness>) -> Finding {
     judge(measured, |Lateness { period, max, .. }| {
         let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
@@ -31,7 +31,7 @@ pub fn lateness(measured: Option<Lateness>) -> Finding {
 }
 
 /// Judges how late threads are woken if this machine sends the EtherCAT frames itself. A program that runs ahead does
-/// not help then.
+/// not help then. `measured` is `None` if it could not be measured.
 pub fn lateness_of_own_cycles(measured: Option<Lateness>) -> Finding {
     judge(measured, |Lateness { period, .. }| {
         format!(

@@ -41,7 +41,7 @@ pub enum CompareError {
     /// A recording holds no frame.
     #[error("{name} holds no frame; record a program that opens the board")]
     Empty {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
     },
 }

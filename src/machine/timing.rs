@@ -18,7 +18,7 @@ pub(crate) use system::{COARSE, FINER};
 /// How much later than requested a thread was woken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lateness {
-    /// The requested sleep.
+    /// The sleep that the thread requested each time.
     pub period: Duration,
     /// The median of the lateness.
     pub p50: Duration,

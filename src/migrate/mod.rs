@@ -99,7 +99,7 @@ impl Default for Setting {
 pub struct Item {
     /// The feature, how often it is used, and where first.
     pub count: Count,
-    /// Whether it works.
+    /// Whether the feature works with an ECM-XF.
     pub verdict: Verdict,
 }
 

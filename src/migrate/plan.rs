@@ -49,7 +49,7 @@ pub struct Links {
 /// How a chip has to be set up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// The network.
+    /// The network behind the chip.
     pub network: Network,
     /// What the chip needs for the network.
     pub needs: Needs,

@@ -117,7 +117,7 @@ pub enum Verdict {
         row: Row,
         /// Why the feature does not work.
         reason: String,
-        /// The next step.
+        /// The next step for the owner of the program.
         next: String,
     },
 }

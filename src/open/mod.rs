@@ -33,8 +33,9 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, false)
 }
 
-/// As [`open`], for callers that do not need an exact [`LinkStats::reports_dropped`](crate::link::LinkStats::reports_dropped). On Windows a board on USB takes
-/// frames faster while its reports are not read, and reports that are dropped then are not counted. A link with a
+/// Like [`open`], for callers that do not need an exact
+/// [`LinkStats::reports_dropped`](crate::link::LinkStats::reports_dropped). On Windows a board on USB then accepts
+/// frames faster while its reports are not read, but reports that are dropped meanwhile are not counted. A link with a
 /// recording behaves as with [`open`].
 ///
 /// # Errors

@@ -36,7 +36,7 @@ pub(crate) struct Episodes {
 }
 
 impl Episodes {
-    /// Starts with these values of the board's counters, which earlier programs may have caused.
+    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         Self { kinds: Unexecuted::ALL.map(|what| Tracker { seen: what.of(counters), episode: None }) }
     }

@@ -23,7 +23,7 @@ use engine::Keeper;
 
 /// Timeout of the board to find its slaves and to bring them to PreOP. \[OURS]
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// Time after which one scan of a network without slaves gives up. \[OURS]
+/// Time between two checks whether the start has failed, so a network without slaves is scanned for this long. \[OURS]
 const SCAN_NS: Ns = 3_000_000_000;
 
 /// Starts the board. Returns whether it has found slaves and brought them to PreOP.

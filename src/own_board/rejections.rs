@@ -46,7 +46,7 @@ pub(crate) struct RejectionLog {
 }
 
 impl RejectionLog {
-    /// Starts with these values of the board's counters, which earlier programs may have caused.
+    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
         Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }

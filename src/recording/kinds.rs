@@ -47,7 +47,7 @@ impl Kinds {
         }
     }
 
-    /// Takes a report.
+    /// Notes the state of the network in a report, which decides whether SET_AXIS counts.
     pub fn response(&mut self, frame: &Frame, size: SlotSize) {
         self.state = MasterResponse::decode(&frame.slot(size, 0)).state.state();
     }

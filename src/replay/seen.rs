@@ -43,7 +43,7 @@ impl Seen {
         Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, quiet: 0, slaves }
     }
 
-    /// Takes a command frame.
+    /// Updates the values from a command frame that the host sends.
     pub(super) fn command(&mut self, frame: &Frame) {
         self.kinds.command(frame, self.size);
         self.quiet = 0;
@@ -56,7 +56,7 @@ impl Seen {
         }
     }
 
-    /// Takes a report.
+    /// Updates the values from the next report.
     pub(super) fn report(&mut self, frame: &Frame) {
         self.kinds.response(frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));

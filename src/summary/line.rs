@@ -12,7 +12,7 @@ pub enum Line {
     Message {
         /// A number by which [`Line::Repeated`] refers to it.
         id: u32,
-        /// The message.
+        /// The text of the message.
         text: String,
     },
     /// How often the log had messages of one kind so far, which differ only in their figures.

@@ -243,7 +243,7 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     Ok(ExitCode::from(code))
 }
 
-/// Both recordings.
+/// Both recordings as runs.
 struct Runs {
     a: RecordedRun,
     b: RecordedRun,

@@ -178,7 +178,7 @@ pub enum DumpError {
 /// between blanks, and a long comment. \[OURS]
 const LINE_BYTES_MAX: u64 = 64 * 1024;
 
-/// Shows the frames.
+/// Prints the frames or packets of the input.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let frames = match &args.file {
         None => None,

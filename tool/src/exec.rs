@@ -123,7 +123,7 @@ pub enum ExecError {
     /// This build cannot open the link.
     #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]
     NotInBuild {
-        /// The link.
+        /// The link that was to be opened.
         link: LinkUri,
     },
     /// See [`record_option::RecordError`].

@@ -61,7 +61,7 @@ impl fmt::Display for Width {
 /// The width that the CLI header of a .NET program asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Managed {
-    /// Any CPU.
+    /// Any processor.
     Any,
     /// Any CPU, with a preference for 32 bits.
     Prefers32,

@@ -88,7 +88,7 @@ pub enum MigrateVerbError {
     /// The picture has nothing to show.
     #[error("{} never reaches OP: there is nothing to plot; leave --plot out, or record a program that moves", .file.display())]
     NothingToPlot {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
     },
     /// Standard output cannot be written to.

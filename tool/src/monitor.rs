@@ -110,7 +110,7 @@ pub enum MonitorError {
     /// The recording has no report.
     #[error("{} holds no report; record a program that reads", .file.display())]
     NoReport {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
     },
     /// Standard output is no terminal.

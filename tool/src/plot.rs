@@ -144,7 +144,7 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Makes the plot.
+/// Draws the picture and writes its file.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let output = args.output();
     let (sheet, damage) = sheet(args)?;

@@ -29,7 +29,7 @@ pub struct Framed {
     pub time_ns: i64,
     /// The frame as it was recorded.
     pub recorded: Recorded,
-    /// The slot size.
+    /// The slot size of the frame.
     pub size: SlotSize,
     /// The metadata of the section of the file.
     pub meta: Option<Rc<RecordMeta>>,

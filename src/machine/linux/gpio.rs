@@ -7,7 +7,7 @@ const CHIPS: &str = "/sys/bus/gpio/devices";
 /// Names in a device tree that mean "no name", as an empty one does.
 const NO_NAME: [&str; 2] = ["NC", "-"];
 
-/// A GPIO chip.
+/// A GPIO chip of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpioChip {
     /// The name that a link uses, such as `gpiochip0`.

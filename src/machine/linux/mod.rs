@@ -32,16 +32,16 @@ pub struct Machine {
 /// Whether this user may read and write a file, as its permissions say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// The user may.
+    /// The user may read and write the file.
     Granted,
-    /// The user may not.
+    /// The user may not read and write the file.
     Denied,
     /// The file does not exist.
     Missing,
 }
 
 impl Machine {
-    /// This machine.
+    /// The machine that this process runs on.
     pub fn here() -> Self {
         Self::below("/")
     }

@@ -13,7 +13,7 @@ pub const FRAME_LEN: i64 = 512;
 /// The length of the longest packet of an ECM-XF in bytes, which the chip needs in one exchange (XF EN 174).
 pub const PACKET_LEN: i64 = 1440;
 
-/// A spidev device.
+/// A spidev device of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiDevice {
     /// The device file, such as `/dev/spidev0.0`.

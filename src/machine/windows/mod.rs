@@ -8,11 +8,11 @@ use crate::address::uri::LinkUri;
 use crate::io::hid::{self, Bus, NotTheBoard, Sysfs, UsbError};
 use crate::sk::BOARD_IDS;
 
-// Names of checks.
+// The names of the checks, as findings report them.
 const USB: &str = "usb";
 const BOARD: &str = "usb-board";
 
-/// This Windows machine.
+/// The Windows machine that this process runs on.
 #[derive(Clone, Copy, Debug)]
 pub struct Machine;
 
@@ -63,7 +63,7 @@ impl Board {
 }
 
 impl Machine {
-    /// This machine.
+    /// The machine that this process runs on.
     pub const fn here() -> Self {
         Self
     }

@@ -60,7 +60,7 @@ pub enum BoardError {
     NotUp {
         /// The operation.
         what: String,
-        /// The states that allow it.
+        /// The states that allow the operation.
         needs: &'static str,
         /// The present state.
         found: StateByte,
@@ -82,7 +82,7 @@ pub enum BoardError {
     AxisOff {
         /// The operation.
         what: String,
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The CiA 402 state of the axis.
         state: String,
@@ -92,7 +92,7 @@ pub enum BoardError {
     /// An axis has an alarm.
     #[error("axis {slave} has alarm {}; remove the cause (drive's manual), then {next}", ErrorCode(*.code))]
     Alarm {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The error code, 0x603F.
         code: u16,
@@ -106,7 +106,7 @@ pub enum BoardError {
         target.wrapping_sub(*actual).unsigned_abs()
     )]
     TooFarAhead {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The target, counts.
         target: i32,
@@ -136,7 +136,7 @@ pub enum BoardError {
     WrongKind {
         /// The operation.
         what: String,
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The kind and mode of the slave.
         found: String,

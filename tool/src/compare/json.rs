@@ -99,7 +99,7 @@ impl<'a> First<'a> {
     }
 }
 
-/// The JSON object.
+/// The result of a comparison as one JSON object.
 pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
     let run = |i: usize| {
         let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());

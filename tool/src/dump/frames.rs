@@ -19,7 +19,7 @@ pub struct Shown {
     pub direction: Dir,
     /// Whether the direction is a guess.
     pub guessed: bool,
-    /// The slot size.
+    /// The slot size of the frame.
     pub size: SlotSize,
     /// The bytes of the frame.
     pub frame: Frame,
@@ -35,7 +35,7 @@ pub struct Time {
 }
 
 impl Shown {
-    /// `command` or `response`.
+    /// The direction as a word: `command` or `response`.
     pub const fn direction_name(&self) -> &'static str {
         match self.direction {
             Dir::Write => "command",

@@ -20,7 +20,7 @@ pub enum HexError {
     /// A character is neither a digit nor a blank.
     #[error("`{found}` is no hexadecimal digit")]
     NotADigit {
-        /// The character.
+        /// The wrong character.
         found: char,
     },
     /// The number of bytes on the line is not that of a frame.

@@ -37,7 +37,7 @@ pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, boo
     Ok((Box::new(io::Cursor::new(beginning).chain(source)), of_chip))
 }
 
-/// Shows the packets.
+/// Prints the packets of a recording.
 pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliError> {
     let mut out = output::stdout();
     let shown = show(args, source, name, &mut out);

@@ -9,7 +9,7 @@ use ecmsk::sk::{
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
-/// A slot.
+/// One slot of a frame, as JSON.
 #[derive(Serialize)]
 pub struct SlotJson {
     slot: usize,

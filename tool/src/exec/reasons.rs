@@ -33,7 +33,7 @@ pub enum ReportMode {
     Summary,
     /// Only a summary, as one JSON object.
     Json,
-    /// Nothing.
+    /// No reports.
     Quiet,
 }
 

@@ -49,7 +49,7 @@ pub enum EsiError {
     Content {
         /// The line, from 1.
         line: u32,
-        /// What is wrong.
+        /// What is wrong with the content.
         message: String,
     },
 }

@@ -334,7 +334,7 @@ impl Axis {
         self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
     }
 
-    /// The lines.
+    /// Ends the lines and returns them.
     pub fn finish(mut self) -> AxisLines {
         if let Some(Frozen { is_lost, .. }) = self.frozen {
             self.states.is_there(i64::MAX, Some(is_lost));

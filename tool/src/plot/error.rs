@@ -19,7 +19,7 @@ pub enum PlotError {
         .file.display()
     )]
     NoOp {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
         /// The number of frames of the recording.
         frames: u64,
@@ -51,7 +51,7 @@ pub enum PlotError {
     /// The network has no such axis.
     #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
     NoSuchAxis {
-        /// The axis.
+        /// The number of the axis.
         axis: u8,
         /// The frames' slot size.
         size: SlotSize,
@@ -59,7 +59,7 @@ pub enum PlotError {
     /// The recording has no data of an axis.
     #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
     EmptyAxis {
-        /// The axis.
+        /// The number of the axis.
         axis: u8,
         /// The axes that have data.
         axes: Vec<u8>,
@@ -67,7 +67,7 @@ pub enum PlotError {
     /// An IO slave is named as an axis of the plane.
     #[error("slave {slave} is IO and has no position; name two axes with --xy, as in --xy 1,2")]
     NotAnAxis {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
     },
     /// The plane needs two axes of the plot.
@@ -85,7 +85,7 @@ pub enum PlotError {
     /// The file of the plot is the recording.
     #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// The option that names the file.
         option: &'static str,
@@ -103,7 +103,7 @@ pub enum PlotError {
     /// The file cannot be written.
     #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// The option that names the file.
         option: &'static str,

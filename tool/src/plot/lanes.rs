@@ -19,7 +19,7 @@ pub enum Way {
 
 /// One bit over time.
 pub struct Lane {
-    /// The direction.
+    /// Whether the bit is an input or an output.
     pub way: Way,
     /// The number of the bit, from 0.
     pub bit: usize,
@@ -36,7 +36,7 @@ struct Bits {
     lines: [Line; BITS],
     /// The bits that were ever 1.
     used: u16,
-    /// The latest value.
+    /// The latest value of the bits.
     now: Option<u16>,
 }
 

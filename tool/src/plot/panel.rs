@@ -45,7 +45,7 @@ pub struct Across {
     pub width: u32,
 }
 
-/// A line.
+/// A line of a diagram.
 pub struct Stroke {
     /// The pieces of the line.
     pub pieces: Pieces,
@@ -56,13 +56,13 @@ pub struct Stroke {
 /// The style of a line or an area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// A line.
+    /// A solid line.
     Solid(RGBColor),
     /// A line of dashes.
     Dashed(RGBColor),
     /// A pale and broad line for commanded values, behind the actual ones.
     Pale(RGBColor),
-    /// An area.
+    /// A shaded area.
     Area(RGBColor),
 }
 

@@ -24,7 +24,7 @@ const SETTLE_NS: i64 = 20_000_000;
 pub enum State {
     /// Neither in Operation enabled nor with a fault.
     NotEnabled,
-    /// Homing.
+    /// The drive is homing.
     Homing,
     /// Fault, or Fault reaction active.
     Fault,
@@ -66,9 +66,9 @@ impl Note {
 pub struct Span {
     /// The state.
     pub state: State,
-    /// Its beginning.
+    /// The beginning, in seconds.
     pub from: f64,
-    /// Its end.
+    /// The end, in seconds.
     pub to: f64,
     /// The note on it, such as the error code.
     pub note: Option<Note>,
@@ -77,7 +77,7 @@ pub struct Span {
 /// What a report changes for the targets of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// Nothing.
+    /// The report changes nothing.
     None,
     /// From here on the drive follows targets. After homing its position has a new zero.
     Follows,

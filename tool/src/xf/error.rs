@@ -44,7 +44,7 @@ pub enum XfVerbError {
         what: &'static str,
         /// Why the verb cannot do its work.
         why: String,
-        /// The next step.
+        /// The next step for the user.
         next: String,
     },
 }

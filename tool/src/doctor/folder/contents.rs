@@ -23,7 +23,7 @@ pub struct Entry {
     pub image: Result<Image, String>,
 }
 
-/// A library.
+/// A library of the folder.
 pub struct Library {
     /// The name of the file, with its folder.
     pub name: String,

@@ -1,6 +1,6 @@
-//! Reads small files that a user names: configuration, scripts, secrets. Files that are no regular files are refused without
-//! opening them, since opening a FIFO waits for its writer and opening a device may have an effect. Files that are too long
-//! are refused as well.
+//! Reads small files that a user names: configuration, scripts, secrets. Anything but a regular file is refused without
+//! opening it, since opening a FIFO waits for its writer, and opening a device may have an effect. Files that are too
+//! long are refused as well.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read as _};
@@ -9,14 +9,15 @@ use std::path::Path;
 /// The content of a small file.
 #[derive(Debug)]
 pub(crate) struct SmallFile {
-    /// All of its bytes.
+    /// The bytes of the file.
     pub(crate) bytes: Vec<u8>,
     /// Owner, mode and size of the file that the bytes were read from, even if the path names another file by now.
     #[cfg_attr(not(unix), allow(dead_code, reason = "only used on Unix, to check owner and mode of a secret"))]
     pub(crate) metadata: Metadata,
 }
 
-/// Room behind the length of a file, so that its end is found without a longer buffer.
+/// Additional capacity of the buffer after the length of a file, so that the read that finds its end does not grow the
+/// buffer.
 const READ_MIN: usize = 64;
 
 /// Why a small file was not read. The texts do not name the path, which the caller adds.
@@ -25,28 +26,28 @@ pub(crate) enum FileError {
     /// An error of the system, such as [`io::ErrorKind::NotFound`] or a missing permission.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// It is no regular file.
+    /// The path is not that of a regular file.
     #[error("it is {kind}, and only regular files are read; copy what it holds into one")]
     Kind {
-        /// What it is, with an article: `a folder`.
+        /// The kind of the file, with an article: `a folder`.
         kind: &'static str,
     },
     /// The file is too long.
     #[error("it has more than {size_max} bytes; is it the right file?")]
     Size {
-        /// How many bytes it may have.
+        /// The largest allowed length, bytes.
         size_max: u64,
     },
 }
 
-/// Reads the regular file at `path`, of at most `size_max` bytes. It never waits for another program: a FIFO, a socket, a device
-/// or a folder is refused, and so is a link to one of them.
+/// Reads the regular file at `path`, of at most `size_max` bytes. It never waits for another program: a FIFO, a socket,
+/// a device, a folder, or a link to one of them is refused.
 ///
 /// # Errors
 /// [`FileError`].
 pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileError> {
-    // Opening a device may rewind a tape or arm a watchdog, so the kind of the file is checked before. It is checked again
-    // after opening, since the path may name another file by then.
+    // Opening a device may rewind a tape or arm a watchdog, so the kind of the file is checked before. The check is
+    // repeated after opening, since the path may name another file by then.
     check_kind(&fs::metadata(path)?)?;
     let file = open(path)?;
     let metadata = file.metadata()?;
@@ -54,9 +55,9 @@ pub(crate) fn read_small(path: &Path, size_max: u64) -> Result<SmallFile, FileEr
     if metadata.len() > size_max {
         return Err(FileError::Size { size_max });
     }
-    // With room for all of it: what is read may be a secret, of which a longer buffer would leave a copy behind.
+    // The capacity fits the whole file: it may be a secret, and growing the buffer would leave a copy of it in memory.
     let mut bytes = Vec::with_capacity(usize::try_from(metadata.len()).unwrap_or(0) + READ_MIN);
-    // The file may grow meanwhile, and files in /proc have a length of 0.
+    // The length is not trusted: the file may grow meanwhile, and files in /proc have a length of 0.
     (&file).take(size_max.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > size_max {
         return Err(FileError::Size { size_max });
@@ -106,8 +107,8 @@ fn special_kind(_: &Metadata) -> &'static str {
 mod tests {
     use super::*;
 
-    /// TOOL-136 Pipes, sockets, devices, folders and links to them are refused by what they are, without opening them: a FIFO
-    /// that nobody writes to would keep whoever opens it for ever.
+    /// TOOL-136 Pipes, sockets, devices, folders and links to them are refused with their kind, without opening them.
+    /// Opening a FIFO that nobody writes to would block for ever.
     #[test]
     fn what_is_no_regular_file_is_refused_by_its_kind() {
         let folder = tempfile::tempdir().unwrap();
@@ -130,7 +131,7 @@ mod tests {
         assert!(matches!(missing, FileError::Io(error) if error.kind() == io::ErrorKind::NotFound));
     }
 
-    /// TOOL-136 A file of the greatest size is read whole, a longer one not at all, however long it says that it is.
+    /// TOOL-136 A file of the maximum size is read whole, a longer one is refused, whatever length it reports.
     #[test]
     fn what_is_too_long_is_refused_by_its_size() {
         let folder = tempfile::tempdir().unwrap();
@@ -143,10 +144,10 @@ mod tests {
             matches!(error, FileError::Size { size_max: 99 }) && error.to_string().contains("99 bytes"),
             "{error:?}"
         );
-        // Sparse: it takes no place on the disk.
+        // The file is sparse and takes no disk space.
         File::create(&path).unwrap().set_len(1 << 40).unwrap();
         assert!(matches!(read_small(&path, 100), Err(FileError::Size { .. })));
-        // This one says that it is empty.
+        // This file reports a length of 0.
         assert!(matches!(read_small(Path::new("/proc/self/maps"), 100), Err(FileError::Size { .. })));
     }
 }

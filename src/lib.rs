@@ -23,7 +23,7 @@
 //! ```
 //!
 //! A [`Link`](link::Link) exchanges frames with one board and is named by a URI, such as `sim:?slaves=drive*2,io` or `usb:`.
-//! Everything on the left runs unchanged on every link. All keys of a URI stand in [`link::keys`], and `ecmsk link help` prints
+//! Everything on the left runs unchanged on every link. [`link::keys`] lists all keys of a URI, and `ecmsk link help` prints
 //! them.
 //!
 //! # One axis moves
@@ -137,7 +137,7 @@
 //! | [`recording`] | reads recordings, and USB captures of Wireshark |
 //! | [`compare`], `replay`, [`summary`] | what differs between two runs, what the model answers to a recorded one, what went wrong in one |
 //! | [`migrate`] | what a recorded program needs of an ECM-XF |
-//! | [`notes`] | a bounded queue of lines for a log that nobody may read |
+//! | [`notes`] | a bounded queue of lines for a log, which never blocks the writers |
 //! | `port` | serves a board to other programs and machines, by TCP or as a virtual USB device |
 //! | `machine` | whether this machine is set up for a board, and what to do if it is not |
 //! | [`io`] | HID on USB and SPI with its lines, below the links `usb:`, `spi:` and `xf-spi:` |

@@ -1,8 +1,8 @@
-//! A log for which nobody waits: a bounded queue of notes, and a thread that passes them on. Servers, the tool and the C library
-//! log through it.
+//! A log that never blocks: a bounded queue of notes, and a thread that passes them on. Servers, the tool and the C
+//! library log through it.
 //!
-//! Adding a note never waits, however slow the reader of the log is or even if it has stalled, because the threads that move
-//! and stop axes add notes. When the queue is full the oldest note is dropped and counted.
+//! Adding a note never waits, even if the reader of the log is slow or has stalled, because threads that move and stop
+//! axes add notes. When the queue is full, the oldest note is dropped and counted.
 
 use std::collections::VecDeque;
 use std::io;
@@ -16,16 +16,16 @@ use crate::threads;
 
 /// The largest number of notes in the queue. \[OURS]
 const KEPT_MAX: usize = 1024;
-/// How long the end of a server waits until the remaining notes are passed on. A reader that works takes them at once,
-/// one that has stalled never does. \[OURS]
+/// Longest time that a server waits at its end until the remaining notes are passed on. A working reader takes them at
+/// once, a stalled one never does. \[OURS]
 pub const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
-/// What the queue passes on.
+/// An item that the queue passes on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note<T> {
-    /// A note.
+    /// A note that was added.
     Told(T),
-    /// This many notes were dropped here, because the notes before them were not taken in time.
+    /// The number of notes dropped at this point, because earlier ones were not taken in time.
     Dropped(u64),
 }
 
@@ -96,12 +96,12 @@ impl<T> State<T> {
 /// The thread that passes notes on, until this value is dropped.
 pub struct Teller<T> {
     notes: Notes<T>,
-    /// `None` once it was ended.
+    /// The thread; `None` once it was ended.
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl<T: Send + 'static> Teller<T> {
-    /// Starts the thread. It calls `tell` for each note, one after the other; no other thread waits for `tell`.
+    /// Starts the thread. It calls `tell` for each note, one after the other. No other thread waits for `tell`.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -113,7 +113,7 @@ impl<T: Send + 'static> Teller<T> {
 }
 
 impl Teller<String> {
-    /// Starts the thread for a log of lines. `tell` also gets a line for those that were dropped.
+    /// Starts the thread for a log of lines. `tell` also gets a line with the number of dropped notes.
     ///
     /// # Errors
     /// The system provides no thread.
@@ -131,11 +131,11 @@ impl<T> Teller<T> {
         self.flush_within(FLUSH_LIMIT);
     }
 
-    /// Waits until the notes added so far have been passed on, at most `limit`. Whether they have.
+    /// Waits until the notes added so far have been passed on, at most `limit`. Returns whether they have.
     pub fn flush_within(&self, limit: Duration) -> bool {
         let until = Instant::now() + limit;
-        // Whoever holds the lock does so for some instructions, but not where a handler of a signal has interrupted it, which then
-        // ends the process.
+        // Other threads hold the lock only for a few instructions. It may be held for longer if a signal handler has
+        // interrupted such a thread and ends the process from there.
         let Some(mut state) = self.notes.0.state.try_lock_until(until) else { return false };
         while !state.is_over && !state.is_told() {
             if self.notes.0.changed.wait_until(&mut state, until).timed_out() {
@@ -151,7 +151,7 @@ impl<T> Teller<T> {
         self.end_within(FLUSH_LIMIT);
     }
 
-    /// As [`Self::end`], with another limit.
+    /// Like [`Self::end`], with another limit.
     pub fn end_within(&self, limit: Duration) {
         let Some(thread) = self.thread.lock().take() else { return };
         let is_told = self.flush_within(limit);
@@ -162,7 +162,7 @@ impl<T> Teller<T> {
             state.dropped = 0;
         }
         self.notes.0.changed.notify_all();
-        // A thread that is stuck keeps this library loaded.
+        // If the thread is stuck, the library stays loaded until it ends.
         threads::end_within(thread, if is_told { limit } else { Duration::ZERO });
     }
 }
@@ -200,8 +200,8 @@ mod tests {
 
     use super::*;
 
-    /// TCP-25 Who notes something waits for nobody: while the reader is stuck the newest notes are kept, the others counted, and
-    /// the reader gets the number where they are missing.
+    /// TCP-25 Adding a note never waits: while the reader is stuck, the newest notes are kept and the others counted,
+    /// and the reader gets their number at the place where they are missing.
     #[test]
     fn a_stuck_reader_costs_notes_and_nothing_else() {
         let notes = Notes::default();
@@ -214,7 +214,7 @@ mod tests {
         let teller = teller.unwrap();
         notes.tell(0);
         assert_eq!(heard.recv(), Ok(Note::Told(0)));
-        // The reader is stuck with it.
+        // The reader is stuck in the first note.
         let all = 3 * KEPT_MAX as u64;
         (1..=all).for_each(|number| notes.tell(number));
         drop(goes_on);
@@ -227,7 +227,7 @@ mod tests {
         assert!(heard.recv().is_err(), "the thread has ended");
     }
 
-    /// TCP-25 Ending tells what is left, and does not wait for a reader that never takes it.
+    /// TCP-25 Ending passes the remaining notes on, and does not wait for a reader that never takes them.
     #[test]
     fn ending_is_bounded() {
         let (told, heard) = mpsc::channel();
@@ -244,7 +244,7 @@ mod tests {
         let teller = Teller::start(&notes, move |_| assert!(stuck.recv().is_err())).unwrap();
         notes.tell(0);
         notes.tell(1);
-        // Comes back although nobody takes anything.
+        // Dropping returns although the reader takes no note.
         drop(teller);
         drop(goes_on);
     }

@@ -14,13 +14,13 @@ const DIGITS: u32 = 3;
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let exact = self.0.as_nanos();
-        // Whole seconds are never rounded away: 3601s.
+        // Seconds are never rounded more coarsely than to whole seconds: `3601s` keeps its four digits.
         let digits = exact.checked_ilog10().unwrap_or(0) + 1;
         let step = 10_u128.pow(digits.saturating_sub(DIGITS).min(9));
         let rounded = (exact + step / 2) / step * step;
         let (name, unit) = UNITS.into_iter().find(|(_, unit)| rounded >= *unit).unwrap_or(("s", 1_000_000_000));
         write!(f, "{}", rounded / unit)?;
-        // The fraction with nine digits, of which trailing zeros are removed.
+        // The fraction with nine digits; its trailing zeros are removed.
         let fraction = format!("{:09}", rounded % unit * (1_000_000_000 / unit));
         let fraction = fraction.trim_end_matches('0');
         if !fraction.is_empty() {
@@ -30,7 +30,7 @@ impl fmt::Display for Span {
     }
 }
 
-/// A time in messages, in nanoseconds since the board was opened: `1.758 s`, as recordings have it.
+/// A time in messages, in nanoseconds since the board was opened: `1.758 s`, the same form as in recordings.
 pub(crate) struct Seconds(pub u64);
 
 impl fmt::Display for Seconds {
@@ -43,7 +43,7 @@ impl fmt::Display for Seconds {
 mod tests {
     use super::*;
 
-    /// Times are told with three digits, rounded, in the unit that suits them.
+    /// Durations are rounded to three digits, in the unit that suits them.
     #[test]
     fn times_are_rounded() {
         for (ns, said) in [

@@ -1,4 +1,4 @@
-//! A network that an ECM-XF has, by the chip's own commands. A network that it runs is joined as it is, and nothing of it is
+//! The network of an ECM-XF, seen with the chip's own commands. If the chip runs the network already, nothing in it is
 //! changed.
 
 use std::time::Duration;
@@ -20,31 +20,32 @@ use crate::xf::request::{EepromGet, EepromOperation, EepromRequest, RAW_DATA_MAX
 use crate::xf::response::EepromAnswer;
 use crate::xf_api::{NetworkConfig, Xf, XfError};
 
-/// \[OURS] How long the chip may take for a word of an EEPROM.
+/// \[OURS] Timeout of the chip for one access to a word of an EEPROM.
 const EEPROM_MAX: Duration = Duration::from_millis(500);
-/// \[OURS] How often a datagram is sent at most that does not come back, and how often a word of an EEPROM is asked for.
+/// \[OURS] Most times that a datagram is sent if it does not come back, and that a word of an EEPROM is read if that
+/// fails.
 const TRIES: u32 = 3;
-/// \[OURS] How often a long datagram is sent to put load on the cables. It reads what says which controller it is, where a read
-/// changes nothing.
+/// \[OURS] Interval between the long datagrams that put load on the cables. They read from register 0x0000, the type of
+/// the slave controller, where reading has no effect.
 const LOAD_INTERVAL: Duration = Duration::from_millis(1);
 const LOAD_ADDRESS: u32 = 0x0000_0000;
-/// \[OURS] How long it is until our master goes on where it waits for a slave.
+/// \[OURS] Interval at which our own master is polled while it waits for a slave.
 const TURN: Duration = Duration::from_micros(500);
-/// The number that our master has for the one slave of which it knows.
+/// The number of the slave in our own master, which knows only this one.
 const JOINED: u8 = 1;
 
-/// A network with an ECM-XF.
+/// The network behind an ECM-XF.
 pub(super) struct XfNetwork {
     xf: Xf,
     is_virtual: bool,
     stations: Vec<u16>,
-    /// For the mailboxes. It knows of one slave.
+    /// Our own master, which handles the mailboxes. It knows only the slave of `joined`.
     master: Master,
     joined: Option<u8>,
 }
 
 impl XfNetwork {
-    /// The network of the chip behind a link. Nothing of it is changed.
+    /// The network of the chip behind a link. Opening changes nothing in the network.
     pub(super) fn open(uri: &LinkUri) -> Result<Self, BusError> {
         let (link, config) = crate::open::chip::open(&uri.to_string()).map_err(XfError::Link)?;
         Self::over(link, config)
@@ -57,7 +58,7 @@ impl XfNetwork {
         Ok(Self { xf, is_virtual, stations: Vec::new(), master, joined: None })
     }
 
-    /// The chip's number of a slave.
+    /// The number that the chip's commands use for a slave; it counts from 0.
     fn number(&self, slave: u8) -> Result<SlaveNumber, BusError> {
         let found = self.stations.len();
         let number = slave.checked_sub(1).filter(|place| usize::from(*place) < found).and_then(SlaveNumber::new);
@@ -82,7 +83,7 @@ impl XfNetwork {
         Err(failed(DatagramError::Lost))
     }
 
-    /// Refuses to write to the slaves of a network that runs.
+    /// Refuses to write to slaves while the chip's network is in SafeOP or OP.
     fn expect_rest(&self) -> Result<(), BusError> {
         match self.xf.header().state.state() {
             Some(EtherCatState::SafeOp | EtherCatState::Op) => Err(BusError::Runs { slave: 1 }),
@@ -93,7 +94,7 @@ impl XfNetwork {
     fn eeprom(&mut self, slave: u8, position: u16, operation: EepromOperation) -> Result<Vec<u8>, BusError> {
         let timeout_us = u32::try_from(EEPROM_MAX.as_micros()).unwrap_or(u32::MAX);
         let request = EepromRequest { slave: self.number(slave)?, position, timeout_us, operation };
-        // On a bad cable the next one may come through. A word is written once.
+        // On a bad cable a second read may succeed. A write is not repeated.
         let mut tries = if operation == EepromOperation::Read { TRIES } else { 1 };
         loop {
             tries -= 1;
@@ -106,7 +107,7 @@ impl XfNetwork {
         }
     }
 
-    /// What is known of the ports: nothing if the chip sends no datagrams for others.
+    /// The DL status and the port descriptor of a slave; each is 0 if the chip cannot read it.
     fn ports(&mut self, slave: u8) -> (DlStatus, u8) {
         let mut read = |address: u16, len: usize| {
             let read = self.access(RawOperation::Fprd, slave, address, &vec![0; len]).unwrap_or_default();
@@ -138,7 +139,8 @@ impl Mailboxes for XfNetwork {
             if let Some(end) = self.master.take(job) {
                 return Ok(end);
             }
-            // An emergency that a slave sends meanwhile is taken with its answers, and the chip never lists it.
+            // The emergencies of slaves are dropped. Our master reads them from the mailbox with its answers, so the
+            // chip does not list them.
             while self.master.take_event().is_some() {}
             if let Err(error) = wire.wait(TURN) {
                 self.master.cancel(job);
@@ -155,7 +157,7 @@ impl Network for XfNetwork {
             true => self.xf.count_slaves()?,
             false => match self.xf.start_network(&NetworkConfig::default()) {
                 Ok(found) => found,
-                // The chip fails where it finds none.
+                // The command fails if the chip finds no slave.
                 Err(error) => match self.xf.count_slaves()? {
                     0 => 0,
                     _ => return Err(error.into()),
@@ -167,7 +169,7 @@ impl Network for XfNetwork {
         }
         self.xf.state()?;
         let described: Vec<_> = (0..found).map(|slave| self.xf.slave_description(slave)).collect::<Result<_, _>>()?;
-        // The chip lays out what was configured; until then it says 0 of every slave.
+        // The chip reports 0 bytes for every slave until its network is configured.
         let is_laid_out = described.iter().any(|slave| slave.output_bytes > 0 || slave.input_bytes > 0);
         self.joined = None;
         self.stations = described.iter().map(|slave| slave.station_address).collect();
@@ -213,7 +215,7 @@ impl Network for XfNetwork {
     fn load(&mut self, time: Duration) -> Result<(), BusError> {
         let mut left = time;
         while !left.is_zero() {
-            // Lost datagrams are what this is for.
+            // Lost datagrams are no error: a bad cable loses some, and its error counters show that.
             let len = bytes_max(&self.xf);
             let _ = datagram(&mut self.xf, RawOperation::Brd, LOAD_ADDRESS, &[0; RAW_DATA_MAX][..len])?;
             let step = LOAD_INTERVAL.min(left);

@@ -1,5 +1,5 @@
-//! Datagrams that an ECM-XF sends for its host, and frames of our own master that travel as such datagrams: by them it has the
-//! mailboxes of slaves that the chip runs, for which the chip has no commands.
+//! Datagrams that an ECM-XF sends for its host. Our own master sends its frames as such datagrams. It needs them for
+//! the mailbox services that the chip has no commands for, on slaves that the chip runs.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -10,15 +10,15 @@ use crate::xf::host::{HostError, Wires as _};
 use crate::xf::request::{RAW_DATA_MAX, RAW_HEAD, RawGet, RawOperation, RawRequest};
 use crate::xf_api::{Xf, XfError};
 
-/// \[OURS] How long the chip may take for a datagram.
+/// \[OURS] Timeout of the chip for one datagram.
 pub(super) const DATAGRAM_MAX: Duration = Duration::from_millis(100);
 
-/// How many bytes a datagram can have that this chip sends.
+/// The most bytes of data that a datagram of this chip can carry.
 pub(super) fn bytes_max(xf: &Xf) -> usize {
     RAW_DATA_MAX.min(xf.host().size().bytes().saturating_sub(RAW_HEAD))
 }
 
-/// Has the chip send a datagram. Its data and its working counter; `None`: it did not come back.
+/// Lets the chip send a datagram. Returns its working counter and its data; `None` if it did not come back.
 ///
 /// # Errors
 /// [`XfError`]
@@ -42,12 +42,12 @@ pub(super) fn datagram(
     }
 }
 
-/// Frames of our own master over the datagrams of a chip. A frame is back when [`Wire::send`] returns, which waits for it.
+/// Carries the frames of our own master as datagrams of the chip. [`Wire::send`] waits until the frame is back.
 pub(super) struct ChipWire<'x> {
     xf: &'x mut Xf,
-    /// Frames that have come back.
+    /// Frames that are back and that the master has not received yet.
     back: VecDeque<Vec<u8>>,
-    /// Why the chip can be reached no more.
+    /// The error that made the chip unreachable.
     error: Option<XfError>,
 }
 
@@ -60,7 +60,7 @@ impl<'x> ChipWire<'x> {
         self.xf.link().now()
     }
 
-    /// Lets that much time pass, unless a frame has come back.
+    /// Lets this time pass, unless a frame is back already.
     ///
     /// # Errors
     /// The chip cannot be reached any more.
@@ -71,8 +71,8 @@ impl<'x> ChipWire<'x> {
         if self.back.is_empty() { self.xf.pass(time) } else { Ok(()) }
     }
 
-    /// Sends a datagram, in parts if it is longer than the chip's are: slaves do not mind, as a mailbox is written, or read, when its
-    /// last byte is. `None`: it, or a part of it, did not come back.
+    /// Sends a datagram, in several parts if it is longer than the chip can send. Parts are allowed because a mailbox
+    /// counts as written, or read, only with the access to its last byte. `None` if a part did not come back.
     fn pass(&mut self, datagram: &mut DatagramMut<'_>) -> Result<Option<()>, XfError> {
         let header = datagram.header();
         let Some(operation) = operation(header.command) else { return Ok(None) };
@@ -82,7 +82,7 @@ impl<'x> ChipWire<'x> {
             let address = header.address.wrapping_add(at << 16);
             let Some((counted, data)) = self::datagram(self.xf, operation, address, part)? else { return Ok(None) };
             part.iter_mut().zip(data).for_each(|(to, from)| *to = from);
-            // Where nobody takes the first part there is no use for the others.
+            // If no slave handles the first part, the other parts are pointless.
             match counter {
                 None if counted == 0 => return Ok(Some(())),
                 Some(first) if first != counted => return Ok(None),
@@ -94,7 +94,8 @@ impl<'x> ChipWire<'x> {
     }
 }
 
-/// A master that has joined a network knows its slaves by their station addresses.
+/// The chip's operation for a command of our master. A master that joined a running network addresses slaves by station
+/// address only.
 const fn operation(command: Command) -> Option<RawOperation> {
     match command {
         Command::Fprd => Some(RawOperation::Fprd),

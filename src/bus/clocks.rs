@@ -1,40 +1,40 @@
-//! How well the distributed clocks of a network keep together.
+//! Measures how well the distributed clocks of a network are synchronized.
 
 use std::time::{Duration, Instant};
 
 use super::{BusError, FoundSlave, Network};
 use crate::ethercat::registers::{SYSTEM_TIME_DELAY, SYSTEM_TIME_DIFFERENCE, SYSTEM_TIME_OFFSET, SystemTimeDifference};
 
-/// \[OURS] How often the differences are read.
+/// \[OURS] Interval at which the differences of the clocks are read.
 const INTERVAL: Duration = Duration::from_millis(10);
-/// \[OURS] For how long clocks that were just set are at least given the time before the differences count.
+/// \[OURS] Shortest time that clocks get to synchronize after they were set. Differences are recorded only after it.
 pub const SETTLING: Duration = Duration::from_secs(1);
-/// \[OURS] And at most, while one of them is not near the reference: how far they have drifted apart depends on how long the scan has
-/// taken, and a clock is slewed slowly.
+/// \[OURS] Longest time that clocks get to synchronize, while one of them differs from the reference by [`GOOD_NS`] or
+/// more. They drift apart during the scan, and a slave corrects its clock slowly.
 pub const SETTLING_MAX: Duration = Duration::from_secs(10);
-/// \[OURS] A wait that has taken that much longer was one in which this machine stood still: what clocks without the reference's time do
-/// then is no fault of theirs.
+/// \[OURS] A wait that lasts this much longer than requested means that this machine stalled. The slaves got no
+/// reference time meanwhile, so the differences after it are not counted.
 const LATE: Duration = Duration::from_millis(2);
-/// \[OURS] So often in a row all of them have to be near.
+/// \[OURS] Number of consecutive readings in which all clocks must be below [`GOOD_NS`] to count as synchronized.
 const SETTLED_TIMES: u32 = 20;
-/// \[OURS] Clocks whose difference stays below this keep together as the standard's examples do, ns.
+/// \[OURS] Largest difference of a synchronized clock, ns: below 1 us, as in the standard's examples.
 pub const GOOD_NS: i64 = 1_000;
 
-/// The least, the mean and the greatest of some values, ns.
+/// Minimum, mean and maximum of some values, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Spread {
-    /// The least one.
+    /// The minimum, ns.
     pub min_ns: i64,
-    /// The mean, rounded towards 0.
+    /// The mean, ns, rounded towards 0.
     pub mean_ns: i64,
-    /// The greatest one.
+    /// The maximum, ns.
     pub max_ns: i64,
-    /// How many values there are.
+    /// The number of values.
     pub count: u32,
 }
 
 impl Spread {
-    /// The spread of some values; `None`: there are none.
+    /// The spread of some values; `None` if there are none.
     pub fn of(values: &[i64]) -> Option<Self> {
         let (min_ns, max_ns) = (*values.iter().min()?, *values.iter().max()?);
         let sum: i128 = values.iter().map(|value| i128::from(*value)).sum();
@@ -42,29 +42,29 @@ impl Spread {
         Some(Self { min_ns, mean_ns, max_ns, count: u32::try_from(values.len()).unwrap_or(u32::MAX) })
     }
 
-    /// Whether all values are nearer than [`GOOD_NS`].
+    /// Whether the absolute values of all differences are below [`GOOD_NS`].
     pub const fn is_good(&self) -> bool {
         self.min_ns > -GOOD_NS && self.max_ns < GOOD_NS
     }
 }
 
-/// The clock of a slave.
+/// The clock of a slave, and how far it was from the reference clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveClock {
-    /// The slave, from 1.
+    /// The slave, from 1 in network order.
     pub slave: u8,
-    /// Its clock is the reference.
+    /// Whether this clock is the reference clock.
     pub is_reference: bool,
-    /// What is added to its local time, ns, register 0x0920.
+    /// The offset that the slave adds to its local time, ns, register 0x0920.
     pub offset_ns: i64,
-    /// How long a frame takes from the reference to it, ns, register 0x0928.
+    /// The propagation delay from the reference clock to the slave, ns, register 0x0928.
     pub delay_ns: u32,
-    /// By how much it is ahead of the reference, ns, register 0x092C; `None` for the reference itself.
+    /// How far the clock was ahead of the reference clock, ns, register 0x092C; `None` for the reference clock itself.
     pub ahead: Option<Spread>,
 }
 
-/// Looks at the clocks for that time, after they have come together ([`SETTLING`], [`SETTLING_MAX`]). Of slaves without clocks nothing
-/// is told.
+/// Measures the differences of the clocks for this time, once they are synchronized ([`SETTLING`], [`SETTLING_MAX`]).
+/// The result leaves out slaves without clocks.
 ///
 /// # Errors
 /// [`BusError`]
@@ -93,7 +93,7 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
         waited += INTERVAL;
     }
     let mut left = time;
-    // After a time in which this machine has given the clocks no time they come together again.
+    // Readings still to be skipped after a stall of this machine, until the clocks are synchronized again.
     let mut unsettled = 0;
     while !left.is_zero() {
         let step = INTERVAL.min(left);
@@ -125,7 +125,7 @@ pub fn measure(network: &mut dyn Network, slaves: &[FoundSlave], time: Duration)
 mod tests {
     use super::*;
 
-    /// A spread is good if no value is 1 us away, on either side.
+    /// A spread is good if every value is less than 1 us away from 0, in both directions.
     #[test]
     fn a_spread_has_both_ends() {
         let spread = Spread::of(&[-5, 20, 0]).expect("values");

@@ -1,19 +1,19 @@
-//! What is wrong with a content that is to be written to an EEPROM.
+//! The reasons why a file must not be written to an EEPROM.
 
 use crate::ethercat::WireError;
 use crate::ethercat::sii::{SII_INFO_LEN, SiiIdentity};
 
-/// Why a content is not fit for an EEPROM.
+/// Why the content of a file does not fit an EEPROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum ContentError {
-    /// It has not as many bytes as there may be.
+    /// The length is odd, or shorter than the first words of an EEPROM.
     #[error(
         "{len} bytes are no content of an EEPROM, which has an even number of at least {} bytes; name a file that `ecmsk bus sii \
          read` or `ecmsk slave sii` has written", SII_INFO_LEN + 2
     )]
     Len { len: usize },
-    /// It is longer than the EEPROM.
+    /// The content is longer than the slave's EEPROM.
     #[error("{len} bytes do not fit into this slave's EEPROM of {room} bytes; name the file that belongs to it")]
     TooLong { len: usize, room: usize },
     /// The checksum of the first words is wrong.
@@ -22,10 +22,10 @@ pub enum ContentError {
          that is whole"
     )]
     Checksum { found: u8, expected: u8 },
-    /// The categories do not end.
+    /// The list of categories has no end.
     #[error("the categories behind the first words are not whole ({0}); name a file that is whole")]
     Categories(WireError),
-    /// It is for another device.
+    /// The content is for another device: vendor or product differ.
     #[error(
         "it is for vendor 0x{:08X}, product 0x{:08X}, and the slave is vendor 0x{:08X}, product 0x{:08X}; name the file that belongs \
          to it, or insist with --other-device", wanted.vendor, wanted.product, found.vendor, found.product

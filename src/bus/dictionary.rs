@@ -1,4 +1,4 @@
-//! The objects of a slave as it tells them itself (SDO information), with their values.
+//! The object dictionary of a slave as the slave describes it by the SDO information service, with the values.
 
 use std::fmt;
 
@@ -9,37 +9,37 @@ use crate::ethercat::coe::{
 };
 use crate::master::SdoError;
 
-/// An object.
+/// An object of the dictionary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Object {
-    /// Its index.
+    /// The index of the object.
     pub index: u16,
-    /// Its name, in UTF-8 or ISO-8859-1.
+    /// The name of the object, decoded from UTF-8 or ISO-8859-1.
     pub name: String,
-    /// What it is made of.
+    /// The object code: a variable, an array or a record.
     pub code: ObjectCode,
-    /// The type of its values.
+    /// The data type of the object's values.
     pub data_type: DataTypeCode,
-    /// Its highest sub-index.
+    /// The highest sub-index.
     pub max_sub: u8,
 }
 
-/// A sub-index.
+/// One sub-index of an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Which one.
+    /// Index and sub-index.
     pub object: ObjectAddress,
-    /// Its name, in UTF-8 or ISO-8859-1.
+    /// The name of the entry, decoded from UTF-8 or ISO-8859-1.
     pub name: String,
-    /// Its type.
+    /// The data type of the value.
     pub data_type: DataTypeCode,
-    /// Its length, bits.
+    /// The length of the value, bits.
     pub bits: u16,
-    /// Who may do what with it.
+    /// In which AL states the entry can be read, written or mapped.
     pub access: ObjectAccess,
 }
 
-/// The objects of a slave, ascending. What it does not describe is left out.
+/// The objects of a slave, by ascending index. Objects that the slave does not describe are left out.
 ///
 /// # Errors
 /// [`BusError::NoCoe`], [`BusError::NoInformation`], [`BusError::Information`]
@@ -62,7 +62,7 @@ pub fn objects(network: &mut dyn Network, slave: u8) -> Result<Vec<Object>, BusE
     Ok(objects)
 }
 
-/// The sub-indices of an object. Those that the slave does not describe are left out.
+/// The entries of an object. Sub-indices that the slave does not describe are left out.
 ///
 /// # Errors
 /// As [`objects`].
@@ -77,7 +77,7 @@ pub fn entries(network: &mut dyn Network, slave: u8, object: &Object) -> Result<
         let Ok(described) = EntryDescription::decode(&bytes) else { continue };
         entries.push(Entry {
             object,
-            // Without values in front of it the name is all.
+            // The request asks for no values, so the data consist of the name alone.
             name: text(described.data),
             data_type: DataTypeCode(described.data_type),
             bits: described.bits,
@@ -87,7 +87,8 @@ pub fn entries(network: &mut dyn Network, slave: u8, object: &Object) -> Result<
     Ok(entries)
 }
 
-/// The value of an entry; `None`: it cannot be read; or the code with which the slave refuses.
+/// The value of an entry, or the abort code with which the slave refuses to read it; `None` if the entry is not
+/// readable.
 ///
 /// # Errors
 /// [`BusError::Sdo`]: the slave gives no answer.
@@ -105,19 +106,19 @@ pub fn value(
     }
 }
 
-/// A text in UTF-8, or else in ISO-8859-1, as in an EEPROM.
+/// Decodes a text: as UTF-8 if it is valid, otherwise as ISO-8859-1. EEPROMs have such texts too.
 fn text(bytes: &[u8]) -> String {
     let latin = || bytes.iter().map(|byte| char::from(*byte)).collect();
     let text = str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);
     text.trim_end_matches('\0').to_owned()
 }
 
-/// A value by its type.
+/// A value, decoded by its data type.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A whole number of at most 64 bits.
+    /// An integer of at most 64 bits.
     Whole(i128),
-    /// A real number.
+    /// A floating-point number.
     Real(f64),
     /// A text.
     Text(String),
@@ -126,7 +127,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// The value that these bytes are in a type; bytes if they are none of it.
+    /// Decodes bytes by a data type. Bytes that do not fit the type become [`Value::Bytes`].
     pub fn of(data_type: DataTypeCode, bytes: &[u8]) -> Self {
         let unsigned = || bytes.iter().rev().fold(0u64, |number, byte| number << 8 | u64::from(*byte));
         match (data_type.form(), bytes.len()) {
@@ -162,7 +163,7 @@ impl fmt::Display for Value {
 mod tests {
     use super::*;
 
-    /// BUS-3.2 Values are read by their types; bytes that do not fit a type stay bytes.
+    /// BUS-3.2 Values are decoded by their data types; bytes that do not fit a type stay bytes.
     #[test]
     fn values_are_read_by_their_types() {
         for (data_type, bytes, shown) in [

@@ -1,25 +1,26 @@
-//! Writing a slave's EEPROM: whether a content is fit for it, and what it changes.
+//! Writes a slave's EEPROM: checks that the new content fits the slave, and lists the words that it changes.
 
 pub use super::content_error::ContentError;
 use super::{BusError, Network};
 use crate::ethercat::sii::{SII_INFO_LEN, Sii};
 use crate::master::SiiError;
 
-/// \[OURS] How many bytes of an EEPROM are read at most.
+/// \[OURS] The most bytes that are read from an EEPROM.
 const BYTES_MAX: usize = 0x8000;
 
-/// A word that a content changes.
+/// A word that new content changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
-    /// Its address.
+    /// The address of the word.
     pub word: u16,
-    /// What is there.
+    /// The value that the EEPROM has now.
     pub from: u16,
-    /// What will be there.
+    /// The value that is to be written.
     pub to: u16,
 }
 
-/// Checks a content by itself: its length, the checksum of its first words, and whether its categories have an end.
+/// Checks EEPROM content by itself: its length, the checksum of its first words, and that its list of categories has an
+/// end.
 ///
 /// # Errors
 /// [`ContentError::Len`], [`ContentError::Checksum`], [`ContentError::Categories`]
@@ -36,19 +37,20 @@ pub fn check(content: &[u8]) -> Result<(), ContentError> {
     sii.categories().find_map(Result::err).map_or(Ok(()), |error| Err(ContentError::Categories(error)))
 }
 
-/// Checks whether a content is one for the slave that has `present` in its EEPROM, which may be damaged.
+/// Checks that new content fits the slave whose EEPROM has `present` now. If `present` has a wrong checksum, any
+/// content passes.
 ///
 /// # Errors
 /// [`ContentError::TooLong`], [`ContentError::OtherDevice`]
 pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     let (Ok(wanted), Ok(found)) = (Sii::new(content), Sii::new(present)) else { return Ok(()) };
     if !found.has_right_checksum() {
-        // Nothing of it can be believed.
+        // With a wrong checksum no word of the present content can be trusted.
         return Ok(());
     }
     let (wanted, found) = (wanted.info(), found.info());
     let room = (usize::from(found.kbit_less_1) + 1) * 128;
-    // Some makers leave the size at 0.
+    // Some makers leave the word with the EEPROM's size at 0, so that value is not checked.
     if found.kbit_less_1 > 0 && content.len() > room {
         return Err(ContentError::TooLong { len: content.len(), room });
     }
@@ -57,10 +59,11 @@ pub fn check_for(content: &[u8], present: &[u8]) -> Result<(), ContentError> {
     if is_same { Ok(()) } else { Err(ContentError::OtherDevice { wanted, found }) }
 }
 
-/// Reads an EEPROM up to the end of its categories, or as far as they are whole.
+/// Reads an EEPROM up to the end of its categories. If the list of categories is damaged, returns the bytes up to
+/// there.
 ///
 /// # Errors
-/// [`BusError::Eeprom`]: it cannot be read, or nobody has written it.
+/// [`BusError::Eeprom`]: the EEPROM cannot be read, or is blank.
 pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>, BusError> {
     let mut content: Vec<u8> = Vec::new();
     loop {
@@ -78,12 +81,12 @@ pub(super) fn read_whole(network: &mut dyn Network, slave: u8) -> Result<Vec<u8>
     }
 }
 
-/// The words of a content.
+/// EEPROM content as 16-bit words.
 fn words(content: &[u8]) -> Vec<u16> {
     content.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).collect()
 }
 
-/// What a content changes in a slave's EEPROM, ascending.
+/// The words of a slave's EEPROM that differ from the new content, by ascending address.
 ///
 /// # Errors
 /// [`BusError::Eeprom`]
@@ -97,8 +100,8 @@ pub fn changes(network: &mut dyn Network, slave: u8, content: &[u8]) -> Result<V
         .collect())
 }
 
-/// Writes words, the last one first, so that the checksum of the first ones is written late; then reads all of them back.
-/// `written` is called with the number of those that are written.
+/// Writes the changed words from the last one to the first, so that the checksum of the first words is written late.
+/// Then reads all of them back. Calls `written` after each word with the number of words written so far.
 ///
 /// # Errors
 /// [`BusError::Eeprom`], [`BusError::NotWritten`]
@@ -135,8 +138,8 @@ mod tests {
         content
     }
 
-    /// A content of the wrong length, with a wrong checksum, without an end, for another device, or longer than the EEPROM
-    /// is refused.
+    /// EEPROM content of the wrong length, with a wrong checksum, without an end, for another device, or longer than
+    /// the EEPROM is refused.
     #[test]
     fn a_content_that_is_not_fit_is_refused() {
         let good = content(256, 1);
@@ -152,7 +155,7 @@ mod tests {
         assert!(matches!(check_for(&good, &content(256, 2)), Err(ContentError::OtherDevice { .. })));
         let long = content(512, 1);
         assert_eq!(check_for(&long, &good), Err(ContentError::TooLong { len: 512, room: 256 }));
-        // What is there is broken: everything is fit.
+        // The present content has a wrong checksum, so any content passes.
         assert_eq!(check_for(&long, &wrong), Ok(()));
     }
 }

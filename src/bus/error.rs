@@ -1,4 +1,4 @@
-//! Why something about a network is not known or not done.
+//! The errors of looking at a network.
 
 use crate::address::uri::UriError;
 use crate::ethercat::coe::{AbortCode, ObjectAddress};
@@ -7,95 +7,95 @@ use crate::link::LinkError;
 use crate::master::{DatagramError, FileError, MailboxError, ScanError, SdoError, SiiError, StateError};
 use crate::xf_api::XfError;
 
-/// Why a look at a network has failed. Every text ends with the next step.
+/// Why a look at a network failed. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the message of a variant explains its fields")]
 pub enum BusError {
-    /// The link does not open.
+    /// The link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The chip, or its link.
+    /// The chip, or the link to it, reports an error.
     #[error(transparent)]
     // Boxed, because every error is as large as its largest variant.
     Chip(Box<XfError>),
-    /// The chip has not read or not written an EEPROM.
+    /// The chip failed to read or to write an EEPROM.
     #[error(
         "slave {slave}: the chip reports error {error} for its EEPROM; is the slave there, and its EEPROM not write protected"
     )]
     ChipEeprom { slave: u8, error: u8 },
-    /// The link is a board's.
+    /// The link is one to a board, which gives no access to its network.
     #[error(
         "`{link}` is a board, which tells little of its network; ask it with `ecmsk info` and `ecmsk sdo`, or take the drives' \
          cable into a network card and name that, e.g. --link nic:eth1"
     )]
     IsBoard { link: String },
-    /// The network card is gone, or both are.
+    /// The network card is gone; with a ring, both are.
     #[error("{text}")]
     CardGone { text: String },
-    /// See [`ScanError`].
+    /// The scan failed, see [`ScanError`].
     #[error("the slaves were not found: {0}")]
     Scan(#[from] ScanError),
-    /// There is nobody.
+    /// No slave answers.
     #[error("no slave answers; look at the cable to the first slave and at the slaves' power")]
     NoSlave,
-    /// There is nobody, and frames come back as they were sent.
+    /// No slave answers, and the frames come back unchanged.
     #[error("no slave answers: {}", Strangers::echo(*.frames))]
     Echo { frames: u64 },
-    /// A slave is in OP.
+    /// A slave is in OP, so another master runs the network.
     #[error(
         "slave {slave} is in OP, so that somebody runs this network, or did until just now; end that program, and if there is \
          none, switch the slaves off and on"
     )]
     Runs { slave: u8 },
-    /// There is no slave of that number.
+    /// There is no slave with this number.
     #[error("there is no slave {slave}, but {}; number them from 1 in the order of the cable", slaves(*.found))]
     NoSuchSlave { slave: u8, found: usize },
-    /// A slave that was there does not answer.
+    /// A slave that the scan found does not answer any more.
     #[error("slave {slave} does not answer any more; check its cable and its power")]
     Gone { slave: u8 },
-    /// A register was not read or written.
+    /// A register could not be read or written.
     #[error("slave {slave}, register 0x{address:04X}: {error}; check the slave's cable and its power")]
     Register { slave: u8, address: u16, error: DatagramError },
     /// A slave does not reach PreOP.
     #[error("{0}; look at the AL status code in the slave's manual, and read its EEPROM with `ecmsk bus sii read`")]
     State(StateError),
-    /// A slave has no CANopen.
+    /// A slave does not support CoE.
     #[error("slave {slave} has no objects: its EEPROM says no CoE; see `ecmsk bus sii read {slave}`")]
     NoCoe { slave: u8 },
-    /// A slave does not tell of its objects.
+    /// A slave does not support the SDO information service.
     #[error(
         "slave {slave} does not tell which objects it has (no SDO information); read them one by one with `ecmsk bus sdo read \
          {slave} OBJECT`, by its manual"
     )]
     NoInformation { slave: u8 },
-    /// A transfer of an object failed.
+    /// An SDO transfer failed.
     #[error("slave {slave}, object {object}: {}", sdo(.error))]
     Sdo { slave: u8, object: ObjectAddress, error: SdoError },
-    /// A slave did not tell what an object is.
+    /// A request of the SDO information service failed.
     #[error("slave {slave}, what its objects are: {}", sdo(.error))]
     Information { slave: u8, error: SdoError },
-    /// An EEPROM was not read or not written.
+    /// An EEPROM could not be read or written.
     #[error("slave {slave}: {error}{}", eeprom(*.error))]
     Eeprom { slave: u8, error: SiiError },
-    /// A content is not fit for an EEPROM.
+    /// The new content does not fit the slave's EEPROM.
     #[error(transparent)]
     Content(#[from] super::content_error::ContentError),
-    /// What was written is not what is read.
+    /// A word of an EEPROM reads back with another value than was written.
     #[error(
         "slave {slave}: word 0x{word:04X} of its EEPROM was written and reads back as 0x{found:04X}, not 0x{wanted:04X}; write it \
          once more, and do not switch the slave off before that"
     )]
     NotWritten { slave: u8, word: u16, wanted: u16, found: u16 },
-    /// A slave has no files.
+    /// A slave does not support FoE.
     #[error("slave {slave} has no files: its EEPROM says no FoE; see `ecmsk bus sii read {slave}`")]
     NoFoe { slave: u8 },
-    /// A file was not read or not written.
+    /// A file could not be read or written.
     #[error("slave {slave}, file {name}: {}", file(.error))]
     File { slave: u8, name: String, error: FileError },
 }
 
 impl From<XfError> for BusError {
-    /// A chip counts slaves from 0, and a network of this module from 1.
+    /// Converts the numbers of slaves: the chip counts them from 0, and this module from 1.
     fn from(mut error: XfError) -> Self {
         if let XfError::StateStuck { slaves, .. } = &mut error {
             slaves.iter_mut().for_each(|(slave, ..)| *slave = slave.saturating_add(1));
@@ -118,7 +118,7 @@ fn slaves(found: usize) -> String {
     }
 }
 
-/// What is wrong with a mailbox, and what to do.
+/// The text of a mailbox error, with the next step.
 fn mailbox(error: MailboxError) -> String {
     match error {
         MailboxError::NoAnswer => error.to_string(),

@@ -1,40 +1,40 @@
 //! The error counters of slave controllers, registers 0x0300 to 0x0313, and which cable is bad.
 //!
-//! A frame that is damaged on a cable has a wrong check sequence. The slave that gets it first counts an invalid frame at that port
-//! and marks the frame, so that all slaves behind count a forwarded error, and none of them an invalid frame. So an invalid frame
-//! is blamed on the cable at that port, and a forwarded error on no one.
+//! A frame that is damaged on a cable has a wrong check sequence. The slave that gets it first counts an invalid frame
+//! at that port and marks the frame, so that all slaves after it count a forwarded error and no invalid frame. An
+//! invalid frame therefore points to the cable at that port; a forwarded error points to no cable.
 
 use super::{BusError, FoundSlave, Network};
 use crate::ethercat::registers::{FORWARDED_ERRORS, LOST_LINKS, PDI_ERRORS, PORTS, PROCESSING_UNIT_ERRORS, RX_ERRORS};
 
-/// A counter that has come so far counts no further.
+/// The value at which a counter stops counting.
 pub const COUNTER_MAX: u8 = u8::MAX;
-/// How many bytes the counters have.
+/// The length of the block of counter registers, bytes.
 const LEN: usize = LOST_LINKS as usize + PORTS - RX_ERRORS as usize;
 
 /// The counters of a port. Each stops at [`COUNTER_MAX`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PortErrors {
-    /// Frames that came in with a wrong check sequence and that no slave before has marked.
+    /// Frames that arrived with a wrong check sequence and without the mark of an earlier slave.
     pub invalid: u8,
-    /// Errors of the physical layer, some of them between frames.
+    /// Errors of the physical layer, in frames and between frames.
     pub physical: u8,
-    /// Frames that a slave before has marked.
+    /// Damaged frames that an earlier slave has marked already.
     pub forwarded: u8,
-    /// How often the link was lost.
+    /// How often the port lost its link.
     pub lost_links: u8,
 }
 
-/// The counters of a slave.
+/// The error counters of a slave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SlaveErrors {
     /// The slave, from 1.
     pub slave: u8,
-    /// Those of its ports.
+    /// The counters of its ports 0 to 3.
     pub ports: [PortErrors; PORTS],
-    /// Frames whose datagrams do not fit into them.
+    /// Frames whose datagrams are longer than the frame.
     pub processing_unit: u8,
-    /// Wrong accesses by the slave's own controller.
+    /// Wrong accesses by the microcontroller of the slave (PDI errors).
     pub pdi: u8,
 }
 
@@ -55,8 +55,8 @@ impl SlaveErrors {
         }
     }
 
-    /// What has been counted since `before`. A counter that was cleared in between counts from 0, and one at
-    /// [`COUNTER_MAX`] may have missed some.
+    /// What was counted since the reading `before`. If a counter is lower than before, it was cleared, and its whole
+    /// value counts. A counter at [`COUNTER_MAX`] may have missed errors.
     #[must_use]
     pub fn since(&self, before: &Self) -> Self {
         let more = |now: u8, before: u8| now.checked_sub(before).unwrap_or(now);
@@ -102,7 +102,7 @@ pub fn read(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<Vec<Slav
 /// [`BusError::Register`]
 pub fn clear(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(), BusError> {
     for found in slaves {
-        // A write to one of a group clears the group.
+        // Writing one register of a group clears the whole group.
         for register in [RX_ERRORS, PROCESSING_UNIT_ERRORS, PDI_ERRORS, LOST_LINKS] {
             network.write(found.slave, register, &[0])?;
         }
@@ -115,47 +115,47 @@ pub fn clear(network: &mut dyn Network, slaves: &[FoundSlave]) -> Result<(), Bus
 pub struct End {
     /// The slave, from 1.
     pub slave: u8,
-    /// The port, 0..=3.
+    /// The port, 0 to 3.
     pub port: u8,
 }
 
-/// Where something is wrong.
+/// Where the cause of errors is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// On a cable, or in its plugs or ports.
+    /// A cable, its plugs, or the ports at its ends.
     Cable {
-        /// Its end towards the master; `None`: the master itself.
+        /// The end towards the master; `None` if that is the master itself.
         near: Option<End>,
-        /// Its other end; `None`: no slave is there now.
+        /// The other end; `None` if no slave is connected there now.
         far: Option<End>,
     },
-    /// In a slave: its own controller makes wrong accesses.
+    /// A slave: its microcontroller makes wrong accesses.
     Slave(u8),
-    /// In the master: its frames are wrong.
+    /// The master: it sends wrong frames.
     Master,
 }
 
-/// Something that is wrong, by the counters.
+/// A problem that the counters show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trouble {
-    /// Where.
+    /// Where the problem is.
     pub place: Place,
-    /// The counters of the port at the near end of a cable.
+    /// The counters of the port at the near end of the cable.
     pub near: PortErrors,
-    /// Those at the far end.
+    /// The counters of the port at the far end of the cable.
     pub far: PortErrors,
-    /// How often, if it is no cable.
+    /// The number of errors, if the place is not a cable.
     pub count: u8,
 }
 
 impl PortErrors {
-    /// Whether they say something of the cable at this port.
+    /// Whether these counters point to the cable at this port.
     const fn blames(&self) -> bool {
         self.invalid > 0 || self.physical > 0 || self.lost_links > 0
     }
 }
 
-/// The cable at a port, by the ends that it has.
+/// The near and the far end of the cable at a port.
 fn cable_at(slaves: &[FoundSlave], end: End) -> (Option<End>, Option<End>) {
     let of = |slave: u8| slaves.iter().find(|found| found.slave == slave);
     if end.port == 0 {
@@ -166,7 +166,8 @@ fn cable_at(slaves: &[FoundSlave], end: End) -> (Option<End>, Option<End>) {
     (Some(end), slaves.iter().find(is_there).map(|found| End { slave: found.slave, port: 0 }))
 }
 
-/// What is wrong, in the order of the slaves. Each cable is told of once, with the counters of both its ends.
+/// The problems that the counters show, in network order. Each cable is listed once, with the counters of both its
+/// ends.
 pub fn judge(slaves: &[FoundSlave], errors: &[SlaveErrors]) -> Vec<Trouble> {
     let mut troubles: Vec<Trouble> = Vec::new();
     let counters = |end: Option<End>| {

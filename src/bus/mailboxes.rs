@@ -1,5 +1,4 @@
-//! What goes through the mailboxes of slaves by our own master's sequences, whoever runs the network: what a slave says of its
-//! objects, and its files.
+//! Mailbox services that our own master handles, whether it or a chip runs the network: SDO information and FoE.
 
 use super::{BusError, Network};
 use crate::ethercat::Ns;
@@ -8,25 +7,26 @@ use crate::ethercat::registers::AL_STATUS;
 use crate::ethercat::sii::{CoeDetails, MailboxProtocols};
 use crate::master::{Ending, FileError, Job, MailboxInfo, Master, SdoError};
 
-/// \[OURS] How long a slave may take for each answer of its mailbox.
+/// \[OURS] Timeout for each answer of a slave's mailbox.
 pub(super) const ANSWER_MAX_NS: Ns = 5_000_000_000;
 
-/// A network whose mailboxes our own master uses.
+/// A network in which our own master has access to the mailboxes.
 pub(super) trait Mailboxes: Network {
-    /// The mailbox of a slave as its EEPROM says it; `None`: it has none.
+    /// The mailbox of a slave as its EEPROM describes it; `None` if it has none.
     ///
     /// # Errors
-    /// [`BusError::NoSuchSlave`], or its EEPROM cannot be read.
+    /// [`BusError::NoSuchSlave`], or the EEPROM cannot be read.
     fn mailbox(&mut self, slave: u8) -> Result<Option<MailboxInfo>, BusError>;
 
-    /// Runs to its end what `start` starts, which is given the number that our master has for the slave.
+    /// Starts a job of our master with `start` and waits until it ends. `start` gets the master's number of the slave.
     ///
     /// # Errors
-    /// The way to the slaves is broken.
+    /// The network card is gone, or the chip cannot be reached.
     fn run<T: Ending>(&mut self, slave: u8, start: impl FnOnce(&mut Master, u8) -> Job<T>) -> Result<T, BusError>;
 }
 
-/// Checks that a slave has a mailbox for a protocol, and brings it to PreOP.
+/// Checks that a slave has a mailbox for a protocol, and brings the slave to PreOP. Returns the error `without` if it
+/// has none.
 pub(super) fn open(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -43,19 +43,19 @@ fn open_information(network: &mut impl Mailboxes, slave: u8) -> Result<(), BusEr
     if mailbox.coe.contains(CoeDetails::SDO_INFO) { Ok(()) } else { Err(BusError::NoInformation { slave }) }
 }
 
-/// [`Network::object_list`]
+/// Implements [`Network::object_list`].
 pub(super) fn object_list(network: &mut impl Mailboxes, slave: u8) -> Result<Vec<u16>, BusError> {
     open_information(network, slave)?;
     let list = network.run(slave, |master, slave| master.object_list(slave, ObjectListType::All, ANSWER_MAX_NS))?;
     list.map_err(|error| failed_information(network, slave, error))
 }
 
-/// [`Network::describe_object`]
+/// Implements [`Network::describe_object`].
 pub(super) fn describe_object(network: &mut impl Mailboxes, slave: u8, index: u16) -> Result<Vec<u8>, BusError> {
     describe(network, slave, |master, slave| master.describe_object(slave, index, ANSWER_MAX_NS))
 }
 
-/// [`Network::describe_entry`]
+/// Implements [`Network::describe_entry`].
 pub(super) fn describe_entry(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -73,7 +73,7 @@ fn describe(
     network.run(slave, start)?.map_err(|error| failed_information(network, slave, error))
 }
 
-/// [`Network::read_file`]
+/// Implements [`Network::read_file`].
 pub(super) fn read_file(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -85,7 +85,7 @@ pub(super) fn read_file(
     network.run(slave, start)?.map_err(|error| failed_file(network, slave, name, error))
 }
 
-/// [`Network::write_file`]
+/// Implements [`Network::write_file`].
 pub(super) fn write_file(
     network: &mut impl Mailboxes,
     slave: u8,
@@ -107,7 +107,8 @@ fn failed_file(network: &mut impl Mailboxes, slave: u8, name: &str, error: FileE
     unless_gone(network, slave, BusError::File { slave, name: name.to_owned(), error })
 }
 
-/// The error, unless the slave does not answer at all.
+/// Returns `error`, or the error that slave or card is gone if the slave does not answer a read of its AL status
+/// either. An abort of the slave is returned at once, since it is an answer.
 pub(super) fn unless_gone(network: &mut impl Mailboxes, slave: u8, error: BusError) -> BusError {
     let is_refusal = match &error {
         BusError::Sdo { error, .. } | BusError::Information { error, .. } => matches!(error, SdoError::Abort(_)),

@@ -1,22 +1,22 @@
-//! The usual look at a network, by whoever has it before him and no program runs: which slaves there are, what their ports and
-//! cables are like, their objects, EEPROMs, files and clocks. Nothing is moved: no slave is brought above PreOP.
+//! Looks at a network that no program uses: its slaves, their ports and cables, objects, EEPROMs, files and clocks.
+//! Nothing moves, because no slave is brought above PreOP.
 //!
-//! A [`Network`] is a way to the slaves; [`open`] makes one of a link: a network card (`nic:`) or simulated slaves (`sim:`,
-//! in virtual time) with [our own master](crate::master), or the chip ECM-XF, which is a master itself. Everything else is
-//! written over the trait:
+//! A [`Network`] is a way to the slaves; [`open`] makes one from a link. Behind `nic:` (a network card) and `sim:`
+//! (simulated slaves in virtual time) it is [our own master](crate::master); an ECM-XF is a master itself. Everything
+//! else uses the trait alone:
 //!
-//! | file | what it answers |
+//! | file | what it contains |
 //! | --- | --- |
 //! | `network.rs` | [`Network`], [`FoundSlave`] |
-//! | `open.rs` | [`open`]: which network a link is; [`over`]: one at the end of any wires |
-//! | `chip.rs`, `chip_wire.rs` | an ECM-XF by its own commands; our master's frames by its datagrams |
-//! | `mailboxes.rs` | what goes through the slaves' mailboxes by our own master, whoever runs the network |
-//! | `software.rs`, `simulated.rs` | our own master on a card or on simulated slaves; those |
-//! | `dictionary.rs` | [`dictionary`]: the objects of a slave by its own word, with their values |
+//! | `open.rs` | [`open`]: the network of a link; [`over`]: a network behind any wires |
+//! | `chip.rs`, `chip_wire.rs` | the network of an ECM-XF by its commands; our master's frames as the chip's datagrams |
+//! | `mailboxes.rs` | the mailbox services that our own master handles, also where a chip runs the network |
+//! | `software.rs`, `simulated.rs` | the network of our own master, on a card or on simulated slaves; the simulated slaves |
+//! | `dictionary.rs` | [`dictionary`]: the objects of a slave as it describes them, with their values |
 //! | `errors.rs` | [`errors`]: the error counters of all ports, and which cable is bad |
-//! | `clocks.rs` | [`clocks`]: how well the distributed clocks keep together |
-//! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether a content is fit for a slave, what it changes, writing it |
-//! | `round_trips.rs` | how long frames take to the slaves of a card and back |
+//! | `clocks.rs` | [`clocks`]: how well the distributed clocks are synchronized |
+//! | `eeprom.rs`, `content_error.rs` | [`eeprom`]: whether new content fits a slave, what it changes, writing it |
+//! | `round_trips.rs` | the round-trip times of frames on a network card |
 //! | `error.rs` | [`BusError`] |
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! A way to the slaves of a network.
+//! The trait [`Network`], and the slaves that it finds.
 
 use std::time::Duration;
 
@@ -10,71 +10,75 @@ use crate::ethercat::sii::{MailboxProtocols, SiiIdentity};
 use crate::fieldbus::RingState;
 use crate::master::{FrameCounters, Upstream};
 
-/// The AL state of a slave.
+/// The AL state of a slave, with its status code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlaveState {
-    /// The state, and whether there is an error.
+    /// The AL status register: the state, and the error flag.
     pub status: AlStatusRegister,
-    /// Why it is there.
+    /// The AL status code: why the slave is in this state.
     pub code: AlStatus,
 }
 
-/// A slave as a scan has found it.
+/// A slave that a scan has found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundSlave {
-    /// Its number in the order of the cable, from 1.
+    /// The number of the slave in network order, from 1.
     pub slave: u8,
-    /// The station address that it has now.
+    /// The station address that the slave has now.
     pub station: u16,
-    /// The station alias, 0: none.
+    /// The station alias; 0 if it has none.
     pub alias: u16,
-    /// Who it is. An ECM-XF does not tell the serial number, which is 0 then.
+    /// Vendor, product, revision and serial number. An ECM-XF does not report the serial number, which is 0 then.
     pub identity: SiiIdentity,
-    /// Its name; empty if it says none.
+    /// The name in the slave's EEPROM; empty if there is none.
     pub name: String,
-    /// Where it was before the scan.
+    /// The AL state in which the slave was before the scan.
     pub found: SlaveState,
-    /// Its ports.
+    /// The DL status: which ports are open and have a link.
     pub ports: DlStatus,
-    /// What its ports are made of, register 0x0007; 0: it is not known, and neither are its ports.
+    /// The type of each port (MII, EBUS or none), register 0x0007; 0 if it is not known, and then `ports` is not known
+    /// either.
     pub port_types: u8,
-    /// Where it is connected; `None`: at the master.
+    /// The slave and the port that this slave is connected to; `None` if it is connected to the master.
     pub upstream: Option<Upstream>,
-    /// The port by which frames come to it, as its clock says: 0, unless its IN and OUT are swapped, or if it is not known.
+    /// The port at which frames arrive, by the receive times of its clock. 0, unless the plugs IN and OUT are swapped;
+    /// also 0 if it is not known.
     pub entry_port: u8,
-    /// Whether it has distributed clocks.
+    /// Whether the slave has distributed clocks.
     pub has_clock: bool,
-    /// The protocols that its mailbox speaks, none if it has no mailbox; `None`: it is not known.
+    /// The protocols of the slave's mailbox, empty if it has no mailbox; `None` if they are not known.
     pub protocols: Option<MailboxProtocols>,
-    /// Bytes of its own outputs and inputs; `None`: its EEPROM does not say, or nothing is laid out behind a chip yet.
+    /// The bytes of its outputs and of its inputs; `None` if the EEPROM does not say, or if a chip has not configured
+    /// them yet.
     pub process_bytes: (Option<u16>, Option<u16>),
-    /// What is wrong with its EEPROM: why it was not read, or what of its content is not right; `None`: nothing is.
+    /// Why the EEPROM could not be read, or what is wrong with its content; `None` if nothing is.
     pub eeprom_error: Option<String>,
 }
 
-/// A way to the slaves of a network, for one look at a time. Calls wait until they are done, and each of them ends.
+/// Access to the slaves of a network. Each call waits until it is done, and every wait has a timeout.
 ///
-/// Slaves are numbered from 1 in the order of the cable. All calls but [`Network::scan`] are for slaves that it has found.
+/// Slaves are numbered from 1 in network order. All calls except [`Network::scan`] need a slave that the scan has
+/// found.
 pub trait Network {
-    /// Finds the slaves. If [`Network::resets_slaves`], all of them are in Init then.
+    /// Finds the slaves. If [`Network::resets_slaves`], all slaves are in Init afterwards.
     ///
     /// # Errors
     /// [`BusError`]
     fn scan(&mut self) -> Result<Vec<FoundSlave>, BusError>;
 
-    /// Whether time passes by waits alone.
+    /// Whether the network runs in virtual time, which passes in waits alone.
     fn is_virtual(&self) -> bool;
 
-    /// Whether a scan takes all slaves to Init. A master that is there already leaves them where they are.
+    /// Whether a scan takes all slaves to Init. If a chip runs the network, the scan leaves them in their states.
     fn resets_slaves(&self) -> bool;
 
-    /// Waits that long. Clocks are kept together meanwhile.
+    /// Waits for this time and keeps the clocks synchronized meanwhile.
     ///
     /// # Errors
     /// [`BusError`]
     fn wait(&mut self, time: Duration) -> Result<(), BusError>;
 
-    /// Lets that much time pass with long frames on the cables, so that a bad one shows.
+    /// Sends long frames for this time, so that a bad cable shows in the error counters.
     ///
     /// # Errors
     /// [`BusError`]
@@ -92,56 +96,56 @@ pub trait Network {
     /// [`BusError::Register`]
     fn write(&mut self, slave: u8, address: u16, data: &[u8]) -> Result<(), BusError>;
 
-    /// Brings a slave to PreOP, where its mailbox answers, unless it is there.
+    /// Brings a slave from Init to PreOP, where its mailbox works. A slave in a higher state stays there.
     ///
     /// # Errors
     /// [`BusError::State`]
     fn bring_to_preop(&mut self, slave: u8) -> Result<(), BusError>;
 
-    /// Reads an object.
+    /// Reads an object by SDO.
     ///
     /// # Errors
     /// [`BusError::Sdo`]
     fn upload(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope) -> Result<Vec<u8>, BusError>;
 
-    /// Writes an object.
+    /// Writes an object by SDO.
     ///
     /// # Errors
     /// [`BusError::Sdo`]
     fn download(&mut self, slave: u8, object: ObjectAddress, scope: SdoScope, value: &[u8]) -> Result<(), BusError>;
 
-    /// The indices of all objects of a slave, as it says.
+    /// The indices of all objects of a slave, from its SDO information service.
     ///
     /// # Errors
     /// [`BusError::Information`]
     fn object_list(&mut self, slave: u8) -> Result<Vec<u16>, BusError>;
 
-    /// What an object is: an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) as bytes.
+    /// The description of an object: an [`ObjectDescription`](crate::ethercat::coe::ObjectDescription) as bytes.
     ///
     /// # Errors
     /// [`BusError::Information`]
     fn describe_object(&mut self, slave: u8, index: u16) -> Result<Vec<u8>, BusError>;
 
-    /// What a sub-index is: an [`EntryDescription`](crate::ethercat::coe::EntryDescription) as bytes.
+    /// The description of a sub-index: an [`EntryDescription`](crate::ethercat::coe::EntryDescription) as bytes.
     ///
     /// # Errors
     /// [`BusError::Information`]
     fn describe_entry(&mut self, slave: u8, request: EntryRequest) -> Result<Vec<u8>, BusError>;
 
-    /// The content of a slave's EEPROM from its first word to the end of its categories; with our own master as the last scan has
-    /// found it.
+    /// The content of a slave's EEPROM from its first word to the end of its categories. Our own master returns the
+    /// content that the last scan has read.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]
     fn read_eeprom(&mut self, slave: u8) -> Result<Vec<u8>, BusError>;
 
-    /// Words of a slave's EEPROM, from that word on.
+    /// Reads `count` words of a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]
     fn read_eeprom_words(&mut self, slave: u8, first: u16, count: usize) -> Result<Vec<u16>, BusError>;
 
-    /// Writes words of a slave's EEPROM, from that word on.
+    /// Writes words to a slave's EEPROM, beginning at the word `first`.
     ///
     /// # Errors
     /// [`BusError::Eeprom`]
@@ -159,12 +163,12 @@ pub trait Network {
     /// [`BusError::File`]
     fn write_file(&mut self, slave: u8, name: &str, password: u32, content: &[u8]) -> Result<(), BusError>;
 
-    /// The slave with the reference clock; `None`: no slave has a clock, or it is not known.
+    /// The slave with the reference clock; `None` if no slave has a clock, or if it is not known.
     fn reference_clock(&self) -> Option<u8>;
 
-    /// How the ring is in which the cables run back to a second network card; `None`: there is none.
+    /// The state of the ring, whose end is connected to a second network card; `None` if there is no ring.
     fn ring(&self) -> Option<RingState>;
 
-    /// What became of the frames so far; `None`: it is not known.
+    /// The counters of frames sent, received and lost; `None` if they are not known.
     fn frames(&self) -> Option<FrameCounters>;
 }

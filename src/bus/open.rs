@@ -1,12 +1,12 @@
-//! Which network a link is.
+//! Opens the network that a link names.
 
 use super::{BusError, Network};
 use crate::address::keys::Scheme;
 use crate::address::uri::LinkUri;
 
-/// Opens the network of a link: `nic:eth1`, or `sim:?slaves=drive*2` in virtual time, or a chip, `xf-sim:`, `xf-spi:` or
-/// `xf-usb:`. Nothing is sent yet. On a network card that
-/// other programs have, that people use, or on which another master sends, nothing is opened.
+/// Opens the network of a link: `nic:eth1`, `sim:?slaves=drive*2` in virtual time, or a chip (`xf-sim:`, `xf-spi:` or
+/// `xf-usb:`). Nothing is sent yet. A network card is refused if another program has it, if it belongs to another
+/// network, or if another master sends on it.
 ///
 /// # Errors
 /// [`BusError::Link`]: the link is wrong, or does not open; [`BusError::IsBoard`].
@@ -40,7 +40,7 @@ pub fn open(link: &str) -> Result<Box<dyn Network>, BusError> {
     }
 }
 
-/// The network at the end of any wires, with our own master, as [`open`] gives that of a card. Nothing is sent yet.
+/// A network behind any wires, with our own master, as [`open`] returns it for a network card. Nothing is sent yet.
 #[cfg(any(feature = "sim", all(feature = "nic", target_os = "linux")))]
 pub fn over<W: crate::fieldbus::nic::NicWires + 'static>(
     wires: W,

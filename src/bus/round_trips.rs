@@ -1,4 +1,4 @@
-//! How long frames take to the slaves at the end of a network card and back.
+//! Measures the round-trip times of frames on a network card: to its slaves and back.
 
 use std::time::Duration;
 
@@ -10,26 +10,26 @@ use crate::fieldbus::nic::NicWires;
 use crate::master::{Master, Settings};
 use crate::own_board::nic::{Wires, wires};
 
-/// \[OURS] How long a poll waits for a frame at most, ns.
+/// \[OURS] Longest wait for a frame between two polls of the master, ns.
 const TURN_NS: u64 = 1_000_000;
 
-/// How long frames took, by nearest ranks.
+/// The round-trip times of some frames. Percentiles are nearest ranks, so each is a measured value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RoundTrips {
-    /// How many slaves they have passed.
+    /// The number of slaves that the last frame passed.
     pub slaves: u16,
-    /// How many did not come back.
+    /// The number of frames that did not come back.
     pub lost: u32,
-    /// The median.
+    /// The median round-trip time.
     pub p50: Duration,
-    /// The 99th percentile.
+    /// The 99th percentile of the round-trip times.
     pub p99: Duration,
-    /// The greatest value.
+    /// The longest round-trip time.
     pub max: Duration,
 }
 
 impl RoundTrips {
-    /// What of these times is told; `None`: there are none.
+    /// The percentiles of the measured times; `None` if there are none.
     fn of(slaves: u16, lost: u32, mut took: Vec<Duration>) -> Option<Self> {
         took.sort_unstable();
         let max = *took.last()?;
@@ -38,9 +38,9 @@ impl RoundTrips {
     }
 }
 
-/// Sends that many frames to the slaves of a link `nic:`, which read their AL states, one after the other; `None`: none came back.
-/// Nothing of a slave is changed. The checks of `nic:` come first: on a card that other programs have, that people use, or on
-/// which another master sends, nothing is sent.
+/// Sends frames to the slaves of a link `nic:`, one after the other, and measures their round-trip times. `times` is
+/// their number. The frames only read AL states. `None` if none came back. The checks of `nic:` come first: nothing is
+/// sent on a card that another program has, that belongs to another network, or on which another master sends.
 ///
 /// # Errors
 /// [`BusError::Link`]

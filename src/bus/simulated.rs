@@ -1,4 +1,5 @@
-//! Simulated slaves as the wires of our own master, in virtual time, with the script of their link; and a simulated chip over such.
+//! Simulated slaves in virtual time as the wires of our own master, with the script of their link. Also a simulated
+//! chip with such slaves.
 
 use super::BusError;
 use crate::address::uri::LinkUri;
@@ -21,19 +22,20 @@ use crate::testbed::simulated_slaves;
 use crate::xf::host::HostConfig;
 use crate::xf_api::XfError;
 
-/// \[OURS] By how much the crystals of the first and the last slave are off, parts per billion: usual ones.
+/// \[OURS] Error of the crystals of the first and of the last slave, parts per billion: the usual tolerance.
 const DRIFT_PPB: u32 = 20_000;
-/// How far time advances at most before the script is looked at again, ns.
+/// Longest step of time between two runs of the script, ns.
 const STEP_NS: Ns = 1_000_000;
 
-/// Simulated slaves that were just switched on.
+/// Simulated slaves that were just powered on.
 pub(super) struct SimulatedWires {
     slaves: ChainWires,
     script: Option<RunningScript>,
 }
 
 impl SimulatedWires {
-    /// The slaves of a link `sim:`. Of its keys `slaves` and `script` count; a script may have no line that happens to a board.
+    /// The slaves of a link `sim:`. Only the keys `slaves` and `script` are used, and the script must not contain lines
+    /// about a board.
     pub(super) fn new(uri: &LinkUri) -> Result<Self, BusError> {
         let handle = SimHandle::default();
         let (devices, script) = slaves(uri, &handle)?;
@@ -48,10 +50,10 @@ impl SimulatedWires {
     }
 }
 
-/// Slaves that were just switched on, and the script of what happens to them.
+/// The slaves, just powered on, and their script.
 type Scripted = (Vec<Box<dyn Slave>>, Option<RunningScript>);
 
-/// The slaves of a link with simulated ones, and the script of what happens to them, which has begun.
+/// Builds the slaves of a link and starts their script.
 fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<Scripted, BusError> {
     let options = SimOptions::from_uri(uri)?;
     let refused = |error: SimulatedSlavesError| match error {
@@ -64,7 +66,8 @@ fn slaves(uri: &LinkUri, handle: &SimHandle) -> Result<Scripted, BusError> {
     Ok((simulated_slaves::build(&options.slaves).map_err(refused)?, script))
 }
 
-/// The chip of a link `xf-sim:`, in virtual time and with a controller for each slave, and how the driver is to use it.
+/// The chip of a link `xf-sim:`, in virtual time and with a slave controller for each slave, and the settings of its
+/// driver.
 pub(super) fn chip(uri: &LinkUri) -> Result<(Box<dyn ChipLink>, HostConfig), BusError> {
     let options = SimChipOptions::from_uri(uri)?;
     let chip = ModelledChip { network: Some(ChipNetwork::Controllers), ..options.chip };
@@ -100,7 +103,7 @@ impl NicWires for SimulatedWires {
             let next = until.min(self.slaves.now().saturating_add(STEP_NS));
             self.slaves.wait(next);
             if self.slaves.now() < next {
-                // A frame has come.
+                // A frame has arrived.
                 return;
             }
         }

@@ -1,4 +1,4 @@
-//! A network that our own master has, on any wires.
+//! The network of our own master, on any wires.
 
 use std::time::Duration;
 
@@ -12,17 +12,18 @@ use crate::fieldbus::RingState;
 use crate::fieldbus::nic::NicWires;
 use crate::master::{DatagramAnswer, Ending, FrameCounters, Job, MailboxInfo, Master, Settings, SlaveInfo};
 
-/// \[OURS] How long a slave may take to PreOP, as ESI files say it most often.
+/// \[OURS] Timeout for a slave to reach PreOP, the most common value in ESI files.
 const PREOP_MAX_NS: Ns = 10_000_000_000;
-/// \[OURS] How long a wait for frames lasts at most while the master waits for a time, ns.
+/// \[OURS] Longest wait for frames between two polls of the master, ns.
 const TURN_NS: Ns = 200_000;
-/// \[OURS] How often the clocks are given the time of the reference, as by a master with cycles of 1 ms, ns.
+/// \[OURS] Interval at which the master distributes the time of the reference clock, ns. A master with cycles of 1 ms
+/// does it as often.
 const WATCH_NS: Ns = 1_000_000;
-/// \[OURS] How often a datagram of the look before the scan is sent, if nothing comes back.
+/// \[OURS] Most times that a datagram which reads states before the scan is sent, if it does not come back.
 const TRIES: u32 = 3;
 
-/// \[OURS] How often a long frame is sent to put load on the cables, ns, how many bytes it carries, and which: a signal that
-/// changes with each bit.
+/// \[OURS] Interval of the long frames that put load on the cables, ns, their length, and the byte that fills them:
+/// 0x55 makes the signal change with each bit.
 const LOAD_NS: Ns = 250_000;
 const LOAD_BYTES: usize = 1400;
 const LOAD_BYTE: u8 = 0x55;
@@ -31,7 +32,7 @@ const LOAD_BYTE: u8 = 0x55;
 pub(super) struct SoftwareNetwork<W> {
     master: Master,
     wires: W,
-    /// Where the slaves were before the scan.
+    /// The states of the slaves before the scan.
     found: Vec<SlaveState>,
 }
 
@@ -42,20 +43,20 @@ impl<W: NicWires> SoftwareNetwork<W> {
         Self { master: Master::new(settings), wires, found: Vec::new() }
     }
 
-    /// Waits for the end of something that was started.
+    /// Polls the master until a job has ended, and returns its result.
     fn wait_for<T: Ending>(&mut self, job: Job<T>) -> T {
         loop {
             self.master.poll(self.wires.now(), &mut self.wires);
             if let Some(end) = self.master.take(job) {
                 return end;
             }
-            // Nobody asks for them, and they would fill the room that they have.
+            // Events are dropped: nobody reads them here, and they would fill the master's event queue.
             while self.master.take_event().is_some() {}
             self.wires.wait(self.wires.now().saturating_add(TURN_NS));
         }
     }
 
-    /// Sends a datagram until it comes back; `None`: it does not.
+    /// Sends a datagram up to [`TRIES`] times until it comes back; `None` if it does not.
     fn datagram(&mut self, command: Command, position: u16, address: u16, len: usize) -> Option<DatagramAnswer> {
         (0..TRIES).find_map(|_| {
             let address = u32::from(position) | u32::from(address) << 16;
@@ -64,7 +65,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
         })
     }
 
-    /// Reads the states of all slaves, which changes nothing, before a scan takes them to Init.
+    /// Reads the AL states of all slaves, before a scan takes them to Init. Fails if a slave is in OP.
     fn look(&mut self) -> Result<(), BusError> {
         self.found.clear();
         let counted = self.datagram(Command::Brd, 0, AL_STATUS, 2).map_or(0, |answer| answer.working_counter);
@@ -81,7 +82,7 @@ impl<W: NicWires> SoftwareNetwork<W> {
         Ok(())
     }
 
-    /// Waits for the end of something that was started.
+    /// Waits for the end of a job and checks that a network card is still there.
     ///
     /// # Errors
     /// [`BusError::CardGone`]
@@ -90,6 +91,8 @@ impl<W: NicWires> SoftwareNetwork<W> {
         self.check_cards().map(|()| end)
     }
 
+    /// Fails if all network cards are gone.
+    ///
     /// # Errors
     /// [`BusError::CardGone`]
     fn check_cards(&self) -> Result<(), BusError> {
@@ -177,10 +180,10 @@ impl<W: NicWires> Network for SoftwareNetwork<W> {
     fn load(&mut self, time: Duration) -> Result<(), BusError> {
         let until = self.wires.now().saturating_add(Ns::try_from(time.as_nanos()).unwrap_or(Ns::MAX));
         while self.wires.now() < until {
-            // Slaves pass it on and do nothing.
+            // A NOP datagram has no effect in slaves.
             let job = self.master.datagram(Command::Nop, 0, &[LOAD_BYTE; LOAD_BYTES]);
             let next = until.min(self.wires.now().saturating_add(LOAD_NS));
-            // Lost frames are what this is for.
+            // Lost frames are no error: a bad cable loses some, and its error counters show that.
             let _ = self.wait_for(job);
             self.wait(Duration::from_nanos(next.saturating_sub(self.wires.now())))?;
         }
@@ -279,7 +282,7 @@ mod tests {
     use crate::slave::esc::{CabledChain, Chain, EscSettings, EscSlave, Predecessor, eeprom_of};
     use crate::slave::{Io, Slave};
 
-    /// What sends each frame back as it is.
+    /// Wires that send each frame back unchanged.
     struct Loop(std::collections::VecDeque<Vec<u8>>, Ns);
 
     impl Wire for Loop {
@@ -309,7 +312,7 @@ mod tests {
         }
     }
 
-    /// A slave that keeps the counter of its mailbox over Init answers in each look after another.
+    /// A slave that keeps its mailbox counter across Init answers in several looks, one after the other.
     #[test]
     fn one_look_after_another_reads_objects() {
         for seed in 0..16 {
@@ -317,10 +320,10 @@ mod tests {
             wires.leave(&mut Predecessor::seeded(seed));
             for look in 0..4 {
                 let mut network = SoftwareNetwork::new(wires, Settings::default());
-                // Also where it was left in OP.
+                // The scan must also find a slave that was left in OP.
                 let scan = network.master.scan();
                 assert_eq!(network.wait_for(scan), Ok(1));
-                // As many requests as make each counter the last one now and then.
+                // Another number of requests in each look, so that the last mailbox counter differs.
                 for _ in 0..=look {
                     let begin = network.wires.now();
                     let value = network.upload(1, ObjectAddress::new(0x1018, 1), SdoScope::Entry);
@@ -332,7 +335,7 @@ mod tests {
         }
     }
 
-    /// BUS-2.3 Frames that come back as they were sent are no slave's, and that is said.
+    /// BUS-2.3 If frames come back unchanged, no slave has handled them, and the error says so.
     #[test]
     fn frames_that_no_slave_has_changed_are_told() {
         let mut network = SoftwareNetwork::new(Loop(Default::default(), 1_000_000), Settings::default());
@@ -340,7 +343,8 @@ mod tests {
         assert!(said.contains("no slave answers: ") && said.contains("frames came back as they were sent"), "{said}");
     }
 
-    /// BUS-2.3 What is wrong with an EEPROM is named, and how many bytes of process data there are is not said where it is not known.
+    /// BUS-2.3 A damaged EEPROM is reported with its reason, and the bytes of process data are left out if they are not
+    /// known.
     #[test]
     fn what_is_wrong_with_an_eeprom_is_named() {
         let cable = Cable::default();
@@ -362,7 +366,7 @@ mod tests {
         assert_eq!(bytes, [(None, None), (Some(2), Some(2)), (Some(2), Some(2))]);
     }
 
-    /// If a slave is in OP nothing is changed, whoever else is there: some master runs the network.
+    /// If one slave is in OP, a scan changes nothing in any slave: another master runs the network.
     #[test]
     fn a_network_that_runs_is_left_alone() {
         let devices = (0..2).map(|_| Box::new(Io::default()) as Box<dyn Slave>).collect();

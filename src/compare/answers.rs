@@ -1,4 +1,4 @@
-//! What differs between two answers to the same command.
+//! Finds the differences between two answers to the same command.
 
 use super::difference::Deviation;
 use super::report::Answer;
@@ -8,8 +8,8 @@ use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::SlaveData;
 use crate::sk::{HspAxis, SdoCommand, SdoResponse};
 
-/// All differences between the answers of two steps: those of slot 0 first, then by slave. Where one step has no answer only
-/// lost commands and faults are compared.
+/// All differences between the answers of two steps: those of slot 0 first, then by slave. If one step has no answer,
+/// only lost commands and faults are compared.
 pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
     let mut found = Vec::new();
     if a.lost != b.lost {
@@ -19,7 +19,7 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
         answer_differences(a.size.max_slaves() as u8, answer_a, answer_b, options, &mut found);
         rest_differences(a, b, options, &mut found);
     }
-    // An answer need not show a fault any more that there was.
+    // A fault may be over in the last report, so the faults of all reports are compared.
     for (side, faults, faults_of_other) in [(Side::A, &a.faults, &b.faults), (Side::B, &b.faults, &a.faults)] {
         for (slave, error_code) in faults.iter().copied() {
             if !faults_of_other.contains(&(slave, error_code)) {
@@ -33,7 +33,7 @@ pub fn differences(a: &Step, b: &Step, options: &Options) -> Vec<Deviation> {
 fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
     let boards = [a.board(), b.board()];
     if boards[0].state != boards[1].state {
-        // What the slaves' slots mean depends on the state, so they are not compared.
+        // The meaning of the slaves' slots depends on the state, so slots of different states are not compared.
         found.push(Deviation::State { states: boards.map(|board| board.state) });
         return;
     }
@@ -47,7 +47,7 @@ fn answer_differences(slaves: u8, a: &Answer, b: &Answer, options: &Options, fou
     }
 }
 
-/// Where a command has ended OP: axes that stood at another place before.
+/// If the command ended OP in both runs, adds the differences of positions in the last reports of OP, for axes at rest.
 fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Deviation>) {
     let has_left = |step: &Step| step.answer.as_ref().is_some_and(|answer| !answer.is_op());
     if !(has_left(a) && has_left(b)) {
@@ -62,14 +62,14 @@ fn rest_differences(a: &Step, b: &Step, options: &Options, found: &mut Vec<Devia
     }
 }
 
-/// Whether two reports show the same of a slave, as far as it is compared.
+/// Whether two reports show the same for a slave, in the values that `options` compares.
 pub fn is_same(slave: u8, a: &Answer, b: &Answer, options: &Options) -> bool {
     let mut found = Vec::new();
     slave_differences(slave, a, b, options, &mut found);
     found.is_empty()
 }
 
-/// What differs of a slave between two reports of OP.
+/// Adds the differences of a slave between two reports of OP to `found`.
 pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, found: &mut Vec<Deviation>) {
     if a.shows_the_same(b, slave) {
         return;
@@ -96,7 +96,8 @@ pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, f
             found.extend((1..).zip(axes(|axis| axis.position)).filter_map(|(n, counts)| positions(n, counts)));
             found.extend(axes(|axis| axis.inputs.into()).into_iter().filter_map(|bits| inputs(bits.map(|n| n as u16))));
         }
-        // The bits are inputs or outputs depending on the command that is answered, and that depends on timing.
+        // Whether the bits are inputs or outputs depends on the command that the report answers. Which one that is
+        // depends on timing, so bits of different commands are not compared.
         (SlaveData::Io(io_a), SlaveData::Io(io_b)) if io_a.head.id == io_b.head.id => {
             found.extend(inputs([io_a.bits, io_b.bits]));
         }
@@ -108,8 +109,8 @@ pub fn slave_differences(slave: u8, a: &Answer, b: &Answer, options: &Options, f
     }
 }
 
-/// The SDO transfer that both programs have requested, and the answers to it. An answer may come with any of the steps until
-/// the next transfer, so the two are compared when both have come.
+/// The SDO transfer that both programs have requested last, with the answers to it. An answer may come with any step
+/// until the next transfer, so the answers are compared once both have come.
 #[derive(Debug, Default)]
 pub struct Transfer {
     request: Option<SdoCommand>,
@@ -117,7 +118,8 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    /// Takes two equal steps. Returns a difference between the two answers, once, and whether one answer never came.
+    /// Takes the next two equal steps. Returns a difference between the two answers, once, and a difference for the
+    /// transfer before if only one run answered it.
     pub fn steps(&mut self, a: &Step, b: &Step) -> Vec<Deviation> {
         let mut found = Vec::new();
         if let Some(request) = a.sdo() {
@@ -139,7 +141,7 @@ impl Transfer {
         found
     }
 
-    /// Ends the transfer. Returns a difference if an answer came in one run only.
+    /// Ends the transfer. Returns a difference if only one run answered it.
     pub fn end(&mut self) -> Option<Deviation> {
         let request = self.request.take()?;
         let side = match self.answers {

@@ -1,15 +1,15 @@
-//! The length of a run.
+//! The number of frames of a run, and its duration.
 
 use std::fmt::{self, Display, Formatter};
 
-/// The length of a run.
+/// The number of frames of a run, and its duration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Command frames that request something.
+    /// Command frames in which some slot requests something.
     pub commands: u64,
-    /// Command frames of nothing but GET_STATUS.
+    /// Command frames in which all slots are GET_STATUS.
     pub polls: u64,
-    /// Repeated command frames that were left out ([`Options::ignore_repeats`](super::Options::ignore_repeats)).
+    /// Repeated command frames that were skipped ([`Options::ignore_repeats`](super::Options::ignore_repeats)).
     pub repeats: u64,
     /// Reports of the board.
     pub reports: u64,

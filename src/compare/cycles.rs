@@ -1,27 +1,28 @@
-//! Counts the cycles of a run by its reports: the board makes one in each.
+//! Counts the cycles of a run by the reports of the board, which sends one in each cycle.
 
-/// A report that comes later than this part of a cycle behind a whole number of cycles is one of the next cycle: a report
-/// may be late, and a host may have missed some. \[OURS]
+/// A report that comes at most this fraction of a cycle (1/4) before a whole number of cycles counts for that number:
+/// the host missed the reports between. An earlier one counts as a late report of the cycle before. \[OURS]
 const EARLY_FRACTION: i64 = 4;
 
-/// The cycles of a stretch of OP.
+/// Cycle counter of an uninterrupted time in OP.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cycles {
-    /// Cycles so far.
+    /// The number of cycles so far.
     passed: i64,
     before_ns: Option<i64>,
-    /// By how much the report before came later than the cycles that were counted, in nanoseconds; half of it is forgotten with
-    /// each report, so that a clock that runs otherwise than the board's adds nothing.
+    /// The delay of the report before against the counted cycles, in nanoseconds. Each report halves it, so that the
+    /// drift between the clocks of host and board does not accumulate.
     late_ns: i64,
 }
 
 impl Cycles {
-    /// Cycles so far.
+    /// The number of cycles so far.
     pub(super) const fn passed(&self) -> i64 {
         self.passed
     }
 
-    /// A report goes by. Reports that the host has missed are counted with it.
+    /// Takes a report that was received at `at_ns`, and adds the cycles since the report before. Reports that the host
+    /// missed count too.
     pub(super) fn report(&mut self, at_ns: i64, cycle_ns: i64) {
         let cycle_ns = cycle_ns.max(1);
         let Some(before_ns) = self.before_ns.replace(at_ns) else {
@@ -47,7 +48,7 @@ mod tests {
         cycles.passed()
     }
 
-    /// Each report is a cycle, however early or late it comes; where some are missing their cycles count.
+    /// Each report counts as one cycle, with any jitter; missing reports count as well.
     #[test]
     fn a_report_is_a_cycle_and_missing_ones_count() {
         assert_eq!(passed(&[0, 1000, 2000, 3000]), 4);

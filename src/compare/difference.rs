@@ -9,63 +9,63 @@ use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::{CommandDump, SlotLine};
 use crate::sk::{SdoCommand, SdoResponse, StateByte};
 
-/// A deviation between two runs. Arrays hold the value of run A and that of run B; slaves are numbered from 1.
+/// One differing value of two runs. An array holds the value of run A and that of run B; slaves are numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the variants say what their fields are")]
 pub enum Deviation {
     /// The programs sent different commands.
     Command {
-        /// The first slot that differs.
+        /// The first slot that differs, from each run.
         lines: Box<[SlotLine; 2]>,
     },
-    /// The run `side` ends, and the other one has more commands.
+    /// The run `side` ends, and the other run has more commands.
     Ends { side: Side },
-    /// In the run `side` commands were lost or refused for their CRC, and in the other one not.
+    /// In the run `side` commands were lost, or refused because of their CRC; in the other run none was.
     Lost { side: Side },
-    /// The run `side` answers so many cycles later than the other one, which is more than allowed
-    /// ([`super::Options::latency_cycles`]).
+    /// The run `side` answers this many cycles later than the other one, more than [`super::Options::latency_cycles`]
+    /// allows.
     Late {
         side: Side,
         cycles: u64,
         /// The number of the first command with that latency.
         from_command: u64,
     },
-    /// The state of the network differs.
+    /// The state of the network in the reports differs.
     State {
         /// Byte 2 of slot 0.
         states: [StateByte; 2],
     },
-    /// The result of the command for the board itself differs.
+    /// The result of a command for the board itself differs.
     Result {
         /// Data1 of slot 0.
         results: [u32; 2],
     },
-    /// In the run `side` a drive had a fault, which may be cleared again, and in the other one not.
+    /// In the run `side` a drive had a fault, which may be reset again; in the other run it had none.
     Fault {
         slave: u8,
         side: Side,
         /// Object 0x603F; 0 if the drive showed none.
         error_code: u16,
     },
-    /// A drive's statusword differs in bits that are compared.
+    /// The compared bits of a drive's statusword differ.
     Statusword { slave: u8, words: [Statusword; 2] },
     /// A drive's error code, object 0x603F, differs.
     ErrorCode { slave: u8, codes: [u16; 2] },
-    /// Actual positions differ by more than the tolerance.
+    /// The actual positions of an axis differ by more than the tolerance.
     Position {
         slave: u8,
-        /// 1; 2 for the second axis of a two-channel HSP.
+        /// The number of the axis: 1, or 2 for the second axis of a two-channel HSP.
         axis: u8,
-        /// Object 0x6064 (0x6864).
+        /// Object 0x6064; 0x6864 for the second axis.
         counts: [i32; 2],
     },
-    /// The inputs of an IO slave or an HSP differ, or the outputs in the answers of an IO slave.
+    /// The inputs of an IO slave or an HSP differ, or the outputs that an IO slave reports back.
     Inputs { slave: u8, bits: [u16; 2] },
     /// The slave is of another kind, or present in one run only.
     Kind { slave: u8 },
     /// The answers to an SDO transfer differ.
     Sdo { answers: [SdoResponse; 2] },
-    /// In the run `side` an SDO transfer was not answered, and in the other one it was.
+    /// In the run `side` an SDO transfer was not answered; in the other run it was.
     NoSdoAnswer { side: Side, request: SdoCommand },
 }
 
@@ -84,19 +84,19 @@ impl Deviation {
     }
 }
 
-/// A command at which two runs differ, and how.
+/// A command with its differences between two runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// The number of the command, from 1. Frames of nothing but GET_STATUS are not counted.
+    /// The number of the command, from 1. Frames in which all slots are GET_STATUS are not counted.
     pub command: u64,
-    /// The slot of the command that the difference is about, as [`crate::sk::dump`] writes it. If one run has ended it is the
-    /// other run's command.
+    /// The slot of the command that the difference is about, as [`crate::sk::dump`] writes it. If one run has ended,
+    /// the text is that of the other run's command.
     pub text: String,
-    /// The number of its frame in run A and in run B; `None` where the run has ended.
+    /// The frame number of the command in run A and in run B; `None` if the run has ended.
     pub frames: [Option<u64>; 2],
-    /// When it was sent in run A and in run B, in nanoseconds.
+    /// The time at which the command was sent in run A and in run B, in nanoseconds; `None` if the run has ended.
     pub at_ns: [Option<i64>; 2],
-    /// What differs, the most important first; at least one entry.
+    /// The differences, the most important one first; at least one.
     pub what: Vec<Deviation>,
 }
 
@@ -115,13 +115,13 @@ impl Difference {
     }
 }
 
-/// A slot of a step's command, as a dump writes it.
+/// A slot of a step's command, as [`crate::sk::dump`] writes it.
 pub(super) fn words(step: &Step, slot: usize) -> String {
     let line = CommandDump::new(&step.command, step.size).line(slot);
     line.map_or_else(String::new, |line| line_words(&line))
 }
 
-/// A line of a dump without its column padding and its CRC.
+/// A line of a dump without its padding and its CRC.
 fn line_words(line: &SlotLine) -> String {
     let text = SlotLine { crc: None, ..*line }.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -149,7 +149,7 @@ impl Display for Difference {
     }
 }
 
-/// How many differences of one command its text names. \[OURS]
+/// Most differences of one command that its text lists. \[OURS]
 const SHOWN_MAX: usize = 3;
 
 impl Display for Deviation {
@@ -157,7 +157,7 @@ impl Display for Deviation {
         match self {
             Self::Command { lines } => {
                 let [a, b] = [&lines[0], &lines[1]].map(line_words);
-                // Both lines begin with the slot's role, which is written once.
+                // Both lines begin with the slot's role, which the text writes only once.
                 let role = lines[0].role.to_string();
                 let b = b.strip_prefix(&role).map_or(b.as_str(), str::trim);
                 write!(f, "{a} in A, {b} in B")

@@ -1,4 +1,4 @@
-//! Counts the gaps of two runs: cycles in a motion that one run has and the other has not.
+//! Counts the gaps of two runs: cycles in a motion that only one of the runs has.
 
 use super::steps::Step;
 use super::{Side, unsure_cycles};
@@ -6,50 +6,52 @@ use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{CommandId, FIFO_ENTRIES};
 use crate::summary::GapFinder;
 
-/// After so many commands in a row with the same number of cycles more a gap is sure: a report may be taken for one of the
-/// command before or behind its own. \[OURS]
+/// A gap is certain once this many consecutive commands show the same number of additional cycles. A single report may
+/// be assigned to the command before or after its own. \[OURS]
 const SURE_COMMANDS: u32 = 3;
-/// The gaps of a run: cycles between two targets of an axis on its way that the other run does not have. In each of them the axis
-/// was sent the first of the two once more.
+/// The gaps of a run: additional cycles between two targets of a moving axis that the other run does not have. In each
+/// of these cycles the board sent the axis the first target once more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gaps {
-    /// How many there are.
+    /// The number of gaps.
     pub count: u64,
-    /// Their cycles together.
+    /// The sum of their cycles.
     pub cycles: u64,
-    /// The cycles of the longest one.
+    /// The cycles of the longest gap.
     pub longest: u64,
 }
 
-/// By how many cycles run B is further than run A at the answers to a command; `None` outside OP, or without an answer.
+/// The cycle count of run B minus that of run A at the answers to a command; `None` outside OP, or if an answer is
+/// missing.
 pub(super) fn apart(a: &Step, b: &Step) -> Option<i64> {
     Some(b.answered_in?.saturating_sub(a.answered_in?))
 }
 
-/// What a pair of equal commands tells.
+/// Observation at one pair of equal commands.
 #[derive(Clone, Copy, Debug)]
 struct Told {
-    /// By how many cycles run B is further than run A.
+    /// The cycle count of run B minus that of run A.
     apart: i64,
-    /// Whether the FIFO of run A and of run B was empty at its last report, so that a gap could begin.
+    /// Whether the FIFO of run A and of run B was empty at the answer, so that a gap could begin.
     empty: [bool; 2],
-    /// Whether both runs have answered the same.
+    /// Whether the answers of both runs are equal.
     is_same: bool,
-    /// More cycles than these are no mistake. A gap of no more counts only where the FIFO was empty.
+    /// The largest number of additional cycles that may come from a report assigned to a wrong command. A gap of so few
+    /// cycles counts only if the FIFO was empty.
     unsure_cycles: u64,
 }
 
-/// Finds the gaps, while pairs of equal commands go by.
+/// Counts the gaps while the pairs of equal commands are read.
 #[derive(Debug)]
 pub(super) struct GapCount {
     gaps: [Gaps; 2],
-    /// Tell of each slave whether its axis is on its way.
+    /// One for each slave: whether its axis is moving.
     axes: [GapFinder; MAX_SLAVES],
-    /// By how many cycles run B is further than run A, as far as it is sure.
+    /// The last certain value of [`Told::apart`].
     level: Option<i64>,
-    /// The first command that has shown another level, and how many in a row have.
+    /// The first observation with another value, and how many consecutive commands have shown it.
     other: Option<(Told, u32)>,
-    /// What the command before has shown.
+    /// The observation at the previous command.
     before: Option<Told>,
 }
 
@@ -61,7 +63,8 @@ impl Default for GapCount {
 }
 
 impl GapCount {
-    /// The next two equal steps, and whether the answers to them are the same. Returns whether they go on with a motion.
+    /// Takes the next two equal steps, and whether the answers to them are equal. Returns whether the steps continue a
+    /// motion.
     pub(super) fn pair(&mut self, a: &Step, b: &Step, is_same: bool) -> bool {
         let moves = self.moves(a);
         let is_empty =
@@ -75,13 +78,13 @@ impl GapCount {
         moves
     }
 
-    /// The gaps of run A and run B.
+    /// The gaps of run A and of run B.
     pub(super) fn end(mut self) -> [Gaps; 2] {
         self.settle();
         self.gaps
     }
 
-    /// Whether an axis is on its way, so that it would stop if there was a pause before this command.
+    /// Whether the command continues a motion: a pause before it would stop the axis.
     fn moves(&mut self, step: &Step) -> bool {
         let mut moves = false;
         for (slave, axis) in (1..=step.size.max_slaves()).zip(&mut self.axes) {
@@ -94,10 +97,10 @@ impl GapCount {
         moves
     }
 
-    /// What a command has told, and whether the one behind it goes on with the same motion.
+    /// Evaluates an observation. `moves` says whether the command after it continues the same motion.
     fn look(&mut self, told: Told, moves: bool) {
         let Some(level) = self.level.filter(|_| moves) else {
-            // What was seen in a motion up to its end is a gap, if it is sure; a pause behind it is none.
+            // At the end of a motion a certain change is still a gap. A pause after the motion is none.
             self.settle();
             self.level = Some(told.apart);
             return;
@@ -117,9 +120,9 @@ impl GapCount {
         }
     }
 
-    /// Takes another level, if it is sure: so many commands have shown it. It is a gap if one could begin, or the cycles are more
-    /// than those by which a report may be taken for another one; and if the axis that stopped in one run alone is at another
-    /// place.
+    /// Takes over a new value of [`Told::apart`], if enough commands have shown it. The change counts as a gap if the
+    /// answers differ, so that the axis is elsewhere in one run, and if the FIFO was empty or the cycles are too many
+    /// for a wrongly assigned report.
     fn settle(&mut self) {
         let Some((told, count)) = self.other.take() else { return };
         let Some(level) = self.level.filter(|_| count >= SURE_COMMANDS) else { return };

@@ -1,59 +1,61 @@
-//! By how many cycles the answers of one run come later than those of the other.
+//! Measures how many cycles later the answers of one run come than those of the other.
 
 use std::collections::BTreeMap;
 
 use super::steps::Step;
 
-/// A command that was executed within so many cycles did not wait behind others. What waits in both runs is answered later in
-/// neither. \[OURS]
+/// A command that was executed within this many cycles did not wait in the FIFO. If it waited in both runs, the FIFO
+/// hides the latency of the board, and the command does not count. \[OURS]
 const AT_ONCE_CYCLES: u64 = 2;
-/// Fewer cycles more or less are no other latency: which cycle a report is of is known to a cycle or two. \[OURS]
+/// A latency that differs by at most this many cycles counts as the same: the cycle of a report is known to within one
+/// or two cycles. \[OURS]
 const STEADY_CYCLES: u64 = 2;
-/// After so many commands in a row with another latency it is one. \[OURS]
+/// A new stretch begins once this many consecutive commands show another latency. \[OURS]
 const SURE_COMMANDS: usize = 5;
-/// How many stretches are kept; where there are more the last one goes on. \[OURS]
+/// Most stretches that are kept; the last one then includes all later commands. \[OURS]
 const STRETCHES_MAX: usize = 64;
 
-/// By how many cycles of the board run B answers later than run A; negative numbers: sooner. Commands count that did not have to
-/// wait behind others in one of the runs, and do not go on with a motion.
+/// How many cycles of the board run B answers later than run A; negative if earlier. Only commands count that did not
+/// wait in the FIFO in at least one of the runs, and that do not continue a motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
-    /// How many commands tell.
+    /// The number of commands that count.
     pub commands: u64,
-    /// That of most commands; of several the one nearest to 0. 0 if no command tells.
+    /// The most frequent latency, in cycles. If several are equally frequent, the one nearest to 0. 0 if no command
+    /// counts.
     pub usual: i64,
-    /// That of the command that B answers soonest, in comparison.
+    /// The smallest latency of a command, in cycles.
     pub least: i64,
-    /// That of the command that B answers latest, in comparison.
+    /// The largest latency of a command, in cycles.
     pub most: i64,
-    /// Where it changes, for several commands in a row and by more than two cycles: the stretches of the runs with one latency,
-    /// at least one if a command tells.
+    /// The stretches of the runs with one latency each. A new one begins when several consecutive commands differ by
+    /// more than two cycles. At least one stretch, unless no command counts.
     pub stretches: Vec<LatencyStretch>,
 }
 
-/// Commands in a row that are answered so many cycles later.
+/// Consecutive commands with the same latency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LatencyStretch {
-    /// The number of the first command, from 1.
+    /// The number of the first command of the stretch, from 1.
     pub from_command: u64,
-    /// By how many cycles run B answers later, which most of its commands show.
+    /// The most frequent latency in the stretch: how many cycles run B answers later.
     pub cycles: i64,
 }
 
-/// Finds the latency, while pairs of equal commands go by.
+/// Measures the latency while the pairs of equal commands are read.
 #[derive(Debug, Default)]
 pub(super) struct LatencyFinder {
     shown: BTreeMap<i64, u64>,
     in_stretch: BTreeMap<i64, u64>,
-    /// Commands in a row with another latency than that of the stretch.
+    /// The last consecutive commands whose latency differs from that of the stretch.
     others: Vec<LatencyStretch>,
     stretches: Vec<LatencyStretch>,
-    /// What the newest command has told, until it is asked for.
+    /// The latency of the newest command, until [`Self::late`] takes it.
     newest: Option<LatencyStretch>,
 }
 
 impl LatencyFinder {
-    /// The next two equal steps.
+    /// Takes the next two equal steps.
     pub(super) fn pair(&mut self, a: &Step, b: &Step) {
         let (Some(after_a), Some(after_b)) = (a.answered_after, b.answered_after) else { return };
         if after_a.min(after_b) > AT_ONCE_CYCLES {
@@ -91,15 +93,16 @@ impl LatencyFinder {
         self.stretches.extend(commands.first());
     }
 
-    /// The stretch so far has the latency of most of its commands.
+    /// Sets the latency of the last stretch to the most frequent one of its commands.
     fn close(&mut self) {
         if let (Some(last), Some(cycles)) = (self.stretches.last_mut(), usual(&self.in_stretch)) {
             last.cycles = cycles;
         }
     }
 
-    /// The latency that the newest pair has shown to be of more cycles than these: that of the stretch that goes on, once it is sure,
-    /// or of one command alone, if it is more by so much that no report can be taken for another one.
+    /// The latency that is longer than `allowed` cycles, as of the newest pair: that of the current stretch once enough
+    /// commands show it. Otherwise that of the newest command, if it is too long to come from a wrongly assigned
+    /// report.
     pub(super) fn late(&mut self, allowed: u64) -> Option<LatencyStretch> {
         let sure = self.in_stretch.values().sum::<u64>() >= SURE_COMMANDS as u64;
         let cycles = usual(&self.in_stretch).filter(|_| sure);
@@ -109,7 +112,8 @@ impl LatencyFinder {
         stretch.filter(|stretch| is_late(stretch, allowed)).or(alone)
     }
 
-    /// The first stretch of more cycles than these, when both runs have ended: one of a few commands, which are all that tell.
+    /// The first stretch that is longer than `allowed` cycles, once both runs have ended. It may have only a few
+    /// commands.
     pub(super) fn late_at_end(&mut self, allowed: u64) -> Option<LatencyStretch> {
         self.close();
         self.stretches.iter().find(|stretch| stretch.cycles.unsigned_abs() > allowed).copied()
@@ -127,7 +131,7 @@ impl LatencyFinder {
     }
 }
 
-/// What most commands have shown; of several the one nearest to 0, and 0 if there is one on either side.
+/// The most frequent latency. If several are equally frequent, the one nearest to 0; 0 if these are `n` and `-n`.
 fn usual(shown: &BTreeMap<i64, u64>) -> Option<i64> {
     let most = shown.values().max()?;
     let mut usual: Option<i64> = None;

@@ -1,24 +1,24 @@
 //! Compares two runs of the same program: on two boards, on a board and on the model, before and after a change.
 //!
-//! Runs are aligned by the program's commands and not by time: command frame 214 of one run is compared with command frame
-//! 214 of the other, and the answer that one board had given to it when the program sent its next command with that of the
-//! other. Differences of timing alone are ignored: frames of nothing but GET_STATUS, the number of reports and their times.
-//! The rules stand at [`Step`]. A board that answers some cycles later, as one over an ECM-XF, shows the same some cycles later:
-//! that is found, told as a number, and no difference ([`Options::latency_cycles`]).
+//! Runs are aligned by the program's commands and not by time: command frame 214 of one run is compared with command
+//! frame 214 of the other, and the last answer that one board gave before the next command with the last answer of the
+//! other. Differences in timing alone are ignored: frames in which all slots are GET_STATUS, the number of reports and
+//! their times. [`Step`] has the rules. A board over an ECM-XF answers some cycles later: that latency is reported as a
+//! number and is no difference ([`Options::latency_cycles`]).
 //!
-//! How to read it:
+//! Files:
 //!
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | the options, and [`files`], which compares two recordings |
 //! | `recorded_run.rs` | [`RecordedRun`]: a recording as a run |
 //! | `steps.rs`, `cycles.rs` | [`Step`]: a command with the board's answer to it, and [`Steps`], which finds them in a run |
-//! | `report.rs` | [`Answer`]: a report with what is known beside its bytes |
-//! | `answers.rs` | what differs between two answers |
-//! | `timing.rs` | what of that is but timing |
-//! | `latency.rs`, `gaps.rs` | by how many cycles one run answers later: [`Latency`]; cycles that one has more: [`Gaps`] |
+//! | `report.rs` | [`Answer`]: a report, with the kinds of the slaves |
+//! | `answers.rs` | the differences between two answers |
+//! | `timing.rs` | which of these differences are timing alone |
+//! | `latency.rs`, `gaps.rs` | how many cycles later one run answers: [`Latency`]; additional cycles of one run: [`Gaps`] |
 //! | `difference.rs` | [`Difference`] and its text |
-//! | `runs.rs`, `counts.rs` | [`compare`]: two runs side by side; how long they are |
+//! | `runs.rs`, `counts.rs` | [`compare`]: two runs side by side; their numbers of frames |
 //!
 //! ```
 //! use ecmsk::compare::{Options, TimedFrame, compare};
@@ -64,18 +64,19 @@ pub use steps::{Step, Steps};
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
-/// By so many cycles of the board at most what two runs answer to the same command may be apart, if no smaller number is given:
-/// with its slaves behind an ECM-XF a board answers up to 8 cycles later, and takes up to 12 for SET_FIFO 1. \[OURS]
+/// Most cycles of the board by which the same answer may be earlier or later in one run, unless
+/// [`Options::latency_cycles`] is smaller. A board over an ECM-XF answers up to 8 cycles later, and takes up to 12 for
+/// SET_FIFO 1. \[OURS]
 pub const WINDOW_CYCLES: usize = 24;
 
-/// An axis stands whose positions have not changed for so many reports. \[OURS]
+/// An axis counts as at rest once its positions have not changed for this many reports. \[OURS]
 pub(crate) const STANDS_REPORTS: u16 = 8;
 
-/// For so long, in nanoseconds, it may be unsure which cycle a report is of: a host writes while a report is on its way, which
-/// takes an ECM-XF two exchanges. \[OURS]
+/// Uncertainty of the cycle that a report belongs to, in nanoseconds: the host may send a command while the report is
+/// in flight, which takes two exchanges with an ECM-XF. \[OURS]
 const UNSURE_NS: i64 = 2_000_000;
 
-/// By so many cycles of that length a report may be taken for another one.
+/// The uncertainty of a report in cycles of this length, at least one.
 fn unsure_cycles(cycle_ns: i64) -> u64 {
     (UNSURE_NS / cycle_ns.max(1)).unsigned_abs().max(1)
 }
@@ -90,7 +91,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// The place of what is about this run in an array of both.
+    /// The index of this run's value in an array of both runs' values.
     pub(crate) const fn index(self) -> usize {
         self as usize
     }
@@ -116,34 +117,35 @@ impl std::fmt::Display for Side {
 /// A frame of a run with its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimedFrame {
-    /// Its number in the run, from 1.
+    /// The number of the frame in the run, from 1.
     pub number: u64,
-    /// When it was sent or received, in nanoseconds from any zero. The frames of a run are in the order of their times.
+    /// The time at which the frame was sent or received, in nanoseconds from any zero. The frames of a run are sorted
+    /// by it.
     pub at_ns: i64,
-    /// Whether it is a command ([`Dir::Write`]) or a report ([`Dir::Read`]).
+    /// Whether the frame is a command ([`Dir::Write`]) or a report ([`Dir::Read`]).
     pub dir: Dir,
-    /// The frame's bytes.
+    /// The bytes of the frame.
     pub frame: Frame,
 }
 
-/// What counts as equal. By default everything has to be the same.
+/// Which differences are ignored. By default none is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// By how many counts positions may differ. Default: 0.
+    /// The largest difference of positions that is ignored, in counts. Default: 0.
     pub tolerance_counts: u32,
-    /// The bits of a statusword that are compared. Default: all. 0x006F are those of the CiA 402 state.
+    /// The bits of a statusword that are compared. Default: all. 0x006F has the bits of the CiA 402 state.
     pub statusword_mask: u16,
-    /// Whether the same frame sent several times in a row counts as one. For programs that send a state or a target until
-    /// it is reached, which may be more or less often. Default: no.
+    /// Whether the same frame sent several times in succession counts as one. For programs that repeat a command until
+    /// a state or a target is reached: how often they repeat it depends on timing. Default: no.
     pub ignore_repeats: bool,
-    /// By how many cycles of the board answers may come later in one run than in the other. 0: what one board had answered when
-    /// the program moved on, the other has to have answered, too. Default: `None`, any number, and what answers show may be
-    /// [`WINDOW_CYCLES`] apart.
+    /// The most cycles of the board by which one run may answer later than the other. With 0 both boards must have
+    /// given the same answers before the program sent its next command. Default: `None`, which allows any latency; the
+    /// same answers may then be [`WINDOW_CYCLES`] apart.
     pub latency_cycles: Option<u32>,
-    /// The slot size; `None` for that of the recordings.
+    /// The slot size; `None` for the one that the recordings state.
     pub slot: Option<SlotSize>,
-    /// Whether two recordings count as equal if one of them is cut off, was not ended or lacks frames, and they are equal as
-    /// far as both go. Default: no, which is [`CompareError::Incomplete`].
+    /// Whether two recordings count as equal if they match up to the end of the shorter one, although one is cut off,
+    /// was not ended or lacks frames. Default: no, which returns [`CompareError::Incomplete`].
     pub allow_incomplete: bool,
 }
 

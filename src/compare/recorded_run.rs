@@ -9,7 +9,7 @@ use crate::recording::{Address, RecordError, RecordMeta, Recorded, Recording, Sk
 use crate::recording::{InOrder, Jumps, SizeFinder, SizeFrom, Timeline};
 use crate::sk::{FRAME_LEN, SlotSize};
 
-/// How many frames are read at most to find the slot size of a recording that does not state it. \[OURS]
+/// Most frames that are read to find the slot size of a recording that does not state it. \[OURS]
 const SLOT_SIZE_FRAMES_MAX: usize = 1000;
 
 /// Why runs cannot be compared.
@@ -25,29 +25,30 @@ pub enum CompareError {
         .b.bytes()
     )]
     SlotSizes {
-        /// That of the first run.
+        /// The slot size of the first run.
         a: SlotSize,
-        /// That of the second run.
+        /// The slot size of the second run.
         b: SlotSize,
     },
-    /// The recordings are equal as far as both go, and one of them is incomplete.
+    /// The recordings match as far as both go, and one of them is incomplete.
     #[error("equal as far as they go, but {side} is not whole: {why}")]
     Incomplete {
         /// The incomplete recording.
         side: Side,
-        /// What it lacks, and what to do about it.
+        /// What the recording lacks, with the next step.
         why: String,
     },
     /// A recording holds no frame.
     #[error("{name} holds no frame; record a program that opens the board")]
     Empty {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
     },
 }
 
-/// The frames of a recording in the order of their times, as an iterator; of a USB capture those of one board. It ends where
-/// the file is damaged, which [`RecordedRun::damage`] then tells; the frames before are intact.
+/// The frames of a recording, sorted by time, as an iterator. If the recording is a USB capture, only the frames of one
+/// board. The iterator ends where the file is damaged, and [`RecordedRun::damage`] then returns the reason; the frames
+/// before it are intact.
 pub struct RecordedRun {
     recording: Recording<File>,
     /// The time of the first frame in the recording, which is the zero of [`TimedFrame::at_ns`].
@@ -107,7 +108,7 @@ impl RecordedRun {
         self.board
     }
 
-    /// The metadata that the recording has at its first frame; `None` for a capture that another program made.
+    /// The metadata at the first frame of the recording; `None` for a capture that another program made.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }
@@ -117,7 +118,7 @@ impl RecordedRun {
         self.first_ns
     }
 
-    /// What the part read so far contains besides frames of a board.
+    /// The packets in the part read so far that are not frames of a board.
     pub fn skipped(&self) -> Skipped {
         self.recording.skipped()
     }
@@ -127,33 +128,33 @@ impl RecordedRun {
         self.size
     }
 
-    /// Whether the slot size is an assumption, because neither the caller nor the recording nor its frames tell it.
+    /// Whether the slot size is an assumption, because the caller, the recording and its frames do not show it.
     pub fn is_size_assumed(&self) -> bool {
         self.size_from == SizeFrom::Assumed
     }
 
-    /// How many frames are known to be missing in the part read so far.
+    /// The number of frames that are known to be missing in the part read so far.
     pub const fn missing(&self) -> u64 {
         self.recording.missing()
     }
 
-    /// Why the recording, once it is read, is not the whole run: it is cut off or damaged, was not ended, or lacks frames.
-    /// `None` if nothing shows that.
+    /// Why the recording is not the whole run: it is cut off or damaged, was not ended, or lacks frames. Complete only
+    /// after the last frame was read. `None` if it seems whole.
     pub fn shortcoming(&self) -> Option<String> {
         let lacks = || Some(self.recording.lacks()).filter(|lacks| !lacks.is_nothing());
         self.error.as_ref().map(RecordError::to_string).or_else(|| lacks().map(|lacks| lacks.to_string()))
     }
 
-    /// Where the times jump in the part read so far; `None` if they do not.
+    /// The jumps of the recording's times in the part read so far; `None` if there are none.
     pub const fn jumps(&self) -> Option<Jumps> {
         self.timeline.jumps()
     }
 
-    /// Takes a frame in the order of the file and returns the earliest of those held, once there are enough of them to be
-    /// sure that no earlier one follows.
+    /// Takes a frame in the order of the file. Returns the earliest of the buffered frames, once there are so many that
+    /// no earlier one can follow.
     fn sort(&mut self, (at_ns, (number, recorded)): (i64, (u64, Recorded))) -> Option<TimedFrame> {
         let Recorded { dir, frame, .. } = recorded;
-        // Of a report and a command with the same time the report comes first: it cannot show that command yet.
+        // If a report and a command have the same time, the report comes first, since it cannot show that command yet.
         let key = at_ns.saturating_mul(2).saturating_add(i64::from(dir == Dir::Write));
         self.order.push(key, TimedFrame { number, at_ns, dir, frame })
     }
@@ -163,10 +164,10 @@ impl RecordedRun {
         self.error.as_ref()
     }
 
-    /// Checks that the file could be read up to its end or to where it is cut off or damaged.
+    /// Checks that the file was read up to its end, or up to where it is cut off or damaged.
     ///
     /// # Errors
-    /// [`CompareError::Recording`].
+    /// [`CompareError::Recording`] if reading failed for another reason.
     pub fn check(&self) -> Result<(), CompareError> {
         match &self.error {
             None | Some(RecordError::Truncated { .. } | RecordError::Malformed { .. }) => Ok(()),
@@ -174,10 +175,10 @@ impl RecordedRun {
         }
     }
 
-    /// The slot size that both runs have.
+    /// The slot size of both runs.
     ///
     /// # Errors
-    /// [`CompareError::SlotSizes`] if theirs differ.
+    /// [`CompareError::SlotSizes`] if they have different ones.
     pub fn common_size(a: &Self, b: &Self) -> Result<SlotSize, CompareError> {
         match (a.size, b.size) {
             (a, b) if a == b => Ok(a),

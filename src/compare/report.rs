@@ -1,4 +1,4 @@
-//! A report of the board, with what is known beside its bytes.
+//! A report of the board, with the kinds of the slaves, which its bytes do not show.
 
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
 use crate::sk::{CommandId, Frame, MasterResponse, MasterState, SdoResponse, SlaveKind, SlotSize};
@@ -8,12 +8,12 @@ use crate::sk::{CommandId, Frame, MasterResponse, MasterState, SdoResponse, Slav
 pub struct Answer {
     /// The number of the report in the run.
     pub frame_number: u64,
-    /// When the report was received, in nanoseconds.
+    /// The time at which the report was received, in nanoseconds.
     pub at_ns: i64,
     pub(super) frame: Frame,
     pub(super) size: SlotSize,
     pub(super) kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// Of each slave the number of reports before this one in a row that have shown the same positions.
+    /// For each slave: for how many reports up to this one its positions have not changed.
     pub(super) still: [u16; MAX_SLAVES],
 }
 
@@ -28,7 +28,8 @@ impl Answer {
         SdoResponse::decode(&self.frame.slot(self.size, self.size.sdo_slot()))
     }
 
-    /// The slot of `slave`, from 1, decoded for the kind that SET_AXIS has declared, or else for the kind that its fields show.
+    /// The slot of `slave`, from 1, decoded for the kind that SET_AXIS has declared. Without SET_AXIS it is decoded for
+    /// the kind that its fields show.
     pub fn slave(&self, slave: u8) -> SlaveData {
         reading(&self.frame, self.size, &self.kinds, slave.into())
     }
@@ -47,7 +48,8 @@ impl Answer {
         }
     }
 
-    /// The actual positions of both axes of `slave` in counts; `None` for an axis that it has not, and where its slot is empty.
+    /// The actual positions of both axes of `slave` in counts; `None` for an axis that it does not have, or if its slot
+    /// is empty.
     pub(super) fn positions(&self, slave: u8) -> [Option<i32>; 2] {
         if !self.is_op() || self.frame.slot(self.size, slave.into()).is_zero() {
             return [None; 2];
@@ -59,14 +61,14 @@ impl Answer {
         }
     }
 
-    /// Whether the slot of `slave` has the same bytes in both reports, and the same meaning.
+    /// Whether the slot of `slave` has the same bytes in both reports, and the slave is of the same kind.
     pub(super) fn shows_the_same(&self, other: &Self, slave: u8) -> bool {
         let kind = |answer: &Self| usize::from(slave).checked_sub(1).and_then(|n| answer.kinds.get(n)).copied();
         let slot = |answer: &Self| answer.frame.slot(answer.size, slave.into());
         slot(self) == slot(other) && kind(self) == kind(other)
     }
 
-    /// For how many reports before this one the positions of `slave` have not changed.
+    /// For how many reports up to this one the positions of `slave` have not changed.
     pub(super) fn still(&self, slave: u8) -> u16 {
         usize::from(slave).checked_sub(1).and_then(|n| self.still.get(n)).copied().unwrap_or_default()
     }

@@ -14,39 +14,39 @@ use super::{Options, Side, TimedFrame};
 use crate::sk::SlotSize;
 use crate::sk::dump::CommandDump;
 
-/// How many equal commands before the first difference are kept as its context. \[OURS]
+/// Most equal commands before the first difference that are kept as its context. \[OURS]
 const CONTEXT_MAX: usize = 3;
 
-/// A command before the first difference.
+/// A command before the first difference, equal in both runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Context {
     /// The number of the command, from 1.
     pub command: u64,
-    /// When it was sent in run A and in run B, in nanoseconds.
+    /// The time at which the command was sent in run A and in run B, in nanoseconds.
     pub at_ns: [i64; 2],
-    /// The first slot of it that requests something, as [`crate::sk::dump`] writes it.
+    /// The first slot of the command that requests something, as [`crate::sk::dump`] writes it.
     pub text: String,
 }
 
 /// The result of comparing two runs. Its `Display` is a report of a few lines.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Comparison {
-    /// The lengths of run A and run B.
+    /// The numbers of frames of run A and run B.
     pub counts: [Counts; 2],
-    /// How many answers were compared: commands that are equal in both runs and have an answer in both.
+    /// The number of compared answers: those to commands that are equal in both runs and answered in both.
     pub answers: u64,
-    /// At how many equal commands the answers differ.
+    /// The number of equal commands whose answers differ.
     pub differing_answers: u64,
-    /// At how many equal commands the answers are the same but for their timing: the other run shows the same some cycles before
-    /// or later, or an axis is on its way in a run that has cycles more or less.
+    /// The number of equal commands whose answers differ in timing only: the other run shows the same answer some
+    /// cycles earlier or later, or an axis is moving while one run has additional cycles.
     pub shifted_answers: u64,
-    /// By how many cycles run B answers later.
+    /// How many cycles run B answers later.
     pub latency: Latency,
     /// The gaps of run A and run B.
     pub gaps: [Gaps; 2],
     /// The first difference; `None` if the runs are equal.
     pub first: Option<Difference>,
-    /// The run that ends first although all its commands are equal; `None` if both have the same commands.
+    /// The run that ends first although all its commands are equal; `None` if neither run does.
     pub ends_early: Option<Side>,
     /// The last three commands before the first difference.
     pub context: Vec<Context>,
@@ -59,10 +59,10 @@ impl Comparison {
     }
 }
 
-/// Compares two runs, each given as its frames in the order of their times.
+/// Compares two runs, each given as its frames sorted by time.
 ///
-/// After a command that differs the runs cannot be aligned any more, and what follows is only counted. After a difference
-/// between answers the comparison goes on.
+/// After a differing command the runs cannot be aligned any more, so the later frames are only counted. After a
+/// difference between answers the comparison continues.
 pub fn compare(
     a: impl IntoIterator<Item = TimedFrame>,
     b: impl IntoIterator<Item = TimedFrame>,
@@ -91,18 +91,18 @@ where
     found.finish([a.counts, b.counts])
 }
 
-/// The result so far.
+/// The state of a comparison, with the result so far.
 struct Found {
     options: Options,
-    /// A command differs that was not judged yet, or was.
+    /// Whether a pair of differing commands has been read.
     differ: bool,
-    /// The commands differ, or one run has ended.
+    /// Whether a pair of differing commands has been judged, or one run has ended. Later pairs are not judged.
     apart: bool,
     transfer: Transfer,
     timing: Timing,
     latency: LatencyFinder,
     gaps: GapCount,
-    /// The first command of a latency that was too long.
+    /// The first command of the last stretch whose latency was reported as too long.
     late_from: Option<u64>,
     recent: VecDeque<(Step, Step)>,
     result: Comparison,
@@ -127,7 +127,7 @@ impl Found {
     fn pair(&mut self, a: Step, b: Step) {
         let slot = (0..a.size.slots()).find(|i| a.slot(*i) != b.slot(*i));
         if slot.is_some() || self.differ {
-            // The pairs behind it only tell about those before it.
+            // The pairs after a differing command are read only to judge the answers before it.
             let line = |step: &Step| CommandDump::new(&step.command, step.size).line(slot?);
             let lines = line(&a).zip(line(&b)).filter(|_| !std::mem::replace(&mut self.differ, true));
             let what = lines.map(|(a, b)| Deviation::Command { lines: Box::new([a, b]) });
@@ -137,7 +137,7 @@ impl Found {
         }
         self.result.answers += u64::from(a.answer.is_some() && b.answer.is_some());
         let mut what = answers::differences(&a, &b, &self.options);
-        // In a motion commands wait behind others, as many as the program likes.
+        // In a motion commands wait in the FIFO, as many as the program sends ahead.
         let moves = self.gaps.pair(&a, &b, what.is_empty());
         if !moves {
             self.latency.pair(&a, &b);
@@ -148,20 +148,20 @@ impl Found {
         self.judge(Follows::More);
     }
 
-    /// A latency that is longer than allowed, where it begins.
+    /// A latency that is longer than allowed; each stretch is reported once, at its beginning.
     fn late(&mut self) -> Option<Deviation> {
         let now = self.latency.late(self.options.latency_cycles?.into())?;
         let is_new = self.late_from.replace(now.from_command) != Some(now.from_command);
         is_new.then_some(late(now))
     }
 
-    /// One of so few commands that it was not sure before the end.
+    /// A latency that is longer than allowed, with too few commands to be certain before the end of the runs.
     fn late_at_end(&mut self) -> Option<Deviation> {
         let allowed = self.options.latency_cycles.filter(|_| self.late_from.is_none())?;
         self.latency.late_at_end(allowed.into()).map(late)
     }
 
-    /// Judges the pairs of which it is known what follows them, up to the first command that differs.
+    /// Judges the pairs whose following pairs are known, up to the first command that differs.
     fn judge(&mut self, follows: Follows) {
         while !self.apart
             && let Some((Pair { a, b, .. }, what)) = self.timing.judge(follows)
@@ -191,7 +191,7 @@ impl Found {
         self.apart = true;
     }
 
-    /// Keeps the difference with its context if it is the first.
+    /// Keeps the first difference, with the commands before it as context.
     fn set_first(&mut self, a: Option<&Step>, b: Option<&Step>, what: Vec<Deviation>) {
         if self.result.first.is_some() {
             return;
@@ -222,10 +222,10 @@ impl Found {
 }
 
 impl Comparison {
-    /// How the times of the two runs differ, a line each; none where nothing does.
+    /// Writes how the timing of the two runs differs, one line for each kind; nothing if it does not differ.
     fn timing(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let Latency { commands, usual, least, most, ref stretches } = self.latency;
-        // Which cycle a report is of is known to a cycle or two.
+        // The cycle of a report is known to within one or two cycles.
         if usual != 0 || stretches.iter().any(|stretch| stretch.cycles != 0) {
             write!(f, "latency: {}", Later(usual))?;
             if least != most {
@@ -259,10 +259,10 @@ fn late(now: LatencyStretch) -> Deviation {
     Deviation::Late { side, cycles: cycles.unsigned_abs(), from_command }
 }
 
-/// How many changes of the latency are written. \[OURS]
+/// Most changes of the latency that the text lists. \[OURS]
 const SHOWN_STRETCHES: usize = 4;
 
-/// By how many cycles B answers later, in words.
+/// Text of a latency: how many cycles run B answers later.
 struct Later(i64);
 
 impl Display for Later {

@@ -1,4 +1,4 @@
-//! Divides a run into steps: a command, and the board's reports until the next command was executed.
+//! Divides a run into steps: a command, and the reports until the next command was executed.
 
 use std::collections::VecDeque;
 
@@ -12,30 +12,32 @@ use crate::recording::{Executed, Kinds, LastExecuted};
 use crate::sk::dump::{MAX_SLAVES, SlaveData};
 use crate::sk::{FifoAction, Frame, MasterCommand, MasterResponse, MasterState, RawSlot, SdoCommand, SlotSize};
 
-/// The EtherCAT cycle until SET_DC changes it (SK-4).
+/// The EtherCAT cycle time until SET_DC changes it (SK-4).
 const DEFAULT_CYCLE_NS: i64 = 1_000_000;
-/// How many steps may wait for their answers: more than the FIFO has entries. The oldest is given up without one. \[OURS]
+/// Most steps that wait for an answer, more than the FIFO has entries. The oldest one above that ends without an
+/// answer. \[OURS]
 const OPEN_STEPS_MAX: usize = 1024;
 
-/// How many reports may wait for the one that tells to which commands they are answers. \[OURS]
+/// Most reports that wait for a later report, which shows the commands that they answer. \[OURS]
 const DOUBTFUL_MAX: usize = 32;
 
 /// A command frame that requests something, and the board's answer to it.
 ///
-/// - A frame of nothing but GET_STATUS is no step, because it depends on timing how many of them a program sends while it
-///   waits. With [`super::Options::ignore_repeats`] repeats of a frame are no steps either.
-/// - A report belongs to the step whose command was the last one executed when the board made it. Outside OP that is the
-///   last one sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report that has crossed a
-///   command belongs to no step, if those around it do not tell; the faults that it shows are those of the newest step.
-/// - The answer is the last report of a step: what the program could know when its next command was executed. Faults of
-///   drives in earlier reports of the step are kept too. \[OURS]
+/// - A frame in which all slots are GET_STATUS is no step: how many of them a program sends while it waits depends on
+///   timing. With [`super::Options::ignore_repeats`] repeats of a frame are no steps either.
+/// - A report belongs to the step whose command the board had executed last when it made the report. Outside OP that is
+///   the last command sent; in OP it follows from the free entries of the FIFO ([`Executed`]). A report that was in
+///   flight together with a command may remain ambiguous. It then belongs to no step, but its faults count for the
+///   oldest open step.
+/// - The answer is the last report of a step, the newest one that the program could have when its next command was
+///   executed. Faults of drives in earlier reports of the step are kept too. \[OURS]
 #[derive(Clone, Debug)]
 pub struct Step {
-    /// Its number among the run's steps, from 1.
+    /// The number of the step in the run, from 1.
     pub number: u64,
     /// The number of the command frame in the run.
     pub frame_number: u64,
-    /// When the command was sent, in nanoseconds.
+    /// The time at which the command was sent, in nanoseconds.
     pub at_ns: i64,
     /// The command frame.
     pub command: Frame,
@@ -43,24 +45,25 @@ pub struct Step {
     pub size: SlotSize,
     /// The last report that belongs to the step; `None` if there is none.
     pub answer: Option<Answer>,
-    /// Faults of drives in the step's reports, each once: the slave, and its error code or 0 if it showed none.
+    /// Faults of drives in the step's reports, each once: the slave, and the error code, or 0 if the report shows none.
     pub faults: Vec<(u8, u16)>,
-    /// Whether commands were lost or refused for their CRC after this one was sent.
+    /// Whether the reports show that commands were lost, or refused because of their CRC, after this command was sent.
     pub lost: bool,
-    /// How many reports belong to the step.
+    /// The number of reports that belong to the step.
     pub reports: u64,
-    /// How many cycles of the board passed in OP from the sending of the command to the end of the one in which it was executed,
-    /// as the reports tell; `None` outside OP.
+    /// The cycles of the board from the sending of the command to the end of the cycle that executed it, by the
+    /// reports; `None` outside OP.
     pub answered_after: Option<u64>,
-    /// The EtherCAT cycle when it was sent, in nanoseconds.
+    /// The EtherCAT cycle time when the command was sent, in nanoseconds.
     pub(super) cycle_ns: i64,
-    /// The cycle of OP in which it was sent.
+    /// The number of the cycle of OP in which the command was sent.
     sent_in: i64,
-    /// The cycle of OP that its answer is of; `None` outside OP and without an answer.
+    /// The number of the cycle of OP that the answer reports; `None` outside OP, or without an answer.
     pub answered_in: Option<i64>,
-    /// The first and the last reports of the step, with those between them of which it is doubtful.
+    /// The first and the last reports of the step, with the ambiguous ones between them.
     pub(super) kept: VecDeque<Answer>,
-    /// The number of the command among the frames sent in OP; `None` if it was sent outside OP and executed on arrival.
+    /// The number of the command among the frames sent in OP; `None` if it was sent outside OP, where the board
+    /// executes commands on arrival.
     entry: Option<u64>,
 }
 
@@ -76,7 +79,7 @@ impl Step {
         (0..self.size.slots()).find(|i| !self.slot(*i).is_zero()).unwrap_or_default()
     }
 
-    /// Takes a report that belongs to the step, or may.
+    /// Adds a report that belongs, or may belong, to the step: its faults, and itself to the kept reports.
     fn look(&mut self, answer: &Answer, size: SlotSize) {
         if answer.is_op() {
             for slave in 1..=size.max_slaves() as u8 {
@@ -103,7 +106,7 @@ impl Step {
     }
 }
 
-/// The steps of a run in order, as an iterator. It holds only the steps that may still get answers.
+/// An iterator over the steps of a run, in order. Only steps that may still get answers are in memory.
 pub struct Steps<I> {
     frames: I,
     size: SlotSize,
@@ -114,21 +117,21 @@ pub struct Steps<I> {
     in_op: bool,
     losses: Option<(u16, u8)>,
     cycles: Cycles,
-    /// Reports of which it is not known yet to which command they are answers, with their cycles.
+    /// Ambiguous reports, whose last executed command is not known yet, with their cycles.
     doubtful: Vec<(Answer, i64)>,
-    /// The newest report of which it is known: the last command executed, by its number among those of OP, and the cycle.
+    /// The newest unambiguous report: the number of the last executed command among those of OP, and the cycle.
     known: Option<(Option<u64>, i64)>,
-    /// What each slave showed for how many reports: both positions.
+    /// For each slave: the positions of both axes, and for how many reports they have not changed.
     still: [([Option<i32>; 2], u16); MAX_SLAVES],
     open: VecDeque<Step>,
     done: VecDeque<Step>,
     ended: bool,
-    /// The length of the run so far.
+    /// The numbers of frames of the run so far.
     pub(super) counts: Counts,
 }
 
 impl<I: Iterator<Item = TimedFrame>> Steps<I> {
-    /// The steps of a run, which is given as its frames in the order of their times.
+    /// The steps of a run, given as its frames sorted by time.
     pub fn new(frames: I, size: SlotSize, ignore_repeats: bool) -> Self {
         Self {
             frames,
@@ -203,7 +206,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
         let losses = (board.full_count, board.error);
         let was_op = std::mem::replace(&mut self.in_op, board.state.state() == Some(MasterState::Op));
-        // Outside OP a response does not show the full count.
+        // Outside OP a report has no full count.
         if self.in_op && self.losses.replace(losses).is_some_and(|before| before != losses) {
             self.open.back_mut().into_iter().for_each(|newest| newest.lost = true);
         }
@@ -241,8 +244,8 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         self.known = Some((last, cycle));
     }
 
-    /// A report is known of which `last` was the last command executed. If one command was executed in each cycle since the one
-    /// that was known before, it is known of those between, too.
+    /// Resolves the ambiguous reports before an unambiguous one, whose last executed command is `last`. It works if the
+    /// board executed one command in each cycle since the last unambiguous report.
     fn decide_doubtful(&mut self, last: Option<u64>, cycle: i64) {
         let number = |last: Option<u64>| last.map_or(-1, |last| i64::try_from(last).unwrap_or(i64::MAX));
         let Some((before, cycle_before)) = self.known else { return self.give_up_doubtful() };
@@ -256,7 +259,8 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         }
     }
 
-    /// It stays doubtful to which commands these reports are answers: to the newest one of which it is known, or to the next.
+    /// Gives up the ambiguous reports: they answer the command of the oldest open step, or a later one. Their faults
+    /// count for the oldest.
     fn give_up_doubtful(&mut self) {
         let size = self.size;
         for (answer, _) in std::mem::take(&mut self.doubtful) {
@@ -264,15 +268,16 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         }
     }
 
-    /// Adds a report of OP to the step that was executed last. One that was executed on arrival has the entry `None`, which is
-    /// less than any.
+    /// Adds a report of OP to the step that was executed last. Steps that were executed on arrival have the entry
+    /// `None`, which is less than any number.
     fn add_report_after(&mut self, last: Option<u64>, answer: Answer, cycle: i64) {
         if let Some(i) = self.open.iter().rposition(|step| step.entry <= last) {
             self.add_report(i, answer, cycle);
         }
     }
 
-    /// A report, with what is known at its time.
+    /// Makes an [`Answer`] of a report: adds the kinds of the slaves, and for how long their positions have not
+    /// changed.
     fn answer(&mut self, frame_number: u64, at_ns: i64, frame: Frame) -> Answer {
         let kinds = std::array::from_fn(|n| self.kinds.of(n + 1));
         let mut answer = Answer { frame_number, at_ns, frame, size: self.size, kinds, still: [0; MAX_SLAVES] };
@@ -284,7 +289,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
         answer
     }
 
-    /// Adds a report to the open step `i`. The steps before it get no further reports and are done.
+    /// Adds a report to the open step `i`. The steps before it get no more reports and are done.
     fn add_report(&mut self, i: usize, answer: Answer, cycle: i64) {
         for step in self.open.iter_mut().take(i.saturating_add(1)).filter(|step| step.entry.is_some()) {
             let after = cycle.saturating_sub(step.sent_in).max(0).unsigned_abs();
@@ -299,7 +304,7 @@ impl<I: Iterator<Item = TimedFrame>> Steps<I> {
     }
 }
 
-/// The error code of a drive that has a fault, 0 if it shows none; `None` without a fault.
+/// The error code of a drive in a fault, 0 if the slot shows none; `None` without a fault.
 fn fault(data: &SlaveData) -> Option<u16> {
     let (statusword, code) = match data {
         SlaveData::Drive(drive) => (drive.statusword, drive.error_code),
@@ -310,8 +315,8 @@ fn fault(data: &SlaveData) -> Option<u16> {
     (faulty || code != 0).then_some(code)
 }
 
-/// Adds a fault. A drive may show its error code a cycle later than the state, so a fault with code 0 and one with a code are
-/// the same fault.
+/// Adds a fault. A drive may show its error code a cycle later than the fault state, so a fault with code 0 and one
+/// with a code are the same fault.
 fn add_fault(faults: &mut Vec<(u8, u16)>, slave: u8, code: u16) {
     if faults.contains(&(slave, code)) || (code == 0 && faults.iter().any(|(other, _)| *other == slave)) {
         return;

@@ -1,19 +1,20 @@
-//! What of the differences between two answers is but timing: the other run shows the same some cycles before or later.
+//! Decides which differences between two answers are timing alone: the other run shows the same some cycles earlier or
+//! later.
 //!
-//! A board whose slaves are behind an ECM-XF carries a command out some cycles later, and while it does a program goes on or
-//! waits for more cycles. So what the two boards had answered to a command is held against what they answered in the cycles
-//! around it:
+//! A board over an ECM-XF executes a command some cycles later, and the program continues meanwhile or waits for more
+//! cycles. So the answers of the two boards to a command are also compared with the answers in the cycles around it:
 //!
-//! - What one run has answered and the other one shows in at most so many cycles ([`super::Options::latency_cycles`]) before or
-//!   behind its own answer is no difference, if it is so in both directions: then both show both, and nothing is hidden that
-//!   never comes.
-//! - Whether an axis that moves has reached the target of a cycle (bit 10), and where it is, go together otherwise in a run that has a
-//!   cycle more or less. Each is held against that of the other run by itself.
-//! - Where one run has cycles that the other has not, since its program waited or the board had nothing to send, an axis that
-//!   moves is elsewhere for a while. Until it stands in both runs, or both have shown the same place for a while, each run has to
-//!   show where it is in the other within so many cycles, or next to it. An axis that stands is where it is.
-//! - The last answers of a run, and of slaves in a stretch of OP, have to be the same, but for the place of an axis that still
-//!   moves in both runs, of which one has had more cycles.
+//! - A value of one run is no difference if the other run shows it at most [`super::Options::latency_cycles`] before or
+//!   after its own answer. This must hold in both directions, so that a value which one run never shows remains a
+//!   difference.
+//! - In a moving axis, target reached (bit 10) and position may be combined in another way if a run has one cycle more
+//!   or less. Each of the two is therefore compared by itself.
+//! - If one run has additional cycles, because its program waited or the board had nothing to send, a moving axis is at
+//!   another position for a while. Until it is at rest in both runs, or both have shown the same position for a while,
+//!   the position of each run has to occur in the other run within that number of cycles, or close to it. An axis at
+//!   rest has to be at the same position.
+//! - The last answers of a run, and the last answers before slaves leave OP, have to be the same. The only exception is
+//!   the position of an axis that still moves in both runs if one of them had additional cycles.
 
 use std::collections::VecDeque;
 
@@ -25,24 +26,25 @@ use super::{Options, STANDS_REPORTS, Side, WINDOW_CYCLES, answers, unsure_cycles
 use crate::ethercat::cia402::Statusword;
 use crate::sk::dump::MAX_SLAVES;
 
-/// Answers in a row that are the same in both runs, after which an axis that moves is at the same place of its way. \[OURS]
+/// Once this many consecutive answers are the same in both runs, a moving axis counts as synchronized again. \[OURS]
 const SAME_ANSWERS: u32 = 16;
-/// Cycles more than those that one run has: a drive takes a cycle or two to follow, and a report may be one of the next. \[OURS]
+/// Cycles that are searched in addition to those by which the runs differ: a drive follows after one or two cycles, and
+/// a report may belong to the next cycle. \[OURS]
 const SLACK_CYCLES: usize = 2;
-/// After so many answers that are the same some cycles before or later a run has no cycles more: its reports were taken for
-/// those of other commands. \[OURS]
+/// If this many answers are the same some cycles earlier or later, the run has no additional cycles: its reports were
+/// only assigned to the wrong commands. \[OURS]
 const UNMOVED_ANSWERS: usize = 3;
-/// An axis may be on its way for so many cycles longer in one run: waits for a few SDOs in a row. \[OURS]
+/// Most cycles that an axis may move longer in one run: the program waits for a few SDOs in succession. \[OURS]
 const WAY_CYCLES: usize = 128;
-/// Pairs of steps before and behind one that are looked at at most. \[OURS]
+/// Most pairs of steps that are searched before and after a pair. \[OURS]
 const PAIRS_MAX: usize = 2 * WAY_CYCLES;
 
-/// Equal steps of both runs.
+/// Two equal steps, one of each run.
 #[derive(Clone, Debug)]
 pub(super) struct Pair {
     pub(super) a: Step,
     pub(super) b: Step,
-    /// What differs; empty if nothing does. See [`answers::differences`].
+    /// The differences between their answers, by [`answers::differences`].
     what: Vec<Deviation>,
 }
 
@@ -62,43 +64,43 @@ impl Pair {
         Some([self.a.answer.as_ref()?, self.b.answer.as_ref()?])
     }
 
-    /// Both answers, if they are answers of OP.
+    /// Both answers, if both were given in OP.
     fn answers_in_op(&self) -> Option<[&Answer; 2]> {
         self.answers().filter(|answers| answers.iter().all(|answer| answer.is_op()))
     }
 }
 
-/// What follows the pairs that were given.
+/// What follows the pairs that were pushed so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Follows {
-    /// More pairs, or it is not known yet.
+    /// More pairs, or the runs are not read to their ends yet.
     More,
-    /// One of the runs only.
+    /// Steps of one run only, because the other one has ended.
     OneRun,
     /// Nothing: both runs have ended.
     Nothing,
 }
 
-/// How far an axis is apart in the two runs.
+/// How many cycles the two runs are apart for one axis.
 #[derive(Clone, Copy, Debug, Default)]
 struct Apart {
-    /// By how many cycles run B was further than run A when both were at the same place.
+    /// The cycle count of run B minus that of run A, when the axis was last at the same position in both runs.
     together: Option<i64>,
-    /// The most cycles that one run had more since then.
+    /// The largest change of that difference since then, in cycles.
     most: u64,
-    /// How many answers in a row have been the same.
+    /// The number of consecutive answers that were the same in both runs.
     same: u32,
 }
 
-/// The pairs around the one that is judged.
+/// A window of pairs around the pair that is judged next.
 #[derive(Debug)]
 pub(super) struct Timing {
     options: Options,
     pairs: VecDeque<Pair>,
-    /// The place of the next pair to judge.
+    /// The index of the next pair to judge.
     next: usize,
     axes: [Apart; MAX_SLAVES],
-    /// Pairs whose answers are the same but for their timing.
+    /// The number of pairs whose answers differ in timing alone.
     pub(super) shifted: u64,
 }
 
@@ -108,18 +110,18 @@ impl Timing {
         Self { options: *options, pairs: VecDeque::new(), next: 0, axes, shifted: 0 }
     }
 
-    /// So many cycles may lie between what is the same.
+    /// Most cycles between answers that count as the same.
     fn window(&self) -> usize {
         let most = self.options.latency_cycles.map_or(WINDOW_CYCLES, |cycles| cycles as usize);
         most.min(WINDOW_CYCLES)
     }
 
-    /// Takes the next pair.
+    /// Appends the next pair.
     pub(super) fn push(&mut self, pair: Pair) {
         self.pairs.push_back(pair);
     }
 
-    /// Judges the next pair, if what follows it is known: the pair, and what differs in it beyond timing.
+    /// Returns the next pair, with its non-timing differences, once enough of the following pairs are known.
     pub(super) fn judge(&mut self, follows: Follows) -> Option<(Pair, Vec<Deviation>)> {
         let ended = follows == Follows::Nothing;
         let is_known = follows != Follows::More || self.window() == 0 || self.is_followed();
@@ -135,14 +137,14 @@ impl Timing {
             what.retain(|deviation| !self.is_timing(at, deviation, ended));
             self.shifted += u64::from(what.is_empty());
         }
-        // What an answer shows of a fault says more than that there was one.
+        // A difference in a slave's answer says more than the fault, so the fault is dropped then.
         let shown: Vec<u8> = what.iter().filter(|what| !is_fault(what)).filter_map(Deviation::slave).collect();
         what.retain(|what| !is_fault(what) || what.slave().is_none_or(|slave| !shown.contains(&slave)));
         self.forget();
         Some((pair, what))
     }
 
-    /// Whether the reports that follow the next pair are known.
+    /// Whether enough reports after the next pair are known to judge it.
     fn is_followed(&self) -> bool {
         let wanted = if self.axes.iter().any(|axis| axis.most > 0) { WAY_CYCLES } else { self.window() };
         let enough = |side| self.reports(self.next + 1, self.pairs.len(), side) > wanted;
@@ -153,7 +155,7 @@ impl Timing {
         self.pairs.range(from.min(to)..to).map(|pair| pair.step(side).kept.len()).sum()
     }
 
-    /// Forgets what is too long ago.
+    /// Drops pairs that are too old to be searched.
     fn forget(&mut self) {
         let enough = |this: &Self, side| this.reports(1, this.next, side) > 2 * WAY_CYCLES;
         while self.next > PAIRS_MAX || (enough(self, Side::A) && enough(self, Side::B)) {
@@ -162,7 +164,8 @@ impl Timing {
         }
     }
 
-    /// Whether no answer to a later command can be compared before both runs end, or `in_op` before OP is left.
+    /// Whether no later pair of answers can be compared: because both runs end (`ended`), or, with `in_op`, because the
+    /// slaves leave OP.
     fn is_last(&self, at: usize, ended: bool, in_op: bool) -> bool {
         let mut later = self.pairs.range(at + 1..).filter_map(Pair::answers);
         match later.next() {
@@ -171,19 +174,20 @@ impl Timing {
         }
     }
 
-    /// Whether a slave shows the same some cycles before or later at a pair and those behind it.
+    /// Whether both runs show the same for a slave, some cycles earlier or later, at the pair `at` and at the pairs
+    /// right after it.
     fn is_unmoved(&self, at: usize, slave: u8) -> bool {
         let same = |one: &Answer, other: &Answer| self.shows_same(slave, one, other);
         let mut pairs = (at..self.pairs.len()).take(UNMOVED_ANSWERS);
         pairs.all(|at| self.pairs.get(at).is_none_or(|pair| pair.answers_in_op().is_none()) || self.both_show(at, same))
     }
 
-    /// Whether two reports of OP show the same of a slave.
+    /// Whether two reports of OP show the same for a slave.
     fn shows_same(&self, slave: u8, one: &Answer, other: &Answer) -> bool {
         one.is_op() && other.is_op() && answers::is_same(slave, one, other, &self.options)
     }
 
-    /// Keeps by how many cycles the runs are apart for each axis.
+    /// Updates for each axis how many cycles the runs are apart.
     fn follow(&mut self, at: usize) {
         let mut axes = self.axes;
         self.follow_axes(at, &mut axes);
@@ -222,7 +226,8 @@ impl Timing {
         }
     }
 
-    /// The most cycles that one run had more while an axis was on its way, up to a pair and those right behind it.
+    /// The largest number of additional cycles of one run while an axis was moving, up to the pair `at` and the pairs
+    /// right after it.
     fn most_apart(&self, at: usize, slave: u8) -> u64 {
         let Some(axis) = self.axes.get(usize::from(slave).wrapping_sub(1)) else { return 0 };
         let Some(together) = axis.together else { return 0 };
@@ -256,7 +261,8 @@ impl Timing {
         }
     }
 
-    /// Whether a difference between last answers is one of an axis that moves in both runs, in the same state.
+    /// Whether a difference between last answers concerns an axis that moves in both runs and is in the same CiA 402
+    /// state.
     fn moves_at_end(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
         let is_state = match what {
@@ -269,7 +275,7 @@ impl Timing {
         !is_state && self.most_apart(at, slave) > 0 && answers.iter().all(|answer| answer.still(slave) < STANDS_REPORTS)
     }
 
-    /// Whether a difference is one of an axis on its way, of which one run has more cycles than the other.
+    /// Whether a difference concerns a moving axis of which one run has had additional cycles.
     fn is_on_its_way(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let most = self.most_apart(at, slave);
         if most == 0 {
@@ -290,7 +296,7 @@ impl Timing {
         self.shows(at, Side::A, &same) || self.shows(at, Side::B, &same)
     }
 
-    /// Whether two reports of OP show the same of a slave in that which differs elsewhere.
+    /// Returns a test whether two reports of OP agree for a slave in the kind of value that `what` is about.
     fn same_in(&self, slave: u8, what: &Deviation) -> impl Fn(&Answer, &Answer) -> bool {
         let is_about_it = |found: &Deviation| std::mem::discriminant(found) == std::mem::discriminant(what);
         move |one, other| {
@@ -300,9 +306,9 @@ impl Timing {
         }
     }
 
-    /// Whether a difference depends on nothing but the moment in which an axis was seen that moves in both runs: whether it has
-    /// reached the target of that cycle (bit 10), and which of the places on its way it was at. In a cycle more or less these two go
-    /// together otherwise, so that each run has to show near its own answer the one of the other by itself, and not both at once.
+    /// Whether a difference depends only on the moment at which an axis was observed that moves in both runs: target
+    /// reached (bit 10), or the position. With one cycle more or less the two combine in another way. So each run has
+    /// to show the bit of the other one close to its own answer, and the position too, but not both in one report.
     fn is_of_the_moment(&self, at: usize, slave: u8, what: &Deviation) -> bool {
         let Some(answers) = self.pairs.get(at).and_then(Pair::answers_in_op) else { return false };
         let is_one = match what {
@@ -317,7 +323,7 @@ impl Timing {
             && self.both_show(at, self.same_in(slave, what))
     }
 
-    /// Whether a run shows that fault of a slave near a pair.
+    /// Whether a run shows this fault of a slave close to the pair `at`.
     fn has_fault(&self, at: usize, side: Side, slave: u8, error_code: u16) -> bool {
         let is_it = |step: &Step| {
             let mut faults = step.faults.iter().filter(|(of, _)| *of == slave);
@@ -341,8 +347,8 @@ impl Timing {
         before.any(|pair| is_it(pair.step(side)))
     }
 
-    /// The least and the greatest position of an axis in counts, in an answer and so many cycles before and behind it, or behind
-    /// the other run's.
+    /// The smallest and the largest position of an axis, in counts, in the reports within `cycles` of the answer, and
+    /// in the first reports to the command ([`Self::soon`]).
     fn moved(&self, at: usize, side: Side, slave: u8, axis: u8, cycles: usize) -> Option<(i32, i32)> {
         let place = usize::from(axis.saturating_sub(1));
         let reports = self.near(at, side, cycles).chain(self.soon(at, side, cycles));
@@ -353,12 +359,12 @@ impl Timing {
         })
     }
 
-    /// Whether each of the runs shows near its own answer what the other one has answered.
+    /// Whether each run shows the other run's answer close to its own answer.
     fn both_show(&self, at: usize, same: impl Fn(&Answer, &Answer) -> bool) -> bool {
         self.shows(at, Side::A, &same) && self.shows(at, Side::B, &same)
     }
 
-    /// Whether that run shows near its own answer what the other one has answered.
+    /// Whether the run `side` shows the other run's answer close to its own answer.
     fn shows(&self, at: usize, side: Side, same: &impl Fn(&Answer, &Answer) -> bool) -> bool {
         let Some(pair) = self.pairs.get(at) else { return false };
         let Some(wanted) = &pair.step(side.other()).answer else { return false };
@@ -366,15 +372,15 @@ impl Timing {
         self.near(at, side, self.window()).chain(self.soon(at, side, self.window())).any(same)
     }
 
-    /// The first reports of a run to a command, up to so many cycles behind those that the other run has until its answer. Where
-    /// that has waited for long there are none.
+    /// The first reports of the run `side` to a command: as many as the other run had until its answer, and `cycles`
+    /// more. None if the other run waited longer than [`Self::window`].
     fn soon(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &Answer> {
         let reports = self.pairs.get(at).map(|pair| (&pair.step(side).kept, pair.step(side.other()).kept.len()));
         let reports = reports.filter(|(_, waited)| *waited <= self.window());
         reports.into_iter().flat_map(move |(kept, waited)| kept.iter().take(waited + cycles))
     }
 
-    /// The answer of a run and the reports of so many cycles before and behind it.
+    /// The answer of the run `side`, and its reports of `cycles` cycles before and after it.
     fn near(&self, at: usize, side: Side, cycles: usize) -> impl Iterator<Item = &Answer> {
         let before = self.pairs.range(..=at).rev().flat_map(move |pair| pair.step(side).kept.iter().rev());
         let behind = self.pairs.range(at + 1..).flat_map(move |pair| pair.step(side).kept.iter());

@@ -6,19 +6,19 @@ use std::fmt;
 
 pub use timing::{lateness, lateness_of_own_cycles, timer};
 
-/// Whether something is right for a board.
+/// How good something that was checked is for a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It is right, or not needed.
+    /// The setting is right, or nothing needs it.
     Fine,
-    /// It works, and could be improved.
+    /// The setting works and could be improved.
     Advice,
-    /// It has to be corrected.
+    /// The setting has to be corrected.
     Wrong,
 }
 
 impl Verdict {
-    /// The name in the output of `ecmsk doctor`: `ok`, `advice` or `wrong`.
+    /// The name of the verdict in the output of `ecmsk doctor`: `ok`, `advice` or `wrong`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Fine => "ok",
@@ -39,15 +39,15 @@ impl fmt::Display for Verdict {
 pub struct Finding {
     /// The name of the check, which does not change between versions.
     pub check: &'static str,
-    /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if it is not about a device.
+    /// The device that was checked, such as `1-2.3` or `/dev/spidev0.0`; `None` if the check is not about a device.
     pub subject: Option<String>,
-    /// Whether it is right.
+    /// How good the checked thing is for a board.
     pub verdict: Verdict,
     /// What was found, as a text.
     pub found: String,
-    /// What to do about it; `None` if nothing has to be done.
+    /// The next step for the user; `None` if nothing has to be done.
     pub next: Option<String>,
-    /// Whether the device cannot be opened because of it.
+    /// Whether this finding keeps the device from being opened.
     pub blocks: bool,
     /// Measured values by their names, which contain the unit.
     pub figures: Vec<(&'static str, i64)>,
@@ -70,19 +70,19 @@ impl Finding {
         Self { verdict: Verdict::Wrong, next: Some(next.into()), ..Self::fine(check, found) }
     }
 
-    /// A finding that is wrong if it `matters`, and otherwise only mentioned.
+    /// A finding that is wrong if `matters`, otherwise one that is fine. `next` is added only if it is wrong.
     pub fn wrong_if(matters: bool, check: &'static str, found: impl Into<String>, next: impl Into<String>) -> Self {
         if matters { Self::wrong(check, found, next) } else { Self::fine(check, found) }
     }
 
-    /// Sets the device that was checked.
+    /// Sets the device that was checked to `subject`.
     #[must_use]
     pub fn of(mut self, subject: &str) -> Self {
         self.subject = Some(subject.to_owned());
         self
     }
 
-    /// Marks that the device cannot be opened because of it.
+    /// Marks that this finding keeps the device from being opened.
     #[must_use]
     pub fn blocking(mut self) -> Self {
         self.blocks = true;

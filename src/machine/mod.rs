@@ -1,11 +1,11 @@
-//! Whether this machine is set up for a board: the boards that are connected, permissions, drivers, real-time limits. It
-//! needs no special rights and leaves nothing open.
+//! Whether this machine is set up for a board: the boards that are connected, permissions, drivers, real-time limits.
+//! The checks need no special rights and leave no device open.
 //!
-//! [`Machine`] reads the facts from Linux or Windows and judges them; a [`Finding`](findings::Finding) is one judgement, with
-//! what to do about it. [`timing`] measures how exactly the machine wakes threads.
+//! [`Machine`] reads the facts from Linux or Windows and judges them; a [`Finding`](findings::Finding) is one
+//! judgement, with what to do about it. [`timing`] measures how exactly the machine wakes threads.
 //!
-//! How to read it: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `net`, `udev`, `limits`,
-//! `holders`; `linux/findings/` judges them), `windows/` (the same for Windows), `timing.rs`.
+//! Files: `findings.rs` (what a finding is), `linux/` (one file per subject: `usb`, `spi`, `gpio`, `net`, `udev`,
+//! `limits`, `holders`; `linux/findings/` judges them), `windows/` (the same for Windows), `timing.rs`.
 
 pub mod findings;
 #[cfg(target_os = "linux")]
@@ -19,7 +19,7 @@ pub use linux::{Access, Machine, gpio, holders, limits, net, spi, udev, usb};
 #[cfg(windows)]
 pub use windows::{Board, Machine};
 
-/// \[OURS] How many characters are shown of a text from a device or a file: as many as a USB string can have.
+/// \[OURS] Most characters that are shown of a text from a device or a file: as many as a USB string can have.
 const SHOWN_MAX: usize = 126;
 
 /// A text from outside that is safe to print: without control characters, and of limited length.

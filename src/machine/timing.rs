@@ -15,16 +15,16 @@ use windows as system;
 pub use system::timer_resolution;
 pub(crate) use system::{COARSE, FINER};
 
-/// By how much a thread was woken later than it asked for.
+/// How much later than requested a thread was woken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lateness {
-    /// How long it slept each time.
+    /// The sleep that the thread requested each time.
     pub period: Duration,
-    /// The median.
+    /// The median of the lateness.
     pub p50: Duration,
-    /// The 99th percentile.
+    /// The 99th percentile of the lateness.
     pub p99: Duration,
-    /// The greatest value.
+    /// The greatest lateness.
     pub max: Duration,
 }
 
@@ -52,7 +52,7 @@ impl Lateness {
 mod tests {
     use super::*;
 
-    /// The figures are nearest ranks of what was measured.
+    /// The percentiles are nearest ranks of the measured values.
     #[test]
     fn figures_of_lateness() {
         const MS: Duration = Duration::from_millis(1);
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(Lateness::of(MS, Vec::new()), None);
     }
 
-    /// It really sleeps, and no thread is woken up before its time.
+    /// The thread really sleeps and is never woken early.
     #[test]
     fn a_measured_lateness() {
         let began = std::time::Instant::now();

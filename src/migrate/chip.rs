@@ -1,5 +1,5 @@
-//! What the chip has to do for a network: the size of its packets, the clock of its SPI, the entries of its FIFOs. How a cycle is
-//! held is up to the bus ([`CycleDemand`]).
+//! What a chip needs for the process data of a network: the size of its packets, the SPI clock, the entries of its
+//! FIFOs. How a cycle is kept is calculated by [`CycleDemand`].
 
 use super::Network;
 use crate::ethercat::Ns;
@@ -10,47 +10,47 @@ use crate::sk::CycleTime;
 use crate::xf::DataSize;
 use crate::xf::host::HostConfig;
 
-/// How long the chip takes for a packet where INT0 says when it is ready, in nanoseconds. \[OURS] The manual says less than
-/// 150 us (XF EN, "ECM-XF Interrupt"); the model takes as long as this.
+/// Time that the chip needs for a packet if INT0 shows when it is ready, in nanoseconds. \[OURS] The manual says less
+/// than 150 us (XF EN, "ECM-XF Interrupt"); the model of the chip takes 100 us.
 pub const INT0_IDLE_NS: Ns = 100_000;
-/// How long nothing is sent behind a packet without INT0, in nanoseconds (XF EN 1706).
+/// Idle time after each packet without INT0, in nanoseconds (XF EN 1706).
 pub const IDLE_NS: Ns = HostConfig::DEFAULT.idle_ns;
-/// The part of a cycle that the exchanges may take at the least clock, in tenths. \[OURS]
+/// The tenths of a cycle that the exchanges may take at the lowest recommended clock. \[OURS]
 const USED_TENTHS: Ns = 9;
-/// Clocks are told in steps of this, in Hz.
+/// Clocks are rounded up to multiples of this, in Hz.
 const CLOCK_STEP_HZ: u32 = 1000;
 
-/// Packets with which a cycle holds.
+/// The packets that keep a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packets {
-    /// Bytes of data in a packet.
+    /// The bytes of data in a packet.
     pub size: DataSize,
-    /// Sets of outputs that a packet holds.
+    /// The process images that one packet carries.
     pub sets: u16,
-    /// Exchanges of process data that are under way at a time. With 1 none is lost while packets get through at all; with 2
-    /// a set that the chip did not take is not sent again.
+    /// The exchanges of process data that are in flight at the same time. With 1 no outputs are lost as long as packets
+    /// get through at all. With 2, outputs that the chip did not accept are not sent again.
     pub in_flight: usize,
-    /// The least clock of SPI in Hz with which the cycle holds with one exchange under way and a tenth of the time to spare,
-    /// be it with other packets; the clock that was given, if that is less.
+    /// The lowest SPI clock in Hz that keeps the cycle with one exchange in flight and a tenth of the time to spare,
+    /// also with packets of another size. At most the clock that was given.
     pub least_clock_hz: u32,
-    /// How many sets have to lie in the chip for the transport alone, at the clock that was given: the bus adds them to
-    /// `ahead=`.
+    /// The process images that have to be in the chip because of the transport alone, at the clock that was given. The
+    /// bus adds them to `ahead=`.
     pub transport_sets: u16,
 }
 
-/// Why no packets hold a cycle.
+/// Why no packets keep a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// What the bus would refuse it with.
+    /// The limit with which the bus would refuse the cycle.
     pub limit: HardwareLimit,
-    /// The shortest cycle that holds instead, with one exchange under way; `None`: none does.
+    /// The shortest longer cycle that can be kept with one exchange in flight; `None` if there is none.
     pub next_cycle: Option<CycleTime>,
-    /// Whether INT0 is wired, so that wiring it is no advice.
+    /// Whether INT0 is wired. The reason advises to wire it only if it is not.
     pub has_int0: bool,
 }
 
 impl Refused {
-    /// Why, and what to do about it in general.
+    /// Why the cycle cannot be kept, with general advice.
     pub fn reason(&self) -> String {
         match self.limit {
             HardwareLimit::Cycle { cycle_ns, needed_ns } if self.has_int0 => format!(
@@ -64,29 +64,29 @@ impl Refused {
     }
 }
 
-/// What the process data of a network need.
+/// What a chip needs for the process data of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
-    /// Bytes of the outputs of all slaves.
+    /// The bytes of the outputs of all slaves.
     pub output_bytes: usize,
-    /// Bytes of the inputs of all slaves.
+    /// The bytes of the inputs of all slaves.
     pub input_bytes: usize,
-    /// The cycle.
+    /// The EtherCAT cycle time.
     pub cycle: CycleTime,
-    /// The clock of SPI that the machine has, in Hz.
+    /// The SPI clock of the machine, in Hz.
     pub clock_hz: u32,
-    /// With INT0.
+    /// The packets if INT0 is wired, or why none keep the cycle.
     pub with_int0: Result<Packets, Refused>,
-    /// Without INT0, with the default idle time behind each packet.
+    /// The packets without INT0, with the default idle time after each packet, or why none keep the cycle.
     pub without_int0: Result<Packets, Refused>,
-    /// Entries of each FIFO in the memory that both share.
+    /// The entries of each FIFO of the chip. Both FIFOs share one memory.
     pub entries: u8,
-    /// The most cycles that `ahead=` bridges: what the chip's FIFO holds beside the transport.
+    /// The largest useful value of `ahead=`: the entries of the chip's FIFO that the transport does not need.
     pub ahead_max: u16,
 }
 
 impl Needs {
-    /// Those of a network with that cycle, on an SPI with that clock in Hz.
+    /// What a network needs at an SPI clock in Hz.
     pub fn of(network: &Network, clock_hz: u32) -> Self {
         let (output_bytes, input_bytes) = (network.output_bytes(), network.input_bytes());
         let entries = fifo_entries(output_bytes + input_bytes);
@@ -114,24 +114,24 @@ impl Needs {
         needs
     }
 
-    /// Bytes of one set of process data in a packet: the larger direction.
+    /// The bytes of one process image in a packet: outputs or inputs, whichever are more.
     pub fn set_bytes(&self) -> usize {
         self.output_bytes.max(self.input_bytes)
     }
 
-    /// How many sets the transport takes with INT0; 0 if the cycle cannot be held.
+    /// The process images that the transport needs in the chip with INT0; 0 if the cycle cannot be kept.
     pub fn transport_sets(&self) -> u16 {
         self.with_int0.map_or(0, |packets| packets.transport_sets)
     }
 
-    /// The least n that holds one set.
+    /// The smallest packet size that holds one process image; `None` if none does.
     pub fn least_size(&self) -> Option<DataSize> {
         DataSize::new(self.set_bytes().max(DataSize::MIN.bytes()))
     }
 }
 
-/// The packets with which a cycle holds: those of 112 bytes, in which commands are comfortable, or as much larger ones as it
-/// takes.
+/// The packets that keep a cycle: of 112 bytes, enough for every command of the configuration, or larger if the process
+/// data need it.
 fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     let has_int0 = demand.idle_ns == INT0_IDLE_NS;
     let refused = |limit| Refused { limit, next_cycle: next_cycle(demand), has_int0 };
@@ -145,7 +145,7 @@ fn packets(demand: &CycleDemand, clock_hz: u32) -> Result<Packets, Refused> {
     })
 }
 
-/// The shortest longer cycle that holds with one exchange under way.
+/// The shortest longer cycle that can be kept with one exchange in flight.
 fn next_cycle(demand: &CycleDemand) -> Option<CycleTime> {
     let us = (demand.cycle_ns / 1000) as u32;
     let longer = std::iter::successors(CycleTime::from_us(us * 2), |cycle| CycleTime::from_us(cycle.us() * 2));
@@ -154,8 +154,8 @@ fn next_cycle(demand: &CycleDemand) -> Option<CycleTime> {
         .find(|cycle| CycleDemand { cycle_ns: cycle.ns(), ..*demand }.plan().is_ok_and(|plan| plan.in_flight == 1))
 }
 
-/// The least clock with which the cycle holds with one exchange under way and some time to spare, in steps of
-/// [`CLOCK_STEP_HZ`]; at most the one that there is.
+/// The lowest clock that keeps the cycle with one exchange in flight and some time to spare, in steps of
+/// [`CLOCK_STEP_HZ`]. At most the given clock.
 fn least_clock_hz(demand: &CycleDemand, clock_hz: u32) -> u32 {
     let cycle_ns = demand.cycle_ns * USED_TENTHS / 10;
     let holds = |steps: u32| {

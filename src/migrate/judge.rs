@@ -1,4 +1,4 @@
-//! Whether what a program uses runs on an ECM-XF.
+//! Decides whether a feature that a program uses works with an ECM-XF.
 
 use super::chip::Refused;
 use super::row::{Row, Verdict};
@@ -7,11 +7,12 @@ use super::{Needs, Network, Setting};
 use crate::ethercat::Ns;
 use crate::sk::{CommandId, CycleTime, MasterState};
 
-/// A command differs as a whole if more than one in so many of its uses does: a program that writes ahead begins with an
-/// empty FIFO, too. \[OURS]
+/// A command differs as a whole if more than 1 of this number of its uses differs. A program that writes ahead also
+/// begins with an empty FIFO, which looks like a closed loop. \[OURS]
 const EXPOSED_FRACTION: u64 = 2;
 
-/// What is said of one thing that a program uses. `network` is the one that needs the most; `reaches_op`: the program was seen there.
+/// The verdict on one feature that a program uses. `network` is the network with the most process data per time;
+/// `reaches_op` says whether the program was in OP.
 pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool, setting: &Setting) -> Verdict {
     let often = count.exposed.saturating_mul(EXPOSED_FRACTION) > count.times;
     let ever = count.exposed > 0;
@@ -36,7 +37,8 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool
                 None => Verdict::Yes,
             }
         }
-        // A program does not show for how long it would have waited. Behind a chip it has waited long enough.
+        // A recording does not show how long the program would have waited for OP. If it was recorded over a chip, the
+        // program has waited long enough.
         Subject::State(MasterState::Op) => differs(Row::Start, ever || reaches_op && !setting.is_behind_chip),
         Subject::State(_) => differs(Row::Start, ever),
         Subject::Lost => Verdict::Differs(Row::Loss),
@@ -45,8 +47,9 @@ pub(super) fn verdict(count: &Count, network: Option<&Network>, reaches_op: bool
     }
 }
 
-/// How long slaves wait for outputs before they leave OP: what their registers start with (ETG.1000.4, watchdog of process data).
-/// A board's simulated network gives them theirs right before each step.
+/// The watchdog time of slaves: without outputs for so long they leave OP. It is the initial value of their registers
+/// (ETG.1000.4, watchdog of process data). The simulated network of a board gives slaves their outputs right before
+/// each step, so it works with longer cycles too.
 const WATCHDOG_NS: Ns = 100_000_000;
 
 fn outlasts_watchdog(cycle: CycleTime) -> Verdict {

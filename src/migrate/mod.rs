@@ -1,19 +1,19 @@
-//! What a recorded program needs of an ECM-XF: whether it runs there as it is, in what it would differ, and how the chip
-//! has to be set up. For the owner of a machine, before anybody buys a chip; `ecmsk migrate` shows it, and
-//! `docs/MIGRATION.md` has what the differences mean.
+//! Finds out from a recording what a program needs to run with an ECM-XF: whether it runs unchanged, what would differ,
+//! and how the chip has to be set up. It is meant for the owner of a machine who thinks of buying a chip. `ecmsk
+//! migrate` shows the result, and `docs/MIGRATION.md` explains the differences.
 //!
-//! How to read it:
+//! Files:
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `mod.rs` | [`Migration`]: all that is said about a run, and [`Migration::of`], which makes it |
-//! | `survey.rs` | [`Survey`]: follows a run frame by frame |
-//! | `usage.rs` | [`Subject`], [`Count`]: what the program uses, how often, where first |
+//! | `mod.rs` | [`Migration`]: the result for a run, and [`Migration::of`], which makes it |
+//! | `survey.rs` | [`Survey`]: reads a run frame by frame |
+//! | `usage.rs` | [`Subject`], [`Count`]: the features that the program uses, how often, where first |
 //! | `timing.rs`, `spread.rs` | [`HostTiming`]: when the host was late, and how full the board's FIFO was |
 //! | `network.rs` | [`Network`]: the slaves and their process data |
-//! | `chip.rs` | [`Needs`]: packets, clock and entries that these need |
-//! | `row.rs`, `judge.rs` | [`Row`], [`Verdict`]: in what a chip differs, and what that means for each thing used |
-//! | `start.rs` | [`Start`]: how long the way to OP was, and how long it is behind a chip |
+//! | `chip.rs` | [`Needs`]: the packets, the clock and the FIFO entries for these process data |
+//! | `row.rs`, `judge.rs` | [`Row`], [`Verdict`]: how a chip differs, and what that means for each feature used |
+//! | `start.rs` | [`Start`]: how long the start to OP took, and how long it takes over a chip |
 //! | `plan.rs` | [`Plan`]: `ahead=`, and the links that result |
 //!
 //! ```
@@ -57,34 +57,34 @@ pub use usage::{Count, Subject};
 use crate::recording::Clock;
 use crate::sk::{CycleTime, SlotSize};
 
-/// A frame of a run, as a place where something is found again.
+/// A frame of a run, where something was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
     /// The number of the frame in the recording, from 1.
     pub frame: u64,
-    /// When it passed, in nanoseconds since the first frame.
+    /// The time of the frame, in nanoseconds since the first frame.
     pub at_ns: i64,
 }
 
-/// A stretch of time, in nanoseconds since the first frame.
+/// A time interval, in nanoseconds since the first frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// Its beginning.
+    /// The beginning of the interval.
     pub from_ns: i64,
-    /// Its end.
+    /// The end of the interval.
     pub to_ns: i64,
 }
 
-/// What is known beside the frames.
+/// Facts about a run that its frames do not show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setting {
-    /// The clock of SPI that the machine is to have, in Hz; 24 MHz by default, as in `xf-spi:`.
+    /// The SPI clock that the machine is going to have, in Hz. Default: 24 MHz, as in `xf-spi:`.
     pub clock_hz: u32,
-    /// Whose times the frames have; on a virtual clock they tell nothing of a host.
+    /// The clock of the frames' times. Times of a virtual clock say nothing about the host's timing.
     pub clock: Clock,
-    /// The slot size of the program, for the links.
+    /// The slot size of the program, which the links repeat.
     pub slot: SlotSize,
-    /// Whether the program was recorded with its slaves behind a chip: it has waited for the way to OP there.
+    /// Whether the program was recorded with its slaves behind a chip, so that it has waited for the longer start.
     pub is_behind_chip: bool,
 }
 
@@ -94,41 +94,41 @@ impl Default for Setting {
     }
 }
 
-/// One thing that the program uses, and whether it runs on an ECM-XF.
+/// One feature that the program uses, and whether it works with an ECM-XF.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Item {
-    /// What, how often, where first.
+    /// The feature, how often it is used, and where first.
     pub count: Count,
-    /// Whether it runs.
+    /// Whether the feature works with an ECM-XF.
     pub verdict: Verdict,
 }
 
-/// What is said about a run.
+/// The result for a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Migration {
-    /// Command frames of the run that ask for something.
+    /// The command frames of the run in which some slot requests something.
     pub commands: u64,
-    /// Command frames of nothing but GET_STATUS.
+    /// The command frames in which all slots are GET_STATUS.
     pub polls: u64,
-    /// Reports of the run.
+    /// The reports of the run.
     pub reports: u64,
-    /// When the last frame passed, in nanoseconds since the first one.
+    /// The time of the last frame, in nanoseconds since the first one.
     pub last_ns: i64,
-    /// From the first to the last frame of OP; `None` if the program was never there. Then nothing is known of its host, and
-    /// of its motion neither.
+    /// The interval from the first to the last frame of OP; `None` if the program was never in OP. Then nothing is
+    /// known of its host's timing and of its motions.
     pub op: Option<Stretch>,
-    /// All that the program uses.
+    /// All features that the program uses.
     pub items: Vec<Item>,
-    /// The cycle of the network.
+    /// The EtherCAT cycle time of the network.
     pub cycle: CycleTime,
-    /// How the host kept its time.
+    /// The timing of the host in OP.
     pub timing: HostTiming,
-    /// What the network needs of a chip; `None`: no slave was declared, or none came to SafeOP.
+    /// How a chip has to be set up for the network; `None` if no slave was declared, or if none came to SafeOP.
     pub plan: Option<Plan>,
 }
 
 impl Migration {
-    /// What the frames of a run that was followed to its end say.
+    /// The result for a run whose frames `survey` has read to the end.
     pub fn of(survey: &Survey, setting: &Setting) -> Self {
         let network = survey.largest.as_ref();
         let items = survey
@@ -149,17 +149,17 @@ impl Migration {
         }
     }
 
-    /// All verdicts: those of the items, and that of the host's stalls.
+    /// All verdicts: those on the features, and that on the host's stalls.
     pub fn verdicts(&self) -> impl Iterator<Item = &Verdict> {
         self.items.iter().map(|item| &item.verdict).chain(self.plan.iter().map(|plan| &plan.ahead.verdict))
     }
 
-    /// Whether the program runs as it is, and was seen to do what it is for.
+    /// Whether the program runs unchanged: all verdicts are "yes", and the recording includes OP.
     pub fn runs_as_it_is(&self) -> bool {
         self.op.is_some() && self.verdicts().all(|verdict| *verdict == Verdict::Yes)
     }
 
-    /// The rows that the verdicts refer to, each once, in the order of the table.
+    /// The rows that the verdicts refer to, each once, in the order of the table in `docs/MIGRATION.md`.
     pub fn rows(&self) -> Vec<Row> {
         Row::ALL.into_iter().filter(|row| self.verdicts().any(|verdict| verdict.row() == Some(*row))).collect()
     }

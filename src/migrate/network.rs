@@ -1,4 +1,4 @@
-//! The slaves that a program declares, and how long their process data are.
+//! The slaves that a program declares, and the length of their process data.
 
 use crate::address::slaves::{self, SlaveModel};
 use crate::ethercat::cia402::Mode;
@@ -6,19 +6,19 @@ use crate::fieldbus::pdo::ProcessData;
 use crate::fieldbus::{MAX_SLAVES, Role};
 use crate::sk::{CycleTime, SlaveKind};
 
-/// A network as a program has declared it when it left PreOP.
+/// The network that a program had declared when it left PreOP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Network {
-    /// Slave n is `kinds[n - 1]`; `None`: not declared.
+    /// The kind of slave n is `kinds[n - 1]`; `None` if it was not declared.
     pub kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// The mode of operation of slave n is `modes[n - 1]`; CSP until DRIVE_MODE says another.
+    /// The mode of operation of slave n is `modes[n - 1]`; CSP until DRIVE_MODE sets another one.
     pub modes: [Mode; MAX_SLAVES],
     /// The EtherCAT cycle in OP.
     pub cycle: CycleTime,
-    /// Whether the second channel of a pulse module was seen.
+    /// Whether the program used the second channel of a pulse module; slave n is `second_channels[n - 1]`.
     pub second_channels: [bool; MAX_SLAVES],
-    /// The slaves that the board has found, as its answers to SET_AXIS tell (SK-4.10): those that are declared none count, too. 0 if
-    /// none has told.
+    /// The number of slaves that the board has found, from its answers to SET_AXIS (SK-4.10), including those that are
+    /// declared as none. 0 if no answer had it.
     pub found: usize,
 }
 
@@ -35,43 +35,44 @@ impl Default for Network {
 }
 
 impl Network {
-    /// The role of a slave, from 1; [`Role::Unused`] of one that is none or was not declared.
+    /// The role of a slave, from 1; [`Role::Unused`] if it was declared as none or not at all.
     pub fn role(&self, slave: usize) -> Role {
         self.kinds[slave - 1].map_or(Role::Unused, |kind| Role::of(kind, self.modes[slave - 1]))
     }
 
-    /// The slaves that are used, from 1.
+    /// The numbers of the slaves that are used, from 1.
     pub fn slaves(&self) -> impl Iterator<Item = usize> + '_ {
         (1..=MAX_SLAVES).filter(|slave| self.role(*slave) != Role::Unused)
     }
 
-    /// Slaves that are used.
+    /// The number of slaves that are used.
     pub fn count(&self) -> usize {
         self.slaves().count()
     }
 
-    /// Slaves of a kind.
+    /// The number of slaves of a kind.
     pub fn count_of(&self, kind: SlaveKind) -> usize {
         self.kinds.iter().filter(|known| **known == Some(kind)).count()
     }
 
-    /// The slaves on the cable, as far as it is known: those that were found, and those that are used at least.
+    /// The number of slaves on the cable, as far as it is known: those that were found, at least up to the last one
+    /// that is used.
     pub fn length(&self) -> usize {
         self.slaves().last().unwrap_or(0).max(self.found.min(MAX_SLAVES))
     }
 
-    /// Bytes of the outputs of all slaves. \[OURS] A pulse module counts with two channels, as many as it may have.
+    /// The bytes of the outputs of all slaves. \[OURS] A pulse module counts with two channels, the most it may have.
     pub fn output_bytes(&self) -> usize {
         self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.output_bytes()).sum()
     }
 
-    /// Bytes of the inputs of all slaves, counted in the same way.
+    /// The bytes of the inputs of all slaves. A pulse module counts with two channels.
     pub fn input_bytes(&self) -> usize {
         self.slaves().filter_map(|slave| ProcessData::of(self.role(slave), true)).map(|data| data.input_bytes()).sum()
     }
 
-    /// Such slaves as the key `slaves=` of a modelled chip names them, as `drive*2,io`; empty without any. A slave that was found and
-    /// is not used stands there as an IO slave, which needs no declaration.
+    /// The slaves as the key `slaves=` of a modelled chip names them, such as `drive*2,io`; empty if there are none. A
+    /// slave that was found and is not used is named as an IO slave, which needs no declaration.
     pub fn models(&self) -> String {
         let model = |slave: usize| match self.role(slave) {
             Role::Drive(_) => SlaveModel::Drive,
@@ -88,7 +89,7 @@ impl Network {
 mod tests {
     use super::*;
 
-    /// The slaves are named as a link names them, and their bytes are those that the board maps.
+    /// The slaves are named as in a link, and their bytes are those of the process data that the board maps.
     #[test]
     fn a_mixed_network() {
         let mut network = Network::default();
@@ -100,9 +101,9 @@ mod tests {
         }
         network.modes[1] = Mode::Cst;
         assert_eq!(network.models(), "drive*2,io*2,hsp");
-        // 6 and 4 of the drives, 2 of the IO slave, 20 of a module of two channels.
+        // Bytes of the outputs: 6 and 4 of the drives, 2 of the IO slave, 20 of a module with two channels.
         assert_eq!((network.output_bytes(), network.input_bytes(), network.count()), (32, 42, 4));
-        // Two that the board has found behind them are there, too, whatever they are.
+        // Two more slaves that the board has found are listed too, although their kind is not known.
         network.found = 7;
         assert_eq!((network.models().as_str(), network.length(), network.count()), ("drive*2,io*2,hsp,io*2", 7, 4));
         network.found = 5;

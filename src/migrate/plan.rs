@@ -12,51 +12,52 @@ use crate::fieldbus::xf::XfBusOptions;
 use crate::recording::Clock;
 use crate::sk::{CommandId, SlotSize};
 
-/// Pins of the chip, as an example, for the board's own inputs, if the program uses them.
+/// The key of a link for the board's own inputs, if the program uses them. The pins of the chip are an example.
 const LOCAL_IN: &str = "&local_in=6,7,8,9,10,11";
-/// And for its outputs.
+/// The key of a link for the board's own outputs, if the program uses them. The pins of the chip are an example.
 const LOCAL_OUT: &str = "&local_out=0,1,2,3,4,5";
 
-/// How many cycles of a stall what lies in the chip has to bridge.
+/// How many cycles of a stall the outputs in the chip have to bridge.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ahead {
-    /// The host's longest stall; `None`: no sign of any, or nothing is known.
+    /// The host's longest stall; `None` if there was none, or if nothing is known.
     pub stall: Option<Stall>,
-    /// Whether the frames tell of the host's time: on a virtual clock, and of a program that was never in OP, they do not.
+    /// Whether the frames show the host's timing. They do not on a virtual clock, or if the program was never in OP.
     pub is_known: bool,
-    /// The cycles that the stall lasted, rounded up.
+    /// The length of the stall in cycles, rounded up.
     pub stall_cycles: u16,
-    /// Sets that the bus hands over for the transport besides: those of which nobody knows yet whether they were sent.
+    /// Process images that the bus sends to the chip in addition because of the transport: it does not know yet whether
+    /// the chip has sent them.
     pub transport_sets: u16,
-    /// The value for `ahead=`: the cycles of the stall, but the default at least, and as many as the chip's FIFO holds at
-    /// most.
+    /// The value for `ahead=`: the cycles of the stall, at least the default, and at most what fits into the chip's
+    /// FIFO.
     pub value: u16,
-    /// Whether that covers the stall: by the default, by `ahead=`, or not.
+    /// Whether the stall is bridged: by the default, by a larger `ahead=`, or not at all.
     pub verdict: Verdict,
 }
 
-/// The links to a chip.
+/// The links with which the program opens a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Links {
-    /// The chip on the machine; INT0 at line 24 as an example, and so the pins of the board's own
-    /// inputs and outputs, if the program uses those.
+    /// The link to the chip on the machine. INT0 at line 24 is an example, and so are the pins of the board's own
+    /// inputs and outputs, if the program uses them.
     pub machine: String,
-    /// The model of a chip with the same slaves.
+    /// The link to a model of the chip with the same slaves.
     pub model: String,
 }
 
 /// How a chip has to be set up.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// The network.
+    /// The network behind the chip.
     pub network: Network,
-    /// What it needs.
+    /// What the chip needs for the network.
     pub needs: Needs,
-    /// What has to lie in the chip.
+    /// How many cycles the outputs in the chip have to bridge.
     pub ahead: Ahead,
-    /// How long the way to OP was, and how long it is there.
+    /// How long the start to OP took in the recording, and how long it takes over a chip.
     pub start: Start,
-    /// The links that result.
+    /// The links with these settings.
     pub links: Links,
 }
 
@@ -117,8 +118,9 @@ impl Links {
         }
     }
 
-    /// The same with these slaves behind the model, as the key `slaves=` has them: those that were recorded, with what is along the
-    /// way of their axes and the objects of their makers.
+    /// Replaces the slaves of the link to the model by `slaves`, in the syntax of the key `slaves=`: the recorded
+    /// slaves with the travel of their axes (switches, index pulse, end stops), and with their manufacturer-specific
+    /// objects.
     pub fn with_slaves(&mut self, slaves: &str) {
         if let Some((_, keys)) = self.model.split_once("&int0=") {
             self.model = format!("xf-sim:?slaves={slaves}&int0={keys}");
@@ -126,7 +128,7 @@ impl Links {
     }
 }
 
-/// A frequency as links have it: `24M`, `500k`, else the number.
+/// A frequency as links write it: `24M`, `500k`, or the plain number.
 fn hertz(hz: u32) -> String {
     match hz {
         hz if hz > 0 && hz.is_multiple_of(1_000_000) => format!("{}M", hz / 1_000_000),

@@ -1,30 +1,31 @@
-//! In what an ECM-XF differs, and what that means for one thing that a program uses.
+//! How an ECM-XF differs from a board, and what that means for one feature of a program.
 
 use std::fmt;
 
-/// A difference between the board of today and the same model of it over an ECM-XF: a row of the table in
-/// `docs/MIGRATION.md`, which has its figures, its reason and the test that pins it.
+/// A difference between a board with the simulated network and the same board over an ECM-XF: a row of the table in
+/// `docs/MIGRATION.md`, which has the figures, the reason and the test that checks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Row {
     /// Answers come some cycles later.
     Latency,
-    /// A stall of the host is bridged by what lies in the chip, and not by the board's FIFO.
+    /// A stall of the host is bridged by the outputs in the chip, and not by the board's FIFO.
     Stall,
-    /// An axis is held at a position that is some cycles old, and hardly anything lies in the chip while one is switched on.
+    /// While an axis is switched on, it is held at a position that is some cycles old, and only a few cycles of outputs
+    /// are in the chip.
     Hold,
     /// SET_FIFO clear takes some cycles.
     Clear,
-    /// A lost slave is named later.
+    /// The report names a lost slave later.
     Loss,
-    /// Slaves that come back are configured one by one.
+    /// Slaves that return are configured one after the other.
     Remap,
-    /// An SDO waits while the state changes.
+    /// An SDO during a change of the AL state waits for its end.
     Sdo,
-    /// A cycle that the chip cannot hold.
+    /// The chip cannot keep every cycle time.
     Cycle,
-    /// The board's own six inputs and outputs.
+    /// The board's own six inputs and outputs are pins of the chip, which keys of the link name.
     Lio,
-    /// The way to OP takes longer.
+    /// The start to OP takes longer.
     Start,
 }
 
@@ -103,26 +104,26 @@ impl fmt::Display for Row {
     }
 }
 
-/// Whether something that a program uses runs on an ECM-XF.
+/// Whether a feature that a program uses works with an ECM-XF.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It does, and the program sees no difference.
+    /// The feature works, and the program sees no difference.
     Yes,
-    /// It does, and differs as the row says.
+    /// The feature works, but differs as the row says.
     Differs(Row),
-    /// It does not.
+    /// The feature does not work.
     No {
-        /// The row of the table that it belongs to.
+        /// The row of the table that describes the difference.
         row: Row,
-        /// Why.
+        /// Why the feature does not work.
         reason: String,
-        /// The next step.
+        /// The next step for the owner of the program.
         next: String,
     },
 }
 
 impl Verdict {
-    /// `yes`, `differs` or `no`.
+    /// The verdict in a word: `yes`, `differs` or `no`.
     pub const fn word(&self) -> &'static str {
         match self {
             Self::Yes => "yes",
@@ -131,7 +132,7 @@ impl Verdict {
         }
     }
 
-    /// The row that it refers to; `None` for [`Verdict::Yes`].
+    /// The row that the verdict refers to; `None` for [`Verdict::Yes`].
     pub const fn row(&self) -> Option<Row> {
         match self {
             Self::Yes => None,

@@ -1,12 +1,12 @@
-//! How long something took, many times: median, 99 % and the longest, in little memory.
+//! A distribution of many durations, with median, 99th percentile and maximum, in little memory.
 
 use std::collections::BTreeMap;
 
 use super::Place;
 
-/// Times are counted in steps of this, up to [`FINE_MAX_NS`]. \[OURS]
+/// Width of the bins for durations up to [`FINE_MAX_NS`]. \[OURS]
 const FINE_NS: i64 = 10_000;
-/// Times above are counted in steps of [`COARSE_NS`]. \[OURS]
+/// Longer durations have bins of the width [`COARSE_NS`]. \[OURS]
 const FINE_MAX_NS: i64 = 1_000_000_000;
 const COARSE_NS: i64 = 100_000_000;
 
@@ -19,7 +19,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Adds a duration in nanoseconds that ended at that frame.
+    /// Adds a duration in nanoseconds. `ended` is the frame at its end.
     pub fn add(&mut self, ns: i64, ended: Place) {
         let step = if ns <= FINE_MAX_NS { FINE_NS } else { COARSE_NS };
         *self.counts.entry(ns / step * step).or_default() += 1;
@@ -29,13 +29,13 @@ impl Spread {
         }
     }
 
-    /// How many there were.
+    /// The number of durations.
     pub const fn count(&self) -> u64 {
         self.total
     }
 
-    /// The duration, in nanoseconds, that so many per cent do not exceed; to 10 us, above a second to 100 ms. `None`: there
-    /// were none.
+    /// The percentile of the durations, in nanoseconds, to 10 us, and above a second to 100 ms; `None` if there are no
+    /// durations.
     pub fn percentile(&self, per_cent: u64) -> Option<i64> {
         let wanted = (self.total.saturating_mul(per_cent.min(100))).div_ceil(100).max(1);
         let mut passed = 0;
@@ -45,12 +45,12 @@ impl Spread {
         })
     }
 
-    /// The longest, in nanoseconds.
+    /// The longest duration, in nanoseconds; `None` if there are none.
     pub fn longest_ns(&self) -> Option<i64> {
         self.longest.map(|(ns, _)| ns)
     }
 
-    /// Where the longest ended.
+    /// The frame at which the longest duration ended.
     pub fn longest_at(&self) -> Option<Place> {
         self.longest.map(|(_, place)| place)
     }
@@ -62,7 +62,7 @@ mod tests {
 
     const PLACE: Place = Place { frame: 1, at_ns: 0 };
 
-    /// The percentiles are those of the sorted list, and the longest keeps its place.
+    /// The percentiles equal those of the sorted list, and the longest duration keeps its frame.
     #[test]
     fn percentiles() {
         let mut spread = Spread::default();

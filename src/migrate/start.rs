@@ -1,37 +1,39 @@
-//! The way to OP: how long it was in the recording, and how long it is with the slaves behind a chip.
+//! The start to OP: how long it took in the recording, and how long it takes over a chip.
 
 use super::{Network, Place};
 use crate::fieldbus::pdo::ProcessData;
 use crate::sk::{DriveSync, MasterState, StateByte};
 use crate::xf::host::COMFORTABLE_SIZE;
 
-/// How long a change of state may take on a board, and over a chip if its link says nothing else, in nanoseconds (SK-4.55).
+/// Timeout of a change of state on a board, and the default over a chip, in nanoseconds (SK-4.55).
 const STATE_TIMEOUT_NS: i64 = 10_000_000_000;
-/// `state_timeout_ms=` is this many times as long as the way to OP, in tenths, where that may take longer than a board waits: real
-/// slaves may need three times as long as those of the model. \[OURS]
+/// `state_timeout_ms=` in tenths of the estimated start to OP: real slaves may take three times as long as those of the
+/// model. It is set only if it exceeds the board's timeout. \[OURS]
 const SPARE_TENTHS: i64 = 30;
-/// What the way takes whatever the slaves are: two changes of state of all, the layout of the process data. \[OURS]
+/// Time that does not depend on the slaves: two changes of state of all slaves, and the layout of the process image.
+/// \[OURS]
 const ALL_NS: i64 = 405_000_000;
-/// What it takes until the packets have another size, where the process data do not fit into short ones. \[OURS]
+/// Time to change the packet size, if the process data do not fit into the default size. \[OURS]
 const SIZE_NS: i64 = 110_000_000;
-/// What a slave takes beside its SDOs: its place in the layout, its part of each change, its states are read. \[OURS]
+/// Time for a slave without its SDOs: its place in the layout, its part of each change of state, reading its states.
+/// \[OURS]
 const SLAVE_NS: i64 = 22_000_000;
-/// One SDO of the configuration that writes, or reads an object of the mapping, with the packets that carry it. \[OURS]
+/// Time for one SDO of the configuration, which writes an object or reads one of the mapping, with its packets. \[OURS]
 const SDO_NS: i64 = 3_800_000;
-/// What a slave takes more that goes to OP alone, as all do beside one that is declared none. \[OURS]
+/// Additional time for a slave that changes to OP alone. All slaves do so if one of them is declared as none. \[OURS]
 const ALONE_NS: i64 = 50_000_000;
-/// What a slave takes that is declared none: it comes back from SafeOP. \[OURS]
+/// Time for a slave that is declared as none: it returns from SafeOP. \[OURS]
 const NONE_NS: i64 = 35_000_000;
 
-/// The way to OP, on the recorded board and over a chip.
+/// The start to OP, on the recorded board and over a chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start {
-    /// The longest that it took in the recording from SET_STATE on, in nanoseconds, and the report that showed OP. `None`: OP was
-    /// not reached by SET_STATE.
+    /// The longest time from SET_STATE to OP in the recording, in nanoseconds, and the report that showed OP. `None` if
+    /// SET_STATE never led to OP.
     pub recorded: Option<(i64, Place)>,
-    /// How long it takes over a chip, in nanoseconds: [`time_to_op_ns`].
+    /// The estimated time over a chip, in nanoseconds: [`time_to_op_ns`].
     pub chip_ns: i64,
-    /// `state_timeout_ms=` for the links, if a change of state may take longer than by default.
+    /// The value of `state_timeout_ms=` for the links, if a change of state may take longer than the default timeout.
     pub timeout_ms: Option<i64>,
 }
 
@@ -44,10 +46,10 @@ impl Start {
     }
 }
 
-/// How long the way from PreOP to OP takes over a chip, in nanoseconds, for a program that rests nowhere between its declarations and
-/// SET_STATE. \[OURS] An estimate from what the model of a chip takes, which does an SDO in 3 ms: each SDO is a command of its own,
-/// slaves have their mapping already, so that its objects are read and not written, and beside slaves that were found and are declared
-/// none the others go from SafeOP to OP one by one.
+/// The estimated time from PreOP to OP over a chip, in nanoseconds, for a program that does not wait between its
+/// declarations and SET_STATE. \[OURS] It comes from the model of a chip, which takes 3 ms for an SDO: each SDO is a
+/// command of its own. The objects of the mapping are only read, because slaves have their mapping already. If slaves
+/// are declared as none, the others change from SafeOP to OP one after the other.
 pub fn time_to_op_ns(network: &Network) -> i64 {
     let sdos = |slave| {
         let data = ProcessData::of(network.role(slave), network.second_channels[slave - 1]);
@@ -60,30 +62,31 @@ pub fn time_to_op_ns(network: &Network) -> i64 {
     let sdos: usize = network.slaves().map(sdos).sum();
     let none = network.length().saturating_sub(network.count());
     let alone_ns = if none > 0 { ALONE_NS } else { 0 };
-    // There are 40 slaves at most, each with some SDOs.
+    // These casts cannot overflow: there are at most 40 slaves, each with some SDOs.
     let [sdos, slaves, none] = [sdos, network.count(), none].map(|count| count as i64);
     let is_long = network.output_bytes().max(network.input_bytes()) > COMFORTABLE_SIZE.bytes();
     let size_ns = if is_long { SIZE_NS } else { 0 };
     ALL_NS + size_ns + sdos * SDO_NS + slaves * (SLAVE_NS + alone_ns) + none * NONE_NS
 }
 
-/// Measures how long a program's way to OP is.
+/// Measures how long a program's start to OP takes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WayToOp {
-    /// The state that was asked for, and when first.
+    /// The requested state, and the time of the first request.
     asked: Option<(MasterState, i64)>,
-    /// How long the changes before took that belong to the same way, in nanoseconds. What a program does between them does not count.
+    /// The time that earlier changes of state of the same start took, in nanoseconds. What the program does between
+    /// them does not count.
     passed_ns: i64,
     longest: Option<(i64, Place)>,
 }
 
 impl WayToOp {
-    /// The longest way to OP, in nanoseconds, and where it ended.
+    /// The longest start to OP, in nanoseconds, and the report that showed OP.
     pub(super) const fn longest(&self) -> Option<(i64, Place)> {
         self.longest
     }
 
-    /// SET_STATE goes by while the board is in a state.
+    /// Takes a SET_STATE; `present` is the state of the board.
     pub(super) fn asks(&mut self, present: Option<MasterState>, state: MasterState, place: Place) {
         if state < MasterState::SafeOp {
             self.ends();
@@ -93,7 +96,7 @@ impl WayToOp {
         }
     }
 
-    /// A report shows a state, and the one before it another one or the same.
+    /// Takes the state of a report, and that of the report before it.
     pub(super) fn shows(&mut self, before: StateByte, now: StateByte, place: Place) {
         if now.is_failed() && now != before {
             return self.ends();
@@ -112,7 +115,7 @@ impl WayToOp {
         }
     }
 
-    /// The way ends before OP.
+    /// Ends a start that does not reach OP.
     pub(super) fn ends(&mut self) {
         (self.asked, self.passed_ns) = (None, 0);
     }

@@ -1,4 +1,4 @@
-//! Follows a run frame by frame: what the program uses, in which circumstances, and when the host was late.
+//! Reads a run frame by frame: which features the program uses, in which circumstances, and when the host was late.
 
 use super::network::Network;
 use super::start::WayToOp;
@@ -16,26 +16,27 @@ use crate::sk::{
 use crate::summary::GapFinder;
 
 const SLAVES: usize = crate::fieldbus::MAX_SLAVES;
-/// A command is one of a program that works from report to report if at most so many sets wait when it is written. \[OURS]
+/// A program works in a closed loop, from report to command, if at most this many command frames wait in the FIFO when
+/// it writes. \[OURS]
 const CLOSED_LOOP_SETS: u16 = 1;
-/// And if the same command was written in a frame of so many cycles before. \[OURS] Where it was not, some cycles more are no
-/// matter.
+/// In a closed loop the program also wrote the same command within this many cycles before. \[OURS] For a rarer command
+/// a few more cycles of latency do not matter.
 const CLOSED_LOOP_CYCLES: i64 = 10;
-/// An axis moves if its target has changed within so many cycles. \[OURS]
+/// An axis counts as moving if its target changed within this many cycles. \[OURS]
 const MOVING_CYCLES: i64 = 10;
 
-/// What a frame has shown, for a picture.
+/// Values that one frame shows, for a plot over time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// Of a report in OP: the sets that wait in the board's FIFO.
+    /// For a report in OP: the command frames that wait in the board's FIFO.
     pub level: Option<u16>,
-    /// Of a command in OP: the pause before it, if the program had more to say.
+    /// For a command in OP: the pause before it, if the motion was not over.
     pub pause: Option<Stretch>,
-    /// Of a command in OP: the time for which the FIFO was empty and an axis on its way.
+    /// For a command in OP: the time for which the FIFO was empty during a motion.
     pub gap: Option<Stretch>,
 }
 
-/// Follows a run. The frames are given in the order of their times.
+/// Reads a run. The frames have to be sorted by time.
 #[derive(Debug)]
 pub struct Survey {
     size: SlotSize,
@@ -43,25 +44,24 @@ pub struct Survey {
     pub(super) usage: Usage,
     clockwork: Clockwork,
     pub(super) network: Network,
-    /// The network that needs the most of a chip, of those that have come to SafeOP.
+    /// The network with the most process data per time, of those that have reached SafeOP.
     pub(super) largest: Option<Network>,
-    /// The time from the first to the last frame of OP.
+    /// The interval from the first to the last frame of OP.
     pub(super) op: Option<Stretch>,
     state: StateByte,
-    /// SET_STATE that has not been answered by that state yet.
+    /// The state of the last SET_STATE, until a report shows that it is reached or failed.
     changing_to: Option<MasterState>,
     pub(super) way: WayToOp,
     full_count: Option<u16>,
-    /// The sets that waited at the newest report, and the frames written since then.
+    /// The command frames that waited at the newest report, and the frames written since then.
     waiting: u16,
     sent_since: u16,
-    /// Of each code of a command the newest frame that had it, and whether it is one of a program that works from report to
-    /// report.
+    /// For each command code: the time of the newest frame with it, and whether the program wrote it in a closed loop.
     newest_uses: [(i64, bool); 256],
-    /// Each slave's target, and when it changed last.
+    /// For each slave: its target, and when the target changed last.
     targets: [Option<(i32, i64)>; SLAVES],
     gaps: [GapFinder; SLAVES],
-    /// Reports since the newest command that have shown an empty FIFO.
+    /// The reports with an empty FIFO since the newest command.
     idle_reports: u32,
     sent_ns: i64,
     pub(super) commands: u64,
@@ -71,7 +71,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Follows frames with slots of this size.
+    /// A survey of frames with slots of this size.
     pub fn new(size: SlotSize) -> Self {
         Self {
             size,
@@ -99,7 +99,7 @@ impl Survey {
         }
     }
 
-    /// How the host kept its time so far.
+    /// The timing of the host so far.
     pub const fn timing(&self) -> &HostTiming {
         &self.clockwork.timing
     }
@@ -170,7 +170,7 @@ impl Survey {
         seen
     }
 
-    /// Slot 0. Gives whether it asks for something.
+    /// Takes slot 0 of a command frame. Returns whether it requests something.
     fn board(&mut self, place: Place, frame: &Frame) -> bool {
         let slot = frame.slot(self.size, 0);
         let id = CommandId::from_code(slot.id);
@@ -180,7 +180,7 @@ impl Survey {
         let below_safe_op = !matches!(self.state.state(), Some(MasterState::SafeOp | MasterState::Op));
         match MasterCommand::decode(&slot, self.size) {
             Ok(MasterCommand::SetState(state)) => {
-                // A SafeOP that is reached from below has the whole way of a configuration in it, as OP has.
+                // From a lower state the change to SafeOP includes the whole configuration, as a change to OP does.
                 self.usage.add(Subject::State(state), 1, place, state == MasterState::SafeOp && below_safe_op);
                 self.gives_up(state, place);
                 self.way.asks(self.state.state(), state, place);
@@ -210,7 +210,7 @@ impl Survey {
         true
     }
 
-    /// A request for a lower state while a higher one has not come yet: the program does not wait any longer.
+    /// Notes a request for a lower state before the requested higher state is reached: the program gave up waiting.
     fn gives_up(&mut self, state: MasterState, place: Place) {
         if let Some(awaited) = self.changing_to
             && state < awaited
@@ -220,7 +220,7 @@ impl Survey {
         }
     }
 
-    /// The network is complete: its slaves are counted.
+    /// Counts the slaves when the program leaves PreOP, since all of them are declared then.
     fn leaves_pre_op(&mut self, place: Place) {
         for slave in 1..=SLAVES {
             self.network.kinds[slave - 1] = self.kinds.of(slave);
@@ -272,7 +272,7 @@ impl Survey {
     fn is_closed_loop(&mut self, place: Place, id: CommandId, waiting: u16) -> bool {
         let recent_ns = CLOSED_LOOP_CYCLES * self.cycle_ns();
         let newest = &mut self.newest_uses[usize::from(id.code())];
-        // Slots of one frame are one use.
+        // The slots of one frame count as one use.
         if newest.0 != place.at_ns {
             let is_recent = place.at_ns.saturating_sub(newest.0) <= recent_ns;
             *newest = (place.at_ns, is_recent && waiting <= CLOSED_LOOP_SETS);
@@ -280,7 +280,8 @@ impl Survey {
         newest.1
     }
 
-    /// `goes_by_itself`: a target that is not 0 moves the axis, as a velocity or a torque does.
+    /// Notes the target of a slave. `goes_by_itself`: the target is a velocity or a torque, which keeps the axis moving
+    /// unless it is 0.
     fn note_target(&mut self, place: Place, slave: usize, target: i32, goes_by_itself: bool) {
         let known = &mut self.targets[slave - 1];
         let goes_on = if goes_by_itself { target != 0 } else { known.is_some_and(|(before, _)| before != target) };
@@ -297,7 +298,7 @@ impl Survey {
         (1..=SLAVES).any(|slave| self.moves(slave, at_ns))
     }
 
-    /// The SDO slot. Gives whether it asks for something.
+    /// Takes the SDO slot of a command frame. Returns whether it requests something.
     fn sdo(&mut self, place: Place, frame: &Frame) -> bool {
         let slot = frame.slot(self.size, self.size.sdo_slot());
         let during_change = self.changing_to.is_some();
@@ -352,7 +353,7 @@ impl Survey {
         self.clockwork.report(place, self.waiting);
         if self.waiting == 0 && place.at_ns > self.sent_ns {
             self.idle_reports = self.idle_reports.saturating_add(1);
-            // The first one shows that the newest target was executed.
+            // The first report with an empty FIFO only shows that the newest target was executed.
             if self.idle_reports > 1 {
                 self.gaps.iter_mut().for_each(|gaps| gaps.idle(place.at_ns));
             }
@@ -376,7 +377,7 @@ impl Survey {
         (self.waiting, self.sent_since, self.full_count) = (0, 0, None);
     }
 
-    /// The cycle of the network that needs the most, else the present one.
+    /// The cycle time of the largest network, or of the present one if none reached SafeOP.
     pub(super) fn cycle(&self) -> CycleTime {
         self.largest.map_or(self.network.cycle, |network| network.cycle)
     }

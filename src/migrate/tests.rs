@@ -1,4 +1,4 @@
-//! Runs made of frames, and what is said of them. `host.rs`: when their host was late.
+//! Runs that are made of single frames, and the results for them. `host.rs`: runs whose host was late.
 
 mod host;
 
@@ -15,7 +15,7 @@ use crate::sk::{
 const SIZE: SlotSize = SlotSize::Bytes12;
 const MS: i64 = 1_000_000;
 
-/// A run that is being written.
+/// A run that the test writes frame by frame.
 struct Run {
     survey: Survey,
     number: u64,
@@ -27,7 +27,7 @@ impl Run {
         Self { survey: Survey::new(SIZE), number: 0, at_ns: 0 }
     }
 
-    /// With so many drives, brought to OP in that cycle.
+    /// A run with some drives, brought to OP with a cycle time.
     fn in_op(drives: usize, cycle_us: u32) -> Self {
         let mut run = Self::new();
         run.report(StateByte::reached(MasterState::PreOp), 0);
@@ -86,7 +86,7 @@ impl Run {
         self.take(Dir::Write, frame)
     }
 
-    /// A motion of so many targets, one a cycle, with so many sets waiting.
+    /// A motion with one target a cycle, while `waiting` command frames wait in the FIFO.
     fn moves(&mut self, targets: std::ops::Range<i32>, waiting: u16, cycle_ns: i64) -> &mut Self {
         for n in targets {
             self.pass(cycle_ns / 2).op(waiting).pass(cycle_ns - cycle_ns / 2).csp(10 * n);
@@ -108,7 +108,7 @@ fn verdict(found: &Migration, subject: Subject) -> Verdict {
     item(found, subject).verdict
 }
 
-/// Each thing that is used stands there once, with how often and where first.
+/// Each feature is listed once, with its count and its first frame.
 #[test]
 fn what_is_used_is_counted() {
     let homing = ObjectAddress::new(0x6098, 0);
@@ -135,12 +135,13 @@ fn what_is_used_is_counted() {
     assert_eq!(count(Subject::Command(CommandId::GetStatus)).times, 1);
     assert_eq!(count(Subject::State(MasterState::Op)).times, 1);
     assert_eq!(Subject::Mode(SlaveKind::Drive, Mode::Csp).to_string(), "DRIVE in CSP");
-    // But for the way to OP, which is longer behind a chip, it runs as it is; and as it is if it has waited for that.
+    // The start to OP is the only difference, because it takes longer over a chip. A program that was recorded over a
+    // chip has waited for that, so it runs unchanged.
     assert_eq!(found.rows(), [Row::Start]);
     assert!(Migration::of(&run.survey, &Setting { is_behind_chip: true, ..Setting::default() }).runs_as_it_is());
 }
 
-/// A program that computes targets from the newest report differs by the latency; one that writes ahead does not.
+/// A program that computes targets from the newest report differs by the latency; a program that writes ahead does not.
 #[test]
 fn who_works_from_report_to_report_is_told() {
     let csp = Subject::Command(CommandId::Csp);
@@ -148,7 +149,7 @@ fn who_works_from_report_to_report_is_told() {
     assert_eq!(verdict(run.moves(0..100, 0, MS).found_ref(), csp), Verdict::Differs(Row::Latency));
     let mut run = Run::in_op(1, 1000);
     assert_eq!(verdict(run.moves(0..100, 20, MS).found_ref(), csp), Verdict::Yes);
-    // One that says something now and then is no loop.
+    // A program that writes a command only now and then is no closed loop.
     let mut run = Run::in_op(1, 1000);
     for n in 0..100 {
         run.csp(n).pass(20 * MS).op(0);
@@ -162,7 +163,7 @@ impl Run {
     }
 }
 
-/// Commands differ where the circumstances of the recording make an ECM-XF differ, and only there.
+/// Commands differ only if the recording shows circumstances in which an ECM-XF differs.
 #[test]
 fn circumstances_decide() {
     let read = SdoCommand::Read { slave: 1, object: ObjectAddress::new(0x6041, 0) };
@@ -186,13 +187,14 @@ fn circumstances_decide() {
     assert_eq!(run.found().rows(), [Row::Clear, Row::Lio, Row::Start]);
 }
 
-/// A program that gives a change of state up before it has come would do so sooner over a chip.
+/// A program that gives up a change of state before it is done would also give up over a chip, where the change takes
+/// longer.
 #[test]
 fn a_program_that_gives_up() {
     let op = Subject::State(MasterState::Op);
     let mut run = Run::in_op(2, 1000);
     run.master(MasterCommand::SetState(MasterState::PreOp)).pass(MS).report(StateByte::reached(MasterState::PreOp), 0);
-    // No program shows for how long it would wait.
+    // A recording does not show how long the program would wait.
     let found = item(&run.found(), op);
     assert_eq!((found.verdict, found.count.exposed), (Verdict::Differs(Row::Start), 0));
     run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS);
@@ -201,8 +203,8 @@ fn a_program_that_gives_up() {
     assert_eq!((found.verdict, found.count.times, found.count.exposed), (Verdict::Differs(Row::Start), 2, 1));
 }
 
-/// The way to OP: how long the board took from SET_STATE on, without what the program did between two changes, and how long
-/// a chip takes for the slaves that were found; those declared none are in the links, too.
+/// The start to OP: the time that the board took from SET_STATE on, without what the program did between two changes.
+/// Also the time over a chip for the slaves that were found. Slaves declared as none are in the links too.
 #[test]
 fn the_way_to_op() {
     let start = |run: &Run| run.found().plan.expect("a plan").start;
@@ -219,7 +221,7 @@ fn the_way_to_op() {
     let plan = found.plan.expect("a plan");
     assert_eq!((plan.network.found, plan.network.count()), (10, 8));
     assert!(plan.links.model.starts_with("xf-sim:?slaves=drive*8,io*2&"), "{}", plan.links.model);
-    // Beside slaves that are declared none the others go to OP one by one.
+    // If slaves are declared as none, the others change to OP one after the other.
     assert!(plan.start.chip_ns > start(&Run::in_op(8, 1000)).chip_ns + 400 * MS, "{:?}", plan.start);
     assert_eq!(plan.start.timeout_ms, None);
     let mut run = Run::new();
@@ -229,7 +231,7 @@ fn the_way_to_op() {
     let ms = plan.start.timeout_ms.expect("it may take more than SET_STATE has");
     assert!(plan.start.chip_ns > 3000 * MS && ms > 10_000, "{:?}", plan.start);
     assert!(plan.links.machine.contains(&format!("&state_timeout_ms={ms}")), "{}", plan.links.machine);
-    // One that was given up, or failed, is none.
+    // A change that was given up or failed does not count.
     let mut run = Run::new();
     run.report(StateByte::reached(MasterState::PreOp), 0).slaves(2, 2);
     run.master(MasterCommand::SetState(MasterState::Op)).pass(500 * MS);
@@ -239,7 +241,7 @@ fn the_way_to_op() {
 }
 
 impl Run {
-    /// Declares so many drives, and the board answers that it has found so many slaves.
+    /// Declares some drives; the board answers how many slaves it has found.
     fn slaves(&mut self, drives: usize, found: u32) -> &mut Self {
         for group in 0..5 {
             let kind = |k: usize| if group * 8 + k < drives { SlaveKind::Drive } else { SlaveKind::None };
@@ -254,7 +256,7 @@ impl Run {
     }
 }
 
-/// Slaves that are lost, and that come back, are told with the frame that shows it first.
+/// Lost slaves and returning slaves are reported with the first frame that shows them.
 #[test]
 fn lost_slaves() {
     let mut run = Run::in_op(2, 1000);
@@ -268,7 +270,8 @@ fn lost_slaves() {
     assert_eq!((back.count.times, back.verdict), (1, Verdict::Differs(Row::Remap)));
 }
 
-/// A cycle that no packet can hold is none that runs, with the sum and the next cycle that does.
+/// A cycle that no packet can keep does not work; the reason has the calculated time, and the next step has the next
+/// cycle that works.
 #[test]
 fn a_cycle_that_the_chip_cannot_hold() {
     let found = Run::in_op(40, 250).found();
@@ -278,14 +281,14 @@ fn a_cycle_that_the_chip_cannot_hold() {
     };
     assert_eq!(row, Row::Cycle);
     assert!(!reason.contains("INT0"), "INT0 is wired where this is said: {reason}");
-    // Two of three sets in 1232 bytes at 24 MHz, and 100 us, for each three cycles.
+    // 341 us for each cycle: two of three exchanges carry 1232 bytes at 24 MHz, with 100 us each, for three cycles.
     assert!(
         reason.contains("a cycle of 250 us cannot be held: the exchanges with the chip take 341 us for each"),
         "{reason}"
     );
     assert!(next.starts_with("a cycle of 1000 us holds"), "{next}");
     assert!(found.plan.expect("a plan").links.machine.contains("&speed=24M"));
-    // One that holds, with larger packets where INT0 is not wired.
+    // A cycle that can be kept, without INT0 with larger packets.
     let found = Run::in_op(40, 1000).found();
     let plan = found.plan.as_ref().expect("a plan");
     let packets = plan.needs.with_int0.expect("packets");
@@ -295,14 +298,14 @@ fn a_cycle_that_the_chip_cannot_hold() {
     );
     let packets = plan.needs.without_int0.expect("packets");
     assert_eq!((packets.size.bytes(), packets.sets), (800, 2));
-    // 640 bytes of a set both ways, in 16384.
+    // A process image of 640 bytes in both directions, in a memory of 16384 bytes.
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (25, 21));
     assert_eq!(plan.links.machine, "xf-spi:/dev/spidev0.0?int0=gpiochip0/24&ahead=4&use_n=400&speed=24M");
     assert_eq!(plan.links.model, "xf-sim:?slaves=drive*40&int0=yes&ahead=4&use_n=400&speed=24M");
 }
 
-/// Two exchanges under way count where each carries one set, and not where each carries several: the model does not come
-/// to OP with these.
+/// Two exchanges in flight are allowed only if each carries one process image: with several in each, the model does not
+/// reach OP.
 #[test]
 fn two_exchanges_under_way() {
     let at = |clock_hz| {
@@ -319,7 +322,7 @@ fn two_exchanges_under_way() {
     assert!(matches!(verdict(&found, cycle), Verdict::No { row: Row::Cycle, .. }), "{:?}", found.items);
 }
 
-/// Small networks get packets in which commands are comfortable.
+/// Small networks get packets of 112 bytes, the size that an ECM-XF starts with.
 #[test]
 fn small_packets() {
     let found = Run::in_op(2, 1000).found();
@@ -328,17 +331,17 @@ fn small_packets() {
     assert_eq!(plan.needs.least_size().expect("a size").bytes(), 32);
     assert!(plan.links.machine.ends_with("&ahead=4&use_n=112&speed=24M"), "{}", plan.links.machine);
     let packets = plan.needs.with_int0.expect("packets");
-    // Eight sets in 192 bytes, in 1700 us.
+    // The lowest clock needs eight process images in 192 bytes, in 1700 us.
     assert_eq!((packets.sets, packets.least_clock_hz), (5, 904_000));
     assert_eq!((plan.needs.entries, plan.needs.ahead_max), (64, 60));
     let slow = Setting { clock_hz: 1_000_000, ..Setting::default() };
     let found = Migration::of(&Run::in_op(2, 1000).survey, &slow);
-    // 144 bytes take 1152 us there: too long for a cycle, and not for five.
+    // At 1 MHz 144 bytes take 1152 us: too long for one cycle, but not for five.
     let packets = found.plan.expect("a plan").needs.with_int0.expect("packets");
     assert!(packets.sets > 1 && packets.least_clock_hz <= 1_000_000, "{packets:?}");
 }
 
-/// A program that was never in OP was not seen to do what it is for.
+/// A program that was never in OP does not count as running unchanged.
 #[test]
 fn never_in_op() {
     let mut run = Run::new();
@@ -348,7 +351,8 @@ fn never_in_op() {
     assert_eq!(found.timing.stall(MS), None);
 }
 
-/// A cycle that is longer than slaves wait for outputs does not run, with the longest that does; one that is shorter does.
+/// A cycle longer than the watchdog of the slaves does not work, and the next step has the longest one that does; a
+/// shorter one works.
 #[test]
 fn a_cycle_beyond_the_watchdog_does_not_run() {
     let found = |cycle_us| {

@@ -1,31 +1,32 @@
-//! When the host was late: the pauses between its writes and between all frames in OP, and how full the board's FIFO was.
+//! The timing of the host: the pauses between its writes and between all frames in OP, and how full the board's FIFO
+//! was.
 //!
-//! What an ECM-XF needs to know is how long the process that runs the engine may stand still. No frame says that, but two
-//! things that do hint at it:
+//! An ECM-XF has to bridge the stalls of the process that runs the engine. No frame shows these directly, but there are
+//! two signs:
 //!
-//! - **Silence**: nothing passed in either direction, although the board makes a report every cycle. Then nobody took
-//!   frames, neither the thread that reads nor the one that writes.
-//! - **Late writes**: a pause between two bursts of writes that was longer than the program's usual one (the median), before
-//!   which an axis had got targets that move it, and at the end of which targets still waited or an axis stood on its way: the
-//!   motion was not over. Where all axes stand, or are off, a pause is the program's own.
+//! - **Silence**: no frame in either direction, although the board makes a report every cycle. Both the reading and the
+//!   writing thread were stalled then.
+//! - **Late writes**: a pause between two bursts of writes that was longer than the program's usual one (the median),
+//!   within a motion: an axis was moving before it, and at its end targets still waited or the axis had stopped before
+//!   its target. If all axes are at rest or off, a pause is the program's intention.
 //!
-//! Of either no more counts than the sets that waited in the FIFO when it began: where none are, none can lie in a chip, and
-//! the axes stop there as they do on the board.
+//! Neither counts for more cycles than command frames waited in the FIFO when it began. Without waiting frames there
+//! would be no outputs in a chip either, and the axes would stop as they do on the board.
 //!
-//! \[OURS] The longer of both counts as the host's longest stall. It is more than the engine will see where a program
-//! pauses by itself, and less where the kernel or a driver takes frames for a process that stands still.
+//! \[OURS] The longer of the two counts as the host's longest stall. It is an overestimate if the program pauses by
+//! intention, and an underestimate if the kernel or a driver accepts frames for a stalled process.
 
 use super::spread::Spread;
 use super::{Place, Stretch};
 use crate::sk::FIFO_ENTRIES;
 
-/// Writes that follow each other within this part of a cycle are one burst. \[OURS]
+/// Writes that follow each other within this fraction of a cycle (1/2) are one burst. \[OURS]
 const BURST_FRACTION: i64 = 2;
-/// A pause longer than this is the program's intention, in nanoseconds: that of
-/// [`GapFinder`](crate::summary::GapFinder). \[OURS]
+/// A longer pause is the program's intention, in nanoseconds; [`GapFinder`](crate::summary::GapFinder) has the same
+/// limit. \[OURS]
 const PAUSE_MAX_NS: i64 = 1_000_000_000;
 
-/// The levels of the board's FIFO in OP: so many reports have shown so many sets that waited.
+/// A histogram of the FIFO levels in OP: for each number of waiting command frames, how many reports have shown it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Levels([u64; FIFO_ENTRIES as usize + 1]);
 
@@ -40,7 +41,7 @@ impl Levels {
         self.0[usize::from(waiting.min(FIFO_ENTRIES))] += 1;
     }
 
-    /// The level that so many per cent of the reports do not exceed, in sets; `None`: there were no reports in OP.
+    /// The percentile of the FIFO levels, in command frames; `None` if there were no reports in OP.
     pub fn percentile(&self, per_cent: u64) -> Option<u16> {
         let total: u64 = self.0.iter().sum();
         let wanted = total.saturating_mul(per_cent.min(100)).div_ceil(100).max(1);
@@ -53,40 +54,44 @@ impl Levels {
     }
 }
 
-/// What a stall was seen by.
+/// The sign that showed a stall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SeenBy {
-    /// Nothing passed in either direction.
+    /// There was no frame in either direction.
     Silence,
-    /// The program wrote later than it used to, and its targets still waited, or an axis had stopped.
+    /// The program wrote later than usual, while its targets still waited or an axis had stopped before its target.
     LateWrite,
 }
 
 impl Stall {
-    /// Whether it lasted for longer than counts: as many cycles as sets waited have passed, and the axes stop then on a board, too.
+    /// Whether the stall lasted longer than it counts: it used up all waiting command frames, so the axes would stop on
+    /// a board too.
     pub const fn is_limited(&self) -> bool {
         self.ns < self.whole_ns - self.usual_ns
     }
 }
 
-/// The longest time for which the host stood still in OP while sets waited, as far as its frames show.
+/// The longest stall of the host in OP while command frames waited, as far as the frames show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall {
-    /// How long, in nanoseconds: of the whole time what counts.
+    /// The part of the stall that counts, in nanoseconds.
     pub ns: i64,
     /// The whole pause or silence, in nanoseconds.
     pub whole_ns: i64,
-    /// What of it is usual, in nanoseconds: the pause between two bursts of this program, or the cycle of a report.
+    /// The usual part of the pause, in nanoseconds: the program's pause between two bursts, or one cycle between two
+    /// reports.
     pub usual_ns: i64,
-    /// The sets that waited in the board's FIFO when it began. Of the time beyond the usual no more cycles count.
+    /// The command frames that waited in the board's FIFO at the beginning. The stall counts for no more cycles than
+    /// these.
     pub sets: u16,
-    /// By what it was seen.
+    /// The sign that showed the stall.
     pub seen_by: SeenBy,
-    /// The frame that ended it.
+    /// The frame at the end of the stall.
     pub ended: Place,
 }
 
-/// Of each number of sets that waited at the beginning the longest time, in nanoseconds, and where it ended.
+/// For each number of command frames that waited at the beginning: the longest time, in nanoseconds, and the frame at
+/// its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Longest([Option<(i64, Place)>; FIFO_ENTRIES as usize + 1]);
 
@@ -104,7 +109,7 @@ impl Longest {
         }
     }
 
-    /// The longest stall, where `usual_ns` of each time are none. Half a cycle is none either.
+    /// The longest stall, if `usual_ns` of each time are normal. A stall of up to half a cycle does not count.
     fn stall(&self, usual_ns: i64, cycle_ns: i64, seen_by: SeenBy) -> Option<Stall> {
         let stalls = (0_u16..).zip(&self.0).filter_map(|(sets, longest)| {
             let (ns, ended) = (*longest)?;
@@ -116,35 +121,35 @@ impl Longest {
     }
 }
 
-/// How the host kept its time in OP.
+/// The timing of the host in OP.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HostTiming {
-    /// Time in OP in nanoseconds.
+    /// The time in OP, in nanoseconds.
     pub op_ns: i64,
-    /// How many sets waited in the board's FIFO.
+    /// The levels of the board's FIFO.
     pub levels: Levels,
-    /// The pauses between bursts of writes, in nanoseconds; those of more than a second are the program's intention and left
-    /// out.
+    /// The pauses between bursts of writes, in nanoseconds. Pauses of more than a second are the program's intention
+    /// and left out.
     pub pauses: Spread,
-    /// The times without any frame while sets waited, in nanoseconds.
+    /// The times without a frame in either direction while command frames waited, in nanoseconds.
     pub silences: Spread,
-    /// The cycles in which the FIFO was empty while an axis was on its way, so that the board repeated its outputs.
+    /// The cycles with an empty FIFO during a motion, in which the board repeated its outputs.
     pub repeated_cycles: u64,
-    /// How often that was.
+    /// The number of gaps that these cycles make.
     pub gaps: u64,
-    /// The longest of these gaps in nanoseconds, and where it ended.
+    /// The longest of these gaps in nanoseconds, and the frame at its end.
     pub longest_gap: Option<(i64, Place)>,
-    /// The longest pause that ended while targets still waited or an axis had stopped on its way, in nanoseconds, and where
-    /// it ended.
+    /// The longest pause within a motion, in nanoseconds, and the frame at its end: targets still waited, or an axis
+    /// had stopped before its target.
     pub longest_pause: Option<(i64, Place)>,
     late_writes: Longest,
     long_silences: Longest,
 }
 
 impl HostTiming {
-    /// The longest stall; `None`: no sign of any.
+    /// The longest stall; `None` if there is no sign of one.
     pub fn stall(&self, cycle_ns: i64) -> Option<Stall> {
-        // A report comes every cycle.
+        // One cycle between two reports is normal.
         let silence = self.long_silences.stall(cycle_ns, cycle_ns, SeenBy::Silence);
         let usual_ns = self.pauses.percentile(50).unwrap_or(0);
         let late = self.late_writes.stall(usual_ns, cycle_ns, SeenBy::LateWrite);
@@ -155,38 +160,38 @@ impl HostTiming {
     }
 }
 
-/// A command frame of OP, and how it was with the axes when it was written.
+/// A command frame of OP, with the state of the axes when it was written.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Write {
-    /// The sets in the FIFO, as the newest report tells.
+    /// The command frames in the FIFO at the newest report.
     pub(super) waiting: u16,
-    /// The same with what was written since, this frame included.
+    /// The command frames in the FIFO including those written since the newest report and this one.
     pub(super) sets: u16,
-    /// Whether an axis moved when the frame before was written.
+    /// Whether an axis was moving when the previous frame was written.
     pub(super) moved: bool,
-    /// Since when an axis stands on its way, because the FIFO was empty.
+    /// The time since which an axis stands before its target because the FIFO is empty.
     pub(super) gap_since_ns: Option<i64>,
 }
 
-/// Follows the host's time through the frames of a run.
+/// Measures the timing of the host from the frames of a run.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clockwork {
     pub(super) timing: HostTiming,
-    /// The newest frame in OP, and the newest command in OP.
+    /// The time of the newest frame in OP, and of the newest command in OP.
     newest_ns: Option<i64>,
     newest_write_ns: Option<i64>,
-    /// The sets that waited behind the newest frame, and behind the newest command.
+    /// The command frames that waited after the newest frame, and after the newest command.
     sets: u16,
     sets_written: u16,
 }
 
 impl Clockwork {
-    /// OP was left, or is entered anew.
+    /// Starts anew after OP was left.
     pub(super) fn left_op(&mut self) {
         (self.newest_ns, self.newest_write_ns, self.sets, self.sets_written) = (None, None, 0, 0);
     }
 
-    /// A frame of OP, behind which so many sets wait.
+    /// Takes a frame of OP, after which `sets` command frames wait.
     fn passed(&mut self, place: Place, sets: u16) {
         let had_sets = std::mem::replace(&mut self.sets, sets);
         if let Some(before) = self.newest_ns.replace(place.at_ns) {
@@ -199,13 +204,13 @@ impl Clockwork {
         }
     }
 
-    /// A report of OP with so many sets waiting.
+    /// Takes a report of OP with `waiting` command frames in the FIFO.
     pub(super) fn report(&mut self, place: Place, waiting: u16) {
         self.passed(place, waiting);
         self.timing.levels.add(waiting);
     }
 
-    /// A command frame of OP. Gives the pause before it, if the program had more to say.
+    /// Takes a command frame of OP. Returns the pause before it, if the motion was not over.
     pub(super) fn command(&mut self, place: Place, write: Write, cycle_ns: i64) -> Option<Stretch> {
         let Write { waiting, sets, moved, gap_since_ns } = write;
         self.passed(place, sets);

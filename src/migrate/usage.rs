@@ -1,4 +1,4 @@
-//! What a program uses: each thing once, with how often and where first.
+//! The features that a program uses: each once, with its count and its first frame.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -8,36 +8,36 @@ use crate::ethercat::cia402::Mode;
 use crate::ethercat::coe::ObjectAddress;
 use crate::sk::{CommandId, CycleTime, MasterState, SlaveKind};
 
-/// How many different things are kept; a damaged recording may name any objects. \[OURS]
+/// Most features that are kept, since a damaged recording may name any number of objects. \[OURS]
 const SUBJECTS_MAX: usize = 2000;
 
-/// Something that a program uses.
+/// A feature that a program uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Subject {
-    /// Slaves of a kind, by SET_AXIS; they are counted, in the largest network.
+    /// Slaves of a kind, declared by SET_AXIS. Its count is the largest number of them in a network.
     Kind(SlaveKind),
-    /// A mode of operation that a kind of slave is used in, by DRIVE_MODE.
+    /// A mode of operation of a kind of slave, set by DRIVE_MODE.
     Mode(SlaveKind, Mode),
-    /// An EtherCAT cycle, by SET_DC; the default counts once, at the first OP.
+    /// An EtherCAT cycle time, set by SET_DC. The default counts once, when OP is first reached.
     Cycle(CycleTime),
-    /// A command in slot 0 or in a slave's slot; of GET_STATUS the frames that hold nothing else.
+    /// A command in slot 0 or in a slave's slot. GET_STATUS counts only for frames in which all slots are GET_STATUS.
     Command(CommandId),
     /// A request for a state of the network.
     State(MasterState),
-    /// An object that is read by SDO.
+    /// An object that the program reads by SDO.
     Read(ObjectAddress),
-    /// An object that is written by SDO.
+    /// An object that the program writes by SDO.
     Write(ObjectAddress),
-    /// Slaves that were lost in OP: reports that began to say so.
+    /// Slaves that were lost in OP. Its count is the number of reports that show a new loss.
     Lost,
-    /// A request for OP with which lost slaves come back.
+    /// A request for OP after which lost slaves return.
     Return,
     /// Command frames that the board lost because its FIFO was full.
     FifoFull,
 }
 
 impl Subject {
-    /// What kind of thing it is, for programs: a word that stays.
+    /// The group of the feature: a word for other programs, which does not change.
     pub const fn group(self) -> &'static str {
         match self {
             Self::Kind(_) => "slave",
@@ -50,7 +50,7 @@ impl Subject {
         }
     }
 
-    /// Its place in a list.
+    /// The sort key of the feature.
     const fn order(self) -> (u8, u64) {
         const fn object(address: ObjectAddress) -> u64 {
             (address.index as u64) << 8 | address.sub as u64
@@ -70,7 +70,7 @@ impl Subject {
     }
 }
 
-/// The name, as `SET_STATE OP`, `SDO_WR 0x6098:0` or `DRIVE in CSP`.
+/// The name of the feature, such as `SET_STATE OP`, `SDO_WR 0x6098:0` or `DRIVE in CSP`.
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -88,27 +88,27 @@ impl fmt::Display for Subject {
     }
 }
 
-/// How often something is used.
+/// How often a program uses a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Count {
-    /// What.
+    /// The feature.
     pub subject: Subject,
-    /// How often.
+    /// The number of uses.
     pub times: u64,
-    /// Where first.
+    /// The frame of the first use.
     pub first: Place,
-    /// How often in circumstances in which an ECM-XF differs, and where first.
+    /// The number of uses in circumstances in which an ECM-XF differs.
     pub exposed: u64,
-    /// Where first in such circumstances.
+    /// The frame of the first such use; `None` if there is none.
     pub first_exposed: Option<Place>,
 }
 
-/// All that a program uses, in the order of a list.
+/// All features that a program uses, sorted by [`Subject::order`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Usage(BTreeMap<(u8, u64), Count>);
 
 impl Usage {
-    /// Something is used there; `exposed`: in circumstances in which an ECM-XF differs.
+    /// Adds uses of a feature at `place`. `exposed`: in circumstances in which an ECM-XF differs.
     pub(super) fn add(&mut self, subject: Subject, times: u64, place: Place, exposed: bool) {
         let key = subject.order();
         if self.0.len() >= SUBJECTS_MAX && !self.0.contains_key(&key) {
@@ -123,7 +123,7 @@ impl Usage {
         }
     }
 
-    /// What was used before turns out to be so in circumstances in which an ECM-XF differs.
+    /// Marks one earlier use as one in circumstances in which an ECM-XF differs.
     pub(super) fn expose(&mut self, subject: Subject, place: Place) {
         if let Some(count) = self.0.get_mut(&subject.order()) {
             count.exposed = (count.exposed + 1).min(count.times);
@@ -131,7 +131,7 @@ impl Usage {
         }
     }
 
-    /// So many of it there are at the most.
+    /// Raises the count of a feature to `times`, if it is lower.
     pub(super) fn at_most(&mut self, subject: Subject, times: u64, place: Place) {
         let known = self.0.get(&subject.order()).map_or(0, |count| count.times);
         if times > known {

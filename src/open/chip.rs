@@ -1,4 +1,4 @@
-//! Opening an ECM-XF, as the chip that it is or with a board over it.
+//! Opens an ECM-XF, as a chip or as a board over the chip.
 
 use crate::address::keys::Scheme;
 use crate::address::uri::LinkUri;
@@ -9,7 +9,7 @@ use crate::own_board::chip::{ChipBoard, refused};
 use crate::own_board::engine::EngineLink;
 use crate::xf::host::HostConfig;
 
-/// Opens the link that a URI names, and how the driver is to use it.
+/// Opens the link to a chip that a URI names. Also returns the settings of the driver.
 ///
 /// # Errors
 /// [`ChipError`].
@@ -20,7 +20,7 @@ pub fn open(uri: &str) -> Result<(Box<dyn ChipLink>, HostConfig), ChipError> {
     Ok((recorded(&uri, link)?, config))
 }
 
-/// The link, which records if its URI says so.
+/// Wraps the link in a recorder if the URI has the key `record=`.
 pub(crate) fn recorded(uri: &LinkUri, link: Box<dyn ChipLink>) -> Result<Box<dyn ChipLink>, ChipError> {
     Ok(match record(uri) {
         Some(path) => Box::new(RecordedChip::new(link, &path)?),

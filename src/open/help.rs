@@ -1,4 +1,4 @@
-//! The help of links, made from the tables of schemes, keys, kinds of slaves and verbs of scripts.
+//! The help on links, made from the tables of schemes, keys, kinds of slaves and verbs of scripts.
 
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ pub fn help() -> String {
             false if scheme.is_of_this_system() => format!(" (not in this build: feature {})", scheme.feature()),
             false => " (not in this build: this system has none)".to_owned(),
         };
-        // Writing to a String does not fail.
+        // Writing to a String cannot fail.
         let _ = writeln!(text, "  {form:<24} {}{later}", scheme.meaning());
     }
     text.push_str("\nKeys:\n");

@@ -1,4 +1,4 @@
-//! Opening the link that a URI names, or the chip: this room alone knows every way to reach a board.
+//! Opens the link that a URI names, to a board or to a chip. Only this module knows all kinds of links.
 
 pub mod chip;
 mod help;
@@ -13,7 +13,7 @@ use crate::recording::RecordMeta;
 
 pub use help::help;
 
-/// Opens the link of that URI.
+/// Opens the link that `uri` names.
 ///
 /// ```
 /// use ecmsk::link::{self, Share, Wait};
@@ -33,8 +33,9 @@ pub fn open(uri: &str, share: Share) -> Result<Arc<dyn Link>, LinkError> {
     open_with(uri, share, false)
 }
 
-/// As [`open`], for callers that do not need an exact [`LinkStats::reports_dropped`](crate::link::LinkStats::reports_dropped). On Windows a board on USB takes
-/// frames faster while its reports are not read, and reports that are dropped then are not counted. A link with a
+/// Like [`open`], for callers that do not need an exact
+/// [`LinkStats::reports_dropped`](crate::link::LinkStats::reports_dropped). On Windows a board on USB then accepts
+/// frames faster while its reports are not read, but reports that are dropped meanwhile are not counted. A link with a
 /// recording behaves as with [`open`].
 ///
 /// # Errors
@@ -50,15 +51,15 @@ fn open_with(uri: &str, share: Share, uncounted: bool) -> Result<Arc<dyn Link>, 
     if options.fault.any() {
         link = Arc::new(fault::FaultLink::new(link, options.fault));
     }
-    // The recording wraps the fault injection, so it holds what the program has seen.
+    // The recorder wraps the fault injection, so the recording has what the program has seen.
     let Some(path) = &options.record else { return Ok(link) };
     let info = link.info();
     let meta = RecordMeta::now(&info, info.opened_at);
     Ok(Arc::new(record::RecordLink::new(link, path, &meta)?))
 }
 
-/// The simulated board of a `sim:` or `xf-sim:` link without a link around it. It has just been switched on, and its time advances
-/// only when the caller advances it. Of the URI, only the keys that describe the board and its network have an effect.
+/// The simulated board of a `sim:` or `xf-sim:` link, without the link. It was just powered on, and its time advances
+/// only when the caller advances it. Only the keys that describe the board and its network have an effect.
 ///
 /// # Errors
 /// [`LinkError::Uri`], [`LinkError::Script`], [`LinkError::ManufacturerObjects`], [`LinkError::NoBoard`].

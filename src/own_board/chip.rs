@@ -1,4 +1,4 @@
-//! The EC01M over the wires to a chip: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board.
+//! Boards over an ECM-XF: `xf-sim:`, `xf-spi:` and `xf-usb:` opened as a board. The EC01M is the model in this process.
 
 use super::engine::EngineLink;
 use super::options::BoardOptions;
@@ -12,22 +12,22 @@ use crate::link::chip_link::{ChipError, ChipLink, ChipOptions, host_config};
 use crate::link::common_options::CommonOptions;
 use crate::xf::host::{HostError, StepError};
 
-/// How a board uses the chip that its slaves are behind.
+/// How a board uses the chip in front of its slaves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipUse {
-    /// How the driver uses it.
+    /// The settings of the chip's driver.
     pub driver: ChipOptions,
-    /// How many sets of outputs may lie in it, see [`XfBusOptions::ahead`].
+    /// The number of cycles of outputs that may be in the chip ahead of time, see [`XfBusOptions::ahead`].
     pub ahead: u16,
-    /// Which of its pins are the board's local inputs and outputs.
+    /// The pins of the chip that are the board's local inputs and outputs.
     pub local_pins: LocalPins,
 }
 
 impl ChipUse {
-    /// The options in a URI; keys that are not given have their defaults.
+    /// Reads the options from a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError`] if it is no link to a chip.
+    /// [`UriError`] if the URI is not that of a link to a chip.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         let lines = |key, max| uri.typed(key, |value| keys::pins(value, max)).map(Option::unwrap_or_default);
         Ok(Self {
@@ -40,7 +40,7 @@ impl ChipUse {
         })
     }
 
-    /// The bus of the board over that link.
+    /// The bus of the board over `link`.
     pub fn bus<L: ChipLink + 'static>(&self, link: L) -> XfBus<L> {
         let info = link.info();
         let options = XfBusOptions {
@@ -57,19 +57,19 @@ impl ChipUse {
 /// A board over a real chip: its EC01M is the model in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChipBoard {
-    /// The board.
+    /// The options of the board.
     pub board: BoardOptions,
-    /// How it uses the chip.
+    /// The options of the chip.
     pub used: ChipUse,
-    /// What every link has.
+    /// The options that every link has.
     pub common: CommonOptions,
 }
 
 impl ChipBoard {
-    /// The options in a URI; keys that are not given have their defaults.
+    /// Reads the options from a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError`] if it is no link to a chip.
+    /// [`UriError`] if the URI is not that of a link to a chip.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         Ok(Self {
             board: BoardOptions::from_uri(uri)?,
@@ -78,10 +78,10 @@ impl ChipBoard {
         })
     }
 
-    /// Opens the board over that link to a chip: the chip is started, and the network behind it scanned.
+    /// Opens a board over a link to a chip: starts the chip and scans its network.
     ///
-    /// The board is gone with this process, as `own_board/mod.rs` says. If the process is killed, the chip repeats its newest
-    /// outputs for ever, so that in CSP an axis stands, and in CSV and CST it goes on.
+    /// The board ends with this process, as `own_board/mod.rs` says. If the process is killed, the chip repeats its
+    /// newest outputs for ever: an axis in CSP stops, one in CSV or CST keeps moving.
     ///
     /// # Errors
     /// [`LinkError::NoBoard`]: the chip does not answer, or finds no slave; [`LinkError::Io`].
@@ -108,7 +108,7 @@ impl ChipBoard {
     }
 }
 
-/// Why a link has no board, since its chip cannot be reached.
+/// The error of a board's link whose chip cannot be reached.
 pub(crate) fn refused(name: &str, error: ChipError) -> LinkError {
     match error {
         ChipError::Uri(error) => error.into(),

@@ -1,4 +1,4 @@
-//! The link to a board in this process: the engine with a simulated network, on the real clock or on a virtual one.
+//! The link to a board in this process: the engine with its network, on the real clock or on a virtual one.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -11,24 +11,24 @@ use crate::link::call_counts::CallCounts;
 use crate::link::{Dir, Link, LinkError, LinkInfo, LinkStats, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// Called with the board when its link is closed, so that the board can be kept: a real board does not vanish with the
-/// program either. `None`: the board no longer exists because a panic has ended its thread.
+/// Callback that gets the board when its link is closed, so that the board can be kept: a real board does not vanish
+/// with the program either. It gets `None` if the board no longer exists because its thread panicked.
 pub type Keeper = Box<dyn Fn(Option<Board>) + Send + Sync>;
 
-/// How the host interface of a board is run.
+/// Options of a board's host interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RunOptions {
     /// Whether time is virtual: it then advances only inside calls.
     pub virtual_time: bool,
-    /// How long a write takes in the board's time, in nanoseconds; by default one USB microframe.
+    /// The duration of a write in the board's time, in nanoseconds; by default one USB microframe.
     pub host_ns: Ns,
-    /// How many unread reports are kept.
+    /// The most unread reports that are kept.
     pub queue: usize,
-    /// The time limit of a read for callers that do not choose one.
+    /// The timeout of a read for callers that do not choose one.
     pub read_wait: Wait,
-    /// The time limit of a write for callers that do not choose one.
+    /// The timeout of a write for callers that do not choose one.
     pub write_wait: Wait,
-    /// The real-time priority and memory locking of the cyclic thread (real clock only).
+    /// Real-time priority and memory locking of the cyclic thread (real clock only).
     pub real_time: RealTime,
     /// The speed of the board's time (real clock only).
     pub rate: Rate,
@@ -48,7 +48,7 @@ impl Default for RunOptions {
     }
 }
 
-/// Why a board is lost whose bus does not say more.
+/// Why a board is lost, if its bus gives no reason.
 const BUS_GONE: &str = "the hardware that runs its network is gone";
 
 enum Runner {
@@ -70,10 +70,10 @@ pub struct EngineLink {
 
 /// Which of the board's events have been logged.
 struct Logged {
-    /// How many events have been logged (virtual time only; a cyclic thread hands over each event once).
+    /// The number of events logged so far (virtual time only; a cyclic thread hands over each event once).
     events: u64,
     rejections: RejectionLog,
-    /// Whether a network card that is gone has been.
+    /// Whether the loss of a network card was logged.
     is_card_told: bool,
 }
 
@@ -82,8 +82,8 @@ impl EngineLink {
     /// gets the board when the link is closed.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`] if the board has not started up; `keeper` gets it then. [`LinkError::Io`] if the system
-    /// provides no thread.
+    /// [`LinkError::NoBoard`] if the board has not started up; `keeper` then gets it at once. [`LinkError::Io`] if the
+    /// system provides no thread.
     pub fn open(name: &str, board: Board, options: RunOptions, keeper: Option<Keeper>) -> Result<Self, LinkError> {
         if !board.engine().talks() {
             let reason = if board.engine().state().is_failed() {
@@ -126,7 +126,7 @@ impl EngineLink {
         })
     }
 
-    /// How late the cycles have been so far; `None` on virtual time, where no cycle can be late.
+    /// How late the cycles have been so far; `None` in virtual time, where no cycle can be late.
     pub fn lateness(&self) -> Option<crate::engine::Lateness> {
         match &self.runner {
             Runner::Threaded(threaded) => Some(threaded.lateness()),
@@ -134,7 +134,7 @@ impl EngineLink {
         }
     }
 
-    /// The state of the board after its last cycle: LEDs, link state, lost slaves. `None` on virtual time once the link
+    /// The state of the board after its last cycle: LEDs, link state, lost slaves. `None` in virtual time once the link
     /// is closed.
     pub fn snapshot(&self) -> Option<crate::engine::Snapshot> {
         match &self.runner {
@@ -166,7 +166,7 @@ impl EngineLink {
         }
     }
 
-    /// Logs which commands the board did not execute. The thread of the host does this, because the cyclic thread must
+    /// Logs the commands that the board did not execute. The host's thread does this, because the cyclic thread must
     /// not wait for a log.
     fn log_events(&self) {
         if !log::log_enabled!(log::Level::Warn) {
@@ -193,7 +193,7 @@ impl EngineLink {
                 });
             }
         }
-        // That the last one is gone is the error of each call.
+        // The loss of the last card is not logged here, because each call returns it as an error.
         if !logged.is_card_told
             && let Some(gone) = self.cards_gone().filter(|gone| !gone.is_all)
         {
@@ -259,7 +259,7 @@ impl Link for EngineLink {
     }
 
     fn cancel(&self, dir: Dir) {
-        // On virtual time calls do not wait, so there is nothing to cancel.
+        // In virtual time calls do not wait, so there is nothing to cancel.
         if let Runner::Threaded(threaded) = &self.runner {
             match dir {
                 Dir::Write => threaded.cancel_writes(),
@@ -278,7 +278,7 @@ impl Link for EngineLink {
                 let dropped = stepped.look(|_, dropped| dropped).unwrap_or_default();
                 (stepped.close(), dropped)
             }
-            // Its thread makes reports until it has ended, so the dropped ones are counted after that.
+            // The thread makes reports until it has ended, so its dropped reports are counted afterwards.
             Runner::Threaded(threaded) => (threaded.close(), threaded.counters().1),
         };
         if let Some(board) = &board {

@@ -1,6 +1,6 @@
-//! What the log says of commands that the board did not execute although it did not reject them, for example because
-//! its FIFO was full. A period in which such commands occur is an episode: one line when it begins, and one line with
-//! their number when it has ended.
+//! Log lines about commands that the board did not execute although it did not reject them, for example because its
+//! FIFO was full. An episode is a period in which such commands occur. It gets one line when it begins, and one line
+//! with the number of commands when it has ended.
 
 use log::Level;
 
@@ -8,24 +8,24 @@ use crate::engine::{Counters, Unexecuted};
 use crate::fieldbus::Ns;
 use crate::span::Seconds;
 
-/// An episode has ended when its counter has not changed for this long, in the board's time \[OURS].
+/// An episode has ended once its counter has not changed for this long, in nanoseconds of the board's time \[OURS].
 const QUIET_NS: Ns = 1_000_000_000;
 
 /// A period in which commands of one kind were not executed.
 #[derive(Clone, Copy)]
 struct Episode {
-    /// When the first one was seen.
+    /// When the first command was seen, in the board's time.
     from: Ns,
-    /// When the latest one was seen.
+    /// When the latest command was seen, in the board's time.
     to: Ns,
-    /// The value of the counter before the first one.
+    /// The value of the counter before the first command.
     before: u64,
 }
 
-/// The state of one counter.
+/// One counter of the board, with its episode.
 #[derive(Clone, Copy)]
 struct Tracker {
-    /// The value of the counter when it was last looked at.
+    /// The last value of the counter.
     seen: u64,
     episode: Option<Episode>,
 }
@@ -36,19 +36,19 @@ pub(crate) struct Episodes {
 }
 
 impl Episodes {
-    /// Tracks what happens after the board has counted this much.
+    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         Self { kinds: Unexecuted::ALL.map(|what| Tracker { seen: what.of(counters), episode: None }) }
     }
 
-    /// Whether an episode of that kind is in progress.
+    /// Whether an episode of this kind is in progress.
     pub(crate) fn is_running(&self, what: Unexecuted) -> bool {
         let kinds = self.kinds.iter().zip(Unexecuted::ALL);
         kinds.filter(|(_, of)| *of == what).any(|(kind, _)| kind.episode.is_some())
     }
 
-    /// Logs which episodes have begun, except those for which `is_logged` says that the log has them already, and which
-    /// have ended. `now` is the board's time.
+    /// Logs which episodes have begun and which have ended. A beginning is left out if `is_logged` is true for it,
+    /// because the log has it already. `now` is the board's time.
     pub(crate) fn log(
         &mut self,
         counters: &Counters,
@@ -77,7 +77,7 @@ impl Episodes {
         }
     }
 
-    /// Logs the numbers of all episodes in progress, when the link is closed.
+    /// Logs the counts of all episodes in progress, when the link is closed.
     pub(crate) fn end(&mut self, counters: &Counters, now: Ns, say: &mut dyn FnMut(Level, String)) {
         self.log(counters, now, |_| false, say);
         for (kind, what) in self.kinds.iter_mut().zip(Unexecuted::ALL) {
@@ -88,7 +88,7 @@ impl Episodes {
     }
 }
 
-/// The level of a line: commands that the program itself has discarded are no reason for a warning.
+/// The log level of a line: commands that the program itself discarded are no reason for a warning.
 const fn level(what: Unexecuted) -> Level {
     if what.is_asked_for() { Level::Info } else { Level::Warn }
 }
@@ -127,8 +127,8 @@ mod tests {
         }
     }
 
-    /// SK-4.78 A FIFO that is full for a while is one line when it begins, with what to do, and one with the count when
-    /// nothing was lost for a second. What was lost before the link was opened is not this program's.
+    /// SK-4.78 A FIFO that is full for a while gets one line with advice when it begins, and one with the count after a
+    /// second without losses. Losses before the link was opened are not counted.
     #[test]
     fn a_full_fifo_is_logged_when_it_begins_and_when_it_ends() {
         let mut log = Log::of(&Counters { full: 1000, ..Counters::default() });
@@ -152,8 +152,8 @@ mod tests {
         assert!(log.lines[2].1.starts_with("since 6.000 s: 1 "), "{:?}", log.lines);
     }
 
-    /// SK-4.78 Every counter that means that a command was not executed has its lines; a link that is closed while it goes
-    /// on tells the count. What a program has cleared itself is told at a lower level.
+    /// SK-4.78 Every counter of commands that were not executed gets its lines. If the link is closed during an
+    /// episode, the count is logged. Commands that the program itself cleared are logged at a lower level.
     #[test]
     fn every_counter_of_unexecuted_commands_is_logged_when_it_begins_and_ends() {
         let lost = Counters {

@@ -1,13 +1,13 @@
 //! Boards whose EC01M is the model in this process: the engine as a link, and the boards over real hardware.
 //!
-//! - `engine.rs`: the link to such a board, on the real clock and on a virtual one
-//! - `options.rs`: the keys that all of them have, as Rust types
-//! - `rejections.rs`, `episodes.rs`: what the log says of commands that the board did not execute
-//! - `nic/`: `nic:`, slaves at the end of a network card
+//! - `engine.rs`: the link to such a board, on the real clock or in virtual time
+//! - `options.rs`: the keys of links to such boards, as Rust types
+//! - `rejections.rs`, `episodes.rs`: log lines about commands that the board did not execute
+//! - `nic/`: the link `nic:`, to slaves on a network card
 //! - `chip.rs`: a board that reaches its slaves over an ECM-XF
 //!
-//! A board over real hardware is gone with this process. When its link is closed, its axes are brought to a standstill and the network to
-//! PreOP ([`Board::switch_off`]), which takes some seconds at most. A process that is killed cannot do that.
+//! A board over real hardware ends with this process. Closing its link stops the axes and brings the network to PreOP
+//! ([`Board::switch_off`]), which takes some seconds at most. A process that is killed cannot do that.
 
 pub mod chip;
 pub mod engine;
@@ -21,12 +21,12 @@ use crate::engine::Board;
 use crate::fieldbus::Ns;
 use engine::Keeper;
 
-/// How long the board may take to find its slaves and to bring them to PreOP. \[OURS]
+/// Timeout of the board to find its slaves and to bring them to PreOP. \[OURS]
 const BOOT_LIMIT_NS: Ns = 60_000_000_000;
-/// For so long a network without a slave is scanned. \[OURS]
+/// Time between two checks whether the start has failed, so a network without slaves is scanned for this long. \[OURS]
 const SCAN_NS: Ns = 3_000_000_000;
 
-/// Whether the board comes up: it has found slaves, and they have come to PreOP.
+/// Starts the board. Returns whether it has found slaves and brought them to PreOP.
 pub(crate) fn boots(board: &mut Board) -> bool {
     let end = board.now() + BOOT_LIMIT_NS;
     while board.now() < end {
@@ -40,13 +40,13 @@ pub(crate) fn boots(board: &mut Board) -> bool {
     false
 }
 
-/// What becomes of a board whose link is closed.
+/// The callback for the end of a link: switches the board off, and logs the axes that are still on.
 pub(crate) fn switching_off() -> Keeper {
     Box::new(|board| {
         let Some(mut board) = board else { return };
         let still_on = board.switch_off();
         if board.cards_gone().is_some_and(|gone| gone.is_all) {
-            // No frame reaches them any more, and their watchdogs stop them.
+            // No frame reaches the slaves any more, and their watchdogs stop them.
             return;
         }
         for slave in still_on.iter() {

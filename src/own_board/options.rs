@@ -1,4 +1,5 @@
-//! The keys that every board has which is modelled in this process, whatever its slaves are, as Rust types.
+//! The keys of links to boards whose EC01M is the model in this process, as Rust types. They do not depend on the
+//! slaves.
 
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ use crate::fieldbus::Ns;
 use crate::link::common_options::CommonOptions;
 use crate::sk::SlotSize;
 
-/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model.
+/// Options of `sim:`, `xf-sim:`, `xf-spi:`, `xf-usb:` and `nic:`, whose EC01M is the model in this process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoardOptions {
     /// The slot size, which the board's jumper CONFIG2 selects.
@@ -19,25 +20,25 @@ pub struct BoardOptions {
     pub firmware: Firmware,
     /// Whether the board is in test mode, which the jumper CONFIG1 selects.
     pub test: bool,
-    /// How long a write takes, in microseconds of the board's time: 0..=1 000 000.
+    /// The duration of a write, in microseconds of the board's time: 0..=1 000 000.
     pub host_us: u32,
-    /// How long a change of the EtherCAT state may take.
+    /// The timeout of a change of the EtherCAT state.
     pub state_timeout: Duration,
-    /// How long a slave may take to answer an SDO request.
+    /// The timeout for a slave's answer to an SDO request.
     pub sdo_timeout: Duration,
-    /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None`: an ordinary thread.
+    /// The real-time priority (SCHED_FIFO) of the cyclic thread, 1..=99; `None` for a normal thread.
     pub priority: Option<u8>,
-    /// The processor that the cyclic thread runs on, from 0; `None`: any.
+    /// The processor that the cyclic thread runs on, from 0; `None` for any.
     pub cpu: Option<u16>,
-    /// Whether the process is locked into memory (`mlockall`), so that no cycle waits for a page.
+    /// Whether the memory of the process is locked (`mlockall`), so that no cycle waits for a page fault.
     pub lock_memory: bool,
 }
 
 impl BoardOptions {
-    /// The options in a URI; keys that are not given have their defaults.
+    /// Reads the options from a URI; keys that are not given have their defaults.
     ///
     /// # Errors
-    /// [`UriError`] if links of this scheme have no such keys.
+    /// [`UriError`] if links of this scheme do not have these keys.
     pub fn from_uri(uri: &LinkUri) -> Result<Self, UriError> {
         Ok(Self {
             slot: uri.required("slot", slot_size)?,
@@ -64,7 +65,7 @@ impl BoardOptions {
         }
     }
 
-    /// How the host interface is run.
+    /// The options of the host interface.
     pub(crate) fn run(&self, common: &CommonOptions, virtual_time: bool, rate: Rate) -> RunOptions {
         RunOptions {
             virtual_time,

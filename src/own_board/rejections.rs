@@ -1,6 +1,6 @@
-//! What the log says of commands that the board rejected. The first rejections of each kind are logged one by one and
-//! further ones are summed up, so that a program that sends a wrong command in every cycle does not fill the log, and
-//! every rejection is accounted for.
+//! Log lines about commands that the board rejected. The first rejections of each kind are logged one by one, later
+//! ones are summed up. So a program that sends a wrong command in every cycle does not fill the log, and no rejection
+//! is left out.
 
 use log::Level;
 
@@ -9,25 +9,25 @@ use crate::engine::{Counters, Event, EventKind, HomingEnd, Reason, Unexecuted};
 use crate::fieldbus::Ns;
 use crate::span::Seconds;
 
-/// How many rejections of one kind are logged one by one within [`WINDOW_NS`] \[OURS]; further ones are summed up. SDO
-/// transfers that a slave has aborted count as a kind.
+/// Most rejections of one kind that are logged one by one within [`WINDOW_NS`] \[OURS]; later ones are summed up. SDO
+/// transfers that a slave has aborted count as one kind.
 const LINES_PER_WINDOW_MAX: u32 = 5;
-/// One second of the board's time \[OURS].
+/// The window for [`LINES_PER_WINDOW_MAX`]: one second of the board's time \[OURS].
 const WINDOW_NS: Ns = 1_000_000_000;
 
 /// Limits the lines in the log for one kind of rejection.
 #[derive(Clone, Copy, Default)]
 struct Throttle {
-    /// When the current window began.
+    /// The beginning of the current window, in the board's time.
     since: Ns,
-    /// Lines logged in this window.
+    /// The number of lines logged in this window.
     lines: u32,
-    /// How many rejections of the board's counter are in the log already, one by one or summed up.
+    /// The number of rejections that are in the log already, one by one or summed up.
     logged: u64,
 }
 
 impl Throttle {
-    /// Whether one more rejection, at time `at`, gets a line of its own.
+    /// Whether one more rejection, at the time `at`, gets its own line.
     fn is_logged(&mut self, at: Ns) -> bool {
         if at.saturating_sub(self.since) >= WINDOW_NS || self.lines == 0 {
             (self.since, self.lines) = (at, 0);
@@ -38,7 +38,7 @@ impl Throttle {
     }
 }
 
-/// Which rejections have been logged so far.
+/// The rejections logged so far, by kind.
 pub(crate) struct RejectionLog {
     kinds: [Throttle; Reason::KINDS],
     aborts: Throttle,
@@ -46,13 +46,13 @@ pub(crate) struct RejectionLog {
 }
 
 impl RejectionLog {
-    /// Logs what happens after the board has counted this much.
+    /// Starts at the present values of the board's counters. Events counted before belong to earlier programs.
     pub(crate) fn new(counters: &Counters) -> Self {
         let kinds = counters.rejected.map(|logged| Throttle { logged, ..Throttle::default() });
         Self { kinds, aborts: Throttle::default(), episodes: Episodes::new(counters) }
     }
 
-    /// Logs events, and what the board's counters show besides them; `now` is the board's time.
+    /// Logs events, and rejections that only the board's counters show; `now` is the board's time.
     pub(crate) fn log(
         &mut self,
         events: impl IntoIterator<Item = Event>,
@@ -69,9 +69,9 @@ impl RejectionLog {
                     kind.logged += u64::from(is_logged);
                     is_logged
                 }
-                // The line with the number of bytes replaces the one that says that an episode begins.
+                // This line has the number of bytes, so it replaces the line for the beginning of an episode.
                 EventKind::Incomplete { .. } => self.begins(Unexecuted::Incomplete, &mut logged),
-                // The bus may lose some in each cycle.
+                // Only the first one is logged, because the bus may lose outputs in each cycle.
                 EventKind::OutputsLost { .. } => self.begins(Unexecuted::OutputsLost, &mut logged),
                 EventKind::SdoAborted { .. } => {
                     logged[Unexecuted::SdoAborted as usize] = true;
@@ -87,7 +87,7 @@ impl RejectionLog {
         self.episodes.log(counters, now, |what| logged[what as usize], say);
     }
 
-    /// Whether an event is the first one of an episode, which is logged then.
+    /// Whether an event is the first one of an episode. If so, it is marked as logged.
     fn begins(&self, what: Unexecuted, logged: &mut [bool; Unexecuted::KINDS]) -> bool {
         !self.episodes.is_running(what) && !std::mem::replace(&mut logged[what as usize], true)
     }
@@ -115,7 +115,8 @@ impl RejectionLog {
     }
 }
 
-/// A homing that has attained its home is no reason to warn: `ecmsk exec` sums up warnings as what went wrong.
+/// The log level of an event. A homing that attained its home is no warning, because `ecmsk exec` lists warnings as
+/// what went wrong.
 const fn level_of(event: &Event) -> Level {
     if matches!(event.kind, EventKind::HomingEnded { end: HomingEnd::Attained, .. }) {
         Level::Info
@@ -142,12 +143,13 @@ mod tests {
         counters
     }
 
-    /// SK-4.39 Of many rejections of a kind the first five of a second are told, then how many more there were.
+    /// SK-4.39 Of many rejections of one kind, the first five of a second are logged, followed by the number of the
+    /// others.
     #[test]
     fn after_five_rejections_of_a_kind_in_a_second_further_ones_are_summed_up() {
         let mut log = RejectionLog::new(&counted(&[(Reason::WrongMode, 7)]));
         let mut said = Vec::new();
-        // One a millisecond, and one of another kind in the middle.
+        // One rejection per millisecond, and one of another kind in the middle.
         for n in 0..500 {
             let mut events = vec![rejected(n * MS, Reason::WrongMode)];
             let mut counters = counted(&[(Reason::WrongMode, 8 + n), (Reason::NoSlave, u64::from(n >= 250))]);
@@ -168,7 +170,8 @@ mod tests {
         assert_eq!(said.len(), 7, "{said:?}");
     }
 
-    /// SK-4.39 A second later the first ones are told again; what nobody was told by then is told at the end.
+    /// SK-4.39 After a second the first rejections are logged one by one again; those that are not logged yet are
+    /// logged at the end.
     #[test]
     fn five_rejections_of_a_kind_are_logged_in_each_second() {
         let mut log = RejectionLog::new(&counted(&[]));
@@ -186,8 +189,9 @@ mod tests {
             .sum();
         assert_eq!(more, 10, "{said:?}");
     }
-    /// SK-4.79 An SDO that a slave has aborted is told with its object and what to do, the first five of a second; when it
-    /// has ended the count of all is told. SK-4.78 Of frames that came in part the first is told with its bytes.
+    /// SK-4.79 An SDO that a slave has aborted is logged with its object and the next step, the first five of a second;
+    /// the total count is logged at the end. SK-4.78 Of incomplete frames only the first is logged, with its number of
+    /// bytes.
     #[test]
     fn aborted_sdos_and_incomplete_frames_are_logged_with_their_details() {
         let object = crate::ethercat::coe::ObjectAddress::new(0x2101, 0);
@@ -211,7 +215,7 @@ mod tests {
         assert!(said[7].contains("50 SDO transfer(s)"), "{said:?}");
     }
 
-    /// A homing that has attained its home is told as information, and every other end of one as a warning.
+    /// A homing that attained its home is logged as information, every other end of a homing as a warning.
     #[test]
     fn only_a_homing_that_failed_is_a_warning() {
         let mut log = RejectionLog::new(&Counters::default());
@@ -229,7 +233,7 @@ mod tests {
         }
     }
 
-    /// SK-4.78 Sets of outputs that a bus loses one after the other are told by the first one and by their number.
+    /// SK-4.78 If a bus loses outputs in many cycles, the first loss and the total count are logged.
     #[test]
     fn lost_outputs_are_logged_once_and_counted() {
         let mut log = RejectionLog::new(&Counters::default());

@@ -1,14 +1,15 @@
-//! Where a device is on its bus.
+//! The USB address of a device: its bus and its number on it.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Where a device is on its bus, as the system numbered it: `1.5`. It changes when the device is plugged again.
+/// The USB address of a device, such as `1.5`, as the operating system numbered it. It changes when the device is
+/// plugged in again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address {
-    /// The bus.
+    /// The number of the bus.
     pub bus: u16,
-    /// The device on that bus.
+    /// The number of the device on the bus.
     pub device: u8,
 }
 
@@ -18,7 +19,7 @@ impl fmt::Display for Address {
     }
 }
 
-/// A text that is no address.
+/// The text is not an address.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no address of a device; write bus and device as Wireshark shows them, for example 1.5")]
 pub struct AddressError(String);

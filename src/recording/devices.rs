@@ -1,4 +1,4 @@
-//! The devices of a capture, and which of them is the board.
+//! The USB devices in a capture, and which of them is the board.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -9,43 +9,46 @@ use super::held::Held;
 use super::recorded::Recorded;
 use crate::sk::{BOARD_IDS, Dir, FRAME_LEN, Frame, SlotSize};
 
-/// Bytes of a frame behind a report id of 0, as hosts without an interrupt OUT endpoint send it.
+/// Length of a frame after a report id of 0, in bytes. Hosts without an interrupt OUT endpoint send it so.
 const WITH_REPORT_ID: usize = 1 + FRAME_LEN;
-/// Bytes of a frame without filler.
+/// Length of a frame with 12-byte slots without padding, in bytes.
 const NARROW: usize = SlotSize::Bytes12.frame_len();
 
-/// `bmRequestType` and `bRequest` of HID's SET_REPORT, and the kind of report in `wValue`'s upper byte: output (HID 1.11,
+/// `bmRequestType` and `bRequest` of HID's SET_REPORT, and the upper byte of `wValue` for an output report (HID 1.11,
 /// 7.2.2).
 const SET_REPORT: (u8, u8) = (0x21, 0x09);
 const OUTPUT_REPORT: u8 = 2;
-/// `bmRequestType` and `bRequest` of GET_DESCRIPTOR, and the kind of descriptor: device (USB 2.0, 9.4.3).
+/// `bmRequestType` and `bRequest` of GET_DESCRIPTOR, and the upper byte of `wValue` for a device descriptor (USB 2.0,
+/// 9.4.3).
 const GET_DESCRIPTOR: (u8, u8) = (0x80, 0x06);
 const DEVICE_DESCRIPTOR: u8 = 1;
-/// Where a device descriptor has vendor and product, and how long it is (USB 2.0, 9.6.1).
+/// The offset of vendor and product in a device descriptor, and its length (USB 2.0, 9.6.1).
 const VENDOR_AT: usize = 8;
 const DEVICE_DESCRIPTOR_LEN: usize = 18;
 
-/// Control transfers under way that are kept: a capture may lack their ends. \[OURS]
+/// Most setup packets of control transfers in flight that are kept, since a capture may lack the ends of transfers.
+/// \[OURS]
 const MOST_SETUPS: usize = 1024;
 
-/// A device of a capture.
+/// A USB device in a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seen {
-    /// Where it is.
+    /// The address of the device.
     pub address: Address,
-    /// Vendor and product, if the capture has its descriptor.
+    /// Vendor and product id; `None` if the capture does not have the device descriptor.
     pub ids: Option<(u16, u16)>,
-    /// Frames to it.
+    /// The number of frames to the device.
     pub written: u64,
-    /// Frames from it.
+    /// The number of frames from the device.
     pub read: u64,
-    /// What else it did.
+    /// The packets of the device that are not frames.
     others: Skipped,
 }
 
 impl Seen {
-    /// How much it is like a board: nothing, frames one way, frames both ways, and the board's ids on top, which hobby
-    /// devices share, so that frames count for more. \[OURS] A device whose descriptor says something else is none.
+    /// How much the device looks like a board: 0 for no frames, 1 for frames one way, 2 for frames both ways, 3 with
+    /// the board's ids in addition. The ids are a hobby id, shared by other devices, so frames count for more. \[OURS]
+    /// A device with other ids is no board.
     fn likeness(&self) -> u8 {
         match (self.ids, self.written.min(1) + self.read.min(1)) {
             (Some(ids), _) if ids != BOARD_IDS => 0,
@@ -55,7 +58,7 @@ impl Seen {
     }
 }
 
-/// `1.5 (16c0:05df; 12 frames to it, 40 from it)`
+/// Writes `1.5 (16c0:05df; 12 frames to it, 40 from it)`.
 impl fmt::Display for Seen {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} (", self.address)?;
@@ -66,24 +69,25 @@ impl fmt::Display for Seen {
     }
 }
 
-/// What of a capture was left out, and why: of devices that moved frames all, of others together.
+/// What a capture has besides frames of a board. Packets of a device with frames are counted by their kind, those of
+/// other devices together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Frames that the host took back, or that failed: the board did not get them.
+    /// Frames that the host cancelled, or that failed, so that the board did not get them.
     pub taken_back: u64,
     /// Reads that ended without a report: cancelled, failed or empty. Each program that closes its board leaves some.
     pub without_report: u64,
-    /// Interrupt transfers that are as long as no frame is.
+    /// Interrupt transfers whose length is not that of a frame.
     pub other_lengths: u64,
-    /// Control, bulk and isochronous transfers that move no frame, by their packets.
+    /// Packets of control, bulk and isochronous transfers that carry no frame.
     pub other_transfers: u64,
-    /// What passed to and from other devices, by its packets: those without frames, and those that are no board by their
-    /// descriptor or not the one asked for.
+    /// Packets of other devices: those without frames, those whose descriptor shows that they are no board, and those
+    /// that were not selected.
     pub other_devices: u64,
 }
 
 impl Skipped {
-    /// What a user may want to know, in words; `None` if it is nothing.
+    /// The skipped packets that may matter to a user, as text; `None` if there are none.
     pub fn words(&self) -> Option<String> {
         let parts = [
             (self.taken_back, "frames that the board did not take"),
@@ -94,17 +98,17 @@ impl Skipped {
     }
 }
 
-/// What is known of the devices so far.
+/// The devices of a capture that was read up to some packet.
 #[derive(Default)]
 pub(super) struct Devices {
     devices: BTreeMap<Address, Seen>,
-    /// Setup packets of control transfers under way.
+    /// Setup packets of control transfers in flight.
     setups: HashMap<u64, [u8; 8]>,
-    /// The device asked for.
+    /// The only device whose frames are wanted; `None` for all that may be a board.
     only: Option<Address>,
 }
 
-/// A packet holds less than the frame that passed.
+/// A packet has fewer bytes than the transfer: the capture cut it off.
 pub(super) struct Cut {
     pub captured: usize,
     pub length: u32,
@@ -115,12 +119,12 @@ impl Devices {
         self.only = Some(address);
     }
 
-    /// In the order of their addresses.
+    /// The devices, sorted by address.
     pub fn seen(&self) -> Vec<Seen> {
         self.devices.values().copied().collect()
     }
 
-    /// What was left out so far.
+    /// What was skipped so far.
     pub fn skipped(&self) -> Skipped {
         let mut skipped = Skipped::default();
         for Seen { written, read, others, .. } in self.devices.values() {
@@ -137,7 +141,7 @@ impl Devices {
         skipped
     }
 
-    /// A packet goes by; a frame in it goes to `held`, with its end if `waits`.
+    /// Takes a packet. A frame in it is added to `held`, where it waits for the end of its transfer if `waits`.
     pub fn take(&mut self, event: &Event<'_>, at_ns: u64, waits: bool, held: &mut Held) -> Result<(), Cut> {
         self.device(event.at);
         match (event.kind, event.to_host, event.stage) {
@@ -165,7 +169,8 @@ impl Devices {
         &mut self.device(address).others
     }
 
-    /// A transfer to the board has ended: its bytes were moved if it was carried out, or if the capture says so.
+    /// Takes the end of a transfer to the board. Its bytes arrived if it succeeded, or if the capture shows a
+    /// transferred length.
     fn ended(&mut self, event: &Event<'_>, done: bool, held: &mut Held) {
         let moved = done || event.length as usize >= NARROW;
         if held.ended(event.id, moved) {
@@ -242,7 +247,7 @@ impl Devices {
     }
 }
 
-/// Whether a transfer is as long as a frame: 512 bytes, 504, or 513 behind a report id of 0.
+/// Whether a transfer has the length of a frame: 512 or 504 bytes, or 513 with a report id of 0.
 fn is_frame(event: &Event<'_>) -> bool {
     match event.length as usize {
         WITH_REPORT_ID => event.data.first().is_none_or(|id| *id == 0),
@@ -250,13 +255,13 @@ fn is_frame(event: &Event<'_>) -> bool {
     }
 }
 
-/// The devices that are the most like a board, of those of a capture.
+/// The devices of a capture that look most like a board.
 pub(super) fn candidates(seen: &[Seen]) -> Vec<Seen> {
     let most = seen.iter().map(Seen::likeness).max().unwrap_or_default();
     seen.iter().filter(|seen| most > 0 && seen.likeness() == most).copied().collect()
 }
 
-/// A list for a message; of a long one the beginning.
+/// The devices as a list for a message; a long list is cut off.
 pub(super) fn list(seen: &[Seen]) -> String {
     const MOST: usize = 8;
     let mut text: Vec<String> = seen.iter().take(MOST).map(Seen::to_string).collect();

@@ -1,9 +1,8 @@
 //! How recordings end, and what they lack.
 //!
-//! A recording of ours ends each of its sections with the block that pcapng has for the counts of an interface. Where it is
-//! missing the recording was not ended: its program was killed, still runs, or had no room to write. Captures that others
-//! made, and recordings that another program has written anew, need not have such a block: of them nothing is concluded
-//! \[OURS].
+//! The recorder of this crate ends each section with pcapng's block of interface statistics. If the block is missing,
+//! the recording was not ended: its program was killed, still runs, or ran out of disk space. Captures of other
+//! programs, and recordings that another program rewrote, may have no such block, so they are not judged \[OURS].
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -12,23 +11,24 @@ use std::path::Path;
 use super::lacks::Lacks;
 use super::reader::Recording;
 
-/// Longest block at the end of a file that is looked at: that of a recording is a few hundred bytes. \[OURS]
+/// Longest block at the end of a file that is read. That of a recording has a few hundred bytes. \[OURS]
 const LONGEST_END: u64 = 64 * 1024;
-/// More than the blocks that stand in front of a recording's first frame have. \[OURS]
+/// Bytes at the beginning of a file that are read: more than the blocks before the first frame of a recording have.
+/// \[OURS]
 const LONGEST_BEGIN: u64 = 1 << 20;
 
-/// What a recording of ours lacks, by its first and its last block alone: quick, however long it is. Of a file that was
-/// recorded to more than once it tells of the last time.
+/// What a recording lacks, from its first and its last block alone, so that a long file takes no time. If a file has
+/// several recordings, the result is that of the last one.
 ///
 /// # Errors
-/// The system's, if it cannot be read. A file that is no recording is one that was not ended.
+/// The error of the system if the file cannot be read. A file that is no recording counts as one that was not ended.
 pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
     let not_ended = Lacks { not_ended: 1, ..Lacks::default() };
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     let mut bytes = Vec::new();
     (&mut file).take(LONGEST_BEGIN).read_to_end(&mut bytes)?;
-    // The headers of the section and of its interface.
+    // The lengths of the section header and of the interface description.
     let Some(headers) = (0..2).try_fold(0_usize, |at, _| at.checked_add(block_len(bytes.get(at..)?)?)) else {
         return Ok(not_ended);
     };
@@ -52,7 +52,7 @@ pub fn lacks_at_end(path: &Path) -> io::Result<Lacks> {
     Ok(if whole { recording.lacks() } else { not_ended })
 }
 
-/// The length of the block that begins there.
+/// The length of the block at the beginning of `bytes`.
 fn block_len(bytes: &[u8]) -> Option<usize> {
     let length = bytes.get(4..)?.first_chunk()?;
     usize::try_from(u32::from_le_bytes(*length)).ok().filter(|length| *length >= 12)

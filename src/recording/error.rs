@@ -1,114 +1,114 @@
-//! Why a recording cannot be read.
+//! The errors of reading a recording.
 
 use super::address::Address;
 
-/// Why a recording cannot be read, or not further.
+/// Why a recording cannot be read, or not to its end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecordError {
-    /// The operating system said no.
+    /// The operating system reports an error.
     #[error("{name}: {message}; check the path and who may read it")]
     Io {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// The system's words.
+        /// The message of the operating system.
         message: String,
     },
-    /// It begins like no capture.
+    /// The beginning of the file is not that of a capture.
     #[error("{name} is neither a pcapng nor a pcap file; make one with the link key record= or with Wireshark")]
     NotACapture {
-        /// The file.
+        /// The name of the file.
         name: String,
     },
-    /// It ends inside a block.
+    /// The file ends inside a block.
     #[error(
         "{name} ends in the middle of the block at byte {offset}; the frames before it are whole; close the link, or stop the capture, before copying its file"
     )]
     Truncated {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// Where the block begins.
+        /// The offset of the block in the file, bytes.
         offset: u64,
     },
-    /// A block that cannot be.
+    /// A block is malformed.
     #[error("{name} is damaged at byte {offset}: {reason}; the frames before it are whole; record again")]
     Malformed {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// Where the block begins.
+        /// The offset of the block in the file, bytes.
         offset: u64,
-        /// What is wrong with it.
+        /// What is wrong with the block.
         reason: String,
     },
-    /// No packet in it can be one of a board.
+    /// The file has no USB traffic, and therefore none of a board.
     #[error(
         "{name} holds no USB traffic (link types 220 and 189 of Linux, 249 of Windows) but {found}; record with record= or capture usbmon or USBPcap"
     )]
     NoUsb {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// The link types it has.
+        /// The link types in the file.
         found: String,
     },
-    /// It is a recording of a chip.
+    /// The file is a recording of an ECM-XF.
     #[error(
         "{name} is the recording of a chip ECM-XF (link type USER15) and not of a board; `ecmsk dump` shows its packets, and so \
          does Wireshark"
     )]
     OfChip {
-        /// The file.
+        /// The name of the file.
         name: String,
     },
-    /// It is a recording of Ethernet frames.
+    /// The file is a recording of Ethernet frames.
     #[error(
         "{name} holds Ethernet frames, as `ecmsk serve ethercat` records them, and not the recording of a board; Wireshark and tshark \
          show them"
     )]
     OfNetwork {
-        /// The file.
+        /// The name of the file.
         name: String,
     },
-    /// There is USB traffic, and none of a board.
+    /// The file has USB traffic, but none of a board.
     #[error(
         "{name} holds no frames of a board (interrupt transfers of 512 bytes) but {found}; capture the bus of the board (16c0:05df) while the program runs"
     )]
     NoBoard {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// The devices it has.
+        /// The devices in the file.
         found: String,
     },
-    /// More than one device may be the board.
+    /// Several devices may be the board.
     #[error("{name} holds {found}, each of which may be the board; choose one with --device {example}")]
     SeveralBoards {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// Those devices.
+        /// The devices that may be the board.
         found: String,
-        /// One of them.
+        /// The address of one of them.
         example: Address,
     },
-    /// The device asked for moved no frame.
+    /// The selected device has no frames.
     #[error("{name} holds no frames of device {asked} but {found}; name one that has some with --device")]
     NoSuchDevice {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// What was asked for.
+        /// The address of the selected device.
         asked: Address,
-        /// The devices it has.
+        /// The devices in the file.
         found: String,
     },
-    /// A packet holds less than the frame that passed.
+    /// A packet has fewer bytes than the transfer: the capture cut it off.
     #[error(
         "{name}: the frame at byte {offset} was captured to {captured} of {length} bytes; capture whole packets (snap length 0)"
     )]
     Cut {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// Where the block begins.
+        /// The offset of the block in the file, bytes.
         offset: u64,
-        /// Bytes there are.
+        /// The bytes in the packet.
         captured: usize,
-        /// Bytes that passed.
+        /// The bytes of the transfer.
         length: u32,
     },
 }

@@ -1,4 +1,4 @@
-//! Reads the recording of a chip ECM-XF, packet by packet.
+//! Reads the recording of an ECM-XF, packet by packet.
 
 use std::io::Read;
 
@@ -12,26 +12,26 @@ use crate::sk::Dir;
 /// The bytes of one direction of an exchange.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedBytes {
-    /// The time in nanoseconds: since 1970, or of a virtual clock.
+    /// The time in nanoseconds: since 1970-01-01, or on a virtual clock.
     pub at_ns: u64,
-    /// [`Dir::Write`]: to the chip.
+    /// The direction; [`Dir::Write`] is to the chip.
     pub dir: Dir,
-    /// The bytes.
+    /// The bytes of this direction.
     pub bytes: Vec<u8>,
 }
 
-/// The bytes in a recording of a chip, in the order of the file: to the chip, then from it, exchange by exchange. After an
-/// error there is nothing more.
+/// An iterator over the exchanges in a recording of a chip, in the order of the file: for each the bytes to the chip,
+/// then those from it. It ends after an error.
 pub struct Exchanges<R> {
     blocks: Blocks<R>,
     meta: Option<RecordMeta>,
     lacks: Lacks,
-    /// The section that is read was written by our recorder, and its end has not come.
+    /// Whether the current section was written by our recorder and its end has not been read yet.
     unended: bool,
     ended: bool,
 }
 
-/// Whether a file that begins like this is the recording of a chip. A few hundred bytes are enough.
+/// Whether a file with this beginning is the recording of a chip. A few hundred bytes are enough.
 pub fn is_of_chip(beginning: &[u8]) -> bool {
     let mut blocks = Blocks::new(beginning, String::new());
     loop {
@@ -44,10 +44,10 @@ pub fn is_of_chip(beginning: &[u8]) -> bool {
 }
 
 impl<R: Read> Exchanges<R> {
-    /// Reads from any source; `name` is for messages.
+    /// Reads from any source. `name` appears in messages.
     ///
     /// # Errors
-    /// [`RecordError`] if it does not begin like a recording.
+    /// [`RecordError`] if the beginning is not that of a recording.
     pub fn new(source: R, name: &str) -> Result<Self, RecordError> {
         let blocks = Blocks::new(source, name.to_owned());
         let mut exchanges = Self { blocks, meta: None, lacks: Lacks::default(), unended: false, ended: false };
@@ -55,18 +55,17 @@ impl<R: Read> Exchanges<R> {
         Ok(exchanges)
     }
 
-    /// What the recording says of itself. A file that was recorded to more than once has several: this is the one of the
-    /// packet read last.
+    /// The metadata in the header. If a file has several recordings, these are the metadata of the last packet read.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }
 
-    /// What the recording lacks, as far as it was read: all of it is known when the last packet has been read.
+    /// What the recording lacks in the part read so far. Complete only after the last packet was read.
     pub fn lacks(&self) -> Lacks {
         self.lacks.clone()
     }
 
-    /// One block on: `None` at the end of the file, `Some(None)` if it holds no bytes.
+    /// Reads one block: `None` at the end of the file, `Some(None)` if the block has no bytes of an exchange.
     fn step(&mut self) -> Result<Option<Option<RecordedBytes>>, RecordError> {
         let Some(item) = self.blocks.next()? else {
             self.lacks.not_ended += u64::from(std::mem::take(&mut self.unended));

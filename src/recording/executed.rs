@@ -1,58 +1,60 @@
-//! Which command was executed last when a report was made.
+//! Finds the command that the board had executed last when it made a report.
 //!
-//! A command waits in the FIFO until its cycle, and reports do not say which one that was. But they give the free
-//! entries: what was sent and does not wait any more has been executed (SK-5).
+//! A command waits in the FIFO until its cycle, and reports do not name the executed command. But they have the free
+//! count: a command that was sent and does not wait any more has been executed (SK-5).
 
 use crate::sk::{FIFO_ENTRIES, MasterResponse};
 
-/// What is known of the command executed last.
+/// The command that was executed last, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LastExecuted {
-    /// None was yet, of those sent in OP.
+    /// None of the commands sent in OP was executed yet.
     Nothing,
-    /// This one: its number among those sent in OP, from 0.
+    /// The number of the command among those sent in OP, from 0.
     Command(u64),
-    /// The count of commands does not fit the cycles that have passed: a command and the report crossed each other.
+    /// The free count does not match the cycles that have passed: a command and the report were in flight at the same
+    /// time.
     Doubtful,
-    /// Commands were lost, and none sent later was executed yet.
+    /// Commands were lost, and no later command has been executed yet.
     Unknown,
 }
 
-/// Follows the command FIFO of a board in OP by its reports.
+/// Follows the FIFO of a board in OP by its reports.
 #[derive(Clone, Debug)]
 pub struct Executed {
-    /// Nanoseconds of a cycle.
+    /// The cycle time in nanoseconds.
     cycle_ns: i64,
-    /// Commands sent so far.
+    /// The number of commands sent so far.
     count: u64,
-    /// Of commands before this one it is not known which were taken.
+    /// The first command after the last loss or clear. Of earlier commands it is not known which ones the board
+    /// accepted.
     known_from: u64,
-    /// Full count and CRC errors of the last report.
+    /// The full count and the CRC error count of the last report.
     losses: Option<(u16, u8)>,
-    /// The last report: when it was made, commands executed by then, commands that waited.
+    /// The last report: its time in nanoseconds, the commands executed by then, and the commands that waited.
     before: Option<(i64, u64, u64)>,
-    /// The last report of which it was known: when it was made, commands executed by then.
+    /// The last report with a certain result: its time in nanoseconds, and the commands executed by then.
     known: Option<(i64, u64)>,
 }
 
 impl Executed {
-    /// Of a board with that cycle, in nanoseconds.
+    /// For a board with this cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
         Self { cycle_ns: cycle_ns.max(1), count: 0, known_from: 0, losses: None, before: None, known: None }
     }
 
-    /// Commands sent so far.
+    /// The number of commands sent so far.
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// The first command that may have been executed, of those sent since a loss or a clear: of earlier ones it is not known.
+    /// The first command sent after the last loss or clear. Of earlier ones it is not known whether they were executed.
     pub const fn known_from(&self) -> u64 {
         self.known_from
     }
 
-    /// A command frame is sent in OP; gives its number. `clears`: whether it clears the FIFO; it is the first entry itself
-    /// then, and those before it are gone (SK-5).
+    /// Takes a command frame sent in OP and returns its number. `clears`: whether it clears the FIFO. It then removes
+    /// the earlier entries and becomes the first entry itself (SK-5).
     pub const fn command(&mut self, clears: bool) -> u64 {
         if clears {
             self.known_from = self.count;
@@ -61,7 +63,8 @@ impl Executed {
         self.count - 1
     }
 
-    /// A report of OP goes by. After a loss nothing is known until a command sent later has been executed.
+    /// Takes a report of OP. After a loss the result is [`LastExecuted::Unknown`] until a command sent later was
+    /// executed.
     pub fn report(&mut self, at_ns: i64, board: &MasterResponse) -> LastExecuted {
         let losses = (board.full_count, board.error);
         if self.losses.replace(losses).is_some_and(|before| before != losses) {
@@ -83,25 +86,26 @@ impl Executed {
         }
     }
 
-    /// Whether one command was executed in each cycle since the report before, if enough of them waited.
+    /// Whether one command was executed in each cycle since the previous report. Always true if fewer commands waited
+    /// than cycles have passed.
     fn fits(&self, (then_ns, executed_then, waited): (i64, u64, u64), at_ns: i64, executed: u64) -> bool {
         let cycles = self.cycles(then_ns, at_ns);
         waited < cycles || executed.checked_sub(executed_then) == Some(cycles)
     }
 
-    /// Whether one command was executed in each cycle since the last report of which it was known: those between crossed
-    /// commands, and this one does not.
+    /// Whether one command was executed in each cycle since the last report with a certain result. This report is
+    /// certain then, too, and only reports between were in flight together with commands.
     fn goes_on(&self, (then_ns, executed_then): (i64, u64), at_ns: i64, executed: u64) -> bool {
         executed.checked_sub(executed_then) == Some(self.cycles(then_ns, at_ns))
     }
 
-    /// The cycles between two times, in nanoseconds.
+    /// The number of cycles between two times in nanoseconds, rounded.
     fn cycles(&self, then_ns: i64, at_ns: i64) -> u64 {
         let passed = at_ns.saturating_sub(then_ns).max(0);
         (passed.saturating_add(self.cycle_ns / 2) / self.cycle_ns).unsigned_abs()
     }
 
-    /// OP was left: the FIFO is empty. `cycle_ns`: what it will be in OP again.
+    /// Starts anew when OP is left, since the FIFO is empty then. `cycle_ns` is the cycle time of the next OP.
     pub fn reset(&mut self, cycle_ns: i64) {
         *self = Self { losses: self.losses, ..Self::new(cycle_ns) };
     }

@@ -1,44 +1,45 @@
-//! Frames on their way out of a capture: one to the board waits until the capture tells that it was taken.
+//! Frames of a capture that wait to be read: a frame to the board waits until the capture shows whether the board has
+//! taken it.
 //!
-//! A capture has the bytes of a frame where the host hands it over. A program whose board takes nothing takes the frame
-//! back after a while: that one never was at the board.
+//! The bytes of a frame are in the capture where the host submits them. If the board takes nothing, the program cancels
+//! the transfer after a while, and the frame never was at the board.
 
 use std::collections::{HashMap, VecDeque};
 
 use super::recorded::Recorded;
 
-/// Frames that wait at most: a capture may lack the end of a transfer, and a reader of a pipe wants to see something.
+/// Most frames that wait: a capture may lack the end of a transfer, and a reader of a pipe must get frames in time.
 /// \[OURS]
 const MOST: usize = 4096;
 
 #[derive(Default)]
 pub(super) struct Held {
     frames: VecDeque<Waiting>,
-    /// Frames that have left: the number of the first one here.
+    /// The number of frames that have left, which is also the number of the first frame here.
     left: u64,
-    /// The number of the frame that waits for the end of a transfer.
+    /// For each transfer id: the number of the frame that waits for the end of this transfer.
     waiting: HashMap<u64, u64>,
 }
 
 struct Waiting {
-    /// `None`: it was taken back.
+    /// The frame; `None` if its transfer was cancelled.
     frame: Option<Recorded>,
-    /// The transfer whose end is to be seen.
+    /// The id of the transfer whose end the frame waits for.
     until: Option<u64>,
 }
 
 impl Held {
-    /// A frame; with the id of its transfer it waits for that one's end.
+    /// Adds a frame. If `until` is the id of its transfer, the frame waits for the end of the transfer.
     pub fn push(&mut self, frame: Recorded, until: Option<u64>) {
         let number = self.left + self.frames.len() as u64;
-        // The end of the transfer that had this id before is missing.
+        // An earlier transfer with this id has no end in the capture.
         if let Some(older) = until.and_then(|id| self.waiting.insert(id, number)) {
             self.frame(older).into_iter().for_each(|older| older.until = None);
         }
         self.frames.push_back(Waiting { frame: Some(frame), until });
     }
 
-    /// A transfer has ended; `moved`: whether the board got its bytes. Says whether a frame goes for it.
+    /// Takes the end of a transfer; `moved`: whether the board got its bytes. Returns whether this drops a frame.
     pub fn ended(&mut self, id: u64, moved: bool) -> bool {
         let Some(number) = self.waiting.remove(&id) else { return false };
         let Some(waiting) = self.frame(number) else { return false };
@@ -49,13 +50,13 @@ impl Held {
         !moved
     }
 
-    /// There is no more to see: what was handed over counts as taken.
+    /// Ends all waits at the end of a capture: frames that were submitted count as taken.
     pub fn settle(&mut self) {
         self.waiting.clear();
         self.frames.iter_mut().for_each(|waiting| waiting.until = None);
     }
 
-    /// The next frame in the order of the capture, unless one before it waits.
+    /// The next frame in the order of the capture; `None` while the first one waits.
     pub fn pop(&mut self) -> Option<Recorded> {
         loop {
             let first = self.frames.front()?;

@@ -1,19 +1,20 @@
-//! What slaves are, which responses do not say: what somebody said, else as SET_AXIS goes by.
+//! The kinds of the slaves, which reports do not show: given by the user, or else read from SET_AXIS.
 
 use crate::sk::dump::MAX_SLAVES;
 use crate::sk::{Frame, MasterCommand, MasterResponse, MasterState, SlaveKind, SlotSize};
 
-/// The kinds known at one point of a sequence of frames.
+/// The kinds of the slaves at one point of a sequence of frames.
 #[derive(Clone, Debug)]
 pub struct Kinds {
     kinds: [Option<SlaveKind>; MAX_SLAVES],
-    /// Whether SET_AXIS tells: the user has not.
+    /// Whether the kinds come from SET_AXIS, because the user gave none.
     follow: bool,
     state: Option<MasterState>,
 }
 
 impl Kinds {
-    /// The user's list, slave 1 first, slaves beyond it being none; without one, nothing is known until SET_AXIS tells.
+    /// Starts with the user's list, slave 1 first; slaves after its end are none. Without a list all kinds are unknown
+    /// until SET_AXIS.
     pub fn new(given: Option<&[SlaveKind]>) -> Self {
         let kinds = match given {
             Some(list) => std::array::from_fn(|i| Some(list.get(i).copied().unwrap_or(SlaveKind::None))),
@@ -22,12 +23,13 @@ impl Kinds {
         Self { kinds, follow: given.is_none(), state: None }
     }
 
-    /// What slave `n`, 1..=40, is.
+    /// The kind of slave `n`, 1..=40; `None` if it is not known.
     pub fn of(&self, n: usize) -> Option<SlaveKind> {
         self.kinds.get(n.checked_sub(1)?).copied().flatten()
     }
 
-    /// A command frame goes by. SET_AXIS counts where a board takes it, in Init and PreOP; SW_RESET undoes it (SK-4).
+    /// Takes a command frame. SET_AXIS counts in Init and PreOP, where a board accepts it; SW_RESET makes all kinds
+    /// unknown (SK-4).
     pub fn command(&mut self, frame: &Frame, size: SlotSize) {
         if !self.follow {
             return;
@@ -36,7 +38,7 @@ impl Kinds {
             Ok(MasterCommand::SetAxis { group, kinds })
                 if !matches!(self.state, Some(MasterState::SafeOp | MasterState::Op)) =>
             {
-                // The groups name more slaves than a board of wide slots has.
+                // The five groups have 40 slaves, more than a board with 16-byte slots has.
                 let slaves = self.kinds.iter_mut().take(size.max_slaves()).skip(usize::from(group) * 8);
                 slaves.zip(kinds).for_each(|(slave, kind)| *slave = Some(kind));
             }
@@ -45,7 +47,7 @@ impl Kinds {
         }
     }
 
-    /// A response frame goes by.
+    /// Notes the state of the network in a report, which decides whether SET_AXIS counts.
     pub fn response(&mut self, frame: &Frame, size: SlotSize) {
         self.state = MasterResponse::decode(&frame.slot(size, 0)).state.state();
     }

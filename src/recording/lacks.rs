@@ -1,15 +1,15 @@
-//! What a recording is known to lack.
+//! What is missing in a recording.
 
 use std::fmt;
 
-/// What a recording is known to lack, as far as it was read; all of it is known at the end only.
+/// What is missing in a recording, in the part that was read so far; complete only at its end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Lacks {
-    /// Openings of a board, one section of the file each, that were not ended.
+    /// The number of sections that were not ended. Each opening of a board makes a section.
     pub not_ended: u64,
-    /// Frames that passed and are not in it.
+    /// The number of frames that passed the link and are not in the recording.
     pub missing: u64,
-    /// Why frames are missing, in the words of the recorder that could not take them.
+    /// Why frames are missing, as the recorder says it.
     pub why: Option<String>,
 }
 
@@ -20,7 +20,7 @@ impl Lacks {
     }
 }
 
-/// One line, without the name of the file.
+/// Writes one line, without the name of the file.
 impl fmt::Display for Lacks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.missing > 0 {

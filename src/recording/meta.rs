@@ -1,51 +1,51 @@
-//! What a recording says of itself: a comment in the header of its section.
+//! The metadata of a recording: a comment in the header of its section.
 
 use std::fmt;
 
 use crate::sk::SlotSize;
 
-/// How the application's name begins in the section header of our recordings.
+/// The beginning of the application's name in the section header of our recordings.
 pub(crate) const APPLICATION: &str = "ecmsk ";
 
-/// First word of the comment.
+/// The first word of the comment.
 const MARK: &str = "ecmsk";
-/// Last field of the comment: all the rest is the link.
+/// The last field of the comment; the rest of the comment is the link.
 const LINK: &str = "link=";
-/// Longest link that is written out; the field that holds the comment ends at 65535 bytes.
+/// Longest link that is written, bytes: the pcapng field of a comment has at most 65535 bytes.
 const LINK_MAX: usize = 60_000;
 
-/// Whose times a simulated board, and a recording of it, has.
+/// The clock of a simulated board, and of its recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Clock {
-    /// The machine's.
+    /// The clock of this machine.
     #[default]
     Real,
-    /// The board's own, which pass by calls only.
+    /// A clock of the board itself, which advances in calls only.
     Virtual,
 }
 
-/// What a recording says of itself.
+/// The metadata of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordMeta {
-    /// Slot size, if the link knows it.
+    /// The slot size; `None` if the link does not know it.
     pub slot: Option<SlotSize>,
-    /// Whether times are those of a clock on the wall.
+    /// The clock of the times in the file.
     pub clock: Clock,
-    /// Nanoseconds that were added to the link's time to make the times in the file. On the real clock these are
-    /// nanoseconds since 1970-01-01; on a virtual clock nothing is added, unless a process records to the same file again
-    /// and the clock began anew: then, on either clock, the times go on where those before have ended.
+    /// The offset from the link's time to the time in the file, in nanoseconds. With the real clock, times in the file
+    /// count from 1970-01-01. With a virtual clock the offset is 0. If a program records to the same file again and its
+    /// clock starts anew, times continue where the earlier ones ended, with either clock.
     pub base_ns: u64,
     /// The link's URI in normal form.
     pub link: String,
 }
 
 impl RecordMeta {
-    /// Whether times are the board's own.
+    /// Whether the times are those of a virtual clock.
     pub(crate) fn is_virtual(&self) -> bool {
         self.clock == Clock::Virtual
     }
 
-    /// Reads the comment back; `None` if it is somebody else's. Fields that are not known are passed over.
+    /// Parses the comment; `None` if another program wrote it. Unknown fields are ignored.
     pub(super) fn from_comment(comment: &str) -> Option<Self> {
         let rest = comment.strip_prefix(MARK)?.strip_prefix(' ')?;
         let (fields, link) = rest.split_at_checked(rest.find(LINK)?)?;
@@ -62,7 +62,7 @@ impl RecordMeta {
     }
 }
 
-/// The comment: `ecmsk slot=12 clock=virtual base_ns=0 link=sim:?slaves=drive*3`.
+/// Writes the comment, such as `ecmsk slot=12 clock=virtual base_ns=0 link=sim:?slaves=drive*3`.
 impl fmt::Display for RecordMeta {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{MARK}")?;

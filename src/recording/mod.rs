@@ -1,19 +1,18 @@
-//! Recordings: reading them, and what their frames tell beside their bytes.
+//! Reads recordings, and finds out what their frames do not show directly.
 //!
 //! [`Recording`] reads a file that a link has written ([`crate::link::record`]), and captures of a real board that
 //! Wireshark or tcpdump made by usbmon on Linux or by USBPcap on Windows. Its parts, from the file to the frame:
 //!
-//! - `formats/`: the formats of files, one file each. A further one goes there.
-//! - `meta.rs`: what a recording of ours says of itself in its header.
-//! - `devices.rs`: the USB devices of a capture, and which of them is the board; `address.rs`: where one is.
+//! - `formats/`: the file formats, one source file each; new formats go there.
+//! - `meta.rs`: the metadata in the header of a recording.
+//! - `devices.rs`: the USB devices of a capture, and which of them is the board; `address.rs`: its USB address.
 //! - `held.rs`: frames that wait until the capture shows whether the board has taken them.
-//! - `reader.rs`: the frames one after the other, as `recorded.rs` has them; `error.rs`: why there is none; `lacks.rs`, `ending.rs`:
-//!   what is known to be missing.
+//! - `reader.rs`: reads the frames, each a [`Recorded`]; `error.rs`: why reading fails; `lacks.rs`, `ending.rs`: what
+//!   is missing.
+//! - `exchanges.rs`: reads the recording of an ECM-XF, which has the bytes of exchanges.
 //!
-//! A recording of a chip ECM-XF holds the bytes of exchanges: `exchanges.rs`.
-//!
-//! The others look at one frame after the other and keep little, so that a recording may be as long as it likes. The frames
-//! need not come from a file:
+//! The other files process one frame after the other with little memory, so a recording may be of any length. They work
+//! on frames from any source:
 //!
 //! - `order.rs`, `timeline.rs`: the order of frames in time, and their times.
 //! - `size.rs`, `kinds.rs`: the slot size, and what the slaves are.

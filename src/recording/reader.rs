@@ -1,4 +1,4 @@
-//! Reads recordings back, and captures of a real board that Wireshark or tcpdump made by Linux' usbmon, or by USBPcap on
+//! Reads recordings, and captures of a real board that Wireshark or tcpdump made by Linux' usbmon, or by USBPcap on
 //! Windows.
 
 use std::fs::File;
@@ -17,31 +17,31 @@ use super::lacks::Lacks;
 use super::meta::RecordMeta;
 use super::recorded::Recorded;
 
-/// The frames of a recording or a capture, in the order of the file.
+/// An iterator over the frames of a recording or a capture, in the order of the file.
 ///
-/// Of a capture: frames to the board at the submission of their transfer, reports at its completion; a frame that the
-/// capture shows to have been taken back is none. A frame is an interrupt transfer of 512 or 504 bytes, or of 513 with
-/// a report id of 0, or as long a SET_REPORT. All else is counted ([`Recording::skipped`]). After an error there is
-/// nothing more.
+/// In a capture, a frame to the board counts at the submission of its transfer, and a report at the completion. A frame
+/// whose transfer was cancelled is left out. A frame is an interrupt transfer of 512 or 504 bytes, or of 513 with a
+/// report id of 0, or a SET_REPORT of such a length. Everything else is counted ([`Recording::skipped`]). The iterator
+/// ends after an error.
 pub struct Recording<R> {
     blocks: Blocks<R>,
     name: String,
     meta: Option<RecordMeta>,
-    /// That of the section that was begun, while frames of the one before are held.
+    /// The metadata of the newest section, while frames of the section before are still held.
     next_meta: Option<Option<RecordMeta>>,
     lacks: Lacks,
-    /// The section that is read was written by our recorder, and its end has not come.
+    /// Whether the current section was written by our recorder and its end has not been read yet.
     unended: bool,
-    /// Link types of interfaces that are no USB, for an error; `None` once there was one that is.
+    /// The link types of interfaces without USB, for an error; `None` once there is an interface with USB.
     others: Option<Vec<String>>,
     devices: Devices,
     held: Held,
     only: Option<Address>,
-    /// Frames given out.
+    /// The number of frames returned so far.
     frames: u64,
-    /// Whether some section is a recording: those may be empty.
+    /// Whether some section is a recording, which may have no frames.
     is_recording: bool,
-    /// How reading ended, once it has.
+    /// The result of the last read, once reading has ended.
     end: Option<Result<(), RecordError>>,
     ended: bool,
 }
@@ -50,7 +50,7 @@ impl Recording<File> {
     /// Opens a file.
     ///
     /// # Errors
-    /// [`RecordError`] if it cannot be read or is no capture.
+    /// [`RecordError`] if the file cannot be read or is no capture.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let name = path.display().to_string();
         match File::open(path) {
@@ -61,10 +61,10 @@ impl Recording<File> {
 }
 
 impl<R: Read> Recording<R> {
-    /// Reads from any source; `name` is for messages.
+    /// Reads from any source. `name` appears in messages.
     ///
     /// # Errors
-    /// [`RecordError`] if it does not begin like a capture.
+    /// [`RecordError`] if the beginning is not that of a capture.
     pub fn new(source: R, name: &str) -> Result<Self, RecordError> {
         let mut recording = Self {
             blocks: Blocks::new(source, name.to_owned()),
@@ -82,13 +82,13 @@ impl<R: Read> Recording<R> {
             end: None,
             ended: false,
         };
-        // The file's header, so that `meta` is known at once.
+        // Reads the file's header, so that `meta` is known at once.
         recording.step()?;
         recording.meta = recording.next_meta.take().flatten();
         Ok(recording)
     }
 
-    /// Gives out the frames of one device alone, whatever its descriptor says.
+    /// Returns only the frames of one device, whatever ids its descriptor has.
     #[must_use]
     pub fn only(mut self, address: Address) -> Self {
         self.only = Some(address);
@@ -96,33 +96,33 @@ impl<R: Read> Recording<R> {
         self
     }
 
-    /// What the recording says of itself; `None` for a capture that somebody else made. A file that was recorded to
-    /// more than once has several: this is the one of the frame read last.
+    /// The metadata of the recording; `None` for a capture of another program. If a file has several recordings, these
+    /// are the metadata of the frame read last.
     pub const fn meta(&self) -> Option<&RecordMeta> {
         self.meta.as_ref()
     }
 
-    /// Frames that are known to be missing, as far as it was read: a recording tells at its end.
+    /// The number of frames known to be missing in the part read so far. A recording states it at its end.
     pub const fn missing(&self) -> u64 {
         self.lacks.missing
     }
 
-    /// What the recording lacks, as far as it was read: all of it is known when the last frame has been read.
+    /// What is missing in the part read so far. Complete only after the last frame was read.
     pub fn lacks(&self) -> Lacks {
         self.lacks.clone()
     }
 
-    /// What was left out, as far as it was read.
+    /// What was skipped in the part read so far.
     pub fn skipped(&self) -> Skipped {
         self.devices.skipped()
     }
 
-    /// The devices, as far as it was read.
+    /// The USB devices in the part read so far.
     pub fn devices(&self) -> Vec<Seen> {
         self.devices.seen()
     }
 
-    /// One block on; says whether there was one.
+    /// Reads one block. Returns whether there was one.
     fn step(&mut self) -> Result<bool, RecordError> {
         let Some(item) = self.blocks.next()? else {
             self.lacks.not_ended += u64::from(std::mem::take(&mut self.unended));
@@ -142,7 +142,7 @@ impl<R: Read> Recording<R> {
                 }
             }
             Item::Packet(packet) => {
-                // A recording has no ends of transfers: what it holds was taken.
+                // A recording does not have the ends of transfers; all its frames were taken by the board.
                 let waits = self.meta.is_none();
                 let taken = match formats::event(&packet) {
                     Some(event) => self.devices.take(&event, packet.at_ns, waits, &mut self.held),
@@ -168,7 +168,7 @@ impl<R: Read> Recording<R> {
                 self.frames += 1;
                 return Ok(Some(frame));
             }
-            // Nothing of the section before is left.
+            // All frames of the previous section have been returned.
             if let Some(meta) = self.next_meta.take() {
                 self.meta = meta;
             }
@@ -182,7 +182,7 @@ impl<R: Read> Recording<R> {
         }
     }
 
-    /// A file that was read to its end without a frame.
+    /// Checks whether a file that was read to its end may be without frames.
     fn check(&mut self) -> Result<(), RecordError> {
         let name = self.name.clone();
         let of_network = format!("{:?}", DataLink::ETHERNET);
@@ -220,11 +220,11 @@ impl<R: Read> Iterator for Recording<R> {
     }
 }
 
-/// Which device of a capture is the board: the one that is the most like it, by its descriptor if the capture has that,
-/// and by its frames. `None` for a recording, which is of one board. A capture that is damaged is looked at up to there.
+/// Finds the board in a capture: the device that looks most like one, by its frames, and by its descriptor if the
+/// capture has it. `None` for a recording, which has only one board. A damaged capture is searched up to the damage.
 ///
 /// # Errors
-/// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and what else keeps a file from being read.
+/// [`RecordError::SeveralBoards`], [`RecordError::NoBoard`], and the errors of opening and reading the file.
 pub fn board_in(path: &Path) -> Result<Option<Address>, RecordError> {
     let mut recording = Recording::open(path)?;
     for frame in recording.by_ref() {

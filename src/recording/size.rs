@@ -1,31 +1,33 @@
-//! The slot size of frames, which they do not say of themselves.
+//! Finds the slot size of frames, which they do not state.
 
 use crate::sk::{Frame, SlotForm, SlotSize};
 
-/// How sure the slot size of a frame is.
+/// Whether the slot size of a frame is certain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeFrom {
-    /// The user or the recording says so, only one size has frames of this length, or a CRC or the slots fit one size alone.
+    /// The slot size is certain: the user or the recording states it, or the length, the CRC or the slots fit one size
+    /// alone.
     Known,
-    /// Nothing tells.
+    /// The slot size is the default, because nothing shows it.
     Assumed,
 }
 
-/// Finds the slot size of frames, by what is said, by what their CRCs fit and, where there are none, their slots.
+/// Finds the slot size of frames: by what the user or the recording states, by their CRCs, and for frames without a CRC
+/// by their slots.
 #[derive(Clone, Debug)]
 pub struct SizeFinder {
     known: Option<SlotSize>,
-    /// Frames seen that can only be of 12-byte slots, only of 16-byte slots.
+    /// The frames that fit 12-byte slots only, and those that fit 16-byte slots only.
     votes: [u32; 2],
 }
 
 impl SizeFinder {
-    /// `known`: what the user or the recording says.
+    /// `known` is the size that the user or the recording states; `None` if neither does.
     pub const fn new(known: Option<SlotSize>) -> Self {
         Self { known, votes: [0; 2] }
     }
 
-    /// What the user or the recording says.
+    /// The size that the user or the recording states.
     pub const fn given(&self) -> Option<SlotSize> {
         self.known
     }
@@ -37,7 +39,7 @@ impl SizeFinder {
         }
     }
 
-    /// The size of one frame: by itself if it tells, else by the frames seen.
+    /// The size of one frame: that of the frame itself if it shows one, otherwise that of the frames seen so far.
     pub fn size_of(&self, frame: &Frame, len: usize) -> (SlotSize, SizeFrom) {
         match self.known.or_else(|| own_size(frame, len)) {
             Some(size) => (size, SizeFrom::Known),
@@ -45,7 +47,7 @@ impl SizeFinder {
         }
     }
 
-    /// The size by all frames seen. \[OURS] A tie is 12 bytes, the board's default.
+    /// The size of the frames seen so far. \[OURS] A tie is 12 bytes, the board's default.
     pub fn size(&self) -> (SlotSize, SizeFrom) {
         match (self.known, self.votes) {
             (Some(size), _) => (size, SizeFrom::Known),
@@ -55,7 +57,7 @@ impl SizeFinder {
         }
     }
 
-    /// Whether more frames would hardly change the answer: three that agree (a wrong CRC fits once in 256).
+    /// Whether more frames are unlikely to change the result: one size leads by three (a wrong CRC fits once in 256).
     pub fn is_sure(&self) -> bool {
         self.known.is_some() || self.votes[0].abs_diff(self.votes[1]) >= 3
     }

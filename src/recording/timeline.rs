@@ -1,27 +1,27 @@
-//! Times that go on, whatever the clock did that stamped the frames.
+//! Makes the times of frames consistent, if the clock that stamped them was set.
 //!
-//! A clock on the wall is set, by NTP or by a person, while it stamps a capture; a bit of a file flips. Neither says that
-//! years have passed, and what follows the times of a recording, such as a model that lives through them, must end.
+//! The clock of a capture may be set, by NTP or by a person, while it stamps frames, and a bit of the file may flip.
+//! Then the times seem to jump by years. A model that replays a recording has to end all the same.
 
-/// Longest time without a frame that counts as such. \[OURS] On a board that hears nothing for so long, what was going on
-/// has ended.
+/// Longest time without a frame that is taken as it is. \[OURS] After a longer silence nothing of what the board did
+/// before goes on.
 pub const LONGEST_SILENCE_NS: i64 = 3_600_000_000_000;
-/// All silences of more than [`SHORT_SILENCE_NS`] together. \[OURS] A day, and some.
+/// Limit for the sum of all silences of more than [`SHORT_SILENCE_NS`]: 25 hours. \[OURS]
 const SILENCE_IN_ALL_NS: i64 = 25 * LONGEST_SILENCE_NS;
-/// Times between frames that need not be counted.
+/// Shorter times between frames do not count as silences.
 const SHORT_SILENCE_NS: i64 = 1_000_000_000;
-/// How far a frame's time may lie before that of one which stands before it: a report may be read late by as many cycles
-/// as are kept. \[OURS]
+/// How much earlier than the previous frame a frame's time may be: a report may be read late by as many cycles as the
+/// host buffers. \[OURS]
 const LATE_MAX_NS: i64 = 5_000_000_000;
 
-/// Where the times of a recording are not those of a clock that goes.
+/// The jumps of a recording's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Jumps {
-    /// How often.
+    /// The number of jumps.
     pub count: u64,
-    /// When the first one was, nanoseconds since the first frame.
+    /// The time of the first jump, nanoseconds since the first frame.
     pub first_at_ns: i64,
-    /// By how much the clock was ahead then of what counts, nanoseconds; less than 0: behind.
+    /// How far the clock jumped at first, nanoseconds; negative if it jumped back.
     pub first_by_ns: i64,
 }
 
@@ -37,15 +37,15 @@ impl std::fmt::Display for Jumps {
     }
 }
 
-/// Gives frames, in the order of the file, times since the first one of them that a clock can have.
+/// Gives frames, in the order of the file, a consistent time since the first frame.
 ///
-/// A frame whose time is far from that of its neighbours gets theirs; where the clock was set back, no time has passed; a
-/// silence counts as an hour at most, and all silences as 25 hours.
+/// A frame whose time is far from that of its neighbours gets theirs. If the clock was set back, no time has passed. A
+/// silence counts as an hour at most, and all silences together as 25 hours.
 #[derive(Debug)]
 pub struct Timeline<T> {
-    /// The next frame; the one behind it tells whether its time is odd.
+    /// The next frame; the frame after it decides whether its time is an outlier.
     held: Option<(u64, T)>,
-    /// The latest time of the clock, and what makes times since the first frame of it.
+    /// The latest time of the clock, and the offset from the clock to the time since the first frame.
     clock: Option<(i128, i128)>,
     latest_ns: i64,
     silence_left_ns: i64,
@@ -59,14 +59,14 @@ impl<T> Default for Timeline<T> {
 }
 
 impl<T> Timeline<T> {
-    /// Takes the next frame of the file and its time in nanoseconds; gives the one before it, with nanoseconds since the
-    /// first frame.
+    /// Takes the next frame of the file and its time in nanoseconds. Returns the frame before it, with the nanoseconds
+    /// since the first frame.
     pub fn push(&mut self, at_ns: u64, frame: T) -> Option<(i64, T)> {
         let (before_ns, before) = self.held.replace((at_ns, frame))?;
         Some((self.place(before_ns, Some(at_ns)), before))
     }
 
-    /// The last frame.
+    /// Removes the last frame, with the nanoseconds since the first frame.
     pub fn pop(&mut self) -> Option<(i64, T)> {
         let (at_ns, frame) = self.held.take()?;
         Some((self.place(at_ns, None), frame))
@@ -77,7 +77,7 @@ impl<T> Timeline<T> {
         if self.jumps.count > 0 { Some(self.jumps) } else { None }
     }
 
-    /// The time of a frame; `next` is the one of the frame behind it.
+    /// The time of a frame since the first one; `next` is the clock's time of the frame after it.
     fn place(&mut self, at_ns: u64, next: Option<u64>) -> i64 {
         const LATE: i128 = LATE_MAX_NS as i128;
         let at = i128::from(at_ns);
@@ -86,7 +86,7 @@ impl<T> Timeline<T> {
             return 0;
         };
         let passed = at - clock;
-        // Far from the frame before it, and the frame behind it is not.
+        // The time is an outlier if it is far from the frame before, and that of the next frame is not.
         let is_odd = |next: u64| {
             let next = i128::from(next) - clock;
             passed.abs() > LATE
@@ -101,7 +101,7 @@ impl<T> Timeline<T> {
         let silence =
             passed.min(i128::from(self.silence_left_ns.min(LONGEST_SILENCE_NS)).max(i128::from(SHORT_SILENCE_NS)));
         if passed < -LATE || silence < passed {
-            // The clock was set, or a silence was longer than counts.
+            // The clock was set, or a silence was longer than allowed.
             let counts = if passed < 0 { 0 } else { silence as i64 };
             self.jumped(passed - i128::from(counts));
             self.latest_ns = self.latest_ns.saturating_add(counts);
@@ -136,7 +136,7 @@ mod tests {
     const S: u64 = 1_000_000_000;
     const HOUR: u64 = 3600 * S;
 
-    /// The times that frames get, in seconds, and the jumps.
+    /// The resulting times of frames, in seconds, and the jumps.
     fn placed(times: &[u64]) -> (Vec<i64>, Option<Jumps>) {
         let mut timeline = Timeline::default();
         let mut found: Vec<i64> = times.iter().filter_map(|at| timeline.push(*at, ())).map(|(at, ())| at).collect();
@@ -144,7 +144,7 @@ mod tests {
         (found.iter().map(|at| at / S as i64).collect(), timeline.jumps())
     }
 
-    /// Times of a clock that goes are kept: late frames, silences of up to an hour.
+    /// The times of a continuous clock are kept, also of late frames and after silences of up to an hour.
     #[test]
     fn a_clock_that_goes() {
         let calendar = 1_700_000_000 * S;
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(placed(&[7]), (vec![0], None));
     }
 
-    /// One frame with another time, whatever it is, has that of its neighbours.
+    /// A single frame with a wrong time gets that of its neighbours, whatever bit of its time flipped.
     #[test]
     fn a_flipped_bit() {
         let times: Vec<u64> = (0..10).map(|n| 1_700_000_000 * S + n * S).collect();
@@ -169,7 +169,7 @@ mod tests {
                 let expected: Vec<i64> = (0..10).collect();
                 for (n, (found, expected)) in found.iter().zip(&expected).enumerate() {
                     let apart = (found - expected).abs();
-                    // The last frame has no neighbour behind it, and an hour is none too long.
+                    // The last frame has no frame after it to compare with, so it may be an hour off.
                     assert!(
                         apart <= if n == frame { if frame == 9 { 3600 } else { 9 } } else { 0 },
                         "{frame} {bit}: {n}"
@@ -181,7 +181,7 @@ mod tests {
         }
     }
 
-    /// A clock that is set ahead or back, by seconds or years: no time passes, or an hour at most.
+    /// If a clock is set forward or back, by seconds or years, no time passes, or an hour at most.
     #[test]
     fn a_clock_that_is_set() {
         for (by, hours) in [(3 * HOUR as i128, 1), (-3 * HOUR as i128, 0), (-7 * S as i128, 0), (1 << 62, 1)] {
@@ -198,14 +198,14 @@ mod tests {
         }
     }
 
-    /// Silences end after 25 hours in all, however many there are.
+    /// All silences together count as 25 hours at most.
     #[test]
     fn silences_in_all() {
         let (found, jumps) = placed(&(0..200).map(|n| n * HOUR).collect::<Vec<_>>());
         let last = *found.last().expect("a time");
         assert!((25 * 3600..26 * 3600 + 200).contains(&last), "{last}");
         assert!(jumps.expect("silences that count less").count > 150);
-        // Short ones are let be.
+        // Short times between frames are not limited.
         let (found, jumps) = placed(&(0..200_000).map(|n| n * S).collect::<Vec<_>>());
         assert_eq!((found.last(), jumps), (Some(&199_999), None));
     }

@@ -1,7 +1,7 @@
-//! Plays the command frames of a recording or a USB capture to the model, to see whether it answers as the recorded board
-//! did.
+//! Sends the command frames of a recording or a USB capture to the model of the board, to see whether it answers as the
+//! recorded board did.
 //!
-//! A [`Replay`] yields two runs for [`crate::compare`]: the recorded one, and the one of the model, which gets the same
+//! A [`Replay`] has two runs for [`crate::compare`]: the recorded one, and that of the model, which gets the same
 //! command frames at the same times. The model's time is virtual, so that each frame reaches it at exactly its time.
 //!
 //! ```no_run
@@ -64,7 +64,7 @@ pub enum ReplayError {
         "{name} does not say which slaves the board has; name the model, for example --link 'sim:?slaves=drive*2,io'"
     )]
     NoModel {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
     },
     /// The link in the recording names a file, and the caller has not allowed that.
@@ -73,11 +73,11 @@ pub enum ReplayError {
          with --allow-files; or name the model yourself with --link"
     )]
     NamesFile {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
-        /// The key of the link that names a file.
+        /// The key of the link whose value is the file.
         key: String,
-        /// The file that it names.
+        /// The name of the file in the link.
         file: String,
     },
     /// The link is not one of a model (`sim:`, `xf-sim:`).
@@ -88,7 +88,7 @@ pub enum ReplayError {
         /// The URI of the link.
         link: String,
     },
-    /// The link asks for a recording, and a replay makes none.
+    /// The link of the model has the key `record=`, and a replay makes no recording.
     #[error(
         "`{link}` asks for a recording (record={file}), and a replay makes none: what the model answers is compared at once. Leave \
          record= out; `ecmsk exec --record FILE` records a program that runs on the model"
@@ -96,35 +96,35 @@ pub enum ReplayError {
     Records {
         /// The URI of the link.
         link: String,
-        /// The file that it names.
+        /// The file that the recording would have.
         file: String,
     },
-    /// The recording holds no report of the board.
+    /// The recording has no report of the board.
     #[error(
         "{name} holds {commands} command frames of board {board} and no report: there is nothing to hold the model against; capture both directions, whole packets (snap length 0)"
     )]
     NoReport {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
         /// The USB address of the board.
         board: Address,
-        /// How many command frames it holds.
+        /// The number of command frames in the recording.
         commands: u64,
     },
-    /// The recording begins when the network is up already, so that the model cannot be brought into the same state.
+    /// The recording begins in SafeOP or OP, and the model cannot be brought into the same state.
     #[error(
         "{name} begins with the network in {state}, and never goes below SafeOP: what the board was told before is not in it; begin the capture before the program starts, with the board just switched on"
     )]
     NoStart {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
-        /// The state in its first report.
+        /// The state in the first report of the recording.
         state: StateByte,
     },
     /// The slot sizes of the recording and of the model differ.
     #[error("{name} has slots of {} bytes, the model {link} of {}; leave slot= out of the link, or give --slot-size if the capture is misread", .capture.bytes(), .model.bytes())]
     SlotSizes {
-        /// The recording's file.
+        /// The name of the recording's file.
         name: String,
         /// The URI of the model.
         link: String,
@@ -135,21 +135,22 @@ pub enum ReplayError {
     },
 }
 
-/// Whether files may be opened that the link in a recording names. A link that the caller gives may name any.
+/// Whether the link in a recording may open files of this machine. A link that the caller gives may always open files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilesInLink {
-    /// Such files are refused: a recording may come from anybody and may name any file of this machine.
+    /// A link in the recording that names a file is refused: the recording may come from anyone, and its link may name
+    /// any file.
     Refused,
-    /// Such files are opened.
+    /// A link in the recording may open files.
     Allowed,
 }
 
-/// A recording, and the model that its command frames are played to.
+/// A recording, and the model that gets its command frames.
 #[derive(Clone, Debug)]
 pub struct Replay {
     path: PathBuf,
     link: LinkUri,
-    /// Whether the recording is one of a board or a model of the same kind as the model, as far as it says.
+    /// Whether both reach their slaves in the same way, see [`Self::is_alike`].
     is_alike: bool,
     board: Address,
     slot: Option<SlotSize>,
@@ -160,9 +161,9 @@ pub struct Replay {
 impl Replay {
     /// Opens a recording and finds where the replay begins.
     ///
-    /// `link` is the model; without it that of the recording, if a model was recorded. Of `options` only the slot size is
-    /// used. `device` is the USB address of the board in a capture, `None` to search for it. `files` says whether files may
-    /// be opened that the recording's own link names.
+    /// `link` names the model; without it the link in the recording is used, if a model was recorded. Only the slot
+    /// size of `options` is used. `device` is the USB address of the board in a capture, `None` to search for it.
+    /// `files` says whether the link in the recording may open files.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -221,7 +222,7 @@ impl Replay {
         &self.link
     }
 
-    /// Whether the slaves of both boards are reached alike: by boards with a network of their own, or over an ECM-XF. Otherwise the
+    /// Whether both boards reach their slaves in the same way: over their own network, or over an ECM-XF. If not, the
     /// model takes other times than the recorded board, and [`Self::waiting_runs`] is the way to compare them.
     pub const fn is_alike(&self) -> bool {
         self.is_alike
@@ -232,12 +233,12 @@ impl Replay {
         self.board
     }
 
-    /// Where the replay begins in the recording.
+    /// The point in the recording at which the replay begins.
     pub const fn start(&self) -> &Start {
         &self.start
     }
 
-    /// The recorded run and the model's run, both from [`Self::start`] on and in the order of their times.
+    /// The recorded run and the model's run, both from [`Self::start`] on and sorted by time.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -247,9 +248,9 @@ impl Replay {
         Ok((self.recorded()?, model))
     }
 
-    /// The recorded run, and that of the model whose host waits for what the recorded program had waited for, both from
-    /// [`Self::start`] on and in the order of their times. For a model that takes longer than the recorded board, such as one
-    /// over an ECM-XF.
+    /// The recorded run, and a run of the model whose host waits for whatever the recorded program may have waited for.
+    /// Both begin at [`Self::start`] and are sorted by time. For a model that takes longer than the recorded board,
+    /// such as one over an ECM-XF.
     ///
     /// # Errors
     /// [`ReplayError`].
@@ -258,7 +259,7 @@ impl Replay {
         Ok((self.recorded()?, WaitingRun::new(self.recorded()?, board, &self.start, self.size)))
     }
 
-    /// The recorded run from the start on.
+    /// The recorded run from [`Self::start`] on.
     fn recorded(&self) -> Result<RecordedRun, CompareError> {
         let mut source = RecordedRun::open(&self.path, self.slot, Some(self.board))?;
         for _ in 0..self.start.skipped {
@@ -268,7 +269,8 @@ impl Replay {
     }
 }
 
-/// The slot size of both runs, and the link with it. A link without `slot=` gets the recording's slot size.
+/// The slot size of both runs, and the link of the model with that slot size. A link without `slot=` gets the
+/// recording's slot size.
 fn with_slot_size(name: &str, source: &RecordedRun, link: &LinkUri) -> Result<(SlotSize, LinkUri), ReplayError> {
     let (capture, model) = (source.size(), model_size(link));
     match (capture, model) {
@@ -286,7 +288,8 @@ fn model_size(link: &LinkUri) -> SlotSize {
     link.value("slot").and_then(uri::slot_size).unwrap_or_default()
 }
 
-/// The link in a recording, if it is one of a model, without the keys that only concerned the recorded program.
+/// The link in a recording without the keys that only concerned the recorded program; `None` if it is not the link of a
+/// model.
 fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     let link = LinkUri::parse(&meta.link).ok().filter(|link| link.scheme().is_model())?;
     let kept = link.keys().filter(|(key, _)| *key != "record" && !key.starts_with("fault."));
@@ -295,7 +298,7 @@ fn recorded_link(meta: &RecordMeta) -> Option<LinkUri> {
     LinkUri::parse(format!("{}:?{}", link.scheme(), keys.join("&")).trim_end_matches('?')).ok()
 }
 
-/// The first file that a link names, with its key.
+/// The first key of a link whose value is a file, and that file.
 fn named_file(link: &LinkUri) -> Option<(String, String)> {
     let is_file = |slave: &SlaveSpec| matches!(slave.manufacturer_objects, Some(ManufacturerObjectsSpec::File(_)));
     let names = |(key, value): &(&str, &str)| match *key {
@@ -305,7 +308,8 @@ fn named_file(link: &LinkUri) -> Option<(String, String)> {
     link.keys().find(names).map(|(key, value)| (key.to_owned(), value.to_owned()))
 }
 
-/// If a model was recorded, the time of the first frame on its clock, in nanoseconds since it was switched on.
+/// The time of the first frame on the recorded model's clock, in nanoseconds since it was powered on; `None` if no
+/// model was recorded.
 fn model_time(source: &RecordedRun) -> Option<i64> {
     let meta = source.meta()?;
     recorded_link(meta)?;

@@ -1,4 +1,4 @@
-//! The run of the model, to which the command frames of a recording are played.
+//! The run of the model, which gets the command frames of a recording at the recorded times.
 
 use std::collections::VecDeque;
 
@@ -9,20 +9,20 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::Frame;
 
-/// How long a recorded model may have run before its first frame. Its clock is taken over exactly up to this. \[OURS]
+/// Longest time that a recorded model may have run before its first frame, so that its clock is taken over. \[OURS]
 const RUN_BEFORE_MAX_NS: i64 = 60_000_000_000;
-/// How long after its cycle a recorded model may have made a report. \[OURS]
+/// Longest time after its cycle at which a recorded model may have made a report. \[OURS]
 const LATE_MAX_NS: u64 = 1_000_000_000;
 
-/// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are those of
-/// the recording.
+/// The run of the model: the recorded command frames, each at its time, and the model's reports to them. Times are
+/// those of the recording.
 ///
 /// Whenever the host has received a report in the recording, it receives the newest report of the model, unless it has
-/// received that already. \[OURS]
+/// received that one already. \[OURS]
 ///
-/// A model behind a chip makes a report some cycles after the one that it shows, with the time of that one, by which frames
-/// are ordered in a recording. If a model was recorded, the host receives the report of the same cycle, however late it was
-/// made.
+/// A model over a chip makes a report some cycles after the cycle that it shows, and the report has the time of that
+/// cycle. A recording is sorted by these times. So if a model was recorded, the host receives the report of the same
+/// cycle, however late the model made it.
 pub struct ModelRun {
     source: RecordedRun,
     frames: u64,
@@ -37,7 +37,7 @@ pub struct ModelRun {
 }
 
 impl ModelRun {
-    /// The run of that board. `again` is the same recording as `source`, from the same frame on.
+    /// The run of `board`. `again` is the same recording as `source`, from the same frame on.
     pub(super) fn new(source: RecordedRun, again: RecordedRun, board: Board, start: &Start) -> Self {
         let mut model = Self {
             source,
@@ -54,8 +54,8 @@ impl ModelRun {
         model
     }
 
-    /// At the first frame, chooses the offset between the two clocks: the recorded one if a model was recorded, otherwise one
-    /// by which the model's cycles end when the recorded board's cycles did.
+    /// Chooses the offset between the two clocks, at the first frame. If a model was recorded, it is the recorded
+    /// offset. Otherwise it makes the model's cycles end at the same times as those of the recorded board.
     fn begin(&mut self, first_ns: i64) {
         let now = time(self.board.now());
         if let Some(began) = self.start.began
@@ -93,18 +93,20 @@ impl ModelRun {
         Some(TimedFrame { number: self.reports, frame, ..observed })
     }
 
-    /// The model gets a command frame. The host receives no report any more that is older than the newest one of `due`.
+    /// Sends a command frame to the model. From then on the host receives, of the reports up to `due`, only the newest
+    /// one.
     fn write(&mut self, observed: &TimedFrame, due: u64) {
         let at = self.model_time(observed.at_ns);
         let Self { board, unread, .. } = self;
         board.host(&observed.frame, at, &mut |frame, made| unread.push(frame, made, due));
     }
 
-    /// The model goes on, and gets what the host writes meanwhile, until it has made the report of the cycle at that time.
+    /// Runs the model until it has made the report of the cycle at `at`. The model gets the command frames that the
+    /// host wrote meanwhile.
     fn wait_for_report_of(&mut self, at: u64) {
         let end = at.saturating_add(LATE_MAX_NS);
         while self.unread.newest().is_none_or(|made| made < at) && self.board.next_cycle() <= end {
-            // The host's frames that come before the next cycle.
+            // Command frames that the host wrote before the next cycle come first.
             let before_ns = time(self.board.next_cycle()).saturating_sub(self.offset_ns);
             if let Some(write) = self.writes.next_if(|write| write.at_ns < before_ns) {
                 self.write(&write, at);
@@ -115,7 +117,7 @@ impl ModelRun {
         }
     }
 
-    /// The model's time at a time of the recording.
+    /// Converts a time of the recording to the model's time.
     fn model_time(&self, ns: i64) -> u64 {
         ns.saturating_add(self.offset_ns).max(0).unsigned_abs()
     }
@@ -126,7 +128,7 @@ impl ModelRun {
 struct Unread(VecDeque<(Frame, u64)>);
 
 impl Unread {
-    /// Keeps a report. The host receives none of `due` or before any more but the newest.
+    /// Adds a report. Of the reports up to `due` only the newest one is kept.
     fn push(&mut self, frame: &Frame, made: u64, due: u64) {
         if made <= due {
             self.0.clear();
@@ -138,19 +140,20 @@ impl Unread {
         self.0.back().map(|(_, made)| *made)
     }
 
-    /// The newest report of that time or before.
+    /// Takes the newest report made at `at` or before.
     fn pop(&mut self, at: u64) -> Option<Frame> {
         let due = self.0.partition_point(|(_, made)| *made <= at);
         self.0.drain(..due).next_back().map(|(frame, _)| frame)
     }
 }
 
-/// The command frames of a recording, which the model may get before a report that was made earlier.
+/// The command frames of a recording, read ahead of its other frames: the model may need them before a report that is
+/// earlier in the recording.
 struct Writes {
     source: RecordedRun,
-    /// How many frames of the recording were looked at.
+    /// The number of frames of the recording that were read.
     frames: u64,
-    /// The next command frame, with its number among all frames from 1.
+    /// The next command frame, with its number among all frames, from 1.
     next: Option<(u64, TimedFrame)>,
 }
 
@@ -168,13 +171,13 @@ impl Writes {
         self.next.as_ref()
     }
 
-    /// The next command frame, if it is one of the first `frames` frames.
+    /// Takes the next command frame, if it is among the first `frames` frames.
     fn next_until(&mut self, frames: u64) -> Option<TimedFrame> {
         self.look().filter(|(number, _)| *number <= frames)?;
         self.next.take().map(|(_, write)| write)
     }
 
-    /// The next command frame, if it is such a one.
+    /// Takes the next command frame, if `wanted` is true for it.
     fn next_if(&mut self, wanted: impl FnOnce(&TimedFrame) -> bool) -> Option<TimedFrame> {
         self.look().filter(|(_, write)| wanted(write))?;
         self.next.take().map(|(_, write)| write)

@@ -1,4 +1,4 @@
-//! What a program may have seen of a board, and waited for.
+//! What a program may have seen of a board, and may have waited for.
 
 use crate::compare::STANDS_REPORTS;
 use crate::ethercat::cia402::Statusword;
@@ -6,13 +6,13 @@ use crate::recording::Kinds;
 use crate::sk::dump::{MAX_SLAVES, ResponseDump, SlaveData, SlotMeaning};
 use crate::sk::{CommandId, FIFO_ENTRIES, Frame, MasterResponse, MasterState, SdoResponse, SlotSize, StateByte};
 
-/// The bits of a statusword that say how homing goes.
+/// The bits of a statusword that show the progress of homing.
 const HOMING_BITS: u16 = Statusword::BIT12 | Statusword::BIT13;
-/// So many entries more may wait in the model's FIFO than had in the recorded one: behind an ECM-XF those count that are on their
-/// way. \[OURS]
+/// How many more entries may wait in the model's FIFO than in the recorded one: over an ECM-XF, entries in flight to
+/// the chip count as well. \[OURS]
 const ON_THE_WAY: u16 = 12;
 
-/// What the newest reports of a board have shown.
+/// What the newest reports of a board show.
 #[derive(Clone, Debug)]
 pub struct Seen {
     size: SlotSize,
@@ -20,19 +20,19 @@ pub struct Seen {
     state: Option<StateByte>,
     sdo: Option<SdoResponse>,
     fifo_free: u16,
-    /// Reports since the newest command.
+    /// The number of reports since the newest command.
     quiet: u16,
     slaves: [Shown; MAX_SLAVES],
 }
 
-/// What a slave has shown.
+/// What a slave shows in the newest reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Shown {
     statusword: Option<Statusword>,
     positions: [i32; 2],
-    /// For how many reports the positions have not changed.
+    /// The number of reports for which the positions have not changed.
     still: u16,
-    /// The inputs of an IO slave, and the command that they answer.
+    /// The inputs of an IO slave, and the command that its slot answers.
     inputs: Option<(CommandId, u16)>,
     homes: bool,
 }
@@ -43,7 +43,7 @@ impl Seen {
         Self { size, kinds, state: None, sdo: None, fifo_free: FIFO_ENTRIES, quiet: 0, slaves }
     }
 
-    /// A command goes by.
+    /// Updates the values from a command frame that the host sends.
     pub(super) fn command(&mut self, frame: &Frame) {
         self.kinds.command(frame, self.size);
         self.quiet = 0;
@@ -56,7 +56,7 @@ impl Seen {
         }
     }
 
-    /// A report goes by.
+    /// Updates the values from the next report.
     pub(super) fn report(&mut self, frame: &Frame) {
         self.kinds.response(frame, self.size);
         let board = MasterResponse::decode(&frame.slot(self.size, 0));
@@ -88,13 +88,13 @@ impl Seen {
     }
 }
 
-/// What the model does not show yet.
+/// Something that the recorded board has shown and the model has not shown yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Missing {
     State,
     Sdo,
     Fifo,
-    /// A slave by its place.
+    /// A slave, by its index from 0.
     Slave(usize),
 }
 
@@ -104,16 +104,17 @@ impl Missing {
     }
 }
 
-/// Whether a model shows what a recorded board has shown. What it has not shown in time does not count until it does.
+/// Checks whether the model shows what the recorded board has shown. Something that it does not show in time is given
+/// up, and ignored until it does.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Agreement {
     given_up: Vec<Missing>,
 }
 
 impl Agreement {
-    /// The first thing that the model does not show, of those that still count.
+    /// The first thing that the model does not show yet and that was not given up.
     pub(super) fn missing(&mut self, recorded: &Seen, model: &Seen) -> Option<Missing> {
-        // Before the first report a program has seen nothing.
+        // Before the first report a program has not seen anything.
         recorded.state?;
         let board = [(Missing::State, agree_on_state(recorded, model)), (Missing::Sdo, agree_on_sdo(recorded, model))];
         let fifo = (Missing::Fifo, agree_on_fifo(recorded, model));
@@ -139,7 +140,7 @@ fn agree_on_state(recorded: &Seen, model: &Seen) -> bool {
     recorded.state == model.state
 }
 
-/// Whether the model has answered the same SDO.
+/// Whether the model has answered the same SDO as the recorded board.
 fn agree_on_sdo(recorded: &Seen, model: &Seen) -> bool {
     let asked = |sdo: &Option<SdoResponse>| match *sdo {
         Some(SdoResponse::Done { id, slave, object, .. } | SdoResponse::Aborted { id, slave, object, .. }) => {
@@ -150,8 +151,8 @@ fn agree_on_sdo(recorded: &Seen, model: &Seen) -> bool {
     asked(&recorded.sdo).is_none_or(|wanted| asked(&model.sdo) == Some(wanted))
 }
 
-/// Whether no more waits in the model's FIFO than in the recorded one, but for what is on its way; nothing, if the recorded program
-/// had written nothing for a while and nothing waited.
+/// Whether at most as many entries wait in the model's FIFO as in the recorded one, plus those in flight. If the
+/// recorded program had not written for a while and its FIFO was empty, the model's FIFO has to be empty too.
 fn agree_on_fifo(recorded: &Seen, model: &Seen) -> bool {
     let is_at_rest = recorded.fifo_free >= FIFO_ENTRIES && recorded.quiet >= STANDS_REPORTS;
     let allowed = if is_at_rest { 0 } else { ON_THE_WAY };
@@ -167,7 +168,7 @@ fn agree_on_slave(recorded: &Shown, model: &Shown) -> bool {
     word(recorded) == word(model) && stands && agree_on_inputs(recorded, model)
 }
 
-/// Whether an IO slave shows the same, where both answer the same command.
+/// Whether an IO slave shows the same inputs, if both slots answer the same command.
 fn agree_on_inputs(recorded: &Shown, model: &Shown) -> bool {
     match (recorded.inputs, model.inputs) {
         (Some((of, recorded)), Some((other, model))) => of != other || recorded == model,

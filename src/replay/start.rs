@@ -1,27 +1,29 @@
-//! Where a replay begins in a recording, and at which moment of a cycle.
+//! Finds where a replay begins in a recording, and when the cycles of the recorded board end.
 
 use super::ReplayError;
 use crate::compare::{RecordedRun, TimedFrame};
 use crate::link::Dir;
 use crate::sk::{MasterResponse, MasterState, SlotSize};
 
-/// The board's cycle before OP (SK-4).
+/// The board's cycle time before OP (SK-4).
 pub(super) const CYCLE_NS: i64 = 1_000_000;
-/// How many reports are used to find the end of the board's cycles. \[OURS]
+/// Most reports that are used to find the end of the board's cycles. \[OURS]
 const REPORTS_FOR_TICK: usize = 500;
 
-/// Where a replay begins. The model starts as a board that was just switched on, so the replay begins at the first report in
-/// Init or PreOP, and the frames before it are left out. \[OURS]
+/// Where a replay begins. The model starts like a board that was just powered on, so the replay begins at the first
+/// report in Init or PreOP, and skips the frames before it. \[OURS]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start {
-    /// How many frames of the recording come before the start.
+    /// The number of frames before the start.
     pub skipped: u64,
-    /// A time at which a cycle of the recorded board ended, in nanoseconds of the recording. The board sends a report then.
+    /// A time at which a cycle of the recorded board ended, in nanoseconds of the recording. The board sends a report
+    /// then.
     ///
-    /// USB and the host delay reports and never advance them, so this is the time in the cycle of the earliest report
-    /// before OP. \[OURS]
+    /// USB and the host delay reports and never advance them, so the earliest report before OP, relative to its cycle,
+    /// defines this time. \[OURS]
     pub tick_ns: i64,
-    /// If a model was recorded, the time of the recording's first frame on that model's clock, in nanoseconds.
+    /// The time of the recording's first frame on the recorded model's clock, in nanoseconds; `None` if no model was
+    /// recorded.
     pub began: Option<i64>,
 }
 
@@ -43,7 +45,7 @@ impl Start {
             let below = matches!(state.state(), Some(MasterState::Init | MasterState::PreOp));
             match &mut tick {
                 None if below => tick = Some(Tick { first_ns: at_ns, early_ns: 0 }),
-                // The commands before this report are left out with it.
+                // The commands before this report are skipped with it.
                 None if is_first => skipped += commands + 1,
                 None => skipped += 1,
                 Some(tick) if state.state() == Some(MasterState::Op) || seen > REPORTS_FOR_TICK => {
@@ -65,7 +67,7 @@ impl Start {
 /// Finds the end of the board's cycles from the times of its reports.
 struct Tick {
     first_ns: i64,
-    /// By how much the earliest report was earlier in its cycle than the first one; 0 or less.
+    /// How much earlier in its cycle the earliest report came than the first one, in nanoseconds; 0 or negative.
     early_ns: i64,
 }
 

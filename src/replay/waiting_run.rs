@@ -1,4 +1,4 @@
-//! The run of the model, whose host waits for what the recorded program had waited for.
+//! The run of the model, whose host waits for whatever the recorded program may have waited for.
 
 use std::collections::VecDeque;
 
@@ -10,24 +10,24 @@ use crate::engine::Board;
 use crate::link::Dir;
 use crate::sk::{Frame, SlotSize};
 
-/// How long the host waits for a state of the network at most, in nanoseconds of the board: with 40 slaves behind an ECM-XF the
-/// way to OP takes up to 14 s. \[OURS]
+/// Timeout for a state of the network, in nanoseconds of the board's time: with 40 slaves behind an ECM-XF the start to
+/// OP takes up to 14 s. \[OURS]
 const STATE_WAIT_NS: i64 = 30_000_000_000;
-/// How long it waits for anything else. \[OURS]
+/// Timeout for everything else. \[OURS]
 const OTHER_WAIT_NS: i64 = 2_000_000_000;
-/// How long it waits in all, so that a recording that no model can follow has an end. \[OURS]
+/// Limit for the sum of all waits, so that the replay of a recording that no model can follow ends. \[OURS]
 const TOTAL_WAIT_NS: i64 = 120_000_000_000;
 
-/// The run of the model: the recorded command frames in their order, each at its time, or as much later as it takes the model to
-/// show what the recorded board had shown before the program sent it; and the model's reports.
+/// The run of the model: the recorded command frames in their order, and the model's reports. A frame is sent at its
+/// recorded time, or later: once the model shows what the recorded board had shown before the program sent it.
 ///
-/// A recorded program does not say what it waits for. So the host waits for all that a program may have waited for (`Seen`): the
-/// state of the network, the states of the drives, inputs, SDO answers, an axis that stands, room in the FIFO. What the model does
-/// not show in time is not waited for any more. Behind the last frame it waits once more. \[OURS]
+/// A recording does not show what its program waits for. So the host waits for everything that a program may wait for
+/// (`Seen`): the state of the network, the states of the drives, inputs, SDO answers, an axis at rest, room in the
+/// FIFO. After a timeout it stops waiting for that thing. After the last frame it waits once more. \[OURS]
 ///
-/// The host receives each report of the model before it sends its next command, or the newest one if the recorded host has missed
-/// reports, too. A report has the time of its cycle; over a chip
-/// the host has received it some cycles later.
+/// The host receives each report of the model before it sends its next command. If the recorded host missed reports, it
+/// receives only the newest one. A report has the time of its cycle; over a chip the host receives it some cycles
+/// later.
 pub struct WaitingRun {
     source: RecordedRun,
     board: Board,
@@ -40,7 +40,7 @@ pub struct WaitingRun {
     /// The reports that the host has not received yet, with the times of their cycles.
     unread: Vec<(Frame, u64)>,
     reports: u64,
-    /// When the recorded host has received its last report, and whether it has missed some before.
+    /// The time at which the recorded host received its last report, and whether it had missed some before.
     read_ns: Option<i64>,
     misses: bool,
     begun: bool,
@@ -50,7 +50,7 @@ pub struct WaitingRun {
 }
 
 impl WaitingRun {
-    /// The run of that board.
+    /// The run of `board`.
     pub(super) fn new(source: RecordedRun, board: Board, start: &Start, size: SlotSize) -> Self {
         Self {
             source,
@@ -71,13 +71,13 @@ impl WaitingRun {
         }
     }
 
-    /// How long the host has waited in the part so far beyond the recorded times, in nanoseconds of the board.
+    /// How much longer than the recorded program the host has waited so far, in nanoseconds of the board's time.
     pub const fn waited_ns(&self) -> i64 {
         self.waited_ns
     }
 
-    /// At the first frame, chooses the offset between the two clocks by which the model's cycles end when the recorded board's
-    /// cycles did.
+    /// Chooses the offset between the two clocks, at the first frame: the model's cycles end at the same times as those
+    /// of the recorded board.
     fn begin(&mut self, first_ns: i64) {
         self.offset_ns = time(self.board.next_cycle()).saturating_sub(self.tick_ns);
         let behind = time(self.board.now()).saturating_sub(first_ns.saturating_add(self.offset_ns));
@@ -106,7 +106,8 @@ impl WaitingRun {
             return;
         }
         self.wait();
-        // A report that was made before a command is received before it, so that it does not seem to be an answer to it.
+        // The host receives a report that was made before the command first, so that it does not seem to be an answer
+        // to the command.
         self.receive();
         let now = self.board.now();
         let (unread, model) = (&mut self.unread, &mut self.model);
@@ -143,7 +144,7 @@ impl WaitingRun {
         self.waited_ns = self.waited_ns.saturating_add(waited);
     }
 
-    /// The host receives the reports, or the newest one if it misses some.
+    /// Receives the reports; only the newest one if the recorded host missed reports.
     fn receive(&mut self) {
         if self.misses {
             self.unread.drain(..self.unread.len().saturating_sub(1));
@@ -155,7 +156,7 @@ impl WaitingRun {
         }
     }
 
-    /// A time of the model on the recording's clock, with what the host has waited.
+    /// Converts a time of the model to the recording's clock. Waits of the host are included.
     fn recorded_time(&self, ns: u64) -> i64 {
         time(ns).saturating_sub(self.offset_ns).saturating_add(self.waited_ns)
     }

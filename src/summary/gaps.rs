@@ -1,20 +1,20 @@
-//! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until the
-//! program sent the next one (SK-5). The axis stops or jerks then.
+//! Finds gaps in a motion: the FIFO ran empty while an axis was moving, and the board repeated the last target until
+//! the program sent the next one (SK-5). The axis then stops or jerks.
 //!
-//! An empty FIFO after a motion is no gap. It is one if the targets after it go on as those before it went.
+//! An empty FIFO after a motion is no gap. It is one if the targets after it continue the steps of those before it.
 
 /// \[OURS] A pause longer than this is the program's intention, in nanoseconds.
 const GAP_MAX_NS: i64 = 1_000_000_000;
-/// \[OURS] Steps from target to target shorter than this fraction of the longest belong to the beginning or the end of a motion,
-/// where the program may pause.
+/// \[OURS] Steps between two targets that are shorter than this fraction (1/10) of the longest one belong to the
+/// beginning or the end of a motion, where the program may pause.
 const SLOW_FRACTION: i64 = 10;
 
 /// Finds the gaps in the motion of one axis, from its target positions as they are executed.
 #[derive(Debug, Default)]
 pub struct GapFinder {
-    /// The target in force, in counts.
+    /// The last executed target, in counts; `None` before the first one.
     target: Option<i32>,
-    /// The last two steps from target to target, in counts.
+    /// The last two steps between targets, in counts.
     steps: [i64; 2],
     /// The longest step so far, in counts.
     longest_step: i64,
@@ -23,14 +23,14 @@ pub struct GapFinder {
 }
 
 impl GapFinder {
-    /// A cycle has found the FIFO empty.
+    /// Takes a cycle that found the FIFO empty.
     pub const fn idle(&mut self, at_ns: i64) {
         if self.idle_since_ns.is_none() {
             self.idle_since_ns = Some(at_ns);
         }
     }
 
-    /// A target is executed. Returns the beginning of the gap that ends with it, if there is one.
+    /// Takes an executed target. Returns the beginning of the gap that ends with it, if there is one.
     pub fn target(&mut self, at_ns: i64, target: i32) -> Option<i64> {
         let idle_since_ns = self.idle_since_ns.take();
         let before = self.target.replace(target)?;
@@ -46,7 +46,7 @@ impl GapFinder {
         gap
     }
 
-    /// The last target is not in force any more, so the next one begins a new motion.
+    /// Forgets the last target, because another command replaced it. The next target begins a new motion.
     pub fn reset(&mut self) {
         *self = Self { longest_step: self.longest_step, ..Self::default() };
     }
@@ -58,7 +58,8 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    /// Targets one a millisecond, and an empty FIFO of so many milliseconds before the number `at`; gives the gaps found.
+    /// Runs one target per millisecond, with an empty FIFO of `idle_ms` before target number `at`. Returns the gaps
+    /// found.
     fn gaps(targets: &[i32], at: usize, idle_ms: i64) -> Vec<(i64, i64)> {
         let (mut gaps, mut now_ns, mut found) = (GapFinder::default(), 0, Vec::new());
         for (i, target) in targets.iter().enumerate() {
@@ -73,7 +74,7 @@ mod tests {
         found
     }
 
-    /// A pause on the way is a gap, forwards and backwards, from its first cycle to the next target.
+    /// A pause within a motion is a gap, in both directions, from its first cycle to the next target.
     #[test]
     fn on_the_way() {
         let targets: Vec<i32> = (0..100).map(|i| 10 * i).collect();
@@ -83,7 +84,7 @@ mod tests {
         assert_eq!(gaps(&targets, 100, 7), []);
     }
 
-    /// A pause where the axis stands, turns, begins, or has come slowly to its end is none; nor is a long one.
+    /// A pause is no gap if the axis stands, reverses, starts or has slowly reached its end; nor is a long one.
     #[test]
     fn between_motions() {
         let turns: Vec<i32> = (0..50).map(|i| 10 * i).chain((0..50).map(|i| 490 - 10 * i)).collect();

@@ -12,30 +12,30 @@ pub enum Line {
     Message {
         /// A number by which [`Line::Repeated`] refers to it.
         id: u32,
-        /// The message.
+        /// The text of the message.
         text: String,
     },
     /// How often the log had messages of one kind so far, which differ only in their figures.
     Repeated {
-        /// The number of the first of them in [`Line::Message`].
+        /// The id of the first message of this kind in [`Line::Message`].
         id: u32,
-        /// How many there were, the first one included.
+        /// The number of messages of this kind, with the first one.
         times: u64,
     },
     /// A drive has an alarm.
     Alarm(Alarm),
     /// A change of state has failed.
     StateFailed(StateFailed),
-    /// The present value of a count of a board.
+    /// The present value of a counter of a board.
     Count {
         /// The number of the board among those that the process has opened, from 0.
         board: u32,
-        /// The name of the count.
+        /// The name of the counter.
         name: String,
-        /// The value of the count.
+        /// The value of the counter.
         value: u64,
     },
-    /// How many lines the library could not write so far.
+    /// The number of lines that the library could not write so far.
     Dropped(u64),
 }
 
@@ -53,7 +53,7 @@ pub struct Alarm {
 pub struct StateFailed {
     /// Byte 2 of slot 0.
     pub state: u8,
-    /// Whether SET_AXIS had declared a slave as another kind than IO before.
+    /// Whether SET_AXIS had declared some slave as another kind than IO before.
     pub declared: bool,
 }
 
@@ -77,7 +77,7 @@ impl fmt::Display for Line {
 }
 
 impl Line {
-    /// Parses a line, which is given without its line feed; `None` if it is none of these.
+    /// Parses a line, given without its line feed; `None` if it is none of these lines.
     pub fn parse(line: &str) -> Option<Self> {
         let (kind, rest) = line.split_once(' ')?;
         let mut words = rest.split(' ');
@@ -115,7 +115,7 @@ impl fmt::Display for Alarm {
 impl fmt::Display for StateFailed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let state = StateByte(self.state);
-        // A change that fails ends below OP.
+        // A change of state that fails ends below OP.
         if state.state() == Some(MasterState::Op) {
             return write!(
                 f,
@@ -142,7 +142,8 @@ impl fmt::Display for StateFailed {
 mod tests {
     use super::*;
 
-    /// SK-4.80 A slave that has left OP while a program ran is no change of state that has failed, and no SET_AXIS that is missing.
+    /// SK-4.80 A slave that left OP during the run is reported as such: not as a failed change of state, and without
+    /// advice about SET_AXIS.
     #[test]
     fn a_slave_that_has_left_op_is_no_failed_change() {
         for declared in [false, true] {
@@ -155,7 +156,7 @@ mod tests {
         }
     }
 
-    /// Every line is read back as it was written; a text stays on its line and keeps to its length.
+    /// Every line parses to the value that was written. A text has no line breaks and is cut to its maximum length.
     #[test]
     fn lines_are_read_back() {
         for line in [

@@ -1,4 +1,4 @@
-//! A link around a link that watches its frames and counters for the summary of `ecmsk exec`.
+//! A link that wraps another link and watches its frames and counters for the summary of `ecmsk exec`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,7 +10,7 @@ use crate::engine::Counters;
 use crate::link::{Layer, Link, LinkError, ReadMeta, Stamp, Wait};
 use crate::sk::Frame;
 
-/// A link whose frames and counters are watched.
+/// A link that wraps another one and watches its frames and counters.
 pub struct WatchLink {
     inner: Arc<dyn Link>,
     summary_writer: &'static SummaryWriter,
@@ -34,7 +34,7 @@ impl WatchLink {
         }
     }
 
-    /// The lock is held while one frame is examined, and for less by the thread that writes.
+    /// Locks the frame watch. The lock is held while one frame is examined, and shorter by the writer's thread.
     fn watch(&self) -> MutexGuard<'_, FrameWatch> {
         self.watch.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -54,7 +54,7 @@ impl Counted for WatchLink {
 }
 
 impl SummaryWriter {
-    /// Wraps a link that was just opened, so that its frames and counters are watched and reported.
+    /// Wraps a link that was just opened, to watch and report its frames and counters.
     pub fn watch(&'static self, inner: Arc<dyn Link>) -> Arc<dyn Link> {
         let link = Arc::new(WatchLink::new(inner, self));
         let counted: Arc<dyn Counted> = link.clone();

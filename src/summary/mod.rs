@@ -1,20 +1,20 @@
-//! A summary of what went wrong in a run of a program, and how often: commands that the board did not execute, alarms of
-//! drives, changes of state that failed, gaps in a motion, lost reports, and warnings of the library. What a program has
-//! asked for itself, such as targets that it cleared with SET_FIFO 1, is left out.
+//! A summary of what went wrong in a run of a program, and how often: commands that the board did not execute, alarms
+//! of drives, changes of state that failed, gaps in a motion, lost reports, and warnings of the library. Effects that a
+//! program requests, such as clearing targets with SET_FIFO 1, are left out.
 //!
-//! `ecmsk summary` makes it from the frames of a recording ([`FrameWatch`]). `ecmsk exec` shows it when its program has ended:
-//! the library in the program's process writes what happens to a file that the tool reads ([`writer`], [`Line`]).
+//! `ecmsk summary` makes it from the frames of a recording ([`FrameWatch`]). `ecmsk exec` shows it when its program has
+//! ended: the library in the program's process writes events to a file that the tool reads ([`writer`], [`Line`]).
 //!
-//! How to read it:
+//! Files:
 //!
 //! | file | what it holds |
 //! | --- | --- |
 //! | `mod.rs` | [`Summary`]: the counts, and their text |
 //! | `watch.rs` | [`FrameWatch`]: finds alarms, failed changes of state and losses in frames |
 //! | `gaps.rs` | [`GapFinder`]: finds gaps in the motion of one axis |
-//! | `line.rs` | [`Line`]: one fact in the file between library and tool |
+//! | `line.rs` | [`Line`]: a line of the file between library and tool |
 //! | `writer.rs` | writes those lines, in the process of the program |
-//! | `link.rs` | a link around a link that watches the frames for `writer.rs` |
+//! | `link.rs` | a link that wraps another one and watches its frames for `writer.rs` |
 
 mod gaps;
 mod line;
@@ -33,7 +33,7 @@ use crate::engine::{Counters, Reason, Unexecuted};
 use crate::link::LinkStats;
 use crate::sk::MasterState;
 
-/// How many different texts of the log are kept. \[OURS]
+/// Most different texts of the log that are kept. \[OURS]
 const TEXTS_MAX: usize = 200;
 /// The prefix of counts of rejected commands, followed by the name of the reason.
 const REJECTED: &str = "rejected.";
@@ -52,14 +52,14 @@ pub struct Summary {
     alarms: BTreeMap<Alarm, u64>,
     failed: BTreeMap<StateFailed, u64>,
     counts: BTreeMap<String, u64>,
-    /// Messages of the log: the text of the first one of its kind, and how many there were.
+    /// Messages of the log: the text of the first one of each kind, and the number of messages of the kind.
     messages: Vec<(String, u64)>,
-    /// How many lines the library could not write.
+    /// The number of lines that the library could not write.
     dropped: u64,
 }
 
 impl Summary {
-    /// Adds something that the frames showed.
+    /// Adds an event that frames showed.
     pub fn add_event(&mut self, event: FrameEvent) {
         match event {
             FrameEvent::Alarm(alarm) => *self.alarms.entry(alarm).or_default() += 1,
@@ -67,14 +67,14 @@ impl Summary {
         }
     }
 
-    /// Sets the counts that frames give. To be called once.
+    /// Sets the counts from the frames. Call it at most once.
     pub fn set_frame_counts(&mut self, counts: &FrameCounts) {
         of_frames(counts).into_iter().for_each(|(name, value)| self.set(name, value));
     }
 
-    /// Adds the lines that one process has written.
+    /// Adds the lines that one process wrote.
     pub fn add_lines<'a>(&mut self, lines: impl IntoIterator<Item = &'a Line>) {
-        // A count is written again when it changes: its newest value counts, and the sum over the boards.
+        // The library writes a count again when it changes: only its newest value counts, and the boards are added up.
         let mut newest: BTreeMap<(u32, &str), u64> = BTreeMap::new();
         let mut places = BTreeMap::new();
         let mut dropped = 0;
@@ -118,34 +118,35 @@ impl Summary {
         self.lines(false).is_empty()
     }
 
-    /// How many frames the recording of the run lacks because it could not be written fast enough.
+    /// The number of frames that the recording of the run lacks because it could not be written fast enough.
     pub fn record_dropped(&self) -> u64 {
         self.count(RECORD_DROPPED)
     }
 
-    /// The counts that are not 0, by their names. Commands rejected for a reason are counted as `rejected.NAME` of that reason.
+    /// The counts that are not 0, with their names. Rejected commands are counted by their reason, under the name
+    /// `rejected.REASON`.
     pub fn counts(&self) -> impl Iterator<Item = (&str, u64)> {
         self.counts.iter().filter(|(_, value)| **value > 0).map(|(name, value)| (name.as_str(), *value))
     }
 
-    /// The alarms, and how often each began.
+    /// The alarms, with the number of times each began.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, u64)> {
         self.alarms.iter().map(|(alarm, times)| (*alarm, *times))
     }
 
-    /// The changes of state that failed, and how often each did.
+    /// The changes of state that failed, with the number of times each failed.
     pub fn states_failed(&self) -> impl Iterator<Item = (StateFailed, u64)> {
         self.failed.iter().map(|(failed, times)| (*failed, *times))
     }
 
-    /// The messages of the log: the first one of each kind, and how many there were. Messages that differ only in their
-    /// figures are of one kind.
+    /// The messages of the log: the first one of each kind, and the number of messages of the kind. Messages that
+    /// differ only in their numbers are of the same kind.
     pub fn messages(&self) -> impl Iterator<Item = (&str, u64)> {
         self.messages.iter().map(|(text, times)| (text.as_str(), *times))
     }
 
-    /// The summary as text, a line for each thing that went wrong, commands that were not executed first. With `told`
-    /// messages that came once are left out, because the caller has shown them already.
+    /// The summary as text, one line for each problem, beginning with commands that were not executed. `told` leaves
+    /// out messages that came once, for a caller that has shown them already.
     pub fn lines(&self, told: bool) -> Vec<String> {
         let mut lines = Vec::new();
         let rejected: Vec<(&str, u64)> = Reason::NAMES
@@ -159,7 +160,7 @@ impl Summary {
             lines.push(format!("{total} command(s) were rejected and not executed: {each}"));
         }
         for what in Unexecuted::ALL.into_iter().filter(|what| !what.is_asked_for()) {
-            // The counter of the modelled board if there is one, otherwise what slot 0 shows.
+            // Uses the counter of the modelled board if there is one, otherwise the counters in slot 0.
             let seen = match what {
                 Unexecuted::Full => self.count(FULL_SEEN),
                 Unexecuted::Crc => self.count(CRC_SEEN),
@@ -201,19 +202,19 @@ impl Summary {
     }
 }
 
-/// One line each.
+/// Writes one line for each problem.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.lines(false).iter().try_for_each(|line| writeln!(f, "{line}"))
     }
 }
 
-/// Whether a message of the log says what the summary says: it is the sum of earlier messages, or of the end.
+/// Whether a message of the log repeats what the summary says: it sums up earlier messages, or counts at the end.
 pub fn is_sum(text: &str) -> bool {
     text.contains(" more rejected as ") || text.ends_with(" in all") || text.contains(" was still under way when ")
 }
 
-/// Whether a message of the log reports what a count contains as well: a rejected command, or the beginning of a loss.
+/// Whether a message of the log reports an event that also has a count: a rejected command, or the beginning of a loss.
 fn is_counted(text: &str) -> bool {
     is_sum(text) || text.contains(" rejected at ") || text.starts_with("since ")
 }
@@ -228,7 +229,7 @@ fn of_frames(counts: &FrameCounts) -> [(&'static str, u64); 5] {
     [(FULL_SEEN, counts.full), (CRC_SEEN, counts.crc), (GAPS, counts.gaps), unreached[0], unreached[1]]
 }
 
-/// The counts of a link, minus those that the board had when the link was opened.
+/// The counters of a link, minus their values when the link was opened.
 fn of_link(stats: &LinkStats, before: &Counters) -> Vec<(String, u64)> {
     let mut counts =
         vec![(REPORTS_LOST.to_owned(), stats.reports_dropped), (RECORD_DROPPED.to_owned(), stats.record_dropped)];

@@ -1,5 +1,5 @@
-//! Finds in the frames of a program what went wrong: alarms, changes of state that failed, gaps in a motion, frames lost to a
-//! full FIFO or a wrong CRC.
+//! Finds in the frames of a program what went wrong: alarms, failed changes of state, gaps in a motion, frames lost
+//! because of a full FIFO or a wrong CRC.
 
 use super::gaps::GapFinder;
 use super::line::{Alarm, StateFailed};
@@ -11,53 +11,53 @@ use crate::sk::{
     StateByte,
 };
 
-/// An event that the frames showed.
+/// An event that a report showed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameEvent {
-    /// An alarm begins.
+    /// A drive has a new alarm.
     Alarm(Alarm),
-    /// A change of state has failed.
+    /// A change of the AL state has failed.
     StateFailed(StateFailed),
 }
 
-/// What the frames showed, as counts.
+/// Counts from the frames of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
-    /// Command frames.
+    /// The number of command frames.
     pub commands: u64,
-    /// Reports.
+    /// The number of reports.
     pub reports: u64,
-    /// Command frames lost to a full FIFO, by the full count in slot 0.
+    /// The command frames lost because of a full FIFO, by the full count in slot 0.
     pub full: u64,
-    /// Command frames with a wrong CRC, by the error count in slot 0.
+    /// The command frames with a wrong CRC, by the error count in slot 0.
     pub crc: u64,
-    /// GapFinder in a motion: the FIFO ran empty while one or more axes were moving.
+    /// Gaps in a motion: the FIFO ran empty while one or more axes were moving.
     pub gaps: u64,
-    /// The state that the program has asked for last and that the board has neither reached nor failed to reach yet, if it is a higher
-    /// one than before, and how long the program waited for it by the newest report, ms (at least 1).
+    /// The higher state that the program requested last, and that the board has neither reached nor failed to reach.
+    /// Also the time that the program waited for it up to the newest report, ms (at least 1).
     pub unreached: Option<(MasterState, u64)>,
 }
 
-/// Watches the frames of a run in the order of their times. It does not allocate.
+/// Watches the frames of a run, which have to be sorted by time. Does not allocate memory.
 #[derive(Debug)]
 pub struct FrameWatch {
     size: SlotSize,
     kinds: Kinds,
-    /// SET_AXIS has declared a slave as another kind than IO.
+    /// Whether SET_AXIS has declared some slave as another kind than IO.
     declared: bool,
     state: StateByte,
-    /// When the state of [`FrameCounts::unreached`] was asked for.
+    /// The time of the request for the state in [`FrameCounts::unreached`].
     asked_ns: i64,
-    /// The program has not asked for a lower state since then.
+    /// Whether the program still waits: it has not requested a lower state since then.
     is_waiting: bool,
-    /// The full count and the CRC error count in the last report in OP.
+    /// The full count and the CRC error count in the last report of OP.
     losses: Option<(u16, u8)>,
     /// The error code of each slave's alarm.
     alarms: [Option<u16>; MAX_SLAVES],
     gaps: [GapFinder; MAX_SLAVES],
-    /// When the newest command frame was sent.
+    /// The time of the newest command frame.
     sent_ns: i64,
-    /// How many reports since then showed an empty FIFO.
+    /// The number of reports with an empty FIFO since then.
     idle_reports: u32,
     counts: FrameCounts,
 }
@@ -141,7 +141,7 @@ impl FrameWatch {
             }
         }
         if !matches!(board.state.state(), Some(MasterState::SafeOp | MasterState::Op)) {
-            // There is no FIFO, and the slaves' slots hold no process data.
+            // Below SafeOP reports have no FIFO counts, and the slaves' slots have no process data.
             self.losses = None;
             self.gaps.iter_mut().for_each(GapFinder::reset);
             return;
@@ -153,8 +153,8 @@ impl FrameWatch {
             self.counts.crc += u64::from(board.error.wrapping_sub(crc));
             if board.fifo_free >= FIFO_ENTRIES && at_ns > self.sent_ns {
                 self.idle_reports = self.idle_reports.saturating_add(1);
-                // The first such report shows that the newest target was executed, which is normal for a program that sends
-                // one target per cycle.
+                // The first report with an empty FIFO only shows that the newest target was executed, which is normal
+                // for a program that sends one target per cycle.
                 if self.idle_reports > 1 {
                     self.gaps.iter_mut().for_each(|gaps| gaps.idle(at_ns));
                 }
@@ -167,7 +167,8 @@ impl FrameWatch {
                 Some(SlaveKind::Drive | SlaveKind::Step) => drive.error_code,
                 Some(SlaveKind::Hsp) => 0,
                 Some(SlaveKind::Io | SlaveKind::None) => continue,
-                // The slaves were declared before the first frame: a slot that answers a command of drives is a drive's.
+                // The slaves were declared before the first frame. A slot that answers a command for axes is that of a
+                // drive.
                 None if CommandId::from_code(slot.id).is_for_axes() => drive.error_code,
                 None => continue,
             };
@@ -177,7 +178,7 @@ impl FrameWatch {
 
     fn alarm(&mut self, slave: usize, now: Option<u16>, on_event: &mut dyn FnMut(FrameEvent)) {
         let before = std::mem::replace(&mut self.alarms[slave - 1], now);
-        // A drive may show the fault a cycle before its error code: these are two events.
+        // A drive may show the fault one cycle before its error code, which gives two events.
         if let Some(code) = now
             && before.is_none_or(|before| before != code && code != 0)
         {

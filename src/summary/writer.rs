@@ -1,9 +1,9 @@
-//! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has made, whose name is in the
-//! environment variable [`FILE_VARIABLE`].
+//! Reports to `ecmsk exec` what happens in a program: writes [`Line`]s to a file that the tool has created. The
+//! environment variable [`FILE_VARIABLE`] has its name.
 //!
-//! The program never waits for this: a fact goes into a queue, and one that finds the queue full is counted. While a board is
-//! open a thread writes the queue several times a second. Closing a board writes it too, since the process may end next.
-//! Messages of the log that differ only in their figures are written once, and then how often they came.
+//! The program never waits for this: facts go into a queue, and those that find it full are counted as dropped. While a
+//! board is open, a thread writes the queue several times a second. Closing a board writes it too, since the process
+//! may end next. Messages of the log that differ only in their numbers are written once, followed by their count.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -22,24 +22,24 @@ use crate::threads;
 /// The environment variable that names the file.
 pub const FILE_VARIABLE: &str = "ECMSK_TOLD";
 
-/// How many facts may wait to be written. \[OURS]
+/// Most facts that may wait to be written. \[OURS]
 const QUEUE_LEN: usize = 1024;
-/// How often the queue is written. \[OURS]
+/// Interval at which the thread writes the queue. \[OURS]
 const PERIOD: Duration = Duration::from_millis(100);
-/// Counts that change all the time are written at intervals of this fraction of the run, so that the file of a program that
-/// runs for weeks stays small and the counts of a killed program are nearly those of its end. \[OURS]
+/// The counts are written at intervals of this fraction (1/64) of the run time so far. So the file of a program that
+/// runs for weeks stays small, and the counts of a killed program are almost up to date. \[OURS]
 const COUNTS_PERIOD_FRACTION: u32 = 64;
 /// The longest interval at which counts are written. \[OURS]
 const COUNTS_PERIOD_MAX: Duration = Duration::from_secs(10);
 
-/// An entry of the queue.
+/// A fact in the queue.
 enum Fact {
     Line(Line),
     /// A message of the log.
     Message(String),
 }
 
-/// Writes what happens in this process for the tool.
+/// Writes what happens in this process to the file that the tool reads.
 pub struct SummaryWriter {
     queue: SyncSender<Fact>,
     dropped: AtomicU64,
@@ -49,10 +49,10 @@ pub struct SummaryWriter {
 struct WriterState {
     facts: Receiver<Fact>,
     file: Box<dyn Write + Send>,
-    /// By the text of a log message without its figures.
+    /// The kinds of log messages, by their text with `#` for each number.
     messages: BTreeMap<String, Message>,
     boards: Vec<WatchedBoard>,
-    /// How many boards the process has opened.
+    /// The number of boards that the process has opened.
     boards_opened: u32,
     /// The thread that writes the queue; it runs while a board is open.
     thread: Option<JoinHandle<()>>,
@@ -63,28 +63,28 @@ struct WriterState {
 
 /// A kind of log message.
 struct Message {
-    /// [`Line::Message`]'s number.
+    /// The id of the kind in [`Line::Message`].
     id: u32,
-    /// How many came.
+    /// The number of messages of this kind.
     times: u64,
-    /// How many of them the file tells of.
+    /// The number that was last written to the file.
     times_written: u64,
 }
 
-/// A link whose counts are told of.
+/// A link whose counts are written to the file.
 pub(super) trait Counted: Send + Sync {
-    /// The names and values of the counts so far.
+    /// The counts so far, with their names.
     fn counts(&self) -> Vec<(String, u64)>;
 
-    /// Whether the link was closed, after which its counts do not change.
+    /// Whether the link was closed. Its counts do not change after that.
     fn is_closed(&self) -> bool;
 }
 
-/// A board that is open.
+/// An open board whose counts are written to the file.
 struct WatchedBoard {
     number: u32,
     link: Weak<dyn Counted>,
-    /// The values of its counts in the file.
+    /// The counts as last written to the file.
     written: BTreeMap<String, u64>,
 }
 
@@ -98,7 +98,7 @@ pub fn of_process() -> Option<&'static SummaryWriter> {
     summary_writer.as_ref()
 }
 
-/// Opens the file, which has to exist and to be a regular file, since the tool has made it.
+/// Opens the file. It has to be an existing regular file, because the tool has created it.
 fn open(path: &Path) -> io::Result<File> {
     if !std::fs::symlink_metadata(path)?.is_file() {
         return Err(io::ErrorKind::InvalidInput.into());
@@ -124,12 +124,12 @@ impl SummaryWriter {
         Self { queue, dropped: AtomicU64::new(0), state: Mutex::new(state) }
     }
 
-    /// Queues a line. Never waits.
+    /// Queues a line without waiting; drops it if the queue is full.
     pub fn queue_line(&self, line: Line) {
         self.put(Fact::Line(line));
     }
 
-    /// Queues a message of the log. Never waits.
+    /// Queues a message of the log without waiting; drops it if the queue is full.
     pub fn queue_message(&self, text: String) {
         self.put(Fact::Message(text));
     }
@@ -140,19 +140,19 @@ impl SummaryWriter {
         }
     }
 
-    /// A board was opened, whose counts are told of from now on.
+    /// Adds a board that was just opened. Its counts are written from now on.
     pub(super) fn add_board(&'static self, link: Weak<dyn Counted>) {
         let mut state = self.state();
         let number = state.boards_opened;
         state.boards_opened += 1;
         state.boards.push(WatchedBoard { number, link, written: BTreeMap::new() });
         if state.thread.is_none() {
-            // If the system gives no thread the queue is written when the board is closed.
+            // If the system provides no thread, the queue is written only when the board is closed.
             state.thread = threads::spawn("ecmsk-tell", || self.run()).ok();
         }
     }
 
-    /// The body of the thread.
+    /// The main loop of the thread.
     fn run(&self) {
         while self.write() {
             std::thread::park_timeout(PERIOD);
@@ -183,7 +183,7 @@ impl SummaryWriter {
         };
         if let Some(thread) = thread {
             thread.thread().unpark();
-            // A panic of the thread was logged when it happened.
+            // If the thread panicked, that was logged at the time.
             let _ = thread.join();
         }
     }
@@ -196,7 +196,7 @@ impl SummaryWriter {
 impl WriterState {
     fn write(&mut self, dropped: u64, with_counts: bool) {
         let mut lines = String::new();
-        // Processes that the program starts write to the same file.
+        // Child processes of the program write to the same file, so each line begins with the process id.
         let process = std::process::id();
         let mut add = |line: &Line| lines.push_str(&format!("{process} {line}\n"));
         while let Ok(fact) = self.facts.try_recv() {
@@ -236,13 +236,14 @@ impl WriterState {
                 add(&Line::Dropped(dropped + self.dropped));
             }
         }
-        // An error means that the tool has ended or its disk is full, and nobody is left to report that to. All lines go into
-        // one write, so that lines of several processes do not mix.
+        // An error means that the tool has ended or its disk is full, so the error cannot be reported to anyone. All
+        // lines go into one write, so that the lines of several processes do not mix.
         let _ = self.file.write_all(lines.as_bytes());
     }
 }
 
-/// The text with `#` for each number, also a hexadecimal one, so that messages which differ only in their figures are equal.
+/// Replaces each number, also a hexadecimal one, by `#`, so that messages which differ only in their numbers become
+/// equal.
 fn without_figures(text: &str) -> String {
     let mut short = String::with_capacity(text.len());
     for word in text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()) {
@@ -282,7 +283,7 @@ mod tests {
         text.lines().map(|line| Line::parse(line.strip_prefix(&own).unwrap()).unwrap()).collect()
     }
 
-    /// What is said again with other figures is told once, and then how often.
+    /// Messages that differ only in their numbers are written once, followed by their count.
     #[test]
     fn the_same_is_told_once() {
         let file = Shared::default();
@@ -302,7 +303,8 @@ mod tests {
         assert_eq!(told(&file), expected);
     }
 
-    /// Nobody waits for room: what finds none is counted, and so is the kind of text beyond what is kept.
+    /// Queueing never waits: facts that find the queue full are counted, and so are messages beyond the most kinds that
+    /// are kept.
     #[test]
     fn a_full_queue_drops_and_counts() {
         let file = Shared::default();
@@ -313,7 +315,7 @@ mod tests {
         summary_writer.write_all();
         assert_eq!(told(&file).last(), Some(&Line::Dropped(10)));
         for n in 0..300_u32 {
-            // No figures: each is a text of its own.
+            // A name of letters alone, so that each message is a kind of its own.
             let name: String = n.to_string().chars().map(|c| char::from(b'a' + c as u8 - b'0')).collect();
             summary_writer.queue_message(name);
         }

@@ -1,6 +1,6 @@
 //! The board of a verb: the options that every verb with a board has, and what is shared by those verbs. `session.rs`
 //! is the open board; `bring_up.rs`, `adopted.rs` and `interruptible.rs` are its long calls: bringing the network up,
-//! checking one that was found running, and waiting so that Ctrl-C ends the wait. `network.rs`, `slaves.rs` and
+//! checking a network that is already running, and waiting with Ctrl-C as an end. `network.rs`, `slaves.rs` and
 //! `number.rs` read options and operands; `reporter.rs` prints results and progress, `question/` asks at a terminal,
 //! `error.rs` has the errors, `interrupt.rs` the signals.
 
@@ -133,8 +133,8 @@ impl Args {
         }
     }
 
-    /// The network as the options or the link describe it; `known` is what the server of the link knows. `None` if
-    /// nobody knows it.
+    /// The configuration of the network, from the options or the link; `known` is what the server of the link knows.
+    /// `None` if the network is not known.
     pub fn network(&self, uri: &LinkUri, known: Option<&KnownNetwork>) -> Option<Config> {
         let network = self.slaves.clone().or_else(|| Network::of_link(uri));
         let network = network.or_else(|| Network::parse(&known?.slaves).ok())?;
@@ -142,7 +142,7 @@ impl Args {
         Some(network.config(self.cycle_us, self.lead_limit, scales.as_ref()))
     }
 
-    /// The units that the options of this command give, not those that a server knows.
+    /// The units from the options of this command, without those that a server knows.
     pub const fn scales(&self) -> Option<&Scales> {
         self.counts_per_unit.as_ref()
     }

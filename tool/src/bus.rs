@@ -1,8 +1,8 @@
-//! `ecmsk bus`: the usual look at a network, with whatever is the master of it.
+//! `ecmsk bus`: looks at a network, over our own master or a chip.
 //!
 //! - `session.rs`: the network of a verb
 //! - `scan.rs`, `sdo.rs`, `sii.rs`, `foe.rs`, `dc.rs`, `errors.rs`: one verb each; `contents.rs`: an EEPROM in words
-//! - `words.rs`: states, ports and identities in words; `file.rs`: files of this machine
+//! - `words.rs`: states, ports and identities as text; `file.rs`: files of this machine
 //! - `error.rs`: why a verb failed
 
 mod contents;

@@ -96,7 +96,7 @@ pub struct How {
 }
 
 impl How {
-    /// What counts as equal.
+    /// The options of the comparison.
     pub fn options(&self) -> Options {
         Options {
             tolerance_counts: self.tolerance,
@@ -119,7 +119,7 @@ pub struct Names {
     pub plot: Option<PathBuf>,
 }
 
-/// Why nothing was compared.
+/// Why the recordings were not compared.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareVerbError {
     /// See [`CompareError`].
@@ -128,10 +128,10 @@ pub enum CompareVerbError {
     /// See [`PlotError`].
     #[error(transparent)]
     Plot(#[from] PlotError),
-    /// Standard input is named, but recordings are read more than once.
+    /// Standard input cannot be compared, because a recording is read more than once.
     #[error("standard input cannot be compared, it can be read only once; save it to a file and name that")]
     Stdin,
-    /// More devices are named than there are captures.
+    /// More devices are named than captures are compared.
     #[error("--device names {found} devices for two captures; name one for A and one for B, as 1.5,1.6")]
     TooManyDevices {
         /// The number of devices named.
@@ -190,12 +190,13 @@ pub fn run(args: &Args) -> Result<ExitCode, CompareVerbError> {
     print(text, names.code(&found, &options))
 }
 
-/// The largest tolerance that is proposed, in counts. \[OURS] What is further apart is no noise of a measurement.
+/// \[OURS] The largest tolerance that is proposed, in counts. A larger difference is no noise of a measurement.
 const PROPOSED_COUNTS_MAX: u32 = 1000;
-/// How often the recordings are compared once more to find it. \[OURS]
+/// \[OURS] Most additional comparisons to find a tolerance.
 const PROPOSALS_MAX: usize = 8;
 
-/// The tolerance with which the recordings are equal, if positions alone differ, and not by much.
+/// The tolerance with which the recordings are equal; `None` if other values than positions differ, or if positions
+/// differ by too much.
 fn settling_tolerance(args: &Args, options: &Options, found: &Comparison) -> Result<Option<u32>, CompareVerbError> {
     if found.is_equal() {
         return Ok(None);
@@ -242,7 +243,7 @@ pub fn print(text: String, code: u8) -> Result<ExitCode, CompareVerbError> {
     Ok(ExitCode::from(code))
 }
 
-/// Both recordings.
+/// Both recordings as runs.
 struct Runs {
     a: RecordedRun,
     b: RecordedRun,
@@ -286,7 +287,7 @@ pub fn tell(name: &str, source: &RecordedRun) -> Result<Option<String>, CompareE
     Ok(lacks)
 }
 
-/// The picture of two runs.
+/// Draws the picture of two runs.
 pub fn draw<A, B>(
     mut a: Steps<A>,
     mut b: Steps<B>,

@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(if is_wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// The findings about this machine; `None` if the options ask for something else, which is then done.
+/// The findings about this machine; `None` if the options request something else, which is done then.
 fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     if system::is_done(&args.system)? {
         return Ok(None);
@@ -137,7 +137,7 @@ fn machine(args: &Args) -> Result<Option<Vec<Finding>>, CliError> {
     Ok(Some(findings))
 }
 
-/// What is printed of a program's folder, as text without colours and as JSON.
+/// The output for a program's folder, as text without colours and as JSON.
 ///
 /// # Errors
 /// [`FolderError`]

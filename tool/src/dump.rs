@@ -134,40 +134,40 @@ pub enum DumpError {
     /// Standard input cannot be read.
     #[error("cannot read standard input: {0}; give it lines of hexadecimal digits")]
     Input(io::Error),
-    /// The bytes of a file that is no recording of a chip.
+    /// The bytes of a file that is no recording of an ECM-XF.
     #[error(
         "{name} is no recording of a chip, and --hex reads frames from standard input: leave out --hex, or the file"
     )]
     HexOfBoard {
-        /// The file.
+        /// The name of the file.
         name: String,
     },
     /// A line is no frame.
     #[error("line {line}: {problem}; put `#` before what is no frame")]
     Line {
-        /// Its number, from 1.
+        /// The number of the line, from 1.
         line: u64,
-        /// What is wrong with it.
+        /// What is wrong with the line.
         problem: HexError,
     },
     /// A line is too long.
     #[error("line {line} is longer than {LINE_BYTES_MAX} bytes; give one frame a line, as hexadecimal digits")]
     LongLine {
-        /// Its number, from 1.
+        /// The number of the line, from 1.
         line: u64,
     },
     /// The frame is too short for the slot size.
     #[error("line {line}: {len} bytes are no frame of 16-byte slots, which has 512; leave out --slot-size 16")]
     TooShort {
-        /// Its number, from 1.
+        /// The number of the line, from 1.
         line: u64,
-        /// Bytes on the line.
+        /// The bytes on the line.
         len: usize,
     },
     /// The frames have no such slot.
     #[error("a frame of {}-byte slots has no slot {slot}; name slots from 0 to {}", .size.bytes(), .size.sdo_slot())]
     NoSlot {
-        /// The slot that was asked for.
+        /// The requested slot.
         slot: usize,
         /// The frames' slot size.
         size: SlotSize,
@@ -178,7 +178,7 @@ pub enum DumpError {
 /// between blanks, and a long comment. \[OURS]
 const LINE_BYTES_MAX: u64 = 64 * 1024;
 
-/// Shows the frames.
+/// Prints the frames or packets of the input.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let frames = match &args.file {
         None => None,
@@ -274,10 +274,10 @@ fn dump_hex(args: &Args, printer: &mut Printer) -> Result<(), CliError> {
     Ok(())
 }
 
-/// The source of frames. The text has a heading for each.
+/// The source of frames. The text output has a heading for each.
 #[derive(PartialEq, Eq)]
 struct Section {
-    /// Bus and device.
+    /// The bus and device number of the board.
     board: (u16, u8),
     meta: Option<Rc<RecordMeta>>,
 }
@@ -292,7 +292,7 @@ struct Printer {
     direction: Option<Dir>,
     /// The firmware that the user has given.
     firmware: Option<Firmware>,
-    /// How many frames were read, and how many of them were printed.
+    /// The number of frames read, and of frames printed.
     frames: u64,
     printed: u64,
 }
@@ -352,7 +352,7 @@ impl Printer {
         Ok(())
     }
 
-    /// Prints a packet of a chip, which has no slots to choose from.
+    /// Prints a packet of an ECM-XF, which has no slots to filter by.
     fn packet(&mut self, line: u64, bytes: Vec<u8>, told: Option<Dir>) -> Result<(), CliError> {
         self.frames += 1;
         let dir = told.unwrap_or_else(|| packets::guessed(&bytes));
@@ -376,7 +376,7 @@ impl Printer {
 }
 
 impl Args {
-    /// The slots of `--slots`, and of `--slot`, its former name.
+    /// The slots of `--slots`, and of its former name `--slot`.
     fn slots(&self) -> Vec<Slots> {
         if !self.slot.is_empty() {
             slot_size::hint("--slot", "--slots");
@@ -386,8 +386,8 @@ impl Args {
     }
 }
 
-/// The value of `--slot`, which named slots here and the slot size in other verbs; it is accepted where it can only
-/// be slots.
+/// The value of `--slot`, which named slots in this verb and the slot size in other verbs. It is accepted only if it
+/// cannot be a slot size.
 #[derive(Clone, Debug)]
 struct OldSlots(Vec<Slots>);
 

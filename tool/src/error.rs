@@ -56,7 +56,7 @@ pub enum CliError {
     /// See [`super::exec::ExecError`].
     #[error(transparent)]
     Exec(#[from] super::exec::ExecError),
-    /// No board to serve is named.
+    /// The command line names no board to serve.
     #[error(
         "no board to serve was named: no --link, {} is not set, there is no {}; give one, e.g. --link 'sim:?slaves=drive*2', see \
          `ecmsk link help`",
@@ -116,7 +116,7 @@ impl CliError {
             Self::Board(error) => error.code(),
             Self::Bus(error) => error.code(),
             Self::Xf(error) => error.code(),
-            // The command line asks for something that is refused.
+            // The command line requests something that is refused.
             Self::NothingToServe
             | Self::Usbip(ecmsk::port::usbip::ServeError::NeedsTunnel { .. })
             | Self::ServeXf(ecmsk::port::xf::ServeError::NeedsTunnel { .. }) => super::WRONG_COMMAND_LINE,
@@ -126,8 +126,8 @@ impl CliError {
     }
 }
 
-/// Whether the command line asks for JSON. It may be invalid, in which case the error is printed as JSON as well.
-/// Options behind `--`, and for `exec` behind the program, are not those of the tool.
+/// Whether the command line requests JSON. If the command line is invalid, the error is then printed as JSON too.
+/// Options after `--`, and for `exec` after the program, are not those of the tool.
 fn wants_json() -> bool {
     let mut words = std::env::args_os().skip(1).peekable();
     let is_exec = words.peek().is_some_and(|verb| verb == "exec");
@@ -139,7 +139,7 @@ fn failed_in_json(error: &str, code: u8) {
     super::stderr::line(&serde_json::json!({"error": error, "exit_code": code}).to_string());
 }
 
-/// What is looked for under a name that it does not have here: what was written, and what there is.
+/// Names that users may try and that this tool does not have: the name, and what to use instead.
 const ELSEWHERE: &[(&str, &str)] = &[
     ("alarm", ALARMS),
     ("alarms", ALARMS),
@@ -154,8 +154,8 @@ const ELSEWHERE: &[(&str, &str)] = &[
 ];
 const ALARMS: &str = "`ecmsk info` and `ecmsk monitor` show alarms, `ecmsk servo clear` resets them";
 
-/// Ends the process because of a command line that is wrong, or that asks for help or the version. A word that is no verb, where
-/// there are some, is answered with those that there are.
+/// Ends the process because the command line is wrong, or requests help or the version. For an unknown verb the error
+/// lists the existing ones.
 pub fn wrong_command_line(mut error: clap::Error) -> ! {
     use clap::error::{ContextKind, ContextValue, ErrorKind};
 
@@ -178,7 +178,7 @@ pub fn wrong_command_line(mut error: clap::Error) -> ! {
     error.exit()
 }
 
-/// The verb of which a command line asks for one that there is not, and those that it has.
+/// The last known verb of a command line, and the verbs below it; `None` if it has none.
 fn verbs_there(words: impl Iterator<Item = std::ffi::OsString>) -> Option<(String, String)> {
     let tool = <super::Cli as clap::CommandFactory>::command();
     let (mut at, mut name) = (&tool, tool.get_name().to_owned());

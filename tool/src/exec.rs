@@ -75,29 +75,29 @@ pub struct Args {
     program: Vec<OsString>,
 }
 
-/// Why a program was not run.
+/// Why the program was not run.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
-    /// The library is neither where the option says nor in the usual folders.
+    /// The library is neither in the place of the option nor in the usual folders.
     #[error(
         "no {} in {}; build it with `cargo build -p NEXTWUSBLib`, or name it with --library", library::FILE_NAME, list(.looked_in)
     )]
     NoLibrary {
-        /// The folders.
+        /// The folders that were searched.
         looked_in: Vec<PathBuf>,
     },
     /// The file is not a shared library that the dynamic linker accepts.
     #[error("{} is no shared library ({reason}); name the {} of this build with --library", .file.display(), library::FILE_NAME)]
     NotALibrary {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// What is wrong with it.
         reason: String,
     },
-    /// The private folder could not be made.
+    /// The private folder could not be created.
     #[error("cannot make a folder for the library in {}: {source}; set TMPDIR to a folder that takes files", .place.display())]
     Folder {
-        /// The folder in which it was to be made.
+        /// The parent folder.
         place: PathBuf,
         /// The error of the operating system.
         source: io::Error,
@@ -123,7 +123,7 @@ pub enum ExecError {
     /// This build cannot open the link.
     #[error("link `{link}` is not in this build; {}", .link.scheme().instead())]
     NotInBuild {
-        /// The link.
+        /// The link that was to be opened.
         link: LinkUri,
     },
     /// See [`record_option::RecordError`].
@@ -138,17 +138,17 @@ pub enum ExecError {
     /// The program does not exist.
     #[error("{}: not found; {}", .program.display(), not_found_hint(.program))]
     NotFound {
-        /// The path as it was given.
+        /// The path as the user gave it.
         program: PathBuf,
     },
-    /// The program exists and cannot be started.
+    /// The program exists but cannot be started.
     #[error("{}: {source}; {hint}", .program.display())]
     NotExecutable {
-        /// The path as it was given.
+        /// The path as the user gave it.
         program: PathBuf,
         /// The error of the operating system.
         source: io::Error,
-        /// What to do.
+        /// The next step.
         hint: String,
     },
     /// Another call of the operating system failed.
@@ -186,7 +186,7 @@ impl Args {
 
 /// Runs the program to its end.
 pub fn run(args: &Args) -> Result<ExitCode, ExecError> {
-    // clap requires at least one.
+    // clap requires at least one word.
     let Some((program, arguments)) = args.program.split_first() else { unreachable!("PROGRAM is required") };
     let file = library::find(args.library.as_deref(), Some(Path::new(program)))?;
     let link = link::for_program(args.link.as_ref(), args.record.as_deref(), Path::new(program), &file)?;

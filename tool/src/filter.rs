@@ -3,7 +3,7 @@
 use ecmsk::sk::dump::{MAX_SLAVES, SlotLine, SlotRole};
 use ecmsk::sk::{CommandId, MASTER_CYCLIC, SlotSize};
 
-/// The word for 0xBF, the id of slot 0 in responses in OP, which does not tell which command it answers.
+/// The word for 0xBF, the id of slot 0 in OP. It does not show which command the response answers.
 const CYCLIC: &str = "CYCLIC";
 /// The highest slot number in frames of either size.
 const LAST_SLOT: u8 = SlotSize::Bytes12.sdo_slot() as u8;
@@ -169,7 +169,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
-    /// Slots are numbers, ranges and two words; where `sdo` is depends on the slot size.
+    /// Slots are numbers, ranges and two words; the slot of `sdo` depends on the slot size.
     #[test]
     fn slots_are_numbers_ranges_and_two_words() {
         assert_eq!(Slots::parse("3-5"), Ok(Slots::Range(3, 5)));
@@ -200,8 +200,7 @@ mod tests {
         assert!(Command::parse("SDO_READ").expect_err("no name").contains("SDO_RD"));
     }
 
-    /// A time that is written as a decimal number matches exactly that nanosecond, although floating-point numbers
-    /// are inexact.
+    /// A time written as a decimal number matches exactly its nanosecond, although floating-point numbers are inexact.
     #[test]
     fn a_time_that_is_written_down_matches_that_nanosecond_exactly() {
         for (text, ns) in [("1.204", 1_204_000_000), ("1.204s", 1_204_000_000), ("500ms", 500_000_000), ("-3us", -3000)]

@@ -1,5 +1,4 @@
-//! The functions that the fuzz targets of `fuzz/` call: what verbs make of the files that they read, without printing
-//! it.
+//! The functions that the fuzz targets of `fuzz/` call: verbs on the content of files, without output.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -21,7 +20,7 @@ fn args<T: clap::Args>(words: impl IntoIterator<Item = impl Into<OsString> + Clo
     Words::try_parse_from(words).map(|Words { args }| args).map_err(|error| error.to_string())
 }
 
-/// The picture that `ecmsk plot` draws with these words, in the format of `-o`; no file is written.
+/// Draws the picture of `ecmsk plot` with these words, in the format of `-o`; writes no file.
 ///
 /// # Errors
 /// The errors of `ecmsk plot`.
@@ -29,7 +28,7 @@ pub fn plot(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Res
     plot::picture(&args(words)?).map_err(|error| error.to_string())
 }
 
-/// What `ecmsk objects from-esi` prints of an ESI file that holds this text.
+/// The output of `ecmsk objects from-esi` for an ESI file with this text.
 ///
 /// # Errors
 /// The file has no objects.
@@ -37,7 +36,7 @@ pub fn objects(text: &str, device: Option<&str>) -> Result<String, String> {
     objects::converted(text.as_bytes(), Path::new("any"), device).map_err(|error| error.to_string())
 }
 
-/// What `ecmsk doctor FOLDER` prints, and what it prints with `--json`.
+/// The output of `ecmsk doctor FOLDER`, without and with `--json`.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -45,7 +44,7 @@ pub fn doctor(folder: &Path) -> Result<[String; 2], String> {
     doctor::of_folder(folder).map_err(|error| error.to_string())
 }
 
-/// The library that `ecmsk exec --library FILE` takes.
+/// The library that `ecmsk exec --library FILE` would use.
 ///
 /// # Errors
 /// The file is not a library.
@@ -53,8 +52,8 @@ pub fn library(file: &Path) -> Result<PathBuf, String> {
     exec::find_library(Some(file), None).map_err(|error| error.to_string())
 }
 
-/// Does what `ecmsk run` does with these words, the first one being the name of the script, and this text in it. Signals are
-/// not looked for.
+/// Runs `ecmsk run` with these words, the first of which is the name of the script, and with `text` as the script.
+/// Signals are not watched.
 ///
 /// # Errors
 /// The errors of `ecmsk run`.
@@ -62,7 +61,7 @@ pub fn script(text: &str, words: impl IntoIterator<Item = impl Into<OsString> + 
     script::play(text, &args(words)?, || Ok(Interrupt::default())).map_err(|error| error.to_string())
 }
 
-/// What Tab offers in `ecmsk shell` behind this text, and where the word begins that it would replace.
+/// The completions that Tab offers in `ecmsk shell` after `line`, and the position where the word to replace begins.
 pub fn complete(line: &str) -> (usize, Vec<String>) {
     shell::complete(line)
 }

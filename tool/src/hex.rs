@@ -1,4 +1,4 @@
-//! Bytes in hexadecimal.
+//! Bytes as hexadecimal digits.
 
 use std::fmt::Write;
 

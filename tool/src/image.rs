@@ -1,5 +1,4 @@
-//! Reads programs and libraries of Windows. Nothing of them is run, and the machine that reads them may be another
-//! one.
+//! Reads programs and libraries of Windows. No code of them is run, and the tool may run on another system.
 //!
 //! Source: the PE format of Windows' documentation; ECMA-335 II.25.3.3 for the CLI header.
 
@@ -23,7 +22,7 @@ use object::read::{Error as Unreadable, ReadRef};
 const FILE_BYTES_MAX: u64 = 256 << 20;
 /// The type of a version resource (`RT_VERSION`).
 const VERSION: u16 = 16;
-/// \[OURS] How many exported functions and imported libraries are read.
+/// \[OURS] Most exported functions and imported libraries that are read.
 const NAMES_MAX: usize = 10_000;
 
 /// The processor for which a file is made.
@@ -62,7 +61,7 @@ impl fmt::Display for Width {
 /// The width that the CLI header of a .NET program asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Managed {
-    /// Any CPU.
+    /// Any processor.
     Any,
     /// Any CPU, with a preference for 32 bits.
     Prefers32,

@@ -13,7 +13,7 @@ impl KindList {
         &self.0
     }
 
-    /// Parses a list of kinds. What other lists of slaves have behind a kind, a mode or a travel, is ignored.
+    /// Parses a list of kinds. A mode or a travel after a kind, as other lists of slaves have it, is ignored.
     ///
     /// # Errors
     /// The text is invalid; the error says what is wrong and what is allowed.
@@ -21,7 +21,7 @@ impl KindList {
         slaves::parse_declared(text, |kind, _| Ok(kind)).map(Self)
     }
 
-    /// The help of such an option, which begins and ends with these words.
+    /// The help of an option with kinds, between the words `begin` and `end`.
     pub fn help(begin: &str, end: &str) -> String {
         format!("{begin}, e.g. drive*2,io; of {}{end}", slaves::declared_words())
     }

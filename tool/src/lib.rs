@@ -6,19 +6,20 @@
 //!
 //! - `lib.rs`: every verb with its arguments (`Verb`), exit codes
 //! - `exec.rs`: `ecmsk exec`, with `exec/` for the library, the link and the signals of the program
-//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with a folder of
-//!   its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds of slaves
-//! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs`
-//!   run several of them; `board.rs` is what they share
-//! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`: one verb
-//!   each; `image.rs` reads Windows programs for `doctor` and `exec`
-//! - `bus.rs`: `ecmsk bus`, the look at any network, one file each verb in `bus/`
-//! - `xf.rs`: `ecmsk xf`, the verbs that talk to a chip ECM-XF, one file each in `xf/`
-//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`; `recording_end.rs`
-//!   looks whether a recording is whole
+//! - `dump.rs`, `plot.rs`, `compare.rs`, `replay.rs`, `summary.rs`, `migrate.rs`: verbs that show recordings, each with
+//!   a folder of its parts; `recording.rs`, `filter.rs`, `kinds.rs` read a recording, leave frames out, and name kinds
+//!   of slaves
+//! - `step.rs`: the verbs that talk to a board (`info`, `move` and others), in `step/`; `script.rs` and `shell.rs` run
+//!   several of them; `board.rs` is what they share
+//! - `monitor.rs`, `serve.rs`, `link.rs`, `objects.rs`, `slave.rs`, `list.rs`, `doctor.rs`, `completions.rs`, `man.rs`:
+//!   one verb each; `image.rs` reads Windows programs for `doctor` and `exec`
+//! - `bus.rs`: `ecmsk bus`, the look at any network, one file for each verb in `bus/`
+//! - `xf.rs`: `ecmsk xf`, the verbs that talk to an ECM-XF, one file each in `xf/`
+//! - `link_option.rs`, `record_option.rs`, `slot_size.rs`: the options `--link`, `--record` and `--slot-size`;
+//!   `recording_end.rs` checks whether a recording is complete
 //! - `transfer.rs`, `hex.rs`: objects and bytes, as `bus` and `xf` take and show them
-//! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`, `visible.rs`, `signals/`: errors, standard output and error, and how
-//!   nobody waits for their readers, control characters, Ctrl-C
+//! - `error.rs`, `output.rs`, `stderr.rs`, `streams.rs`, `visible.rs`, `signals/`: errors, standard output and standard
+//!   error without waits for their readers, control characters, Ctrl-C
 //! - `fuzzed.rs`: what `fuzz/` calls
 
 mod board;

@@ -1,4 +1,4 @@
-//! Which board a verb talks to: that of `--link`, or else the one that the library would find.
+//! The board that a verb talks to: that of `--link`, otherwise the one that the library would open.
 
 use std::path::PathBuf;
 
@@ -12,22 +12,22 @@ use super::stderr::say;
 pub struct ChosenLink {
     /// The link to the board.
     pub uri: LinkUri,
-    /// Where a link was looked for, if nobody has named one.
+    /// The places that were searched for a link; `None` if one names the board.
     looked: Option<String>,
 }
 
-/// Why it is not known which board is meant.
+/// Why the board of a verb is not known.
 #[derive(Debug, thiserror::Error)]
 pub enum ChoiceError {
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The link that is named is invalid.
+    /// The given link is invalid.
     #[error(transparent)]
     Link(#[from] LinkError),
 }
 
-/// Nobody has named a board, and the default link does not open.
+/// No board is named, and the default link does not open.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "no link was given: no --link, {LINK_VARIABLE} is not set, there is no {looked}; and the default does not open: {error}; to \
@@ -40,7 +40,7 @@ pub struct Unnamed {
 }
 
 impl ChosenLink {
-    /// The board of the option `link`, or else of the environment or a configuration file.
+    /// The board of the option `link`, otherwise of the environment or a configuration file.
     ///
     /// # Errors
     /// `ECMSK_LINK` or `ecmsk.toml` is invalid.
@@ -58,25 +58,25 @@ impl ChosenLink {
         Ok(Self { uri, looked: (configured.source == Source::Default).then(files) })
     }
 
-    /// Whether somebody has named the board, so that it is not the default.
+    /// Whether the user has named the board, so that the link is not the default.
     pub const fn is_named(&self) -> bool {
         self.looked.is_none()
     }
 
-    /// The error for a default link that does not open; `None` if somebody named the board, because `error` says
+    /// The error for a default link that does not open; `None` if the user has named the board, since `error` says
     /// everything then.
     pub fn if_unnamed(&self, error: &LinkError) -> Option<Unnamed> {
         self.looked.clone().map(|looked| Unnamed { looked, error: Box::new(error.clone()) })
     }
 }
 
-/// Where the tool looks for its link: as the library does, and in its working directory.
+/// The places where the tool searches for its link: those of the library, and its working directory.
 pub fn environment() -> Environment {
     Environment { working_dir: working_dir(), ..Environment::from_process(None) }
 }
 
-/// The working directory, if its `ecmsk.toml` belongs to this user or to root. A link may create and read files, and
-/// anybody who may write to a folder such as `/tmp` could name one. \[OURS]
+/// The working directory, if its `ecmsk.toml` belongs to this user or to root. A link may create and read files, and in
+/// a folder such as `/tmp` anyone could write one. \[OURS]
 fn working_dir() -> Option<PathBuf> {
     let folder = std::env::current_dir().ok()?;
     #[cfg(unix)]

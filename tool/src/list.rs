@@ -40,17 +40,17 @@ pub struct Args {
 /// One device of the list.
 struct Row {
     scheme: Scheme,
-    /// The link to it; `None` for another device with the board's vendor and product id.
+    /// The link to the device; `None` for another device with the board's vendor and product id.
     link: Option<String>,
-    /// Its name in the text.
+    /// The name of the device in the text.
     what: String,
-    /// Why it cannot be opened, or why it is no board.
+    /// Why the device cannot be opened, or why it is no board.
     obstacle: Option<String>,
-    /// What is wrong with a board that can be opened.
+    /// Problems of a board that can be opened.
     but: Vec<String>,
-    /// What to do about it.
+    /// The next steps.
     next: Vec<String>,
-    /// Further fields of its JSON object.
+    /// Further fields of the JSON object.
     facts: Value,
 }
 

@@ -32,7 +32,7 @@ pub enum ManError {
     /// There is no such verb.
     #[error("there is no verb `{verb}`; `ecmsk --help` lists the verbs there are")]
     NoVerb {
-        /// The verb that was asked for.
+        /// The requested verb.
         verb: String,
     },
     /// The folder cannot be written to.
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), CliError> {
     Ok(output::print(page(command)?)?)
 }
 
-/// The command and all its subcommands.
+/// A command and all its subcommands.
 fn commands(command: &Command) -> Vec<Command> {
     let below = command.get_subcommands().filter(|verb| !verb.is_hide_set()).flat_map(commands);
     [command.clone()].into_iter().chain(below).collect()

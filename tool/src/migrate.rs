@@ -23,7 +23,7 @@ use super::stderr::say;
 use super::{output, recording, slot_size};
 use picture::Picture;
 
-/// Exit code for a program that runs with differences, or not.
+/// Exit code for a program that runs with differences, or does not run.
 const DIFFERENT: u8 = 1;
 /// The clocks of SPI that `speed=` of `xf-spi:` takes, in Hz.
 const SPEEDS: std::ops::RangeInclusive<u32> = 100_000..=96_000_000;
@@ -73,7 +73,7 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Why nothing was said.
+/// Why there is no result.
 #[derive(Debug, thiserror::Error)]
 pub enum MigrateVerbError {
     /// See [`CompareError`].
@@ -88,7 +88,7 @@ pub enum MigrateVerbError {
     /// The picture has nothing to show.
     #[error("{} never reaches OP: there is nothing to plot; leave --plot out, or record a program that moves", .file.display())]
     NothingToPlot {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
     },
     /// Standard output cannot be written to.
@@ -96,7 +96,7 @@ pub enum MigrateVerbError {
     Output(io::Error),
 }
 
-/// What is shown: the result, and what is known of the recording beside it.
+/// The result, and what is known of the recording besides.
 struct Report<'a> {
     file: &'a Path,
     found: &'a Migration,
@@ -105,12 +105,12 @@ struct Report<'a> {
     /// Whether the program was recorded with its slaves behind a chip.
     is_behind_chip: bool,
     clock: Clock,
-    /// Why the recording is not the whole run.
+    /// Why the recording is not the whole run; `None` if it is.
     lacks: Option<String>,
     plot: Option<&'a Path>,
 }
 
-/// Looks at the recording; returns the exit code.
+/// Reads the recording and prints the result; returns the exit code.
 pub fn run(args: &Args) -> Result<ExitCode, MigrateVerbError> {
     if args.file == Path::new("-") {
         return Err(MigrateVerbError::Stdin);
@@ -174,7 +174,7 @@ fn draw(args: &Args, report: &Report) -> Result<plot::Sheet, MigrateVerbError> {
 }
 
 impl Report<'_> {
-    /// `yes`, `differs` or `no`: the worst of all verdicts.
+    /// The worst of all verdicts: `yes`, `differs` or `no`.
     fn runs(&self) -> &'static str {
         let words: Vec<_> = self.found.verdicts().map(Verdict::word).collect();
         ["no", "differs"].into_iter().find(|word| words.contains(word)).unwrap_or("yes")
@@ -190,7 +190,7 @@ impl Report<'_> {
     }
 }
 
-/// A clock in Hz, with `k` or `M`.
+/// Parses a clock in Hz, with `k` or `M`.
 fn parse_speed(text: &str) -> Result<u32, String> {
     let (digits, factor) = match text.as_bytes().last() {
         Some(b'M') => (&text[..text.len() - 1], 1_000_000),

@@ -101,7 +101,7 @@ pub enum MonitorError {
     /// No link is named, and the default does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
-    /// The board cannot be opened, or is gone.
+    /// The board cannot be opened, or was lost.
     #[error(transparent)]
     Board(#[from] EcmError),
     /// See [`RecordError`].
@@ -110,7 +110,7 @@ pub enum MonitorError {
     /// The recording has no report.
     #[error("{} holds no report; record a program that reads", .file.display())]
     NoReport {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
     },
     /// Standard output is no terminal.
@@ -137,7 +137,7 @@ impl Args {
     }
 }
 
-/// Runs the monitor; returns the exit code, which also says whether what it has recorded is whole.
+/// Runs the monitor. The exit code also says whether its recording is complete.
 pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     let code = show(args)?;
     if code != ExitCode::SUCCESS || args.recording.is_some() {
@@ -158,7 +158,7 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
         };
     }
     if let Some(file) = &args.recording {
-        // A missing recording is told before a standard output that is no terminal.
+        // A missing recording is reported before an unsuitable standard output.
         drop(Frames::open(file, args.size(), None)?);
     }
     if !io::stdout().is_terminal() {
@@ -172,7 +172,7 @@ fn show(args: &Args) -> Result<ExitCode, CliError> {
 /// Shows a board in every interval.
 fn look(args: &Args) -> Result<ExitCode, CliError> {
     let feed = feed(args)?;
-    // The first view is dropped: rates count from it.
+    // The first view is dropped, since rates are relative to the view before.
     drop(feed.view());
     let began = Instant::now();
     let mut next = began;
@@ -262,7 +262,7 @@ fn kinds(args: &Args, uri: Option<&LinkUri>) -> Option<Vec<SlaveKind>> {
     Some(SimOptions::from_uri(uri).ok()?.slaves.into_iter().map(|slave| slave.model.kind()).collect())
 }
 
-/// The shortest interval in seconds; people see no shorter changes. \[OURS]
+/// The shortest interval in seconds. Shorter changes cannot be seen. \[OURS]
 const INTERVAL_MIN_S: f64 = 0.01;
 
 fn interval(text: &str) -> Result<Duration, String> {

@@ -80,7 +80,7 @@ pub enum ObjectsError {
     Esi {
         /// The path of the file.
         file: PathBuf,
-        /// Why.
+        /// Why the file has no objects.
         error: esi::EsiError,
     },
     /// The board or the slave does not answer.

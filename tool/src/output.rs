@@ -1,4 +1,4 @@
-//! Standard output, buffered. Verbs during which axes move write it by [`streams`].
+//! Buffered standard output. Verbs during which axes move write it by [`streams`].
 
 use std::io::{self, BufWriter, StdoutLock, Write};
 
@@ -15,10 +15,12 @@ pub fn stdout() -> Out {
     Visible::new(BufWriter::with_capacity(64 * 1024, io::stdout().lock()))
 }
 
-/// Writes `text` and waits until it is written. A picture in pixels is no text and is written to [`io::stdout`] directly.
+/// Writes `text` and waits until it is written. A picture in pixels is no text and is written to [`io::stdout`]
+/// directly.
 ///
 /// # Errors
-/// It cannot be written; of a verb that talks to a board, [`io::ErrorKind::Interrupted`]: a signal came before it was.
+/// Standard output cannot be written. For a verb that talks to a board also [`io::ErrorKind::Interrupted`]: a signal
+/// arrived before the text was written.
 pub fn print(text: impl AsRef<[u8]>) -> io::Result<()> {
     print_bytes(&visible_bytes(text.as_ref()))
 }
@@ -32,10 +34,10 @@ pub fn print_coloured(text: &str) -> io::Result<()> {
     print_bytes(text.as_bytes())
 }
 
-/// As [`print()`], while axes move: waits for nothing.
+/// Like [`print()`], but does not wait, so that axes may move.
 ///
 /// # Errors
-/// What was told before could not be written.
+/// An earlier text could not be written.
 pub fn tell(text: impl AsRef<[u8]>) -> io::Result<()> {
     streams::check_output()?;
     let bytes = visible_bytes(text.as_ref());

@@ -1,16 +1,15 @@
-//! `ecmsk plot`: draws a recording: what was commanded and what the drives did.
+//! `ecmsk plot`: draws a recording, with the commands and the motion of the drives.
 //!
 //! Files:
 //!
 //! - `survey.rs`, `series.rs`: the first and the second reading of the recording
 //! - `execution.rs`: when the board executed each command
-//! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, bits of an IO
-//!   slave, velocities, the plane of two axes
+//! - `axis.rs`, `states.rs`, `lanes.rs`, `speed.rs`, `path.rs`: the lines of an axis, its states, bits of an IO slave,
+//!   velocities, the plane of two axes
 //! - `decimate.rs`: thins a line to the pixels of the picture
-//! - `chosen.rs`: which slaves and diagrams are shown
-//! - `beside.rs`: another recording that is drawn beside it
-//! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, which ones there are, how they look, and how they
-//!   are drawn
+//! - `chosen.rs`: selects the slaves and diagrams
+//! - `beside.rs`: another recording that is drawn for comparison
+//! - `panel.rs`, `layout.rs`, `style.rs`, `chart.rs`: the panels, their order, their style, and their drawing
 //! - `svg.rs`, `png.rs`, `file.rs`: the formats and the file of the picture
 //! - `error.rs`: why there is no plot
 
@@ -58,9 +57,9 @@ pub use file::{check, save};
 use series::{Series, Subject};
 use survey::Survey;
 
-/// How many axes a plot can show in different colours.
+/// Most axes that a plot can show in different colours.
 pub const MAX_AXES: usize = 8;
-/// To how many columns of pixels a line is thinned: the width of a diagram.
+/// The number of pixel columns to which a line is thinned: the width of a diagram.
 pub const COLUMNS: u32 = style::WIDTH - style::LEFT - style::RIGHT;
 
 /// Plot a recording as SVG or PNG: target and actual position, states, torque, IO and FIFO level over time
@@ -145,7 +144,7 @@ pub struct Args {
     device: Option<Address>,
 }
 
-/// Makes the plot.
+/// Draws the picture and writes its file.
 pub fn run(args: &Args) -> Result<(), CliError> {
     let output = args.output();
     let (sheet, damage) = sheet(args)?;
@@ -203,7 +202,7 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
     let window =
         op.cut(times).ok_or_else(|| PlotError::NothingInRange { asked: times.to_string(), op: op.to_string() })?;
     let panels = args.panels(&asked, &chosen, &survey, window, other.as_ref())?;
-    // The longer of both runs is seen to its end.
+    // The plot ends with the longer one of both runs.
     let shown = other.map_or(window, |other| window.with(other.window()));
     let stretch = [window.from_ns, window.to_ns].map(|at_ns| style::number(seconds(at_ns), 3)).join(" to ");
     let file = args.file.display();
@@ -215,15 +214,16 @@ fn sheet(args: &Args) -> Result<(Sheet, Option<RecordError>), CliError> {
 
 /// The result of reading a recording.
 struct Walked {
-    /// The number of its frames.
+    /// The number of frames read.
     frames: u64,
-    /// Why it ends early. A program that was killed leaves such a recording, and the frames before its end are valid.
+    /// Why the recording ends early. A program that was killed leaves such a recording; the frames before its end are
+    /// valid.
     damage: Option<RecordError>,
-    /// Jumps of its times.
+    /// The jumps of the recording's times.
     jumps: Option<Jumps>,
 }
 
-/// Calls `show` with every frame of the recording in the order of time, up to that time.
+/// Calls `show` with every frame of the recording up to `until_ns`, sorted by time.
 fn walk<R: Read>(recording: &mut Frames<R>, until_ns: i64, mut show: impl FnMut(&Framed)) -> Result<Walked, CliError> {
     let mut order = InTime::default();
     let mut walked = Walked { frames: 0, damage: None, jumps: None };
@@ -316,23 +316,23 @@ pub struct Window {
 }
 
 impl Window {
-    /// From one time to another.
+    /// The range between two times.
     pub const fn of_times(from_ns: i64, to_ns: i64) -> Self {
         Self { from_ns, to_ns }
     }
 
-    /// A range of commands by their numbers, which take the place of seconds.
+    /// A range of command numbers, in place of times.
     pub const fn of_commands(count: u64) -> Self {
         Self { from_ns: command_place(1), to_ns: command_place(if count == 0 { 1 } else { count }) }
     }
 
-    /// Up to when a recording is read for it: what comes a while behind it is not seen in it. \[OURS] In a second a slave that is there
-    /// has moved on if it moves.
+    /// The time up to which a recording is read for this range. \[OURS] One second more: the slot of a moving slave
+    /// that is not lost has changed by then.
     const fn read_until_ns(self) -> i64 {
         self.to_ns.saturating_add(1_000_000_000)
     }
 
-    /// From left to right; a single moment gets some room around.
+    /// The range of the horizontal axis. A single moment gets some room around it.
     pub fn range(self) -> std::ops::Range<f64> {
         let (from, to) = (seconds(self.from_ns), seconds(self.to_ns));
         panel::distinct(if to > from { from..to } else { from - 0.001..to + 0.001 })
@@ -342,12 +342,12 @@ impl Window {
         self.from_ns <= at_ns && at_ns <= self.to_ns
     }
 
-    /// From the earlier beginning of both to the later end.
+    /// The range from the earlier beginning of both to the later end.
     fn with(self, other: Self) -> Self {
         Self { from_ns: self.from_ns.min(other.from_ns), to_ns: self.to_ns.max(other.to_ns) }
     }
 
-    /// The part between two times; `None` if nothing is left.
+    /// The part within `times`; `None` if nothing is left.
     fn cut(self, times: Times) -> Option<Self> {
         let from_ns = times.from.map_or(self.from_ns, |s| self.from_ns.max(nanoseconds(s)));
         let to_ns = times.to.map_or(self.to_ns, |s| self.to_ns.min(nanoseconds(s)));
@@ -361,12 +361,12 @@ impl std::fmt::Display for Window {
     }
 }
 
-/// The place of command n in a range of commands.
+/// The position of command n in a range of commands.
 pub const fn command_place(n: u64) -> i64 {
     (n as i64).saturating_mul(1_000_000_000)
 }
 
-/// Nanoseconds as seconds.
+/// Converts nanoseconds to seconds.
 pub fn seconds(ns: i64) -> f64 {
     ns as f64 / 1e9
 }

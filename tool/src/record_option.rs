@@ -12,9 +12,9 @@ pub enum RecordError {
     /// The file cannot be used.
     #[error("cannot record to {}: {reason}; name another file with --record", .file.display())]
     File {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
-        /// Why not.
+        /// Why the file cannot be used.
         reason: String,
     },
     /// The link with `record=` is invalid.
@@ -40,10 +40,10 @@ pub fn with_record(link: &LinkUri, file: &Path) -> Result<LinkUri, RecordError> 
     Ok(LinkUri::parse(&format!("{uri}{joint}record={value}"))?)
 }
 
-/// Makes sure that the recording can be made. With `overwrite` an existing recording is removed.
+/// Makes sure that the recording can be created. With `overwrite`, removes an existing recording.
 ///
 /// # Errors
-/// A file is there and is not removed.
+/// A file exists and is not removed.
 pub fn make_room(file: &Path, overwrite: bool) -> Result<(), RecordError> {
     record::make_room(file, overwrite).map_err(|error| {
         let hint = if overwrite { "" } else { ", and --overwrite is not given" };

@@ -14,7 +14,7 @@ use ecmsk::sk::{FRAME_LEN, SlotSize};
 
 use super::stderr::say;
 
-/// How many frames are read ahead at most to find a slot size that the recording does not tell.
+/// Most frames that are read ahead to find a slot size that the recording does not state.
 const LOOK_AHEAD: usize = 1000;
 
 /// The name that stands for standard input.
@@ -23,13 +23,13 @@ const STDIN: &str = "-";
 /// A frame of a recording, with what verbs need to know about it.
 #[derive(Clone, Debug)]
 pub struct Framed {
-    /// Its number in the recording, from 1.
+    /// The number of the frame in the recording, from 1.
     pub number: u64,
-    /// Nanoseconds since the recording's first frame. Less than 0 for a report that was read after that, but made before.
+    /// Nanoseconds since the recording's first frame. Negative for a report that was read later, but made before it.
     pub time_ns: i64,
     /// The frame as it was recorded.
     pub recorded: Recorded,
-    /// The slot size.
+    /// The slot size of the frame.
     pub size: SlotSize,
     /// The metadata of the section of the file.
     pub meta: Option<Rc<RecordMeta>>,
@@ -114,7 +114,7 @@ impl<R: Read> Frames<R> {
         Self { noted: true, ..self }
     }
 
-    /// Reads ahead until the frames or the metadata tell the slot size.
+    /// Reads ahead until the frames or the metadata show the slot size.
     fn look_ahead(&mut self) {
         while self.ahead.len() < LOOK_AHEAD && !self.sizes.is_sure() {
             let Some(found) = self.read() else { return };
@@ -141,8 +141,8 @@ impl<R: Read> Frames<R> {
         Some(recorded.map(|recorded| (recorded, self.meta.clone())))
     }
 
-    /// The slot size that the user has given, or else the recording, or else the CRCs of the frames read so far. If
-    /// nothing tells it, one note is printed.
+    /// The slot size that the user has given, otherwise that of the recording, otherwise that of the CRCs of the frames
+    /// read so far. If none shows it, prints one note.
     fn size(&mut self, meta: Option<&RecordMeta>) -> SlotSize {
         match (self.sizes.given(), size_told(meta)) {
             (Some(size), _) | (None, Some(size)) => size,
@@ -195,13 +195,13 @@ pub struct InTime {
 }
 
 impl InTime {
-    /// Adds the next frame of the file; returns the earliest one, once enough are held.
+    /// Adds the next frame of the file; returns the earliest buffered one, once there are enough.
     pub fn push(&mut self, framed: Framed) -> Option<Framed> {
         let placed = self.timeline.push(framed.recorded.at_ns, framed)?;
         self.sort(placed)
     }
 
-    /// After the last frame of the file: the earliest frame that is still held.
+    /// After the last frame of the file: returns the earliest buffered frame.
     pub fn pop(&mut self) -> Option<Framed> {
         let last = self.timeline.pop();
         last.and_then(|placed| self.sort(placed)).or_else(|| self.order.pop())
@@ -250,7 +250,7 @@ pub fn note_left_out(whose: &str, skipped: &Skipped) {
     }
 }
 
-/// The board of a capture: the one asked for, or else the only one. `None` if the file is a recording.
+/// The board of a capture: the requested one, otherwise the only one. `None` if the file is a recording.
 ///
 /// # Errors
 /// [`RecordError`] if there is no board or more than one.

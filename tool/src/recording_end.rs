@@ -9,20 +9,21 @@ use ecmsk::recording::{Lacks, lacks_at_end};
 
 use super::stderr::say;
 
-/// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] It is that of `timeout` for a
-/// program that it has ended, and none that shells or `env` use.
+/// The exit code if a program or a verb succeeded but its recording is incomplete. \[OURS] `timeout` uses the same code
+/// for a program that it ended; shells and `env` do not use it.
 pub const NOT_WHOLE: u8 = 124;
 
-/// The link of a verb that talks to a chip or to a network, and may record on the way.
+/// The link of a verb that talks to a chip or to a network, and may make a recording.
 static OPENED: OnceLock<LinkUri> = OnceLock::new();
 
-/// A verb opens this link.
+/// Notes that a verb opens this link.
 pub fn opens(link: &LinkUri) {
-    // A verb opens one.
+    // A verb opens only one link.
     let _ = OPENED.set(link.clone());
 }
 
-/// The exit code of a verb that has closed its link: another one if it succeeded and its recording is not whole.
+/// The exit code of a verb that has closed its link: `code`, or [`NOT_WHOLE`] if it succeeded and its recording is
+/// incomplete.
 pub fn of_opened(code: ExitCode) -> ExitCode {
     let lacks = not_whole(OPENED.get()).filter(|_| code == ExitCode::SUCCESS);
     lacks.map_or(code, |lacks| {
@@ -31,12 +32,12 @@ pub fn of_opened(code: ExitCode) -> ExitCode {
     })
 }
 
-/// What the recording of the link lacks, with its file's name; `None` if nothing is known to be missing, or the link
-/// does not record to a file.
+/// What the recording of the link lacks, with the name of its file. `None` if nothing is known to be missing, or if the
+/// link does not record to a file.
 pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     let file = link?.value("record")?;
     let path = Path::new(file);
-    // The end of a pipe is checked by its reader. A program that has opened no board has made no file.
+    // The reader of a pipe checks its end. A program that has opened no board has created no file.
     if !path.metadata().is_ok_and(|there| there.is_file()) {
         return None;
     }
@@ -48,7 +49,7 @@ pub fn not_whole(link: Option<&LinkUri>) -> Option<String> {
     }
 }
 
-/// Whether another process still records to the file: one that the program has started and not waited for.
+/// Whether another process still records to the file: a child process that the program did not wait for.
 fn still_recorded(path: &Path) -> bool {
     let Ok(file) = std::fs::File::open(path) else { return false };
     match file.try_lock_shared() {

@@ -1,4 +1,4 @@
-//! `ecmsk replay`: plays the commands of a capture to the model, and compares its answers with the board's.
+//! `ecmsk replay`: sends the commands of a capture to the model, and compares its answers with the board's.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -129,14 +129,15 @@ pub fn run(args: &Args) -> Result<ExitCode, ReplayVerbError> {
     Ok(compare::print(text, names.code(&found, &options))?)
 }
 
-/// A run of either kind.
+/// A run of the model, of either kind.
 type Run = Box<dyn Iterator<Item = TimedFrame>>;
 
 fn boxed(run: impl Iterator<Item = TimedFrame> + 'static) -> Run {
     Box::new(run)
 }
 
-/// Compares both runs: the recorded one, read to its end, the result, and how long the model's host has waited in nanoseconds.
+/// Compares both runs. Returns the recorded run, read to its end, the result, and the nanoseconds that the model's host
+/// has waited.
 fn play(replay: &Replay, pace: Pace, options: &Options) -> Result<(RecordedRun, Comparison, i64), ReplayError> {
     let size = replay.size();
     match pace {
@@ -155,7 +156,7 @@ fn play(replay: &Replay, pace: Pace, options: &Options) -> Result<(RecordedRun, 
     }
 }
 
-/// The part of the capture that was not played, as JSON.
+/// The part of the capture that was not sent to the model, as JSON.
 fn left_out(before_start: u64, skipped: &Skipped) -> Value {
     let Skipped { taken_back, without_report, other_lengths, other_transfers, other_devices } = *skipped;
     json!({

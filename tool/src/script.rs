@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), BoardError> {
     play(&text, args, Interrupt::watch)
 }
 
-/// Runs a script with that text. `watch` begins to watch for signals.
+/// Runs a script with the text `text`. `watch` starts watching for signals.
 ///
 /// # Errors
 /// [`BoardError`]
@@ -87,7 +87,7 @@ fn read(path: &Path, name: &str) -> Result<String, BoardError> {
     String::from_utf8(bytes).map_err(|_| wrong("it is not UTF-8".into(), "name a text file"))
 }
 
-/// All steps with the numbers of their lines. Prints an error for every invalid line.
+/// Parses all steps, with the numbers of their lines. Prints an error for every invalid line.
 fn parse(
     text: &str,
     name: &str,
@@ -111,7 +111,7 @@ fn parse(
     Err(BoardError::Script { last: last.clone() })
 }
 
-/// The error with its file and line, if it is one of that line.
+/// Adds file and line to an error, if it concerns that line.
 pub fn at(name: &str, line: u32, error: BoardError) -> BoardError {
     match error {
         error @ (BoardError::Stopped { .. } | BoardError::Output(_)) => error,

@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     }
 }
 
-/// The address of `--listen`. `PORT` is the usual one there.
+/// Parses the address of `--listen`; its default port is `PORT`.
 fn listen_at<const PORT: u16>(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| match text.parse::<IpAddr>() {
         Ok(address) => format!("the port is missing: write {}", SocketAddr::new(address, PORT)),
@@ -147,18 +147,18 @@ fn serve_tcp(args: &Tcp) -> Result<ExitCode, CliError> {
     Ok(ended([&recorded]))
 }
 
-/// The exit code of a server that was told to end: what it has recorded on the way is whole or not.
+/// The exit code of a server that ended on request: success, or that of an incomplete recording.
 fn ended<'a>(links: impl IntoIterator<Item = &'a LinkUri>) -> ExitCode {
     ended_with(links.into_iter().filter_map(|link| recording_end::not_whole(Some(link))).collect())
 }
 
-/// The exit code, by what recordings lack.
+/// The exit code for what recordings lack.
 fn ended_with(lacking: Vec<String>) -> ExitCode {
     lacking.iter().for_each(|lacks| say("warning", lacks));
     if lacking.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(recording_end::NOT_WHOLE) }
 }
 
-/// The board to serve. It must be named, so that nobody serves a real board by forgetting an option.
+/// The board to serve. It must be named, so that a forgotten option does not serve a real board.
 ///
 /// # Errors
 /// No board is named, or the link is invalid.
@@ -171,7 +171,7 @@ fn no_thread(error: io::Error) -> ServeError {
     ServeError::System { what: "start a thread for output", message: error.to_string() }
 }
 
-/// Prints what is served. It does not wait for a reader that has stalled: the server must serve, and end on a signal,
+/// Prints the served links. It does not wait for a stalled reader, because the server must serve, and end on a signal,
 /// in any case.
 ///
 /// # Errors
@@ -184,7 +184,7 @@ fn announce(text: String) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Opens the board; a simulated board is found again after it was lost.
+/// Opens the board. A simulated board stays in this process, so opening it again finds the same one.
 fn open(uri: &str) -> Result<Arc<dyn link::Link>, LinkError> {
     link::open(uri, Share::ByUri)
 }

@@ -47,7 +47,7 @@ struct Of {
     output: Option<PathBuf>,
 }
 
-/// Why there is no such file. Every text ends with the next step.
+/// Why the file was not made. Every text ends with the next step.
 #[derive(Debug, thiserror::Error)]
 pub enum SlaveError {
     /// See [`SimulatedSlavesError`].
@@ -56,15 +56,15 @@ pub enum SlaveError {
     /// See [`DescriptionError`].
     #[error(transparent)]
     Description(#[from] DescriptionError),
-    /// An EEPROM is no text.
+    /// An EEPROM cannot be shown on a terminal, because it is binary.
     #[error("an EEPROM is bytes, not for a terminal; name a file with --output")]
     Terminal,
     /// The file cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
-        /// Which one.
+        /// The path of the file.
         file: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
         }
     };
     match &of.output {
-        // An EEPROM is no text, which `output` prints.
+        // The EEPROM is binary, and `output` prints only text.
         None => io::stdout().lock().write_all(&bytes)?,
         Some(file) => {
             let written = std::fs::File::create(file).and_then(|mut open| open.write_all(&bytes));

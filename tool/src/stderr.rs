@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use super::streams::{self, Stream};
 use super::visible::visible_bytes;
 
-/// Writes a line, directly or by the queue.
+/// Writes a line, directly or through the queue.
 pub fn line(text: &str) {
     write(format!("{text}\n").as_bytes());
 }
@@ -16,7 +16,7 @@ pub fn say(kind: &str, what: &dyn std::fmt::Display) {
     line(&format!("{kind}: {what}"));
 }
 
-/// Writes what may hold the tool's own control sequences. Text from outside in it must have passed
+/// Writes text that may include the tool's own control sequences. Text from outside in it must have passed
 /// [`visible`](super::visible::visible).
 pub fn raw(text: &str) {
     put(text.as_bytes());
@@ -26,7 +26,7 @@ fn write(bytes: &[u8]) {
     put(&visible_bytes(bytes));
 }
 
-/// A closed standard error is ignored.
+/// Errors are ignored, since standard error may be closed.
 fn put(bytes: &[u8]) {
     if !streams::tell(Stream::Error, bytes) {
         let _ = io::stderr().write_all(bytes);

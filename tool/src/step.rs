@@ -43,7 +43,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// What the step does with the board.
+    /// How the step uses the board.
     pub const fn uses(&self) -> BoardUse {
         match self {
             Self::Servo(_) | Self::Home(_) | Self::Move(_) => BoardUse::Moves,

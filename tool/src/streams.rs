@@ -1,8 +1,9 @@
-//! Standard output and standard error of verbs during which axes move or clients are served. A thread of its own writes each of
-//! them, from a bounded queue, so that no other thread waits for a reader: that of a pipe that is full, a terminal that is held
-//! (Ctrl-S).
+//! Standard output and standard error of verbs during which axes move or clients are served. A separate thread writes
+//! each of the two from a bounded queue. So no other thread waits for a reader, such as that of a full pipe or a
+//! terminal stopped by Ctrl-S.
 //!
-//! Lines come out in the order in which they were told, on one terminal too, as long as both are taken.
+//! Lines appear in the order in which they were queued, also if both go to one terminal, as long as both readers keep
+//! up.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -12,38 +13,39 @@ use std::time::{Duration, Instant};
 
 use ecmsk::notes::{FLUSH_LIMIT, Note, Notes, Teller};
 
-/// How long a line waits for those of the other stream that were told before it. \[OURS]
+/// Longest time that a line waits for earlier lines of the other stream. \[OURS]
 const ORDER_WAIT_MAX: Duration = Duration::from_millis(50);
-/// How long the end of the tool waits for lines after a signal. Without one it is [`FLUSH_LIMIT`]. \[OURS]
+/// Longest time that the end of the tool waits for lines after a signal. Without a signal it is [`FLUSH_LIMIT`].
+/// \[OURS]
 const END_WAIT_AFTER_SIGNAL: Duration = Duration::from_millis(200);
-/// How often a wait looks whether it is over. \[OURS]
+/// Interval at which a wait checks whether it is over. \[OURS]
 const LOOK_INTERVAL: Duration = Duration::from_millis(1);
 
-/// One of the two.
+/// Standard output or standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     Output,
     Error,
 }
 
-/// Bytes on their way.
+/// Bytes in the queue of a stream.
 struct Entry {
     bytes: Vec<u8>,
-    /// How many entries of the other stream were told before.
+    /// The number of entries of the other stream that were queued before.
     others_before: u64,
 }
 
-/// What the threads share.
+/// The state that the threads share.
 #[derive(Default)]
 struct Shared {
-    /// How many entries of each stream were told.
+    /// The number of queued entries, for each stream.
     told: Mutex<[u64; 2]>,
-    /// How many of them were written or given up.
+    /// The number of entries that were written or dropped, for each stream.
     done: [AtomicU64; 2],
-    /// A line of the other stream has waited in vain, and nothing was written since.
+    /// Whether a line of the other stream has waited in vain, and nothing was written since; for each stream.
     is_stalled: [AtomicBool; 2],
     notes: [Notes<Entry>; 2],
-    /// Why standard output takes nothing any more.
+    /// The error with which standard output has failed.
     failed: Mutex<Option<io::Error>>,
 }
 
@@ -52,12 +54,12 @@ struct Streams {
     tellers: [Teller<Entry>; 2],
 }
 
-/// The threads, once [`queue`] was called.
+/// The threads; empty until [`queue`] is called.
 static STREAMS: OnceLock<Streams> = OnceLock::new();
 /// The number of the signal that ends waits for the reader of standard output.
 static SIGNAL: OnceLock<Arc<AtomicUsize>> = OnceLock::new();
 
-/// From now on both streams are written by threads of their own.
+/// Makes threads write both streams from now on.
 ///
 /// # Errors
 /// The system provides no thread.
@@ -76,37 +78,37 @@ pub fn queue() -> io::Result<()> {
     Ok(())
 }
 
-/// A signal whose number is put there ends waits for the reader of standard output.
+/// Sets the variable for signals: a signal number in it ends waits for the reader of standard output.
 pub fn end_waits_on(signal: &Arc<AtomicUsize>) {
-    // There is one for the whole program.
+    // The program has only one such variable.
     let _ = SIGNAL.set(Arc::clone(signal));
 }
 
-/// The signal that has come.
+/// The signal that has arrived.
 pub fn signal() -> Option<u8> {
     let signal = SIGNAL.get()?.load(Ordering::SeqCst);
     (signal != 0).then_some(signal as u8)
 }
 
-/// Tells bytes that a thread writes; false: there is no thread. Never waits.
+/// Queues bytes for a stream without waiting. Returns false if [`queue`] was not called.
 pub fn tell(stream: Stream, bytes: &[u8]) -> bool {
     let Some(Streams { shared, .. }) = STREAMS.get() else { return false };
     shared.tell(stream, bytes.to_vec());
     true
 }
 
-/// Whether standard output has failed.
+/// Checks that standard output has not failed.
 ///
 /// # Errors
-/// Why, as for a write.
+/// The error of the failed write.
 pub fn check_output() -> io::Result<()> {
     STREAMS.get().map_or(Ok(()), |streams| streams.shared.check())
 }
 
-/// Waits until all that was told to standard output is written, or a signal comes. No axis may move meanwhile.
+/// Waits until all queued standard output is written, or a signal arrives. No axis may move meanwhile.
 ///
 /// # Errors
-/// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal has come before.
+/// Standard output cannot be written to; [`io::ErrorKind::Interrupted`]: a signal arrived first.
 pub fn wait_for_output() -> io::Result<()> {
     let Some(Streams { shared, .. }) = STREAMS.get() else { return Ok(()) };
     let told = shared.told()[Stream::Output as usize];
@@ -120,7 +122,7 @@ pub fn wait_for_output() -> io::Result<()> {
     shared.check()
 }
 
-/// Waits until all that was told to standard output is written, at most `limit`. Whether it is.
+/// Waits until all queued standard output is written, at most `limit`. Returns whether it is.
 ///
 /// # Errors
 /// Standard output cannot be written to.
@@ -130,14 +132,14 @@ pub fn flush_output(limit: Duration) -> io::Result<bool> {
     shared.check().map(|()| is_written)
 }
 
-/// Waits for what was told to standard error, for a limited time: what is written next goes past the queue.
+/// Waits for a limited time until all queued standard error is written, before something is written without the queue.
 pub fn settle() {
     if let Some(Streams { tellers: [_, error], .. }) = STREAMS.get() {
         error.flush_within(END_WAIT_AFTER_SIGNAL);
     }
 }
 
-/// The end of the tool: waits until all is written, for a limited time.
+/// Ends the output of the tool: waits for a limited time until everything is written.
 ///
 /// # Errors
 /// Standard output cannot be written to.
@@ -169,7 +171,7 @@ impl Shared {
         failed.as_ref().map_or(Ok(()), |error| Err(again(error)))
     }
 
-    /// Writes an entry, in the thread of its stream.
+    /// Writes an entry; called by the thread of its stream.
     fn write(&self, stream: Stream, note: Note<Entry>) {
         let (own, _) = stream.with_other();
         match note {
@@ -191,7 +193,7 @@ impl Shared {
         }
     }
 
-    /// Waits until the other stream has written what was told before, unless its reader has stalled.
+    /// Waits until the other stream has written its earlier entries, unless its reader has stalled.
     fn wait_for_others(&self, stream: Stream, others_before: u64) {
         let (_, other) = stream.with_other();
         let began = Instant::now();
@@ -208,7 +210,7 @@ impl Shared {
 
     fn put(&self, stream: Stream, bytes: &[u8]) {
         if stream == Stream::Error {
-            // A closed standard error is ignored.
+            // Errors are ignored, since standard error may be closed.
             let _ = io::stderr().write_all(bytes);
             return;
         }
@@ -223,7 +225,7 @@ impl Shared {
 }
 
 impl Stream {
-    /// The places of this one and of the other one in arrays.
+    /// The array indexes of this stream and of the other one.
     const fn with_other(self) -> (usize, usize) {
         match self {
             Self::Output => (0, 1),

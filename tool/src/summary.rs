@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
                     take(framed);
                 }
             }
-            // What was read before the error is summed up.
+            // The summary includes what was read before the error.
             Err(error @ (RecordError::Truncated { .. } | RecordError::Malformed { .. })) => {
                 is_whole = false;
                 say("note", &error);

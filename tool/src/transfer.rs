@@ -1,4 +1,5 @@
-//! An object that is read or written by SDO, of a slave behind a chip or of any network: its arguments, and how its value is shown.
+//! An object that is read or written by SDO, of a slave of an ECM-XF or of any network: its arguments, and the text of
+//! its value.
 
 use ecmsk::coe::SdoScope;
 use serde_json::{Value as Json, json};
@@ -21,7 +22,7 @@ pub struct Transfer {
     pub complete: bool,
 }
 
-/// What is written.
+/// A value to write.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Written {
     Number(Value),
@@ -46,18 +47,18 @@ impl Written {
 /// A value that cannot be written.
 #[derive(Debug, PartialEq, Eq)]
 pub struct WrongValue {
-    /// What is wrong.
+    /// What is wrong with the value.
     pub why: String,
-    /// What to do.
+    /// The next step.
     pub next: String,
 }
 
-/// The bytes that were read are not as many as the type has.
+/// The number of bytes read is not that of the type.
 #[derive(Debug, PartialEq, Eq)]
 pub struct OtherSize {
-    /// How many bytes were read.
+    /// The number of bytes read.
     pub found: usize,
-    /// How many the type has.
+    /// The number of bytes of the type.
     pub wanted: usize,
 }
 
@@ -66,7 +67,7 @@ impl Transfer {
         if self.complete { None } else { self.of.or(self.object.known.map(|(_, of)| of)) }
     }
 
-    /// One sub-index, or all.
+    /// Whether one sub-index or all are meant.
     pub const fn scope(&self) -> SdoScope {
         if self.complete { SdoScope::Complete } else { SdoScope::Entry }
     }
@@ -78,7 +79,7 @@ impl Transfer {
         })
     }
 
-    /// What was read, in words and as JSON.
+    /// The value read, as text and as JSON.
     ///
     /// # Errors
     /// [`OtherSize`]
@@ -97,7 +98,7 @@ impl Transfer {
         Ok((format!("{value} (0x{raw:0digits$X})"), json))
     }
 
-    /// The bytes of an object whose type is not known, as a number or a text where they may be one.
+    /// The bytes of an object of unknown type, also as a number or a text if they can be one.
     fn untyped(&self, bytes: &[u8]) -> String {
         if self.complete {
             return spaced(bytes);
@@ -114,7 +115,7 @@ impl Transfer {
         }
     }
 
-    /// What was written, in words and as JSON.
+    /// The value written, as text and as JSON.
     pub fn written(&self, verb: &str, slave: u8, value: &Written, bytes: &[u8]) -> (String, Json) {
         let mut json = self.json(verb, slave, bytes);
         let text = match (value, self.of()) {
@@ -129,7 +130,7 @@ impl Transfer {
         (format!("slave {slave}: {} = {text}", self.object), json)
     }
 
-    /// The bytes to write; `verb` is the one whose help says more.
+    /// The bytes to write. `verb` is the one whose help the error names.
     ///
     /// # Errors
     /// [`WrongValue`]

@@ -34,7 +34,7 @@ pub fn visible_bytes(bytes: &[u8]) -> Vec<u8> {
 #[derive(Debug)]
 pub struct Visible<W: Write> {
     inner: W,
-    /// The beginning of a character of which the rest has not been written yet.
+    /// The beginning of a character that is not complete yet.
     part: Vec<u8>,
 }
 
@@ -121,8 +121,7 @@ mod tests {
         assert_eq!(before, after);
     }
 
-    /// Bytes that are written in pieces come out as those written at once; what is not UTF-8 is shown as
-    /// well.
+    /// Bytes that are written in pieces appear like bytes written at once; bytes that are not UTF-8 are shown as well.
     #[test]
     fn bytes_written_in_pieces_come_out_as_in_one_piece() {
         let bytes = "µ漢\u{1F600}\u{9b}\x1b[0m".as_bytes().iter().copied().chain([0x9b, b'A', 0xC2, b'B', 0xFF, 0xE6]);

@@ -1,10 +1,11 @@
-//! `ecmsk xf`: the verbs that talk to a chip ECM-XF.
+//! `ecmsk xf`: the verbs that talk to an ECM-XF.
 //!
-//! - `session.rs`: the chip of a verb: its options, opening it without disturbing what runs on it, starting its network
-//! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`,
-//!   `encoder.rs`: one verb each; `raw.rs`, with `raw/` for values as text: any function of the chip
+//! - `session.rs`: the chip of a verb: its options, opening it without disturbing a running network, starting its
+//!   network
+//! - `commands.rs`, `scan.rs`, `info.rs`, `state.rs`, `sdo.rs`, `pdo.rs`, `gpio.rs`, `adc.rs`, `dac.rs`, `encoder.rs`:
+//!   one verb each; `raw.rs`, with `raw/` for values as text: any function of the chip
 //! - `words.rs`: names of states and bits as the tool writes them
-//! - `tests.rs`: verbs on a chip that goes on between them
+//! - `tests.rs`: verbs on a chip that keeps running between them
 //! - `error.rs`: why a verb failed
 
 mod adc;
@@ -89,7 +90,7 @@ pub fn run(args: &Args) -> Result<(), XfVerbError> {
     }
 }
 
-/// Opens the chip and prints what a verb has to show of it.
+/// Opens the chip, runs a verb on it and prints the results.
 fn on_chip(
     chip: &ChipArgs,
     verb: impl FnOnce(&mut Session) -> Result<Vec<Shown>, XfVerbError>,
@@ -97,7 +98,7 @@ fn on_chip(
     let mut session = chip.open()?;
     let shown = verb(&mut session);
     let Session { xf, reporter, .. } = session;
-    // What `raw` has set in motion goes on: the next call of the tool finds it so.
+    // The chip keeps running as `raw` left it, and the next call of the tool finds it so.
     xf.leave();
     for (text, json) in shown? {
         reporter.result(text, &json)?;

@@ -22,7 +22,7 @@ pub fn timer(resolution: Duration) -> Finding {
     finding.figure("resolution_ns", nanoseconds)
 }
 
-/// Judges how late threads are woken; `None` if it could not be measured.
+/// Judges how late threads are woken. `measured` is `None` if it could not be measured.
 pub fn lateness(measured: Option<Lateness>) -> Finding {
     judge(measured, |Lateness { period, max, .. }| {
         let cycles = max.as_nanos().div_ceil(period.as_nanos().max(1)) + 1;
@@ -30,7 +30,8 @@ pub fn lateness(measured: Option<Lateness>) -> Finding {
     })
 }
 
-/// The same where this machine sends the frames itself: being ahead does not help then.
+/// Judges how late threads are woken if this machine sends the EtherCAT frames itself. A program that runs ahead does
+/// not help then. `measured` is `None` if it could not be measured.
 pub fn lateness_of_own_cycles(measured: Option<Lateness>) -> Finding {
     judge(measured, |Lateness { period, .. }| {
         format!(
@@ -77,7 +78,7 @@ mod tests {
         assert!(coarse.next.is_some_and(|next| next == FINER));
     }
 
-    /// What a lateness means is said in cycles; half a cycle of 1 ms is too much.
+    /// The text of a lateness counts cycles; half a cycle of 1 ms is too late.
     #[test]
     fn what_a_lateness_means() {
         let us = Duration::from_micros;

@@ -4,10 +4,10 @@ use super::{Access, Machine};
 
 /// The folder of all GPIO chips.
 const CHIPS: &str = "/sys/bus/gpio/devices";
-/// Names in a device tree that stand for a line without a name, as an empty one does.
+/// Names in a device tree that mean "no name", as an empty one does.
 const NO_NAME: [&str; 2] = ["NC", "-"];
 
-/// A GPIO chip.
+/// A GPIO chip of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpioChip {
     /// The name that a link uses, such as `gpiochip0`.
@@ -34,7 +34,7 @@ impl Machine {
         names.map(chip).collect()
     }
 
-    /// The named lines of a chip. The device tree has them as a list of texts that end with zeros.
+    /// The named lines of a chip. In the device tree their names are a list of zero-terminated texts.
     fn named_lines(&self, chip: &str) -> Vec<(usize, String)> {
         let text = self.text(&format!("{CHIPS}/{chip}/of_node/gpio-line-names")).unwrap_or_default();
         let lines = text.split_terminator('\0').map(super::printable).enumerate();

@@ -7,23 +7,23 @@ use super::Machine;
 pub struct Holder {
     /// The process id.
     pub pid: u32,
-    /// The name of its program; `None` if `/proc` does not tell.
+    /// The name of the process's program; `None` if `/proc` does not show it.
     pub program: Option<String>,
-    /// The file that it has open.
+    /// The device file that the process has open.
     pub file: String,
 }
 
-/// The processes that have one of several files open.
+/// The processes that have one of the given files open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Holders {
-    /// Ordered by process id.
+    /// The processes, ordered by process id.
     pub found: Vec<Holder>,
-    /// How many processes have open files that this user may not see.
+    /// The number of processes whose open files this user may not see.
     pub hidden: usize,
 }
 
 impl Holders {
-    /// The processes that have one of these files open, each as `PID 812 (program)`.
+    /// The processes that have one of `files` open, each as `PID 812 (program)`.
     pub fn of(&self, files: &[String]) -> Vec<String> {
         let mut shown: Vec<String> = Vec::new();
         for holder in self.found.iter().filter(|holder| files.contains(&holder.file)) {
@@ -52,7 +52,7 @@ impl Machine {
         for pid in pids.into_iter().filter(|pid| *pid != std::process::id()) {
             let folder = self.file(&format!("/proc/{pid}/fd"));
             let Ok(entries) = std::fs::read_dir(folder) else {
-                // A process that has ended meanwhile is not hidden.
+                // A process without this folder has ended meanwhile and does not count as hidden.
                 holders.hidden += usize::from(self.has(&format!("/proc/{pid}/fd")));
                 continue;
             };

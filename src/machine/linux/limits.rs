@@ -18,7 +18,7 @@ pub enum Limit {
     Value(u64),
 }
 
-/// Limits of this process; `None` where the kernel does not tell.
+/// Limits of this process; `None` where the kernel does not report one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// RLIMIT_RTPRIO: the highest real-time priority.
@@ -45,7 +45,7 @@ impl Machine {
         }
     }
 
-    /// The effective capabilities of this process as a mask; 0 if the kernel does not tell.
+    /// The effective capabilities of this process as a mask; 0 if the kernel does not report them.
     pub(super) fn capabilities(&self) -> u64 {
         let status = self.text("/proc/self/status").unwrap_or_default();
         let mask = status.lines().find_map(|line| line.strip_prefix("CapEff:"));

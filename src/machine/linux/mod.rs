@@ -29,19 +29,19 @@ pub struct Machine {
     root: PathBuf,
 }
 
-/// Whether this user may read and write a file.
+/// Whether this user may read and write a file, as its permissions say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// The user may.
+    /// The user may read and write the file.
     Granted,
-    /// The user may not.
+    /// The user may not read and write the file.
     Denied,
     /// The file does not exist.
     Missing,
 }
 
 impl Machine {
-    /// This machine.
+    /// The machine that this process runs on.
     pub fn here() -> Self {
         Self::below("/")
     }
@@ -139,7 +139,7 @@ impl Machine {
 mod tests {
     use super::*;
 
-    /// What a device says of itself controls no terminal, and what is endless is cut.
+    /// The text of a device cannot send control codes to the terminal, and a too long text is cut.
     #[test]
     fn texts_from_outside_are_shown_harmlessly() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,60 +1,62 @@
-//! Network cards: what is in `/sys/class/net`, in the tables of routes and addresses, and who takes care of a card.
+//! Network cards: the files in `/sys/class/net`, the tables of routes and addresses, and network managers that
+//! configure a card.
 
 use super::Machine;
 use crate::io::routes::{default_routes_v4, default_routes_v6};
 
 const CARDS: &str = "/sys/class/net";
-/// `ARPHRD_ETHER`, in the file `type`.
+/// `ARPHRD_ETHER`, the value of Ethernet cards in the file `type`.
 const ETHERNET: i64 = 1;
-/// `IFF_UP`, in the file `flags`.
+/// `IFF_UP`, the bit of cards that are switched on in the file `flags`.
 const UP: u16 = 1;
 /// The number of a capability (capabilities(7)).
 const CAP_NET_RAW: u32 = 13;
-/// How programs of ours claim a card: the name of an abstract socket, before the card's number.
+/// The abstract socket with which our programs claim a card: its name is this text and the card's number.
 const CLAIM: &str = "@ecmsk/nic/";
 
-/// A network card, or what looks like one.
+/// A network interface with Ethernet frames: a network card, or a virtual one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NetCard {
-    /// Its name, such as `eth1`.
+    /// The name of the card, such as `eth1`.
     pub name: String,
-    /// Its number, from 1; `None`: not known.
+    /// The interface index of the card, from 1; `None` if it is not known.
     pub index: Option<i64>,
-    /// The address of the card, as the system writes it.
+    /// The MAC address of the card, such as `00:1b:21:0a:0b:0c`.
     pub mac_address: Option<String>,
-    /// Its driver; `None`: there is no hardware, or it is not known.
+    /// The name of the card's driver; `None` if there is no hardware, or if it is not known.
     pub driver: Option<String>,
-    /// What it is connected by, such as `pci` or `usb`; `None`: there is no hardware, or it is not known.
+    /// The bus that the card is on, such as `pci` or `usb`; `None` if there is no hardware, or if it is not known.
     pub by: Option<String>,
-    /// It is switched on.
+    /// Whether the card is switched on.
     pub is_up: bool,
-    /// There is somebody at the other end of its cable; `None`: it is switched off, and nobody knows.
+    /// Whether the cable has a link to a device at its other end; `None` if the card is switched off, since it does not
+    /// show that then.
     pub has_carrier: Option<bool>,
-    /// Its speed, Mbit/s; `None`: not known.
+    /// The speed of the card, Mbit/s; `None` if it is not known.
     pub speed: Option<i64>,
-    /// How long its frames may be without their Ethernet header, bytes; `None`: not known.
+    /// The MTU: the longest frame of the card without its Ethernet header, bytes; `None` if it is not known.
     pub mtu: Option<i64>,
-    /// An address of this machine that it has, or a network that is reached by it.
+    /// An IP address of the card, or a network that is routed over it; `None` if there is neither.
     pub address: Option<String>,
-    /// It is the way to other machines.
+    /// Whether the default route of this machine goes over the card.
     pub has_default_route: bool,
-    /// What it is if it is no card with a cable: `wireless`, `a bridge` or `a bond`.
+    /// Why the interface carries no EtherCAT: `wireless`, `a bridge` or `a bond`; `None` if it is a card with a cable.
     pub not_a_card: Option<&'static str>,
-    /// Another program of ecmsk has it.
+    /// Whether another program of ecmsk uses the card.
     pub is_claimed: bool,
-    /// Who takes care of it besides: `NetworkManager` or `systemd-networkd`.
+    /// The network manager that configures the card: `NetworkManager` or `systemd-networkd`; `None` if there is none.
     pub manager: Option<&'static str>,
 }
 
 impl NetCard {
-    /// The link to it.
+    /// The URI of the link that opens this card.
     pub fn link(&self) -> String {
         format!("nic:{}", self.name)
     }
 }
 
 impl Machine {
-    /// The network cards of Ethernet, sorted by name.
+    /// All Ethernet cards, sorted by name.
     pub fn net_cards(&self) -> Vec<NetCard> {
         let mut cards = self.own_cards().unwrap_or_else(|| self.cards_in_files());
         // A thread may be in a network namespace of its own.
@@ -70,7 +72,8 @@ impl Machine {
         cards
     }
 
-    /// The cards of this machine, as `nic:` sees them; `None`: it is another machine, made of files.
+    /// The cards of this machine, as the link `nic:` sees them; `None` if the machine's files are below another folder,
+    /// as in tests.
     fn own_cards(&self) -> Option<Vec<NetCard>> {
         #[cfg(any(feature = "nic", feature = "serve"))]
         if self.root == std::path::Path::new("/") {
@@ -91,7 +94,7 @@ impl Machine {
         None
     }
 
-    /// The cards that the machine's files tell of.
+    /// The cards that the machine's files describe.
     fn cards_in_files(&self) -> Vec<NetCard> {
         let read = |file| self.text(file).unwrap_or_default();
         let (routes, routes_v6) = (read("/proc/net/route"), read("/proc/net/ipv6_route"));
@@ -119,7 +122,8 @@ impl Machine {
         self.names(CARDS).into_iter().filter_map(card).collect()
     }
 
-    /// Adds what the files of a card say besides. In a network namespace they may be those of another card of that name.
+    /// Adds driver, bus and speed of a card from sysfs. In a network namespace sysfs may show another card of the same
+    /// name, so the interface index is compared first.
     fn add_details(&self, card: &mut NetCard) {
         let file = |file: &str| format!("{CARDS}/{}/{file}", card.name);
         if self.number(&file("ifindex")) != card.index {
@@ -132,7 +136,7 @@ impl Machine {
         (card.not_a_card, card.driver, card.by, card.speed) = (kind.map(|(_, what)| what), driver, by, speed);
     }
 
-    /// Who takes care of a card by itself.
+    /// The network manager that configures the card with this interface index.
     fn manager(&self, index: i64) -> Option<&'static str> {
         let says = |file: String, no: &str| self.text(&file).is_some_and(|text| !text.lines().any(|line| line == no));
         if says(format!("/run/NetworkManager/devices/{index}"), "managed=false") {
@@ -151,12 +155,13 @@ impl Machine {
         self.number("/sys/kernel/realtime") == Some(1)
     }
 
-    /// The processors that nothing is put on by itself (`isolcpus=`), such as `3` or `2-3`; `None`: there are none.
+    /// The processors that the kernel's scheduler leaves free (`isolcpus=`), such as `3` or `2-3`; `None` if there are
+    /// none.
     pub fn isolated_processors(&self) -> Option<String> {
         self.attribute("/sys/devices/system/cpu/isolated")
     }
 
-    /// The deepest sleep that a processor is allowed to fall into: its name, and how long it takes to wake up, us.
+    /// The deepest sleep state that a processor may enter: its name, and the time to wake up, us.
     pub fn deepest_sleep(&self) -> Option<(String, i64)> {
         const STATES: &str = "/sys/devices/system/cpu/cpu0/cpuidle";
         let states = self.names(STATES).into_iter().filter_map(|state| {
@@ -169,7 +174,7 @@ impl Machine {
     }
 }
 
-/// The first network in the kernel's `route` that is reached by an interface; `None`: none is.
+/// The first network in the kernel's table `route` that is routed over an interface; `None` if there is none.
 fn network(routes: &str, name: &str) -> Option<String> {
     let rows = routes.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
     rows.filter(|row| row.first() == Some(&name)).find_map(|row| {
@@ -180,7 +185,8 @@ fn network(routes: &str, name: &str) -> Option<String> {
     })
 }
 
-/// The first address of an interface in the kernel's `if_inet6` that is not for its link alone; `None`: it has none.
+/// The first IPv6 address of an interface in the kernel's table `if_inet6` that is not link-local; `None` if there is
+/// none.
 fn address_v6(addresses: &str, name: &str) -> Option<String> {
     let rows = addresses.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
     rows.filter(|row| row.get(5) == Some(&name) && row.get(3) != Some(&"20")).find_map(|row| {

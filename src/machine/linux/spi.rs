@@ -1,4 +1,4 @@
-//! SPI devices for programs: those of the kernel's driver spidev.
+//! SPI devices that programs can open: those of the kernel's driver spidev.
 
 use super::{Access, Machine};
 
@@ -7,13 +7,13 @@ const CLASS: &str = "/sys/class/spidev";
 /// The folder of the kernel module spidev.
 const MODULE: &str = "/sys/module/spidev";
 
-/// The length of the longest frame in bytes, which one exchange has to transfer (SK-10).
+/// The length of the longest frame in bytes, which the board needs in one exchange (SK-10).
 pub const FRAME_LEN: i64 = 512;
 
-/// The length of the longest packet of an ECM-XF in bytes, which one exchange has to transfer (XF EN 174).
+/// The length of the longest packet of an ECM-XF in bytes, which the chip needs in one exchange (XF EN 174).
 pub const PACKET_LEN: i64 = 1440;
 
-/// A spidev device.
+/// A spidev device of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SpiDevice {
     /// The device file, such as `/dev/spidev0.0`.
@@ -29,10 +29,10 @@ impl SpiDevice {
     }
 }
 
-/// The parameter `bufsiz` of spidev: the longest exchange that it allows.
+/// The parameter `bufsiz` of spidev: the longest exchange that the driver allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bufsiz {
-    /// The length in bytes.
+    /// The longest exchange in bytes.
     pub bytes: i64,
     /// Whether spidev is built into the kernel, so that the parameter has to be set on the kernel's command line.
     pub is_built_in: bool,
@@ -46,7 +46,7 @@ impl Machine {
         files.map(|file| SpiDevice { access: self.access(&file), file }).collect()
     }
 
-    /// The longest exchange that spidev allows; `None` if it is not loaded.
+    /// The longest exchange that spidev allows; `None` if the driver is not loaded.
     pub fn bufsiz(&self) -> Option<Bufsiz> {
         let bytes = self.number(&format!("{MODULE}/parameters/bufsiz"))?;
         // Only a loadable module has the attribute `initstate`.

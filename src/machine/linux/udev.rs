@@ -21,7 +21,7 @@ const FOLDERS: [&str; 5] = [
     "/lib/udev/rules.d",
 ];
 
-/// The installed rule for the board's ids, with its file.
+/// A udev rule for the board's ids, with the file where it was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rule {
     /// No rule is installed.

@@ -27,9 +27,9 @@ pub struct UsbDevice {
     pub serial: Option<String>,
     /// The manufacturer.
     pub manufacturer: Option<String>,
-    /// The interface of its reports, or why it cannot be a board.
+    /// The interface with the board's reports, or the reason why the device is not a board.
     pub interface: Result<ReportInterface, NotTheBoard>,
-    /// The device file that libusb opens, such as `/dev/bus/usb/001/004`; `None` if the kernel does not tell it.
+    /// The device file that libusb opens, such as `/dev/bus/usb/001/004`; `None` if the kernel does not report it.
     pub node: Option<String>,
     /// The speed in Mbit/s; `480` is high speed.
     pub speed: Option<String>,
@@ -37,7 +37,7 @@ pub struct UsbDevice {
     pub configured: bool,
     /// Whether the kernel allows the device to be used (`authorized`).
     pub authorized: bool,
-    /// The most current that the device asks for, such as `100mA`.
+    /// The largest current that the device requests, such as `100mA`.
     pub max_power: Option<String>,
     /// The drivers of the device and of its interfaces.
     pub drivers: Vec<Driver>,
@@ -47,7 +47,7 @@ pub struct UsbDevice {
     pub autosuspend: Autosuspend,
     /// The hub that the device is connected to; `None` for a port of the machine itself.
     pub hub: Option<Hub>,
-    /// How often its port had an over-current.
+    /// The number of over-currents at the port of the device.
     pub over_current: u64,
 }
 
@@ -63,11 +63,11 @@ pub struct Driver {
 /// Whether the kernel suspends a device that no program uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Autosuspend {
-    /// `power/control`: `on` for never, `auto` for after the delay.
+    /// The value of `power/control`: `on` for never, `auto` for after the delay.
     pub control: Option<String>,
     /// The delay in milliseconds; never if it is negative.
     pub delay_ms: Option<i64>,
-    /// `power/runtime_status`, such as `active` or `suspended`.
+    /// The value of `power/runtime_status`, such as `active` or `suspended`.
     pub status: Option<String>,
 }
 
@@ -78,12 +78,12 @@ impl Autosuspend {
     }
 }
 
-/// A hub.
+/// The USB hub that a device is connected to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hub {
-    /// Bus and ports, such as `1-2`.
+    /// Bus and ports of the hub, such as `1-2`.
     pub path: String,
-    /// Whether it has its own power supply; `None` if its descriptors cannot be read.
+    /// Whether the hub has its own power supply; `None` if its descriptors cannot be read.
     pub self_powered: Option<bool>,
 }
 
@@ -103,7 +103,7 @@ impl UsbDevice {
         self.node.iter().chain(&self.hidraw).cloned().collect()
     }
 
-    /// Name and serial number, such as `ECM-SK, serial 7`; `None` if it has neither.
+    /// Name and serial number, such as `ECM-SK, serial 7`; `None` if the device has neither.
     pub fn shown(&self) -> Option<String> {
         match (&self.name, &self.serial) {
             (Some(name), Some(serial)) => Some(format!("{name}, serial {serial}")),
@@ -178,7 +178,8 @@ impl Machine {
         Some(Driver { interface: interface.to_owned(), name })
     }
 
-    /// The hidraw files of an interface. Its folder contains one for the HID device, and that one a folder `hidraw`.
+    /// The hidraw files of an interface. Its folder contains one folder for the HID device, which contains a folder
+    /// `hidraw`.
     fn hidraw(&self, interface: &str) -> Vec<String> {
         let folders = self.names(&format!("{DEVICES}/{interface}"));
         let devices = folders.iter().flat_map(|hid| self.names(&format!("{DEVICES}/{interface}/{hid}/hidraw")));
@@ -186,7 +187,7 @@ impl Machine {
     }
 }
 
-/// `1-2.3`, and not `usb1` (a root hub) or `1-2.3:1.0` (an interface).
+/// Whether a name is that of a device, such as `1-2.3`, and not of a root hub (`usb1`) or an interface (`1-2.3:1.0`).
 fn is_device(name: &str) -> bool {
     let Some((bus, ports)) = name.split_once('-') else { return false };
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());

@@ -6,15 +6,17 @@ use std::time::Duration;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_getres, clock_gettime};
 
-/// \[OURS] The coarsest resolution of high-resolution timers. Without those it is a tick of the kernel, 1 ms or more.
+/// \[OURS] The coarsest resolution that counts as high-resolution timers. Without them it is a tick of the kernel, 1 ms
+/// or more.
 pub const COARSE: Duration = Duration::from_micros(100);
-/// What to do about coarser timers.
+/// The next step for a user whose timers are coarser.
 pub const FINER: &str = "start a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no highres=off)";
 
-/// Sleeps `times` times; how late this thread was woken each time.
+/// Sleeps `times` times for `period`, and returns how late this thread was woken each time.
 pub fn late(period: Duration, times: usize) -> Vec<Duration> {
     let now = || duration(clock_gettime(rustix::time::ClockId::Monotonic));
-    // Like the runner's thread. With the default timer slack Linux may let a thread sleep 50 us longer.
+    // The runner's thread sets the same timer slack. With the default of 50 us Linux may let a thread sleep that much
+    // longer.
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
     let mut late = Vec::with_capacity(times);
     for _ in 0..times {

@@ -1,4 +1,4 @@
-//! A machine with Windows, by what its HID driver tells. Nothing has to be installed, and no special rights are needed.
+//! A machine with Windows, read from its HID driver. Nothing has to be installed, and no special rights are needed.
 
 use super::findings::{Finding, Verdict, timer};
 use super::printable;
@@ -8,26 +8,26 @@ use crate::address::uri::LinkUri;
 use crate::io::hid::{self, Bus, NotTheBoard, Sysfs, UsbError};
 use crate::sk::BOARD_IDS;
 
-// Names of checks.
+// The names of the checks, as findings report them.
 const USB: &str = "usb";
 const BOARD: &str = "usb-board";
 
-/// This machine.
+/// The Windows machine that this process runs on.
 #[derive(Clone, Copy, Debug)]
 pub struct Machine;
 
 /// A device with the board's vendor and product id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Board {
-    /// The name of its instance in Windows, as the key `path=` of a link takes it.
+    /// The device's instance name in Windows, as the key `path=` of a link takes it.
     pub path: String,
     /// The product name, safe to print.
     pub name: Option<String>,
     /// The serial number, safe to print.
     pub serial: Option<String>,
-    /// Why it cannot be a board; `None` if it is one.
+    /// Why the device is not a board; `None` if it is one.
     pub why_no_board: Option<NotTheBoard>,
-    /// Why Windows does not open it; `None` if it does.
+    /// The error with which Windows refuses to open the device; `None` if it opens.
     pub refused: Option<UsbError>,
 }
 
@@ -43,7 +43,8 @@ impl Board {
         self.serial.as_ref().map_or_else(|| name.to_owned(), |serial| format!("{name}, serial {serial}"))
     }
 
-    /// Why the device cannot be opened, and what to do; `None` if it can. Windows does not tell which program uses it.
+    /// Why the device cannot be opened, with the next step; `None` if it can. Windows does not report which program
+    /// uses a device.
     pub fn obstacle(&self) -> Option<Finding> {
         let (found, next) = match self.refused? {
             UsbError::Busy => (
@@ -62,7 +63,7 @@ impl Board {
 }
 
 impl Machine {
-    /// This machine.
+    /// The machine that this process runs on.
     pub const fn here() -> Self {
         Self
     }

@@ -1,15 +1,15 @@
-//! Runs whose host was late, and what `ahead=` results.
+//! Runs whose host was late, and the resulting `ahead=`.
 
 use super::*;
 
-/// A pause of writes that is longer than the usual one is a stall if the program had more to say.
+/// A pause between writes that is longer than usual is a stall if the motion was not over.
 #[test]
 fn late_writes() {
     let stall = |run: &Run| run.found().timing.stall(MS);
     let mut run = Run::in_op(1, 1000);
     run.moves(0..100, 20, MS);
     assert_eq!(stall(&run), None);
-    // Reports go on for 12 ms more than usual, and targets still wait.
+    // Reports continue for 12 ms more than usual, while targets still wait in the FIFO.
     for waiting in (8..20).rev() {
         run.pass(MS).op(waiting);
     }
@@ -19,9 +19,10 @@ fn late_writes() {
     assert_eq!((found.ns, found.seen_by), (12 * MS, SeenBy::LateWrite));
     assert_eq!(run.found().plan.expect("a plan").ahead.stall_cycles, 12);
     assert!(!found.is_limited());
-    // 20 waited, and one was written behind that report.
+    // 20 frames waited at the newest report, and one was written after it.
     assert_eq!((found.whole_ns, found.usual_ns, found.sets), (13 * MS, MS, 21));
-    // Where no axis moves a pause is the program's own: drives that are off while it asks for their state, targets that stay.
+    // If no axis moves, a pause is the program's intention: it polls the state of drives that are off, or repeats a
+    // target.
     let mut run = Run::in_op(1, 1000);
     for n in 0..50 {
         run.take(Dir::Write, Frame::new()).pass(if n == 30 { 20 * MS } else { MS }).op(8);
@@ -38,7 +39,7 @@ fn late_writes() {
         }
     }
     assert_eq!((stall(&run), run.found().timing.longest_pause), (None, None));
-    // The end of a motion is none: the FIFO has run empty, and the next target is another motion's.
+    // The pause after a motion is no stall: the FIFO has run empty, and the next target begins another motion.
     let mut run = Run::in_op(1, 1000);
     run.moves(0..100, 20, MS);
     for waiting in (0..20).rev() {
@@ -52,8 +53,8 @@ fn late_writes() {
     assert_eq!(run.found().timing.gaps, 0);
 }
 
-/// Cycles in which the FIFO was empty while an axis was on its way are counted; where no sets wait none would lie in a
-/// chip, so that the pause is no stall of more cycles than there were sets.
+/// Cycles with an empty FIFO during a motion are counted. With no frames in the FIFO there would be no outputs in a
+/// chip either, so the stall has no more cycles than frames were waiting.
 #[test]
 fn repeated_outputs() {
     let mut run = Run::in_op(1, 1000);
@@ -65,21 +66,21 @@ fn repeated_outputs() {
     let timing = run.found().timing;
     let (longest_ns, _) = timing.longest_gap.expect("a gap");
     assert_eq!((timing.gaps, timing.repeated_cycles, longest_ns), (1, 7, 6 * MS));
-    // One set was in the FIFO: a chip could have bridged one cycle of the pause.
+    // One frame was in the FIFO, so a chip could have bridged one cycle of the pause.
     let stall = timing.stall(MS).expect("a stall");
     assert_eq!((timing.longest_pause.expect("a pause").0, stall.ns), (8 * MS, MS));
     assert!(stall.is_limited());
     assert_eq!((stall.whole_ns, stall.sets), (8 * MS, 1));
 }
 
-/// Silence in both directions is a stall while sets wait, as far as it is longer than a cycle.
+/// Silence in both directions is a stall while command frames wait, minus one cycle.
 #[test]
 fn silence() {
     let mut run = Run::in_op(1, 1000);
     run.moves(0..100, 40, MS).pass(15 * MS).moves(100..200, 40, MS);
     let timing = run.found().timing;
     let stall = timing.stall(MS).expect("a stall");
-    // 15 ms and the half before the next report; the write is as late, by 15 ms.
+    // The silence lasted 15 ms and half a cycle until the next report; the next write is 15 ms late as well.
     assert_eq!((stall.ns, stall.seen_by), (15 * MS, SeenBy::LateWrite));
     assert_eq!(timing.silences.longest_ns(), Some(15 * MS + MS / 2));
     let mut run = Run::in_op(1, 1000);
@@ -91,7 +92,7 @@ fn silence() {
     assert_eq!((stall.ns, stall.seen_by), (14 * MS, SeenBy::Silence));
 }
 
-/// `ahead=` is the stall, from the default on up to what the chip holds.
+/// `ahead=` covers the stall: at least the default, at most what the chip holds.
 #[test]
 fn sets_ahead() {
     let stalled = |drives, ms: i64| {
@@ -112,7 +113,7 @@ fn sets_ahead() {
     assert!(matches!(ahead.verdict, Verdict::No { row: Row::Stall, .. }), "{ahead:?}");
     let ahead = stalled(40, 30);
     assert_eq!((ahead.value, ahead.verdict.word()), (21, "no"));
-    // On a virtual clock, and below OP, nothing is known.
+    // With a virtual clock, or without OP, nothing is known of the host's timing.
     let mut run = Run::in_op(2, 1000);
     run.moves(0..100, 100, MS).pass(50 * MS).moves(100..200, 100, MS);
     let setting = Setting { clock: Clock::Virtual, ..Setting::default() };

@@ -1,4 +1,4 @@
-//! The frames and the clock of a network card, and of two.
+//! The frames and the clock of one network card, or of two cards in a ring.
 
 use std::time::{Duration, Instant};
 
@@ -12,22 +12,23 @@ use crate::io::ethernet::{self, Claim, DefaultRoute, InterfaceError, MacAddress,
 use crate::link::LinkError;
 use crate::master::{FrameBuffer, Wire, WireDown};
 
-/// For so long the card is listened to before anything is sent: another master sends within each of its cycles. \[OURS]
+/// Time for which a card is listened to before anything is sent: another master sends in each of its cycles, so its
+/// frames show. \[OURS]
 const LISTEN: Duration = Duration::from_millis(100);
-/// The bit of a source address that slaves set in frames which pass them. A master's own address is without it.
+/// The bit of the source address that slaves set in frames which pass them. A master's own address has it cleared.
 const PASSED: u8 = 0x02;
 
-/// A network card that one master alone uses.
+/// A network card that is used exclusively by one master.
 pub(crate) struct Card {
     name: String,
     socket: Socket,
-    /// Its interface does not exist any more.
+    /// Whether the interface does not exist any more.
     is_gone: bool,
-    /// What is said then.
+    /// The message for that case.
     gone: CardsGone,
     source: MacAddress,
     begin: Instant,
-    /// Nobody else on this machine has the card while this is open.
+    /// Keeps other programs of ecmsk on this machine from opening the card.
     _claim: Claim,
 }
 
@@ -35,7 +36,7 @@ impl Card {
     /// Opens the card that a link names.
     ///
     /// # Errors
-    /// [`LinkError::Uri`]: it names none; as [`Self::open`].
+    /// [`LinkError::Uri`] if the link names no card; otherwise as [`Self::open`].
     pub(super) fn of(uri: &LinkUri) -> Result<Self, LinkError> {
         if uri.path().is_empty() {
             let path = uri.path().to_owned();
@@ -46,11 +47,11 @@ impl Card {
         Self::open(uri.path(), &uri.to_string())
     }
 
-    /// Opens the card of that name for a master.
+    /// Opens a card exclusively for a master.
     ///
     /// # Errors
-    /// [`LinkError::NoBoard`]: the interface cannot be used, or another master is there; [`LinkError::InUse`]: another program
-    /// on this machine has it.
+    /// [`LinkError::NoBoard`]: the interface cannot be used, or another master sends on it; [`LinkError::InUse`]:
+    /// another program of ecmsk on this machine uses it.
     pub(super) fn open(interface: &str, link: &str) -> Result<Self, LinkError> {
         let refused = |error: InterfaceError| match error {
             InterfaceError::InUse { .. } => LinkError::InUse {
@@ -81,19 +82,19 @@ impl Card {
         Ok(card)
     }
 
-    /// The source of its frames.
+    /// The source address of the master's frames.
     pub(super) const fn source(&self) -> MacAddress {
         self.source
     }
 
-    /// Notes that it is gone, if that is why a frame was neither sent nor taken.
+    /// Notes the loss of the card, if that is why a frame could not be sent or received.
     const fn note(&mut self, error: &SocketError) {
         if matches!(error, SocketError::Gone) {
             self.is_gone = true;
         }
     }
 
-    /// The source of a frame that somebody else sends; `None`: the wire is quiet.
+    /// Listens for frames of another master. Returns their source address; `None` if there are none.
     fn other_master(&mut self) -> Option<MacAddress> {
         let end = Ns::try_from(LISTEN.as_nanos()).unwrap_or(Ns::MAX).saturating_add(self.now());
         let mut buffer = [0; FRAME_LEN_MAX];
@@ -120,7 +121,7 @@ impl Wire for Card {
     }
 
     fn receive(&mut self, buffer: &mut FrameBuffer) -> Option<usize> {
-        // A longer frame is none of EtherCAT, and one that cannot be taken is lost.
+        // Frames longer than an EtherCAT frame are skipped. After an error the frame counts as lost.
         loop {
             match self.socket.take(buffer) {
                 Ok(Some(len)) if len > buffer.len() => {}
@@ -134,7 +135,8 @@ impl Wire for Card {
     }
 }
 
-/// Waits until a frame is there or the time is up. If the wait fails, the calls after it find nothing.
+/// Waits until a frame has arrived or the time is up. An error of the wait is ignored: the next read finds no frame
+/// then.
 fn wait_for_frames(fds: &mut [PollFd<'_>], left_ns: Ns) {
     let limit = Timespec::try_from(Duration::from_nanos(left_ns)).ok();
     let _ = poll(fds, limit.as_ref());
@@ -163,7 +165,7 @@ impl NicWires for Card {
 pub(crate) struct Cards {
     first: Card,
     second: Card,
-    /// What is said when the first one is gone, the second one, and both.
+    /// The messages for the loss of the first card, of the second one, and of both.
     gone: Box<[CardsGone; 3]>,
 }
 
@@ -186,7 +188,7 @@ impl Cards {
     }
 }
 
-/// Which cards are gone, and what to do.
+/// A message that names the lost cards, with the next step.
 fn gone_text(first: &str, others: &[&str]) -> String {
     let names = [&[first], others].concat().join(" and ");
     let (card, was) = if others.is_empty() { ("card", "was") } else { ("cards", "were") };

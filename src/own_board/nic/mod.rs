@@ -1,8 +1,8 @@
-//! `nic:INTERFACE`: a board whose slaves are at the end of a network card, without any board: the EC01M is the model in this
+//! `nic:INTERFACE`: slaves on a network card of this machine, without a real board. The EC01M is the model in this
 //! process, and our own master runs the network.
 //!
-//! - `mod.rs`: opening it
-//! - `card.rs`: the frames and the clock of the card, or of two
+//! - `mod.rs`: opens the link
+//! - `card.rs`: the frames and the clock of one card, or of two
 
 mod card;
 
@@ -18,18 +18,19 @@ use crate::link::common_options::CommonOptions;
 use crate::master::Settings;
 use card::{Card, Cards};
 
-/// The way to the slaves of a link.
+/// The network cards that lead to the slaves of a link.
 pub(crate) enum Wires {
-    /// One card.
+    /// One card, at the beginning of a line of slaves.
     Line(Card),
-    /// Two cards, one at each end of the cable.
+    /// Two cards, one at each end of the slaves' cable.
     Ring(Ring<Cards>),
 }
 
-/// Opens the card that a link names, or both of them, for a master that sends as it says.
+/// Opens the one or two cards of a link. Also returns the settings of the master, with the source address of its
+/// frames.
 ///
 /// # Errors
-/// As [`Card::of`]; both cards are the same one.
+/// Those of [`Card::of`]; [`LinkError::NoBoard`] if both cards are the same one.
 pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
     let name = uri.to_string();
     let no_board = |reason: &str| LinkError::NoBoard { name: name.clone(), reason: reason.to_owned() };
@@ -47,7 +48,7 @@ pub(crate) fn wires(uri: &LinkUri) -> Result<(Wires, Settings), LinkError> {
     Ok((Wires::Ring(Ring::new(Cards::new(first, second), probe_source)), settings))
 }
 
-/// Why a board has not come up.
+/// The reason why a board did not reach PreOP, with the next step.
 fn why_not(board: &Board) -> String {
     if let Some(why) = board.engine().state_failure().filter(|why| *why != StateFailure::NoSlave) {
         return format!("no PreOP: {why}; see who is there with `ecmsk bus scan`");
@@ -60,7 +61,7 @@ fn why_not(board: &Board) -> String {
     }
 }
 
-/// Opens the board: the network is scanned, and its slaves are brought to PreOP.
+/// Opens the board: scans the network and brings its slaves to PreOP.
 pub(crate) fn open(uri: &LinkUri, common: &CommonOptions) -> Result<EngineLink, LinkError> {
     let options = BoardOptions::from_uri(uri)?;
     let name = uri.to_string();

@@ -1,7 +1,7 @@
-//! The file around the packets of a capture: pcapng or the older pcap, read block by block from any source.
+//! Reads the container around the packets of a capture, pcapng or the older pcap, block by block from any source.
 //!
-//! The parsers of `pcap-file` do the reading. What stands between them and an arbitrary file is here: where in the file
-//! a block begins, units of time other than nanoseconds, and blocks that need not reach them.
+//! The crate `pcap-file` parses the blocks. This file adds what it lacks: the offsets of blocks in the file, time units
+//! other than nanoseconds, and skipping blocks that are not needed.
 
 use std::borrow::Cow;
 use std::io::{ErrorKind, Read};
@@ -20,35 +20,35 @@ use super::number;
 use crate::recording::error::RecordError;
 use crate::recording::meta::{APPLICATION, RecordMeta};
 
-/// Bytes that are read at a time. \[OURS]
+/// The number of bytes read at a time. \[OURS]
 const CHUNK: usize = 64 * 1024;
 /// Longest block that is read into memory. \[OURS] Real ones are a thousand times shorter.
 const LONGEST_BLOCK: usize = 16 * 1024 * 1024;
 
 const NS_PER_S: u128 = 1_000_000_000;
 
-/// What stands in a file, as far as it matters here.
+/// The content of a block, as far as it is needed.
 pub(in crate::recording) enum Item<'a> {
-    /// A section begins; what it says of itself, if it is a recording, and whether our recorder wrote the file.
+    /// The header of a section: its metadata, if the section is a recording, and whether our recorder wrote it.
     Section(Option<RecordMeta>, bool),
-    /// Packets of that link type may follow.
+    /// The description of an interface, whose packets have this link type.
     Interface(DataLink),
-    /// One packet.
+    /// A captured packet.
     Packet(Packet<'a>),
-    /// The counts of an interface, which stand at the end of a section: so many packets are missing, and why.
+    /// The statistics of an interface, at the end of a section: the number of missing packets, and the reason.
     Counts { missing: u64, why: Option<String> },
-    /// Something else.
+    /// A block of another kind.
     Other,
 }
 
-/// One packet.
+/// A captured packet.
 pub(in crate::recording) struct Packet<'a> {
     pub link_type: DataLink,
-    /// Byte order of the numbers in front of the data.
+    /// The byte order of the numbers in the header before the data.
     pub order: Endianness,
-    /// Nanoseconds since the file's zero.
+    /// The time in nanoseconds from the file's zero.
     pub at_ns: u64,
-    /// Where its block begins in the file.
+    /// The offset of the packet's block in the file.
     pub offset: u64,
     pub data: &'a [u8],
 }
@@ -58,16 +58,16 @@ enum Parser {
     Pcap(PcapParser),
 }
 
-/// A file, block by block.
+/// Reads a file block by block.
 pub(in crate::recording) struct Blocks<R> {
     source: R,
-    /// For messages.
+    /// The name of the file, for messages.
     name: String,
     buffer: Vec<u8>,
-    /// Where the next block begins in the buffer and in the file.
+    /// The offset of the next block in the buffer, and in the file.
     start: usize,
     offset: u64,
-    /// `None` before the first block.
+    /// The parser; `None` before the first block.
     parser: Option<Parser>,
 }
 
@@ -76,7 +76,7 @@ impl<R: Read> Blocks<R> {
         Self { source, name, buffer: Vec::new(), start: 0, offset: 0, parser: None }
     }
 
-    /// The next block; `None` at the end of the file.
+    /// Reads the next block; `None` at the end of the file.
     pub fn next(&mut self) -> Result<Option<Item<'_>>, RecordError> {
         if self.parser.is_none() {
             return self.begin().map(Some);
@@ -103,7 +103,7 @@ impl<R: Read> Blocks<R> {
         item.map(Some).map_err(|error| malformed(&self.name, offset, &error))
     }
 
-    /// The header of the file, which tells what kind it is.
+    /// Reads the header of the file, which shows whether it is pcapng or pcap.
     fn begin(&mut self) -> Result<Item<'_>, RecordError> {
         while self.buffer.len() < size_of::<u32>() {
             if !self.fill()? {
@@ -112,7 +112,7 @@ impl<R: Read> Blocks<R> {
         }
         let is_pcapng = self.buffer.starts_with(&SECTION_HEADER_BLOCK.to_be_bytes());
         let (parser, rest) = loop {
-            // The parser of pcapng would read a first block of any kind.
+            // Checked here because the pcapng parser would accept a first block of any kind.
             let parsed = if is_pcapng {
                 PcapNgParser::new(&self.buffer).map(|(rest, parser)| (Parser::PcapNg(parser), rest.len()))
             } else {
@@ -134,7 +134,7 @@ impl<R: Read> Blocks<R> {
         })
     }
 
-    /// Length of the next block. Sections and interfaces are known to the parser afterwards.
+    /// The length of the next block. Makes the parser read section and interface blocks.
     fn measure(&mut self) -> Result<usize, PcapError> {
         let bytes = &self.buffer[self.start..];
         let rest = match &mut self.parser {
@@ -145,7 +145,7 @@ impl<R: Read> Blocks<R> {
         Ok(bytes.len() - rest.len())
     }
 
-    /// Reads on inside a block.
+    /// Reads more of the current block into the buffer.
     fn fill_more(&mut self) -> Result<(), RecordError> {
         if self.buffer.len() - self.start > LONGEST_BLOCK {
             let reason = PcapError::InvalidField("a block of more than 16 MiB");
@@ -154,7 +154,7 @@ impl<R: Read> Blocks<R> {
         if self.fill()? { Ok(()) } else { Err(RecordError::Truncated { name: self.name.clone(), offset: self.offset }) }
     }
 
-    /// Makes the buffer longer; says whether there was anything left to read.
+    /// Reads the next chunk into the buffer. Returns whether there was anything left to read.
     fn fill(&mut self) -> Result<bool, RecordError> {
         self.buffer.drain(..self.start);
         self.start = 0;
@@ -199,17 +199,18 @@ fn pcap_item<'a>(parser: &PcapParser, block: &'a [u8], offset: u64) -> Result<It
     Ok(Item::Packet(Packet { link_type: header.datalink, order: header.endianness, at_ns, offset, data }))
 }
 
-/// One block, which the parser has measured.
+/// Parses one complete block.
 fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> Result<Item<'a>, PcapError> {
     let order = parser.section().endianness;
-    // The parser refuses a file for what is wrong with blocks that do not matter here: it gets only those that do.
+    // The parser would reject a whole file because of a wrong block that is not needed, so only blocks that are needed
+    // are parsed.
     match field(order, block, BLOCK_TYPE)? {
         SECTION_HEADER_BLOCK => return Ok(section(parser.section())),
         INTERFACE_DESCRIPTION_BLOCK => {
             let newest = parser.interfaces().last();
             return Ok(newest.map_or(Item::Other, |interface| Item::Interface(interface.linktype)));
         }
-        // Where addresses have 32 bits, the parser's sum of length and padding can overflow.
+        // With 32-bit `usize` the parser's sum of length and padding could overflow.
         ENHANCED_PACKET_BLOCK if field(order, block, CAPTURED_LENGTH)? as usize > block.len() => {
             return Err(PcapError::InvalidField("EnhancedPacketBlock: captured_len > block length"));
         }
@@ -220,7 +221,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
         Block::EnhancedPacket(packet) => {
             let unknown = PcapError::InvalidInterfaceId(packet.interface_id);
             let interface = parser.packet_interface(&packet).ok_or(unknown)?;
-            // The crate takes the units of every file for nanoseconds: this is how many of them there are.
+            // The crate always takes the time as nanoseconds, so `as_nanos` returns the number of units.
             let at_ns = nanoseconds(packet.timestamp.as_nanos(), interface);
             let Cow::Borrowed(data) = packet.data else { return Ok(Item::Other) };
             Ok(Item::Packet(Packet { link_type: interface.linktype, order, at_ns, offset, data }))
@@ -230,7 +231,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
             for option in &statistics.options {
                 match option {
                     InterfaceStatisticsOption::IsbIfDrop(n) => missing = *n,
-                    // `570 frames are missing: why`
+                    // The comment has the form `570 frames are missing: why`.
                     InterfaceStatisticsOption::Comment(words) => {
                         why = words.split_once(": ").map(|(_, why)| why.to_owned());
                     }
@@ -243,7 +244,7 @@ fn pcapng_item<'a>(parser: &mut PcapNgParser, block: &'a [u8], offset: u64) -> R
     }
 }
 
-/// Where these numbers stand in a block.
+/// Offsets of these fields in a block.
 const BLOCK_TYPE: usize = 0;
 const CAPTURED_LENGTH: usize = 20;
 
@@ -252,7 +253,8 @@ fn field(order: Endianness, block: &[u8], at: usize) -> Result<u32, PcapError> {
     bytes.map(|bytes| number(order, *bytes)).ok_or(PcapError::InvalidField("block too short"))
 }
 
-/// A time in the interface's units, which are microseconds unless it says otherwise; what does not fit is cut off.
+/// Converts a time in the interface's units to nanoseconds. The units are microseconds by default. A time that does not
+/// fit saturates.
 fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     const MICROSECONDS: u8 = 6;
     const BINARY: u8 = 0x80;
@@ -261,14 +263,14 @@ fn nanoseconds(units: u128, interface: &InterfaceDescriptionBlock<'_>) -> u64 {
     for option in &interface.options {
         match option {
             InterfaceDescriptionOption::IfTsResol(exponent) => resolution = *exponent,
-            // A signed number of seconds.
+            // The offset is a signed number of seconds.
             InterfaceDescriptionOption::IfTsOffset(seconds) => offset_s = i128::from(*seconds as i64),
             _ => {}
         }
     }
     let exponent = u32::from(resolution & !BINARY);
     let base: u128 = if resolution & BINARY == 0 { 10 } else { 2 };
-    // Units too small for this number leave nothing of a 64-bit time.
+    // With units so small that this number overflows, a 64-bit time is 0 ns.
     let ns = base.checked_pow(exponent).map_or(0, |per_second| units * NS_PER_S / per_second);
     let ns = i128::try_from(ns).unwrap_or(i128::MAX).saturating_add(offset_s * NS_PER_S as i128);
     u64::try_from(ns.max(0)).unwrap_or(u64::MAX)

@@ -1,19 +1,20 @@
-//! Packets of a chip ECM-XF, as `record=` of a link to a chip writes them: a byte for the direction, then the bytes.
+//! Packets of an ECM-XF, as the key `record=` of a link to a chip writes them: one byte for the direction, then the
+//! bytes of the exchange.
 
 use pcap_file::DataLink;
 
 use crate::sk::Dir;
 
-/// The link type of such packets: USER15. \[OURS] No standard type is meant for them, and of the sixteen for private use
-/// the last one is the least likely to be taken by a user's own settings of Wireshark.
+/// The link type of these packets: USER15. \[OURS] No standard type exists for them, and of the sixteen types for
+/// private use the last one is the least likely to be in a user's own settings of Wireshark.
 pub(crate) const LINK_TYPE: DataLink = DataLink::USER15;
 
-/// The byte in front of bytes to the chip.
+/// The first byte of a packet to the chip.
 const TO_CHIP: u8 = 0;
-/// The byte in front of bytes from the chip.
+/// The first byte of a packet from the chip.
 const FROM_CHIP: u8 = 1;
 
-/// The byte in front of the bytes.
+/// The first byte of a packet in this direction.
 pub(crate) const fn mark(dir: Dir) -> u8 {
     match dir {
         Dir::Write => TO_CHIP,
@@ -21,7 +22,7 @@ pub(crate) const fn mark(dir: Dir) -> u8 {
     }
 }
 
-/// Direction and bytes of a packet; `None` if it is none of ours.
+/// The direction and the bytes of a packet; `None` if the first byte is unknown.
 pub(in crate::recording) fn parse(data: &[u8]) -> Option<(Dir, &[u8])> {
     match data.split_first()? {
         (&TO_CHIP, bytes) => Some((Dir::Write, bytes)),

@@ -1,12 +1,12 @@
 //! The formats of recordings and captures.
 //!
 //! A file has two layers. [`container`] reads the outer one, the blocks of a pcapng file or of the older pcap. In each
-//! packet there is a header in front of the bytes of a USB transfer, and which one depends on who captured: [`usbmon`] of
-//! Linux, which our own recordings have too, or [`usbpcap`] on Windows. Either header becomes an [`Event`].
+//! packet a header precedes the bytes of a USB transfer. The header depends on the capturing program: [`usbmon`] on
+//! Linux, which recordings of this crate use too, or [`usbpcap`] on Windows. Either header becomes an [`Event`].
 //!
-//! Recordings of a chip hold no USB transfers: [`exchange`].
+//! Recordings of a chip have packets of another kind: [`exchange`].
 //!
-//! A further header is a file beside these two, and a line in [`is_usb`] and in [`event`].
+//! To add a header, add a file beside these two, and a line in [`is_usb`] and in [`event`].
 
 pub(super) mod container;
 pub(crate) mod exchange;
@@ -19,12 +19,12 @@ use pcap_file::{DataLink, Endianness};
 use container::Packet;
 use transfer::Event;
 
-/// Whether packets of that link type are USB transfers that can be read.
+/// Whether packets of this link type are USB transfers that can be read.
 pub(super) fn is_usb(link_type: DataLink) -> bool {
     usbmon::is_usbmon(link_type) || usbpcap::is_usbpcap(link_type)
 }
 
-/// What a packet tells of a USB transfer; `None` if it tells nothing that matters.
+/// Decodes the header of a USB transfer; `None` if the packet does not matter.
 pub(super) fn event<'a>(packet: &Packet<'a>) -> Option<Event<'a>> {
     match packet.link_type {
         link_type if usbpcap::is_usbpcap(link_type) => usbpcap::event(packet.data),

@@ -1,38 +1,38 @@
-//! What a packet of a capture tells of a USB transfer, whoever captured it.
+//! What a packet of a capture shows of a USB transfer, independent of the capturing program.
 
 use crate::recording::address::Address;
 
-/// Kind of transfer.
+/// The kind of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum Kind {
-    /// Interrupt, or one of which the capture does not know the endpoint.
+    /// An interrupt transfer, or one whose endpoint the capture does not know.
     Interrupt,
     Control,
-    /// Bulk or isochronous.
+    /// A bulk or isochronous transfer.
     Other,
 }
 
-/// What has happened to a transfer.
+/// The stage of a transfer that a packet shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) enum Stage {
-    /// It was handed to the controller.
+    /// The transfer was handed to the host controller.
     Submitted,
-    /// It has ended; whether it was carried out.
+    /// The transfer has ended; `done`: whether it succeeded.
     Ended { done: bool },
 }
 
-/// One packet.
+/// One packet of a USB transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::recording) struct Event<'a> {
     pub at: Address,
     pub kind: Kind,
     pub stage: Stage,
     pub to_host: bool,
-    /// The same in all packets of a transfer while it is under way.
+    /// The id of the transfer, the same in all its packets while it is in flight.
     pub id: u64,
     /// The setup packet of a control transfer.
     pub setup: Option<[u8; 8]>,
-    /// Bytes that were moved or are to be; a capture may hold fewer of them.
+    /// The bytes that were, or are to be, transferred; a capture may have fewer of them.
     pub length: u32,
     pub data: &'a [u8],
 }

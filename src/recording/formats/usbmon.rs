@@ -1,7 +1,7 @@
-//! The header that Linux' usbmon puts before the bytes of a USB transfer: the wire file of recordings.
+//! The header that Linux' usbmon puts before the bytes of a USB transfer. Recordings of this crate have it too.
 //!
 //! LINKTYPE_USB_LINUX_MMAPPED (220) has all 64 bytes, LINKTYPE_USB_LINUX (189) the first 48. Numbers have the byte
-//! order of the file around them. Source: Documentation/usb/usbmon.rst of Linux, `struct usbmon_packet`.
+//! order of the surrounding file. Source: Documentation/usb/usbmon.rst of Linux, `struct usbmon_packet`.
 
 use bytemuck::{Pod, Zeroable};
 use pcap_file::{DataLink, Endianness};
@@ -11,33 +11,33 @@ use super::transfer::{Event, Kind, Stage};
 use crate::recording::address::Address;
 use crate::sk::{Dir, FRAME_LEN};
 
-/// Bytes of the header in a recording.
+/// The length of the header in a recording, bytes.
 pub(crate) const HEADER_LEN: usize = size_of::<RawHeader>();
-/// Bytes of the header without the fields for isochronous transfers.
+/// The length of the header without the fields for isochronous transfers, bytes.
 const SHORT_HEADER_LEN: usize = 48;
 
 /// The board's endpoints (SK-9).
 const OUT: u8 = 0x02;
 const IN: u8 = 0x81;
-/// Bit of an endpoint's number: to the host.
+/// The bit of an endpoint's address that means "to the host".
 const TO_HOST: u8 = 0x80;
 
-/// Events: a transfer is handed to the controller, it has ended, it was refused.
+/// Events: a transfer was handed to the host controller, has ended, or was refused.
 const SUBMIT: u8 = b'S';
 const COMPLETE: u8 = b'C';
 const REFUSED: u8 = b'E';
-/// Kinds of transfer.
+/// The kinds of transfer.
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
-/// There is a setup packet, or none.
+/// Values of the flag for a setup packet: present, or none.
 const SETUP_PRESENT: u8 = 0;
 const NO_SETUP: u8 = b'-';
-/// The data follow.
+/// Value of the data flag: data follow the header.
 const DATA_PRESENT: u8 = 0;
-/// Status of a transfer under way: -EINPROGRESS.
+/// The status of a transfer in flight: -EINPROGRESS.
 const IN_PROGRESS: i32 = -115;
 
-/// Bus and device number that a recording gives the board, as usbmon has none to give. \[OURS]
+/// Bus and device number of the board in a recording, which has no real ones. \[OURS]
 const BUS: u16 = 1;
 const DEVICE: u8 = 1;
 
@@ -67,8 +67,8 @@ struct RawHeader {
 const _: () = assert!(HEADER_LEN == 64 && align_of::<RawHeader>() == 1);
 const _: () = assert!(std::mem::offset_of!(RawHeader, interval) == SHORT_HEADER_LEN);
 
-/// The header before a frame, little endian: the submission of an OUT transfer or the completion of an IN transfer,
-/// both with all 512 bytes.
+/// The header before a frame, little endian: the submission of an OUT transfer, or the completion of an IN transfer,
+/// each with all 512 bytes.
 pub(crate) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
     let (event, endpoint, status) = match dir {
         Dir::Write => (SUBMIT, OUT, IN_PROGRESS),
@@ -97,12 +97,12 @@ pub(crate) fn header(dir: Dir, id: u64, at_ns: u64) -> [u8; HEADER_LEN] {
     })
 }
 
-/// Whether packets of that link type begin with this header.
+/// Whether packets of this link type begin with this header.
 pub(super) const fn is_usbmon(link_type: DataLink) -> bool {
     header_len(link_type).is_some()
 }
 
-/// What a packet of that link type tells; `None` if it is no usbmon packet.
+/// Decodes a packet of this link type; `None` if it is no usbmon packet.
 pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Option<Event<'_>> {
     let (start, data) = packet.split_at_checked(header_len(link_type)?)?;
     let mut bytes = [0; HEADER_LEN];
@@ -111,7 +111,7 @@ pub(super) fn event(link_type: DataLink, order: Endianness, packet: &[u8]) -> Op
     let (stage, length) = match header.event {
         SUBMIT => (Stage::Submitted, number(order, header.length)),
         COMPLETE => (Stage::Ended { done: header.status == [0; 4] }, number(order, header.length)),
-        // What was refused has moved nothing.
+        // A refused transfer has transferred nothing.
         REFUSED => (Stage::Ended { done: false }, 0),
         _ => return None,
     };

@@ -1,7 +1,7 @@
-//! The header that USBPcap puts before the bytes of a USB transfer: captures that Wireshark makes on Windows.
+//! The header that USBPcap puts before the bytes of a USB transfer, in captures that Wireshark makes on Windows.
 //!
-//! LINKTYPE_USBPCAP (249); little endian whatever the file around it. Source: `USBPCAP_BUFFER_PACKET_HEADER` in USBPcap's
-//! description of its format (desowin.org/usbpcap/captureformat.html).
+//! LINKTYPE_USBPCAP (249); little endian in any file. Source: `USBPCAP_BUFFER_PACKET_HEADER` in USBPcap's description
+//! of its format (desowin.org/usbpcap/captureformat.html).
 
 use bytemuck::{Pod, Zeroable};
 use pcap_file::DataLink;
@@ -9,24 +9,24 @@ use pcap_file::DataLink;
 use super::transfer::{Event, Kind, Stage};
 use crate::recording::address::Address;
 
-/// Bytes of the header that all transfers have.
+/// The length of the header that all transfers have, bytes.
 const HEADER_LEN: usize = size_of::<RawHeader>();
-/// Bit of `info`: from the device's driver back to who asked, and so at the end of a transfer.
+/// The bit of `info` that means "from the device's driver to the caller", which marks the end of a transfer.
 const IS_ANSWER: u8 = 1;
-/// Bit of an endpoint's number: to the host.
+/// The bit of an endpoint's address that means "to the host".
 const TO_HOST: u8 = 0x80;
-/// The endpoint of a transfer whose pipe was opened before the capture began.
+/// The endpoint number of a transfer whose pipe was opened before the capture began.
 const UNKNOWN_ENDPOINT: u8 = 0xFF;
 
-/// Kinds of transfer.
+/// The kinds of transfer.
 const INTERRUPT: u8 = 1;
 const CONTROL: u8 = 2;
 
-/// Parts of a control transfer, in the byte behind its header.
+/// The stages of a control transfer, in the byte after its header.
 const STAGE_SETUP: u8 = 0;
 const STAGE_DATA: u8 = 1;
 const STAGE_COMPLETE: u8 = 3;
-/// Bytes of a setup packet.
+/// The length of a setup packet, bytes.
 const SETUP_LEN: usize = 8;
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -46,12 +46,12 @@ struct RawHeader {
 
 const _: () = assert!(HEADER_LEN == 27 && align_of::<RawHeader>() == 1);
 
-/// Whether packets of that link type begin with this header.
+/// Whether packets of this link type begin with this header.
 pub(super) fn is_usbpcap(link_type: DataLink) -> bool {
     link_type == DataLink::USBPCAP
 }
 
-/// What a packet tells; `None` if it is no packet of USBPcap or one that does not matter.
+/// Decodes a packet; `None` if it is no USBPcap packet, or one that does not matter.
 pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
     let start = packet.first_chunk::<HEADER_LEN>()?;
     let header: RawHeader = bytemuck::cast(*start);
@@ -63,7 +63,8 @@ pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
     let done = header.status == [0; 4];
     let at = Address {
         bus: u16::from_le_bytes(header.bus),
-        // Of a device that it does not know USBPcap gives 0xFFFF; on the bus there are 127 at most.
+        // USBPcap writes 0xFFFF for a device that it does not know. A bus has 127 devices at most, so that value
+        // becomes 255.
         device: u8::try_from(u16::from_le_bytes(header.device)).unwrap_or(u8::MAX),
     };
     let id = u64::from_le_bytes(header.irp);
@@ -73,15 +74,15 @@ pub(super) fn event(packet: &[u8]) -> Option<Event<'_>> {
         Event { at, kind: Kind::Other, stage, to_host: header.endpoint & TO_HOST != 0, id, setup: None, length, data };
     match header.transfer {
         CONTROL => control(event, *packet.get(HEADER_LEN)?),
-        // Which way it goes shows where its bytes are: with the request or with the answer.
+        // The direction follows from the bytes: they are with the request (OUT) or with the answer (IN).
         _ if unknown => Some(Event { kind: Kind::Interrupt, to_host: ended && length > 0, ..event }),
         INTERRUPT => Some(Event { kind: Kind::Interrupt, ..event }),
         _ => Some(event),
     }
 }
 
-/// A part of a control transfer. Since version 1.5 the setup packet has the bytes of an OUT transfer behind it, and the
-/// last part those of an IN transfer; before, a part of its own has them.
+/// Decodes a packet of a control transfer. Since version 1.5 the bytes of an OUT transfer follow the setup packet, and
+/// those of an IN transfer are in the last packet. Before, a packet of its own had them.
 fn control(event: Event<'_>, stage: u8) -> Option<Event<'_>> {
     let event = Event { kind: Kind::Control, ..event };
     match stage {

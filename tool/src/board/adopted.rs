@@ -1,6 +1,6 @@
-//! Checks a network that was found running. Before an axis moves, the cycle and the modes that the user has given are
-//! compared with those of the network: with another cycle the axes would move faster or slower than asked for, and in
-//! another mode not as asked for at all.
+//! Checks a network that was already running when the verb began. Before an axis moves, the cycle and the modes that
+//! the user has given are compared with those of the network: with another cycle time the axes would move faster or
+//! slower than requested, and in another mode in a different way.
 
 use ecmsk::cia402::Mode;
 use ecmsk::coe::ObjectAddress;
@@ -8,17 +8,17 @@ use ecmsk::coe::ObjectAddress;
 use super::error::BoardError;
 use super::session::Board;
 
-/// \[OURS] How many cycles are measured.
+/// \[OURS] The number of cycles over which the cycle time is measured.
 const CYCLES: u64 = 50;
-/// \[OURS] The largest relative deviation of the measured cycle: a third, since the next possible cycle is twice as
-/// long and some links stamp reports late.
+/// \[OURS] The largest relative deviation of the measured cycle time: a third, since the next possible cycle is twice
+/// as long and some links stamp reports late.
 const TOLERANCE: f64 = 0.33;
-/// Modes of operation display, 0x6061.
+/// The object "modes of operation display", 0x6061.
 const MODE_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl Board {
-    /// Checks that these axes run in CSP, with the cycle that the user has given. A network that this board has
-    /// configured itself does.
+    /// Checks that these axes run in CSP, with the cycle time that the user has given. A network that this process has
+    /// configured always does.
     ///
     /// # Errors
     /// [`BoardError::Refused`]
@@ -88,7 +88,7 @@ mod tests {
         board.close(done)
     }
 
-    /// A network that was found running is moved only with the cycle and the mode that it has.
+    /// A network that was already running is moved only if the given cycle time and mode are those that it has.
     #[test]
     fn a_running_network_is_moved_only_with_its_own_cycle_and_mode() {
         lines(&["--cycle-us", "2000", "--slaves", "drive,drive:csv"], &["state op", "servo on all"]).unwrap();

@@ -20,10 +20,10 @@ pub enum BoardError {
     /// Standard output cannot be written to, see [`crate::CliError::Output`].
     #[error("cannot write to standard output: {0}; send it to a place with room, e.g. `> FILE`")]
     Output(io::Error),
-    /// The system has no thread, no memory or no file for it.
+    /// The operating system refuses a thread, memory or a file.
     #[error("cannot {what}: {source}; free some of the system's memory, threads or files, then run it again")]
     System {
-        /// What was to be done.
+        /// What the call was to do.
         what: &'static str,
         /// The error of the operating system.
         source: io::Error,
@@ -31,7 +31,7 @@ pub enum BoardError {
     /// The recording lacks frames, or its end.
     #[error("{lacks}")]
     NotRecorded {
-        /// The file, what it lacks, and what to do.
+        /// The file, what it lacks, and the next step.
         lacks: String,
     },
     /// Standard input cannot be read.
@@ -40,13 +40,13 @@ pub enum BoardError {
     /// A line of the shell is invalid.
     #[error("{why}")]
     Typed {
-        /// What is wrong with it and what may be typed.
+        /// What is wrong with the line, and what may be typed.
         why: String,
     },
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// No link is named, and the default does not open.
+    /// The command line names no link, and the default link does not open.
     #[error(transparent)]
     Unnamed(#[from] Unnamed),
     /// The link cannot be opened.
@@ -60,21 +60,21 @@ pub enum BoardError {
     NotUp {
         /// The operation.
         what: String,
-        /// The states that allow it.
+        /// The states that allow the operation.
         needs: &'static str,
         /// The present state.
         found: StateByte,
-        /// What to do.
+        /// The next step.
         next: String,
     },
     /// A change of state has failed, and the board in this process knows why.
     #[error("{wanted} was not reached, the board is in {found}: {why}")]
     StateStuck {
-        /// The state that was asked for.
+        /// The requested state.
         wanted: MasterState,
-        /// The state in which it ended.
+        /// The state in which the change ended.
         found: StateByte,
-        /// Why it failed.
+        /// Why the change failed.
         why: StateFailure,
     },
     /// An axis that has to be on is off.
@@ -82,21 +82,21 @@ pub enum BoardError {
     AxisOff {
         /// The operation.
         what: String,
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
-        /// Its state of CiA 402.
+        /// The CiA 402 state of the axis.
         state: String,
-        /// What to do.
+        /// The next step.
         next: String,
     },
     /// An axis has an alarm.
     #[error("axis {slave} has alarm {}; remove the cause (drive's manual), then {next}", ErrorCode(*.code))]
     Alarm {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The error code, 0x603F.
         code: u16,
-        /// What to do.
+        /// The next step.
         next: String,
     },
     /// The target of a cycle is too far ahead of its axis.
@@ -106,7 +106,7 @@ pub enum BoardError {
         target.wrapping_sub(*actual).unsigned_abs()
     )]
     TooFarAhead {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
         /// The target, counts.
         target: i32,
@@ -136,11 +136,11 @@ pub enum BoardError {
     WrongKind {
         /// The operation.
         what: String,
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
-        /// Its kind and mode.
+        /// The kind and mode of the slave.
         found: String,
-        /// The kinds for which the operation is.
+        /// The kinds that the operation is for.
         wanted: &'static str,
     },
     /// The reports have another slot size.
@@ -150,7 +150,7 @@ pub enum BoardError {
     WrongSlot {
         /// The slot size that was given.
         slot: usize,
-        /// How many reports had a wrong CRC.
+        /// The number of reports with a wrong CRC.
         bad_crc: u64,
         /// The other slot size.
         other: usize,
@@ -160,23 +160,23 @@ pub enum BoardError {
     Refused {
         /// The operation.
         what: String,
-        /// Why not.
+        /// Why the step cannot be carried out.
         why: String,
-        /// What to do.
+        /// The next step.
         next: String,
     },
     /// A line of a script failed.
     #[error("{place}: {why}")]
     Line {
-        /// File and line.
+        /// The name of the script, and the line.
         place: String,
-        /// What is wrong; it ends with the next step.
+        /// What is wrong, with the next step.
         why: String,
     },
     /// A script has errors, of which all but the last one were printed.
     #[error("{last} (nothing was sent)")]
     Script {
-        /// File, line, what is wrong and what to do.
+        /// File, line, what is wrong, and the next step.
         last: String,
     },
     /// A signal such as Ctrl-C has ended the operation.
@@ -184,13 +184,13 @@ pub enum BoardError {
     Stopped {
         /// The number of the signal.
         signal: u8,
-        /// What the axes do, and what to do.
+        /// What the axes do now, and the next step.
         next: String,
     },
 }
 
 impl From<io::Error> for BoardError {
-    /// An error of standard output, or the signal that has ended the wait for its reader.
+    /// An error of standard output, or the signal that ended the wait for its reader.
     fn from(error: io::Error) -> Self {
         match streams::signal().filter(|_| error.kind() == io::ErrorKind::Interrupted) {
             Some(signal) => Self::Stopped { signal, next: "the board is still open".into() },
@@ -205,7 +205,8 @@ impl BoardError {
         move |source| Self::System { what, source }
     }
 
-    /// The exit code: 128 + n after signal n, that of a recording that is not whole, otherwise 1.
+    /// The exit code: 128 + n after signal n, `NOT_WHOLE` for an incomplete
+    /// recording, otherwise 1.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Stopped { signal, .. } => 128 + *signal,

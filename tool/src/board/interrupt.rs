@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::error::BoardError;
 use crate::{signals, streams};
 
-/// The signal that has come. Made once in a program.
+/// The signal that has arrived. There is one value in a program.
 #[derive(Debug, Default)]
 pub struct Interrupt {
     signal: Arc<AtomicUsize>,
-    /// Whether the next signal ends the program.
+    /// Whether the next signal ends the program at once.
     armed: Arc<AtomicBool>,
 }
 
@@ -27,7 +27,7 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// The signal that has come; `None` if none has.
+    /// The signal that has arrived; `None` if there was none.
     pub fn signal(&self) -> Option<u8> {
         match self.signal.load(Ordering::SeqCst) {
             0 => None,

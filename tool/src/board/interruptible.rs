@@ -17,7 +17,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// \[OURS] How long a call may take to end by itself after Ctrl-C.
 const STOP_LIMIT: Duration = Duration::from_secs(1);
 impl Board {
-    /// Runs a call that may take long in a thread, so that Ctrl-C ends it, and shows progress after a second.
+    /// Runs a long call in a thread, so that Ctrl-C ends it, and shows progress after a second.
     ///
     /// # Errors
     /// [`BoardError::Stopped`], and those of the call.
@@ -29,7 +29,7 @@ impl Board {
         self.run_stoppable(what, work, None)
     }
 
-    /// As [`Board::run_interruptible`], but on Ctrl-C `stop` is called, which makes the call end by itself.
+    /// Like [`Board::run_interruptible`], but Ctrl-C calls `stop`, which makes the call end by itself.
     pub fn run_stoppable<T: Send>(
         &self,
         what: &str,
@@ -61,7 +61,7 @@ impl Board {
                 }
                 if stop.is_none() && pace.due(began.elapsed()) {
                     let seconds = began.elapsed().as_secs();
-                    // If standard output fails, the result will show it.
+                    // An error of standard output is reported with the result.
                     let _ = self.reporter.progress(
                         format_args!("{what}, {seconds} s"),
                         || json!({"progress": what, "seconds": seconds}),
@@ -78,7 +78,7 @@ impl Board {
         done.map_err(|error| self.explain(error))
     }
 
-    /// Fails if a signal has asked for the end.
+    /// Fails if a signal has requested the end.
     ///
     /// # Errors
     /// [`BoardError::Stopped`]

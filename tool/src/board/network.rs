@@ -10,7 +10,7 @@ use super::error::BoardError;
 
 const MODES: &str = ":csp, :csv, :cst";
 
-/// The slaves in the order of the cable.
+/// The slaves in network order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network(Vec<Slave>);
 
@@ -35,7 +35,7 @@ impl Network {
         Some(Self(slaves.collect()))
     }
 
-    /// The configuration with these slaves and the other options of the axes.
+    /// The configuration of these slaves, with the other options of their axes.
     pub fn config(self, cycle_us: u32, lead_limit: Option<Guard>, scales: Option<&Scales>) -> Config {
         let mut slaves = self.0;
         for (number, slave) in (1..).zip(&mut slaves) {
@@ -62,13 +62,13 @@ pub fn help() -> String {
     )
 }
 
-/// The slave with that number.
+/// The slave with this number.
 pub fn find_slave<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Slave, BoardError> {
     let found = usize::from(slave).checked_sub(1).and_then(|index| config.slaves.get(index));
     found.ok_or_else(|| BoardError::NoSlave { what: what.to_owned(), slave, network: list(config) })
 }
 
-/// The axis of the slave with that number.
+/// The axis of the slave with this number.
 pub fn find_axis<'a>(config: &'a Config, what: &str, slave: u8) -> Result<&'a Axis, BoardError> {
     let found = find_slave(config, what, slave)?;
     found.axis().ok_or_else(|| wrong_kind(what, slave, found, "a drive, step or hsp"))
@@ -84,7 +84,7 @@ pub fn slaves_with_axis(config: &Config) -> Vec<u8> {
     (1..).zip(&config.slaves).filter(|(_, slave)| slave.axis().is_some()).map(|(number, _)| number).collect()
 }
 
-/// The slaves as text: `1 drive, 2 io`.
+/// The slaves as a text: `1 drive, 2 io`.
 pub fn list(config: &Config) -> String {
     if config.slaves.is_empty() {
         return "empty".into();
@@ -131,12 +131,12 @@ impl Scales {
         })
     }
 
-    /// Whether the scale of an axis is given, for all axes or for this one.
+    /// Whether the options give the scale of an axis, for all axes or for this one.
     pub fn has(&self, axis: u8) -> bool {
         self.0.iter().any(|(of, _)| of.is_none_or(|of| of == axis))
     }
 
-    /// The axes whose own scale is given.
+    /// The axes with a scale of their own.
     pub fn axes(&self) -> impl Iterator<Item = u8> {
         self.0.iter().filter_map(|(of, _)| *of)
     }
@@ -152,7 +152,7 @@ impl Scales {
 mod tests {
     use super::*;
 
-    /// Kinds with modes and counts, in either order.
+    /// A list of slaves may have modes and counts in either order.
     #[test]
     fn a_list_of_slaves_has_kinds_with_modes_and_counts() {
         let csv = Slave::Drive(Axis::CSV);
@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// A scale is a number or a fraction, of all axes or of one.
+    /// A scale is a number or a fraction, for all axes or for one.
     #[test]
     fn counts_per_unit_are_numbers_or_fractions_of_all_axes_or_of_one() {
         let scales = Scales::parse("2=131072/4,5000").unwrap();

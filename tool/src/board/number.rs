@@ -58,7 +58,7 @@ pub fn whole(text: &str) -> Option<i64> {
 mod tests {
     use super::*;
 
-    /// Valid times and numbers are read, others are refused.
+    /// Valid times and numbers are parsed, others are refused.
     #[test]
     fn times_and_numbers_are_read_or_refused() {
         assert_eq!(duration("2"), Ok(Duration::from_secs(2)));

@@ -1,5 +1,5 @@
-//! A question at a terminal, which Ctrl-C ends. Meanwhile reports of the board are read, so that nothing piles up and a
-//! board that is lost is noticed.
+//! A question at a terminal, which Ctrl-C ends. Meanwhile the board's reports are read, so that they do not pile up and
+//! the loss of the board is noticed.
 
 #[cfg(unix)]
 mod unix;
@@ -19,19 +19,19 @@ use unix::TypedLine;
 use windows::TypedLine;
 
 impl Board {
-    /// Whether somebody can be asked: there is a terminal that shows the question and takes the answer, and the board's time is
-    /// real.
+    /// Whether the user can be asked: a terminal shows the question and takes the answer, and the board's time is real.
     pub fn can_ask(&self) -> bool {
         !self.link.info().virtual_time && io::stdin().is_terminal() && io::stderr().is_terminal()
     }
 
-    /// Asks, and waits for the line that answers. Anything but `y` and `yes` is a no, and so is the end of the input.
+    /// Asks a question and waits for a line. Only `y` and `yes` mean yes; anything else, and the end of the input,
+    /// means no.
     ///
     /// # Errors
     /// [`BoardError::Stopped`], and those of reading reports.
     pub fn ask(&self, question: &str) -> Result<bool, BoardError> {
         self.reporter.clear();
-        // Behind what was told before.
+        // The question comes after earlier output.
         stderr::raw(&format!("{} [y/N] ", visible(question)));
         let mut typed = TypedLine::start();
         loop {

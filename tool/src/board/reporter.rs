@@ -12,7 +12,7 @@ use crate::stderr::say;
 use crate::visible::visible;
 use crate::{output, stderr};
 
-/// How long progress is shown once a second, where it becomes rarer after that.
+/// How long progress is shown once a second; after this time it becomes rarer.
 const EVERY_SECOND_LIMIT: Duration = Duration::from_secs(10);
 
 /// The width of a progress bar in characters.
@@ -28,7 +28,7 @@ pub struct Reporter {
     virtual_time: bool,
     /// Whether a line of progress is shown.
     shown: AtomicBool,
-    /// The number of the script's line that runs, from 1; 0: none.
+    /// The number of the script's line that runs, from 1; 0 if none does.
     line: AtomicU32,
 }
 
@@ -43,8 +43,8 @@ impl Reporter {
         }
     }
 
-    /// Prints a result: lines of text without the last line feed, or a JSON object. Waits until it is written; no axis moves
-    /// meanwhile.
+    /// Prints a result: lines of text without the last line feed, or a JSON object. Waits until the result is written,
+    /// so no axis may move meanwhile.
     pub fn result(&self, text: impl Display, json: &Value) -> io::Result<()> {
         self.clear();
         if self.json {
@@ -61,7 +61,7 @@ impl Reporter {
         parts.iter().try_for_each(|part| self.result("", part))
     }
 
-    /// JSON objects from now on contain the number of this line of a script.
+    /// Adds the number of this script line to all following JSON objects.
     pub fn at_line(&self, line: u32) {
         self.line.store(line, Ordering::Relaxed);
     }
@@ -80,7 +80,7 @@ impl Reporter {
         say("note", &text);
     }
 
-    /// Shows progress. Axes may move, so it waits for no reader.
+    /// Shows progress. It does not wait for a reader, because axes may move.
     pub fn progress(&self, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if self.json {
             return output::tell(self.object(json()));
@@ -94,7 +94,7 @@ impl Reporter {
         Ok(())
     }
 
-    /// As [`Reporter::progress`], with a bar on a terminal, for an operation whose end is known.
+    /// Like [`Reporter::progress`], with a bar on a terminal, for an operation whose end is known.
     pub fn part(&self, part: f64, text: impl Display, json: impl FnOnce() -> Value) -> io::Result<()> {
         if !self.terminal || self.json {
             return self.progress(text, json);
@@ -111,9 +111,9 @@ impl Reporter {
         }
     }
 
-    /// When progress is shown: after the first second, then once a second, on a terminal ten times a second. If
-    /// nobody watches and the board's time is virtual, once a second for ten seconds, then after 20, 40, 80 seconds
-    /// and so on \[OURS]: the lines are the same in every run, and an hour has fewer than twenty of them.
+    /// The times at which progress is shown: after the first second, then once a second, on a terminal ten times a
+    /// second. Without a terminal and in virtual time it is once a second for ten seconds, then after 20, 40, 80
+    /// seconds and so on \[OURS]. So the lines are the same in every run, and an hour has fewer than twenty of them.
     pub const fn pace(&self) -> ProgressPace {
         let every = if self.terminal && !self.json { Duration::from_millis(100) } else { Duration::from_secs(1) };
         let slows = self.virtual_time && !self.terminal && !self.json;
@@ -131,7 +131,7 @@ pub struct ProgressPace {
 }
 
 impl ProgressPace {
-    /// Whether progress is due after that time.
+    /// Whether progress is due after this time.
     pub fn due(&mut self, elapsed: Duration) -> bool {
         let due = elapsed >= self.next;
         while self.next <= elapsed {

@@ -21,23 +21,23 @@ use super::reporter::Reporter;
 use crate::link_option::as_reader;
 use crate::{recording_end, streams};
 
-/// \[OURS] An axis that is at most this far from its last target stands at it, since drives settle within a few
-/// counts; its next move begins at that target. An axis further away has not completed its move.
+/// \[OURS] An axis at most this far from its last target counts as being at the target, since drives settle within a
+/// few counts. Its next move begins at that target. An axis further away has not completed its move.
 pub const NEAR_COUNTS: u32 = 64;
 
-/// The source of steps, which decides what an error advises to type.
+/// The source of steps, which decides the form of the next step in an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepSource {
-    /// A verb on the command line.
+    /// A verb of the command line.
     CommandLine,
     /// Lines of a script or of the shell.
     Lines,
 }
 
-/// What a verb does with the board. It decides what `--close` is by default.
+/// How a verb uses the board, which decides the default of `--close`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoardUse {
-    /// The verb sends nothing, so it also works beside a program that writes.
+    /// The verb sends nothing, so it also works while another program sends commands.
     Reads,
     /// The verb sends commands but moves no axis.
     Looks,
@@ -50,13 +50,13 @@ pub struct Board {
     pub ecm: Ecm,
     pub reporter: Reporter,
     pub interrupt: Interrupt,
-    /// The network, if it is known.
+    /// The configuration of the network; `None` if it is not known.
     pub config: Option<Config>,
     pub uri: LinkUri,
     pub options: Options,
     /// The value of `--timeout`.
     pub limit: Option<Duration>,
-    /// How far a move may go, by `--guard`.
+    /// The limit of a move's distance, from `--guard`.
     pub guard: Guard,
     /// The value of `--counts-per-unit`.
     pub scales: Option<Scales>,
@@ -65,10 +65,10 @@ pub struct Board {
     pub(super) up: bool,
     close: Close,
     pub(super) source: StepSource,
-    /// Whether the network was found running. Its configuration is then taken from the options, and may differ from
+    /// Whether the network was already running. Its configuration is then taken from the options, and may differ from
     /// the actual one.
     pub(super) adopted: Cell<bool>,
-    /// The targets at which moves have ended, by slave.
+    /// For each slave: the target at which its last move ended.
     targets: RefCell<BTreeMap<u8, i32>>,
 }
 
@@ -83,7 +83,7 @@ impl Board {
         source: StepSource,
         interrupt: Interrupt,
     ) -> Result<Self, BoardError> {
-        // Axes may move from here on.
+        // The axes may move from here on.
         streams::queue().map_err(|error| LinkError::Io {
             what: "cannot start the threads of standard output and error".into(),
             message: format!("{error}; end other programs, or raise the limit of threads (ulimit -u)"),
@@ -107,7 +107,7 @@ impl Board {
         });
         let options = Options { close, ..options };
         let link = match link::open(&uri.to_string(), Share::ByName) {
-            // Another client is the writer; this verb becomes a reader beside it.
+            // Another client is the writer, so this verb becomes a reader.
             Err(LinkError::InUse { .. }) if board_use == BoardUse::Reads => {
                 link::open(&as_reader(&uri).to_string(), Share::ByName)?
             }
@@ -120,7 +120,7 @@ impl Board {
         if let Some(config) = &config {
             let size = ecm.slot_size()?;
             config.check(size).map_err(EcmError::from)?;
-            // A network that already runs is taken to have the configuration of the options.
+            // A network that already runs is assumed to have the configuration of the options.
             adopted = matches!(ecm.state()?.state(), Some(MasterState::SafeOp | MasterState::Op));
             if adopted {
                 ecm.adopt(config)?;
@@ -160,7 +160,7 @@ impl Board {
         self.link.stats()
     }
 
-    /// Why a change of state has failed, as far as it is known, and what to do; `None` if it has not failed.
+    /// Why a change of state has failed, as far as it is known, with the next step; `None` if it has not failed.
     pub fn why_failed(&self, state: StateByte) -> Option<String> {
         StateFailure::explain(state, self.link_stats().state_failure.as_ref())
     }
@@ -168,7 +168,7 @@ impl Board {
     /// Closes the board and leaves the axes as `--close` says. `done` is the result of the steps.
     ///
     /// # Errors
-    /// The error of the steps, or else that of closing.
+    /// The error of the steps, otherwise that of closing.
     pub fn close(self, done: Result<(), BoardError>) -> Result<(), BoardError> {
         let Self { ecm, reporter, close, uri, .. } = self;
         reporter.clear();
@@ -204,14 +204,14 @@ impl Board {
         find_axis(self.known_network(what)?, what, slave).copied()
     }
 
-    /// Adds what the tool knows to an error of the library: what to type, and why a change of state has failed.
+    /// Adds the tool's knowledge to an error of the library: what to type, and why a change of state has failed.
     pub fn explain(&self, error: EcmError) -> BoardError {
         match error {
             EcmError::TooFar { slave, target, actual, limit } => {
                 BoardError::TooFarAhead { slave, target, actual, limit }
             }
             EcmError::Alarm { slave, code } => BoardError::Alarm { slave, code, next: self.clear_words(slave) },
-            // The wire does not tell which slave has refused, but the link may know.
+            // A report does not show which slave has refused, but the link may know it.
             EcmError::StateStuck { wanted, found, suspect: Suspect::Unknown } => {
                 match self.link_stats().state_failure {
                     Some(why) => BoardError::StateStuck { wanted, found, why },
@@ -248,14 +248,15 @@ impl Board {
         }
     }
 
-    /// Where an axis stands: at its last target if it is near it, otherwise at its actual position.
+    /// The position where a move of an axis begins: its last target if the axis is near it, otherwise its actual
+    /// position.
     pub fn standing_position(&self, snapshot: &Snapshot, slave: u8) -> i32 {
         let actual = snapshot.position(slave).unwrap_or_default();
         let told = self.targets.borrow().get(&slave).copied();
         told.filter(|told| told.wrapping_sub(actual).unsigned_abs() <= NEAR_COUNTS).unwrap_or(actual)
     }
 
-    /// Notes that a move has ended at that target.
+    /// Notes that a move has ended at this target.
     pub fn note_target(&self, slave: u8, target: i32) {
         self.targets.borrow_mut().insert(slave, target);
     }
@@ -266,7 +267,7 @@ impl Board {
     }
 }
 
-/// Checks that an axis runs in that mode of operation.
+/// Checks that an axis runs in this mode of operation.
 pub fn in_mode(slave: u8, what: &str, axis: &Axis, wanted: Mode) -> Result<(), BoardError> {
     if axis.mode == wanted {
         return Ok(());

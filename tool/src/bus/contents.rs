@@ -1,4 +1,4 @@
-//! The content of an EEPROM in words and as JSON.
+//! The content of an EEPROM as text and as JSON.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use ecmsk::ethercat::sii::{
 };
 use serde_json::{Value, json};
 
-/// What the word at an address is, of those with fixed places that have names.
+/// The name of the EEPROM word at an address; `None` if it has none.
 pub const fn word_name(word: u16) -> Option<&'static str> {
     Some(match word {
         0x00 => "PDI control",
@@ -29,7 +29,7 @@ pub const fn word_name(word: u16) -> Option<&'static str> {
     })
 }
 
-/// The text with a number, e.g. ` "drive"`; nothing for number 0.
+/// The string with a number, e.g. ` "drive"`; empty for number 0.
 fn named(sii: &Sii<'_>, number: u8) -> String {
     sii.text(number).map_or(String::new(), |text| format!(" \"{text}\""))
 }
@@ -42,7 +42,7 @@ fn areas(of: MailboxAreas) -> String {
     format!("to the slave {}; from it {}", area(of.receive), area(of.send))
 }
 
-/// What an EEPROM says, line by line.
+/// The content of an EEPROM as text, line by line.
 pub fn text(content: &[u8]) -> String {
     let Ok(sii) = Sii::new(content) else { return format!("{} bytes, which are too few", content.len()) };
     let info = sii.info();
@@ -92,7 +92,7 @@ fn put_category(category: &Category<'_>, sii: &Sii<'_>, text: &mut String) {
     // Writing to a String does not fail.
     let _ = match category.kind {
         CategoryKind::Strings => {
-            // A second one goes on with the numbers.
+            // The numbers of a second strings category continue those of the first one.
             let before: usize = sii
                 .all_of(CategoryKind::Strings)
                 .take_while(|other| !std::ptr::eq(other.data, category.data))
@@ -193,7 +193,7 @@ fn use_of(kind: SiiSmType) -> String {
     }
 }
 
-/// What an EEPROM says, as JSON.
+/// The content of an EEPROM as JSON.
 pub fn json(content: &[u8]) -> Value {
     let Ok(sii) = Sii::new(content) else { return json!({ "len": content.len() }) };
     let SiiInfo { identity, alias, mailbox, boot_mailbox, protocols, kbit_less_1, .. } = sii.info();

@@ -1,4 +1,4 @@
-//! `bus dc`: how well the distributed clocks keep together.
+//! `bus dc`: how well the distributed clocks are synchronized.
 
 use std::process::ExitCode;
 use std::time::Duration;

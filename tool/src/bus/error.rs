@@ -19,63 +19,63 @@ pub enum BusVerbError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// Nobody has named a network.
+    /// The command line names no network.
     #[error(
         "no network was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link nic:eth1, or to \
          try it --link 'sim:?slaves=drive*2'"
     )]
     NoLink,
-    /// The network or a slave.
+    /// An error of the network or of a slave.
     #[error(transparent)]
     // Boxed, because every error of a verb is as large as its largest variant.
     Bus(Box<BusError>),
-    /// The command line asks for what cannot be.
+    /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
     WrongRequest {
         /// The operation.
         what: &'static str,
         /// What is wrong.
         why: String,
-        /// What to do.
+        /// The next step.
         next: String,
     },
-    /// The value is not as long as its type.
+    /// The length of the value is not that of its type.
     #[error("slave {slave}: {object} has {found} bytes, not {wanted}; name another type with --type, or leave it out")]
     OtherSize {
-        /// Which slave, from 1.
+        /// The slave, from 1.
         slave: u8,
-        /// Which object.
+        /// Index and sub-index of the object.
         object: String,
-        /// How many bytes it has.
+        /// The bytes of the object.
         found: usize,
-        /// How many the type has.
+        /// The bytes of the type.
         wanted: usize,
     },
     /// A file cannot be read.
     #[error("cannot read {}: {source}; name another file", file.display())]
     Read {
-        /// Which one.
+        /// The path of the file.
         file: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// A file cannot be written.
     #[error("cannot write {}: {source}; name another file with --output", file.display())]
     Write {
-        /// Which one.
+        /// The path of the file.
         file: PathBuf,
-        /// Why.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// A file is not fit for an EEPROM.
+    /// The content of a file does not fit an EEPROM.
     #[error("{}: {error}", file.display())]
     Content {
-        /// Which one.
+        /// The path of the file.
         file: PathBuf,
-        /// Why.
+        /// Why the content does not fit.
         error: ContentError,
     },
-    /// Nobody has confirmed that an EEPROM is written.
+    /// The user has not confirmed writing an EEPROM.
     #[error("nothing was written; a wrong EEPROM makes the slave useless: look at what changes, and say --yes")]
     NotConfirmed,
 }

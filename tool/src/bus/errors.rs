@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<ExitCode, BusVerbError> {
     Ok(ExitCode::FAILURE)
 }
 
-/// Tells each second what was counted in it; what was counted in all.
+/// Shows after each second what was counted in it. Returns the counts of the whole time.
 fn watch(
     network: &mut dyn Network,
     slaves: &[FoundSlave],
@@ -83,7 +83,7 @@ fn watch(
         for of in &mut now {
             match errors::read_one(network, of.slave) {
                 Ok(read) => *of = read,
-                // Who is cut off now tells his counters when he is back.
+                // A slave that is cut off now shows its counters once it answers again.
                 Err(BusError::Register { .. }) => {
                     let text = format!("{second:>4} s  slave {}: it does not answer", of.slave);
                     let json = json!({ "verb": "bus errors", "second": second, "slave": of.slave, "answers": false });
@@ -98,12 +98,12 @@ fn watch(
     Ok(since(&before, &first))
 }
 
-/// What has been counted since.
+/// What was counted since the reading `then`.
 fn since(now: &[SlaveErrors], then: &[SlaveErrors]) -> Vec<SlaveErrors> {
     now.iter().zip(then).map(|(now, then)| now.since(then)).collect()
 }
 
-/// Shows the counters: all slaves, or after a second of a watch those at which something was counted.
+/// Shows the counters: of all slaves, or after a second of a watch only of those with new errors.
 fn show(
     slaves: &[FoundSlave],
     counters: &[SlaveErrors],
@@ -142,7 +142,7 @@ fn show(
     Ok(())
 }
 
-/// What is wrong, and what to do.
+/// A problem as text, with the next step.
 fn text(trouble: &Trouble) -> String {
     let Trouble { place, near, far, count } = trouble;
     match place {
@@ -175,7 +175,7 @@ fn text(trouble: &Trouble) -> String {
     }
 }
 
-/// A cable in words, with the slaves that it is before and behind.
+/// A cable as text, with the slaves at its ends.
 fn cable(near: Option<End>, far: Option<End>) -> String {
     let end = |end: End| format!("slave {}, port {}", end.slave, end.port);
     match (near, far) {

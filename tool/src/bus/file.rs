@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::BusVerbError;
 
-/// Reads a file, as far as one byte more than it may have: devices have no end.
+/// Reads a file, up to one byte more than allowed, since a device has no end.
 ///
 /// # Errors
 /// [`BusVerbError::Read`]

@@ -49,24 +49,25 @@ pub fn show(session: Session) -> Result<(), BusVerbError> {
     Ok(())
 }
 
-/// The slaves as a tree, as it is printed.
+/// The slaves as a tree, as the verb prints it.
 fn text(slaves: &[FoundSlave], errors: &[SlaveErrors], in_ring: Option<u8>) -> String {
     let mut tree = Tree { slaves, errors, in_ring, text: "master\n".to_owned() };
     tree.put(0, "");
     tree.text
 }
 
-/// The tree as it is printed.
+/// Prints the slaves as a tree.
 struct Tree<'a> {
     slaves: &'a [FoundSlave],
     errors: &'a [SlaveErrors],
-    /// The slave from which the cable runs to a second card.
+    /// The slave whose cable leads to the second network card of a ring.
     in_ring: Option<u8>,
     text: String,
 }
 
 impl Tree<'_> {
-    /// Prints a slave, by its place, and those behind it. The last branch goes on below its slave, others are indented.
+    /// Prints the slave with this index and the slaves after it. The last branch continues below its slave, the others
+    /// are indented.
     fn put(&mut self, place: usize, indent: &str) {
         let slave = &self.slaves[place];
         let behind: Vec<usize> = (0..self.slaves.len())
@@ -115,7 +116,8 @@ impl Tree<'_> {
             let kind = port_kind(slave.port_types, port).unwrap_or_default();
             let counted = counted(&errors.ports[port]);
             let counted = if counted.is_empty() { String::new() } else { format!("; counted: {}", counted.join(", ")) };
-            // Behind the gap of a ring frames come in by the other end.
+            // In an interrupted ring, frames reach the slaves after the gap from the other end, so their entry port is
+            // no mistake.
             let swapped = if port > 0 && port == usize::from(slave.entry_port) && self.in_ring.is_none() {
                 "; frames come in here and not by port 0: IN and OUT of this slave are SWAPPED, change its cables"
             } else {
@@ -142,7 +144,7 @@ impl Tree<'_> {
     }
 }
 
-/// The counters of a port that are not 0, in words.
+/// The counters of a port that are not 0, as texts.
 pub fn counted(errors: &PortErrors) -> Vec<String> {
     let of = |count: u8, one: &str, many: &str| match count {
         0 => None,
@@ -217,7 +219,7 @@ mod tests {
 
     use super::*;
 
-    /// What `ecmsk bus scan` prints of these slaves.
+    /// The output of `ecmsk bus scan` for these slaves.
     fn scan(slaves: Vec<OddSlave>) -> String {
         let mut network = bus::over(OddLine::new(slaves), Settings::default());
         let slaves = network.scan().expect("slaves");
@@ -225,13 +227,14 @@ mod tests {
         text(&slaves, &errors, None)
     }
 
-    /// What is printed of each slave.
+    /// The part of the output for each slave.
     fn each(printed: &str) -> Vec<&str> {
         printed.split("+- ").skip(1).collect()
     }
 
-    /// BUS-2.3 Swapped ends of a slave are told at that slave and at no other one, whether the frame takes its usual way and the times of
-    /// the ports alone are swapped, or comes in by port 1, so that the slave works on it behind those that follow it.
+    /// BUS-2.3 Swapped IN and OUT plugs are reported at that slave and at no other one. This holds if only the times of
+    /// the ports are swapped, and if the frame arrives at port 1, so that the slave handles it after the slaves that
+    /// follow it.
     #[test]
     fn swapped_ends_are_told_at_their_slave() {
         const SWAPPED: &str = "IN and OUT of this slave are SWAPPED";
@@ -240,7 +243,7 @@ mod tests {
                 .map(|n| drive().with(|slave| slave.clock.as_mut().expect("it has one").swaps_times = n == swapped));
             let printed = scan(slaves.collect());
             let told: Vec<bool> = each(&printed).iter().map(|slave| slave.contains(SWAPPED)).collect();
-            // The last one has no port 1 that is open.
+            // The last slave has no open port 1.
             let expected: Vec<bool> = (0..3).map(|n| n == swapped && n < 2).collect();
             assert_eq!(told, expected, "{printed}");
         }

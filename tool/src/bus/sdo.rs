@@ -148,7 +148,7 @@ fn dump(whose: &SlaveArgs) -> Result<(), BusVerbError> {
     Ok(())
 }
 
-/// A value, with its bits if it is a number that may be read by them.
+/// A value as text; an integer of more than one digit also in hexadecimal.
 fn value_text(value: &Value, bytes: &[u8]) -> String {
     match value {
         Value::Whole(number) if !(0..10).contains(number) => {
@@ -186,7 +186,7 @@ const fn kind(code: ObjectCode) -> &'static str {
     }
 }
 
-/// Who may do what: `rw`, `r-`, `-w`, or `rw(PreOP)` if it is written in some states alone.
+/// The access rights as text: `rw`, `r-`, `-w`, or `rw(PreOP)` if it can be written in some states only.
 fn access(access: ObjectAccess) -> String {
     let read = if access.intersects(ObjectAccess::READ) { "r" } else { "-" };
     if access.contains(ObjectAccess::WRITE) {
@@ -210,7 +210,7 @@ fn read(whose: &SlaveArgs, transfer: &Transfer) -> Result<(), BusVerbError> {
 
 fn write(whose: &SlaveArgs, transfer: &Transfer, value: &Written) -> Result<(), BusVerbError> {
     let wrong = |WrongValue { why, next }| BusVerbError::WrongRequest { what: WRITE, why, next };
-    // What is wrong shows before a network is opened.
+    // A wrong value is reported before the network is opened.
     let bytes = transfer.encoded(WRITE, value).map_err(wrong)?;
     let Session { mut network, reporter, .. } = whose.open()?;
     network.download(whose.slave, transfer.object.address, transfer.scope(), &bytes)?;

@@ -32,7 +32,7 @@ pub struct SlaveArgs {
 }
 
 impl SlaveArgs {
-    /// Opens the network, and finds that it has the slave.
+    /// Opens the network and checks that it has the slave.
     ///
     /// # Errors
     /// As [`NetworkArgs::open`]; [`BusError::NoSuchSlave`].
@@ -46,7 +46,7 @@ impl SlaveArgs {
     }
 }
 
-/// A network whose slaves were found.
+/// A network after a scan.
 pub struct Session {
     pub network: Box<dyn Network>,
     pub slaves: Vec<FoundSlave>,
@@ -54,10 +54,10 @@ pub struct Session {
 }
 
 impl NetworkArgs {
-    /// Opens the network and finds its slaves. Says which of them were above Init, where they are no longer.
+    /// Opens the network and finds its slaves. Notes which of them were above Init and are in Init now.
     ///
     /// # Errors
-    /// Nobody has named one, it does not open, or it has no slave.
+    /// The command line names no network, the network does not open, or it has no slave.
     pub fn open(&self) -> Result<Session, BusVerbError> {
         let chosen = ChosenLink::find(self.link.as_ref())?;
         if !chosen.is_named() {
@@ -69,10 +69,10 @@ impl NetworkArgs {
 }
 
 impl Session {
-    /// The network of a link, as [`NetworkArgs::open`] opens it.
+    /// Opens the network of a link, as [`NetworkArgs::open`] does.
     ///
     /// # Errors
-    /// It does not open, or has no slave.
+    /// The network does not open, or has no slave.
     pub fn open(link: &str, json: bool) -> Result<Self, BusVerbError> {
         let mut network = bus::open(link)?;
         let slaves = network.scan()?;

@@ -96,7 +96,7 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
     eeprom::check(&content).map_err(fit)?;
     let Session { mut network, reporter, .. } = whose.open()?;
     let slave = whose.slave;
-    // An EEPROM that cannot be read is one that has to be written.
+    // An EEPROM that cannot be read needs to be written.
     let present = network.read_eeprom(slave).unwrap_or_default();
     match eeprom::check_for(&content, &present) {
         Err(ContentError::OtherDevice { .. }) if other_device => {}
@@ -118,7 +118,7 @@ fn write(whose: &SlaveArgs, file: &Path, yes: bool, other_device: bool) -> Resul
     if !yes {
         return Err(BusVerbError::NotConfirmed);
     }
-    // Half an EEPROM makes a slave useless: a signal ends this when all is written.
+    // A half-written EEPROM makes a slave useless, so a signal takes effect only when everything is written.
     let _end_request = signals::EndRequest::watch()?;
     eeprom::write(&mut *network, slave, &changes, |_| ())?;
     let text = format!("slave {slave}: {} words written and read back; switch it off and on", changes.len());

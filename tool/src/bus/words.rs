@@ -1,10 +1,10 @@
-//! States, ports and identities in words.
+//! States, ports and identities as text.
 
 use ecmsk::bus::{FoundSlave, SlaveState};
 use ecmsk::ethercat::registers::{AlStatusRegister, PORTS, RequestedState};
 use ecmsk::ethercat::{AlState, AlStatus};
 
-/// The name of a state, as the tool's other verbs have it; `None`: there is none such.
+/// The name of a state, as the tool's other verbs write it; `None` for an unknown one.
 pub const fn state_name(state: RequestedState) -> Option<&'static str> {
     match state {
         RequestedState::State(AlState::Init) => Some("Init"),
@@ -31,12 +31,12 @@ pub fn state_text(state: SlaveState) -> String {
     }
 }
 
-/// A name of a slave.
+/// The name of a slave, or a placeholder.
 pub fn name(slave: &FoundSlave) -> &str {
     if slave.name.is_empty() { "(no name)" } else { &slave.name }
 }
 
-/// What a port is made of, by register 0x0007; `None`: it is not there.
+/// The type of a port, by register 0x0007; `None` if the port does not exist.
 pub const fn port_kind(port_types: u8, port: usize) -> Option<&'static str> {
     match port_types >> (2 * port as u8) & 0b11 {
         2 => Some("EBUS"),
@@ -45,14 +45,14 @@ pub const fn port_kind(port_types: u8, port: usize) -> Option<&'static str> {
     }
 }
 
-/// The slave that is connected to a port, 1 to 3, of another one.
+/// The number of the slave that is connected to port 1 to 3 of another slave.
 pub fn behind(slaves: &[FoundSlave], slave: u8, port: usize) -> Option<u8> {
     let is_there =
         |found: &&FoundSlave| found.upstream.is_some_and(|up| up.slave == slave && usize::from(up.port) == port);
     slaves.iter().find(is_there).map(|found| found.slave)
 }
 
-/// The numbers of the ports of a slave that are there.
+/// The numbers of the ports that a slave has.
 pub fn ports(slave: &FoundSlave) -> impl Iterator<Item = usize> {
     let types = slave.port_types;
     (0..PORTS).filter(move |port| port_kind(types, *port).is_some())

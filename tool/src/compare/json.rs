@@ -11,12 +11,12 @@ struct Found<'a> {
     equal: bool,
     a: Run,
     b: Run,
-    /// How many commands have an answer in both runs.
+    /// The number of commands with an answer in both runs.
     answers: u64,
     differing_answers: u64,
-    /// How many answers the other run shows some cycles before or later.
+    /// The number of answers that the other run shows some cycles earlier or later.
     shifted_answers: u64,
-    /// By how many cycles B answers later; null if no command tells.
+    /// How many cycles B answers later; null if no command shows it.
     latency: Option<Later>,
     /// The run that ends early: `a` or `b`.
     ends_early: Option<&'static str>,
@@ -33,24 +33,24 @@ struct Run {
     polls: u64,
     repeats: u64,
     reports: u64,
-    /// Cycles in a motion that the other run does not have.
+    /// Additional cycles in a motion that the other run does not have.
     gaps: Value,
     /// The time of the last frame since the first one.
     last_ns: i64,
-    /// Whether the recording is complete as far as it is known, and what it lacks.
+    /// Whether the recording is complete, as far as it is known, and what it lacks.
     whole: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     lacks: Option<String>,
 }
 
-/// By how many cycles of the board B answers later than A; negative: sooner.
+/// How many cycles of the board B answers later than A; negative if earlier.
 #[derive(Serialize)]
 struct Later {
     commands: u64,
     usual_cycles: i64,
     least_cycles: i64,
     most_cycles: i64,
-    /// Where it changes: the first command of each stretch, and its latency.
+    /// The changes of the latency: the first command of each stretch, and its latency.
     stretches: Vec<Value>,
 }
 
@@ -99,7 +99,7 @@ impl<'a> First<'a> {
     }
 }
 
-/// The JSON object.
+/// The result of a comparison as one JSON object.
 pub fn object(names: &Names, found: &Comparison, options: &Options) -> Value {
     let run = |i: usize| {
         let (file, lacks) = (names.runs[i].clone(), names.lacks[i].clone());

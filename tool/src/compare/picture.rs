@@ -23,7 +23,7 @@ struct Axis {
 }
 
 impl Picture {
-    /// A picture of runs with that many commands.
+    /// A picture of runs with this number of commands.
     pub fn new(commands: u64) -> Self {
         Self { window: Window::of_commands(commands), axes: BTreeMap::new() }
     }
@@ -100,7 +100,7 @@ impl Picture {
     }
 }
 
-/// Whether a command moves the axis of that slave.
+/// Whether a command moves the axis of this slave.
 fn moves(step: &Step, slave: u8, size: SlotSize) -> bool {
     let id = CommandId::from_code(step.command.slot(size, slave.into()).id);
     matches!(id, CommandId::Csp | CommandId::Csv | CommandId::Cst | CommandId::GoHome)

@@ -19,7 +19,7 @@ pub enum FolderError {
     /// The folder cannot be read.
     #[error("{}: {source}; name the folder that the program's .exe is in", .folder.display())]
     Unreadable {
-        /// The path as it was given.
+        /// The path as the user gave it.
         folder: PathBuf,
         /// The error of the operating system.
         source: io::Error,

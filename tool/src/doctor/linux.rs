@@ -27,7 +27,7 @@ pub struct SystemArgs {
     root: PathBuf,
 }
 
-/// Does what the options ask for instead of findings; returns whether they do.
+/// Does what the options request instead of findings; returns whether they do.
 pub fn is_done(args: &SystemArgs) -> Result<bool, CliError> {
     if args.write_udev_rule {
         rule::write(&Machine::below(&args.root))?;
@@ -50,13 +50,13 @@ pub fn findings(args: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::below(&args.root).findings(wanted)
 }
 
-/// \[OURS] How many frames are sent to measure how long they take.
+/// \[OURS] The number of frames that are sent to measure round-trip times.
 const ROUND_TRIPS: u32 = 1000;
-/// \[OURS] Frames that take longer, one in a hundred of them, fill too much of a cycle of 1 ms.
+/// \[OURS] If one round trip in a hundred takes longer, it fills too much of a cycle of 1 ms.
 const ROUND_TRIP_MAX: Duration = Duration::from_micros(500);
 
-/// How long frames take to the slaves of a link `nic:` and back; `None`: another link is meant, or the card cannot be opened, as
-/// the findings say.
+/// The finding about the round-trip times on the card of a link `nic:`; `None` if another link is wanted, or if the
+/// findings say that the card cannot be opened.
 pub fn round_trip(args: &SystemArgs, wanted: Option<&LinkUri>, findings: &[Finding]) -> Option<Finding> {
     let link = wanted.filter(|link| link.scheme() == Scheme::Nic)?;
     if args.root != Path::new("/") || findings.iter().any(|finding| finding.blocks) {
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
     use ecmsk::machine::findings::Verdict;
 
-    /// Frames that take half a cycle are advice, lost ones are wrong, and so is a card that does not open.
+    /// Round trips of half a cycle give advice; lost frames, and a card that does not open, are wrong.
     #[test]
     fn round_trips_are_judged() {
         let us = Duration::from_micros;

@@ -33,7 +33,7 @@ pub fn findings(_: &SystemArgs, wanted: Option<&LinkUri>) -> Vec<Finding> {
     Machine::here().findings(wanted)
 }
 
-/// There are no network cards for slaves on Windows.
+/// None, because `nic:` does not exist on Windows.
 pub fn round_trip(_: &SystemArgs, _: Option<&LinkUri>, _: &[Finding]) -> Option<Finding> {
     None
 }

@@ -1,4 +1,4 @@
-//! A frame of a dump, and which of its slots are shown.
+//! A frame of a dump, and the selection of its slots.
 
 use ecmsk::engine::Firmware;
 use ecmsk::link::Dir;
@@ -11,21 +11,21 @@ use crate::filter::{Command, Slots};
 /// A frame with what is known of it.
 #[derive(Clone, Debug)]
 pub struct Shown {
-    /// Its number in the recording or its line in the input, from 1.
+    /// The number of the frame in the recording, or its line in the input, from 1.
     pub number: u64,
-    /// When the frame passed; frames from hexadecimal digits have no time.
+    /// The time of the frame; `None` for a frame from hexadecimal digits.
     pub time: Option<Time>,
     /// The direction of the frame.
     pub direction: Dir,
     /// Whether the direction is a guess.
     pub guessed: bool,
-    /// The slot size.
+    /// The slot size of the frame.
     pub size: SlotSize,
     /// The bytes of the frame.
     pub frame: Frame,
 }
 
-/// When a frame passed.
+/// The time of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Time {
     /// Nanoseconds since the recording's first frame.
@@ -35,7 +35,7 @@ pub struct Time {
 }
 
 impl Shown {
-    /// `command` or `response`.
+    /// The direction as a word: `command` or `response`.
     pub const fn direction_name(&self) -> &'static str {
         match self.direction {
             Dir::Write => "command",
@@ -43,7 +43,7 @@ impl Shown {
         }
     }
 
-    /// Adds to `kinds` what the frame tells of the slaves.
+    /// Adds to `kinds` what the frame shows of the slaves.
     pub fn tell(&self, kinds: &mut Kinds) {
         match self.direction {
             Dir::Write => kinds.command(&self.frame, self.size),
@@ -60,18 +60,18 @@ impl Shown {
 /// Which slots of a frame to show, and how to read them.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The slots to show; if empty, those that are not idle and slot 0.
+    /// The slots to show; if empty, slot 0 and those that are not idle.
     pub slots: Vec<Slots>,
     /// Whether every slot is shown.
     pub all: bool,
     /// Only slots with one of these commands, or an answer to one, are shown; if empty, all.
     pub commands: Vec<Command>,
-    /// The firmware, which decides what byte 1 of a slave's slot in a response is.
+    /// The firmware, which decides the meaning of byte 1 of a slave's slot in a response.
     pub firmware: Firmware,
 }
 
 impl View {
-    /// The lines of a frame, in the order of its slots. `kinds` must already contain what this frame tells.
+    /// The lines of a frame, in the order of its slots. `kinds` must already include what this frame shows.
     pub fn lines(&self, shown: &Shown, kinds: &Kinds) -> Vec<(usize, SlotLine)> {
         let (frame, size) = (&shown.frame, shown.size);
         match shown.direction {

@@ -6,9 +6,9 @@ use ecmsk::sk::{FRAME_LEN, Frame, SlotSize};
 /// The bytes of a line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct HexLine {
-    /// The bytes. A digit without a second one stands alone in the last of them.
+    /// The bytes. With an odd number of digits the last one is a byte of its own.
     pub bytes: Vec<u8>,
-    /// How many digits they are.
+    /// The number of digits.
     digits: usize,
     /// The direction from the prefix: `>` to the board, `<` from it.
     pub direction: Option<Dir>,
@@ -20,10 +20,10 @@ pub enum HexError {
     /// A character is neither a digit nor a blank.
     #[error("`{found}` is no hexadecimal digit")]
     NotADigit {
-        /// The character.
+        /// The wrong character.
         found: char,
     },
-    /// The line has another number of bytes than a frame.
+    /// The number of bytes on the line is not that of a frame.
     #[error("{digits} hexadecimal digits are {half} bytes, expected {FRAME_BYTES_MIN} to {FRAME_LEN} ({} digits to {})", 2 * FRAME_BYTES_MIN, 2 * FRAME_LEN, half = BytesOfDigits(*digits))]
     Length {
         /// The number of digits on the line.
@@ -58,7 +58,7 @@ pub fn parse(line: &str) -> Result<Option<HexLine>, HexError> {
 }
 
 impl HexLine {
-    /// The frame of a board on the line; bytes that the line does not have are 0.
+    /// The line as a frame of a board; missing bytes are 0.
     ///
     /// # Errors
     /// [`HexError::Length`]
@@ -67,13 +67,13 @@ impl HexLine {
         if is_whole { Ok(Frame::from_prefix(&self.bytes)) } else { Err(HexError::Length { digits: self.digits }) }
     }
 
-    /// Whether they are whole bytes.
+    /// Whether the number of digits is even.
     pub const fn is_of_bytes(&self) -> bool {
         self.digits.is_multiple_of(2)
     }
 }
 
-/// The number of bytes of that many digits as text: `12` or `12 and a half`.
+/// The number of bytes for a number of digits, as text: `12` or `12 and a half`.
 struct BytesOfDigits(usize);
 
 impl std::fmt::Display for BytesOfDigits {
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// A frame is read back from its digits, wherever blanks are.
+        /// A frame is parsed from its digits, with blanks anywhere.
         #[test]
         fn a_frame_comes_back_from_its_digits_wherever_blanks_are(bytes in proptest::collection::vec(any::<u8>(), FRAME_BYTES_MIN..=FRAME_LEN), blank in "[ \t]{0,3}") {
             let digits: String = bytes.iter().map(|byte| format!("{byte:02x}{blank}")).collect();

@@ -46,7 +46,7 @@ impl From<CrcStatus> for CrcJson {
     }
 }
 
-/// Writes a frame.
+/// Writes a frame as one JSON object.
 pub fn write(out: &mut dyn Write, shown: &Shown, lines: &[(usize, SlotLine)]) -> io::Result<()> {
     let slots: Vec<_> = lines.iter().map(|(i, line)| SlotJson::of(*i, line)).collect();
     let frame = FrameJson {

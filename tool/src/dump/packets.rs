@@ -1,4 +1,4 @@
-//! The packets of a chip ECM-XF, in a recording or as hexadecimal digits, in words, as bytes or as JSON.
+//! Prints the packets of an ECM-XF, from a recording or from hexadecimal digits, as text, as bytes or as JSON.
 
 use std::io::{self, Read, Write};
 use std::rc::Rc;
@@ -19,15 +19,16 @@ use crate::filter::Times;
 use crate::stderr::say;
 use crate::{output, recording};
 
-/// The bytes of a file that tell whether it is the recording of a chip. Its link may be long. \[OURS]
+/// The bytes that are read to find out whether a file is the recording of a chip. The link in its header may be long.
+/// \[OURS]
 const BEGINNING: u64 = 128 * 1024;
-/// How many bytes of an answer's data are shown beside its name. \[OURS]
+/// Most bytes of an answer's data that are shown. \[OURS]
 const DATA_SHOWN: usize = 16;
 
-/// The source of a recording, and whether it is one of a chip.
+/// Returns the source again, and whether it is the recording of a chip.
 ///
 /// # Errors
-/// It cannot be read.
+/// The source cannot be read.
 pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, bool), RecordError> {
     let mut beginning = Vec::new();
     let read = (&mut source).take(BEGINNING).read_to_end(&mut beginning);
@@ -36,7 +37,7 @@ pub fn look(mut source: Box<dyn Read>, name: &str) -> Result<(Box<dyn Read>, boo
     Ok((Box::new(io::Cursor::new(beginning).chain(source)), of_chip))
 }
 
-/// Shows the packets.
+/// Prints the packets of a recording.
 pub fn dump(args: &Args, source: Box<dyn Read>, name: &str) -> Result<(), CliError> {
     let mut out = output::stdout();
     let shown = show(args, source, name, &mut out);
@@ -133,7 +134,7 @@ fn write_hex(out: &mut output::Out, bytes: &[u8]) -> io::Result<()> {
     bytes.chunks(32).try_for_each(|line| writeln!(out, "  {}", digits(line)))
 }
 
-/// Writes what was held back, and forgets it.
+/// Writes the pieces that were collected, and clears them.
 fn write_pieces(out: &mut output::Out, held: &mut [Pieces; 2], args: &Args) -> io::Result<()> {
     for (pieces, dir) in held.iter_mut().zip([Dir::Write, Dir::Read]) {
         let pieces = std::mem::take(pieces);
@@ -192,7 +193,7 @@ fn hex_of(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Whether bytes given as digits are a packet of a chip: their length, and the words around them.
+/// Whether bytes are a packet of a chip, by their length and the words at their beginning and end.
 pub fn is_packet(bytes: &[u8]) -> bool {
     DataSize::of_packet(bytes.len()).is_some()
         && bytes.starts_with(&START_WORD.to_le_bytes())
@@ -219,8 +220,8 @@ pub fn write_of_line(
     write_lines(out, &recorded, false)
 }
 
-/// Guesses the direction of a packet. \[OURS] Bytes 8 to 10 of a command are reserved or clear errors; in an answer they are the
-/// state, link levels and the check type: an answer has a state, a link or a check type there.
+/// Guesses the direction of a packet. \[OURS] In an answer, bytes 8 to 10 have a state, a link level or a check type.
+/// In a command these bytes are reserved or clear errors.
 pub fn guessed(bytes: &[u8]) -> Dir {
     let Some(&[state, levels, status]) = bytes.get(0x08..0x0B).and_then(|bytes| bytes.first_chunk()) else {
         return Dir::Write;
@@ -231,7 +232,7 @@ pub fn guessed(bytes: &[u8]) -> Dir {
     if has_state || has_link || has_crc { Dir::Read } else { Dir::Write }
 }
 
-/// What is known of the bytes of one direction, as JSON.
+/// The bytes of one direction as JSON, with their meaning.
 fn object(recorded: &RecordedBytes) -> Value {
     let shown = Shown::of(recorded);
     let mut object = json!({
@@ -261,7 +262,7 @@ fn object(recorded: &RecordedBytes) -> Value {
     object
 }
 
-/// The bytes of one direction as far as they are known.
+/// The bytes of one direction, decoded.
 enum Shown<'p> {
     Command {
         packet: CommandPacket<'p>,
@@ -272,9 +273,9 @@ enum Shown<'p> {
         data: &'p [u8],
     },
     NotReady,
-    /// As many bytes as a packet has, and none.
+    /// The length is that of a packet, but the content is not valid.
     Damaged(PacketError),
-    /// So many bytes, as no packet has: while packets are searched, or a part of one.
+    /// The length is not that of a packet. The driver was searching for packets, or this is a part of one.
     NoPacket(usize),
 }
 
@@ -307,7 +308,7 @@ impl<'p> Shown<'p> {
             Self::Command { packet, check } => {
                 let header = &packet.header;
                 let asked = match packet.request() {
-                    // Its type stands twice in what it shows of itself.
+                    // The debug text of a request has its type twice, so the outer one is removed.
                     Ok(request) => {
                         let text = format!("{request:?}");
                         let inner =
@@ -333,7 +334,7 @@ impl<'p> Shown<'p> {
     }
 }
 
-/// What the first coverage gives that fits; if none does, what is wrong with the first one.
+/// Tries all check coverages and returns the first valid result. If none is valid, returns the error of the first one.
 fn first_right<T>(parse: impl Fn(Coverage) -> Result<T, PacketError>) -> Result<T, PacketError> {
     let others = || Coverage::EVERY.into_iter().skip(1);
     parse(Coverage::EVERY[0]).or_else(|error| others().find_map(|coverage| parse(coverage).ok()).ok_or(error))
@@ -350,7 +351,7 @@ fn result(header: &AnswerHeader, data: &[u8]) -> String {
     text
 }
 
-/// What every answer says beside its result.
+/// The values that every answer has besides its result.
 fn levels(header: &AnswerHeader) -> String {
     let state = match header.state.state() {
         Some(state) => format!("{state:?}"),

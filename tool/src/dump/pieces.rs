@@ -1,33 +1,33 @@
-//! Bytes of exchanges that are no packets by themselves, joined: a driver clocks single bytes while it looks for n, and one with
-//! a small buffer clocks packets in parts.
+//! Joins exchanges that are no packets by themselves: a driver clocks single bytes while it searches for the packet
+//! size, and one with a small buffer clocks packets in parts.
 
 use ecmsk::link::Dir;
 use ecmsk::recording::exchanges::RecordedBytes;
 use ecmsk::xf::{DataSize, Resync};
 
-/// The most bytes of a direction that are held. \[OURS] What is longer is shown in several parts.
+/// Most bytes of a direction that are collected; more are shown in several parts. \[OURS]
 const BYTES_MAX: usize = 1 << 20;
 
-/// The pieces of one direction, one behind the other.
+/// The pieces of one direction, joined.
 #[derive(Debug, Default)]
 pub struct Pieces {
     pub bytes: Vec<u8>,
-    /// How many there are.
+    /// The number of pieces.
     pub count: u64,
-    /// The numbers in the recording of the first and the last one, and when they passed: since the first packet of the recording, and
-    /// as recorded.
+    /// The numbers of the first and the last piece in the recording, with their times: since the first packet of the
+    /// recording, and as recorded.
     pub numbers: [u64; 2],
     pub since_ns: [i64; 2],
     pub recorded_ns: u64,
 }
 
 impl Pieces {
-    /// Whether an exchange has only a piece of a packet: as many bytes as no packet has.
+    /// Whether an exchange has only a piece of a packet: its length is not that of a packet.
     pub fn is_one(recorded: &RecordedBytes) -> bool {
         DataSize::of_packet(recorded.bytes.len()).is_none()
     }
 
-    /// Takes a piece.
+    /// Adds a piece.
     pub fn add(&mut self, number: u64, since_ns: i64, recorded: &RecordedBytes) {
         if self.count == 0 {
             (self.numbers[0], self.since_ns[0], self.recorded_ns) = (number, since_ns, recorded.at_ns);
@@ -37,12 +37,13 @@ impl Pieces {
         self.count += 1;
     }
 
-    /// Whether it holds as much as it may.
+    /// Whether no more bytes may be collected.
     pub const fn is_full(&self) -> bool {
         self.bytes.len() >= BYTES_MAX
     }
 
-    /// The packets in the bytes, those that follow each other unchanged as one with their number; and how many bytes are in none.
+    /// The packets in the bytes, and the number of bytes outside of packets. Equal consecutive packets become one with
+    /// a count.
     pub fn packets(&self, dir: Dir) -> (Vec<(u64, RecordedBytes)>, usize) {
         let (mut reader, mut rest, mut in_packets) = (Resync::new(), &self.bytes[..], 0);
         let mut packets: Vec<(u64, RecordedBytes)> = Vec::new();

@@ -9,7 +9,7 @@ use ecmsk::sk::{
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
-/// A slot.
+/// One slot of a frame, as JSON.
 #[derive(Serialize)]
 pub struct SlotJson {
     slot: usize,
@@ -142,7 +142,7 @@ struct ReadingFields {
     mode: Option<u8>,
     #[serde(skip_serializing_if = "Option::is_none")]
     kind: Option<&'static str>,
-    /// How the kind is known: `given`, `implied` by the id, `guessed` from the fields, or `unknown`.
+    /// The source of the kind: `given`, `implied` by the id, `guessed` from the fields, or `unknown`.
     kind_from: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     statusword: Option<u16>,

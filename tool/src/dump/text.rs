@@ -15,7 +15,7 @@ pub enum Numbering {
     Line,
 }
 
-/// Writes a frame.
+/// Writes a frame: one line for the frame and one for each of `lines`.
 pub fn write(out: &mut dyn Write, by: Numbering, shown: &Shown, lines: &[(usize, SlotLine)]) -> io::Result<()> {
     match by {
         Numbering::Frame => write!(out, "frame {:<6}", shown.number)?,

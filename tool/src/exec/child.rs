@@ -43,7 +43,7 @@ fn not_started(program: &Path, source: io::Error) -> ExecError {
     }
 }
 
-/// What to do with a file that this machine does not start by itself, by what it is: a source, a script, a program of Windows.
+/// The next step for a file that this machine cannot start directly: a source file, a script, a program of Windows.
 fn no_program(file: &Path) -> Option<String> {
     let name = file.display();
     let extension = file.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();

@@ -18,8 +18,8 @@ use windows as system;
 
 pub use system::{FILE_NAME, SEARCH_PATH, UNLINKABLE, UNOPENED};
 
-/// The library for a program: `given` (a file, or a folder that contains it), or else the one in the usual folders,
-/// first of them that of this tool.
+/// Finds the library for a program: `given` (a file, or a folder that contains it), otherwise the first one in the
+/// usual folders, of which the tool's own is the first.
 pub fn find(given: Option<&Path>, program: Option<&Path>) -> Result<PathBuf, ExecError> {
     let file = match given {
         Some(file) if file.is_file() => file.to_owned(),
@@ -45,8 +45,8 @@ fn not_a_library(file: &Path, reason: String) -> ExecError {
     ExecError::NotALibrary { file: file.to_owned(), reason }
 }
 
-/// The folder with the library in which the system looks first, and a private folder of this process that is removed
-/// when this is dropped.
+/// The folder with the library that the system searches first, and a private folder that is removed when this value is
+/// dropped.
 pub struct LibraryFolder {
     folder: TempDir,
     library: PathBuf,

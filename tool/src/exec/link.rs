@@ -1,4 +1,4 @@
-//! The link that is set for a program, with its recording.
+//! The link that is set for a program, with a recording if requested.
 
 use std::env;
 use std::fs;

@@ -1,8 +1,8 @@
-//! Reports what goes wrong: reads what the library writes while the program runs, prints each reason once, and prints
-//! a summary at the end.
+//! Reports problems of the program: reads the file that the library writes while the program runs, prints each reason
+//! once, and a summary at the end.
 //!
-//! A thread does this, so that neither the program nor the signals that this tool passes on wait for somebody who
-//! does not read standard error.
+//! A thread does this, so that neither the program nor the signals that this tool passes on wait for a reader of
+//! standard error.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -21,19 +21,19 @@ use crate::summary::json;
 
 /// How often the file is read. \[OURS]
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// How long the tool waits until the summary is written, since nobody may read standard error. \[OURS]
+/// Longest time that the tool waits until the summary is written, since standard error may have no reader. \[OURS]
 const SUMMARY_WAIT_MAX: Duration = Duration::from_secs(2);
 
-/// What is reported, and how.
+/// Which reports are printed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportMode {
-    /// Each reason when it occurs first, and a summary.
+    /// Each reason when it first occurs, and a summary.
     Words,
     /// Only a summary, because the user has asked for the log, which contains the reasons.
     Summary,
     /// Only a summary, as one JSON object.
     Json,
-    /// Nothing.
+    /// No reports.
     Quiet,
 }
 
@@ -56,7 +56,7 @@ impl ReasonReader {
         let end = Arc::clone(&ended);
         let thread = thread::Builder::new().name("told".into()).spawn(move || {
             loop {
-                // What was written before the end is read after this flag was.
+                // The flag is read first, so everything written before the program's end is read below.
                 let last = end.load(Ordering::Acquire);
                 follower.read();
                 if last {
@@ -74,7 +74,7 @@ impl ReasonReader {
         Ok(Self { ended, thread: Some(thread.thread().clone()), summary })
     }
 
-    /// To be called when the program has ended: prints the summary, and returns it if that took no longer than
+    /// Ends the thread after the program has ended: prints the summary, and returns it if that took no longer than
     /// [`SUMMARY_WAIT_MAX`].
     pub fn end(mut self) -> Option<Summary> {
         self.ended.store(true, Ordering::Release);
@@ -90,7 +90,7 @@ struct Follower {
     mode: ReportMode,
     /// The beginning of a line that was not written completely yet.
     unfinished: Vec<u8>,
-    /// The lines of each process, without counts, of which only the latest is kept.
+    /// For each process its lines. Of lines with a count only the latest is kept.
     lines: BTreeMap<u32, Vec<Line>>,
     counts: BTreeMap<(u32, u32, String), u64>,
     said: BTreeSet<String>,
@@ -109,7 +109,7 @@ impl Follower {
     }
 
     fn read(&mut self) {
-        // If reading fails, there is nothing new.
+        // After a read error there is nothing new.
         let _ = self.file.read_to_end(&mut self.unfinished);
         let Some(end) = self.unfinished.iter().rposition(|byte| *byte == b'\n') else { return };
         let rest = self.unfinished.split_off(end + 1);

@@ -6,17 +6,17 @@
 
 /// The length of the head before the name, in bytes.
 const HEAD: usize = 6;
-/// \[OURS] How many texts are read; a resource has about ten.
+/// \[OURS] Most texts that are read; a resource has about ten.
 const TEXTS_MAX: usize = 100;
 
-/// One of these structures.
+/// One of the four structures.
 struct Part<'data> {
     name: String,
     /// The value and the inner structures, as bytes of the file.
     rest: &'data [u8],
 }
 
-/// The text with that name (`CompanyName`) in the first language that has it; `None` if there is none, or the
+/// The text with this name (`CompanyName`) in the first language that has it; `None` if there is none, or if the
 /// resource is invalid.
 pub fn text(resource: &[u8], name: &str) -> Option<String> {
     let (root, _) = part(resource)?;

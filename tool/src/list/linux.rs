@@ -26,7 +26,7 @@ pub struct SystemArgs {
     scan: Option<String>,
 }
 
-/// The card on which slaves are looked for.
+/// The network card whose slaves are listed too.
 pub fn scanned(args: &SystemArgs) -> Option<&str> {
     args.scan.as_deref()
 }
@@ -67,7 +67,7 @@ fn usb_row(device: &UsbDevice, findings: Vec<Finding>) -> Row {
         what,
         obstacle: blocking.first().map(|finding| finding.found.clone()).or(obstacle.map(|why| why.to_string())),
         but: others.iter().map(|finding| finding.found.clone()).collect(),
-        // Only the first obstacle has its step, because the others may follow from it.
+        // Of several obstacles only the first one shows its next step, because the others may follow from it.
         next: blocking.into_iter().take(1).chain(others).filter_map(|finding| finding.next).collect(),
         facts,
     }

@@ -1,11 +1,11 @@
-//! The result as one JSON object. The names of its fields stay; docs/TOOL-RECORDINGS.md lists them.
+//! The result as one JSON object. Its field names do not change; docs/TOOL-RECORDINGS.md lists them.
 
 use ecmsk::migrate::{Ahead, HostTiming, Item, Needs, Packets, Place, Plan, Refused, SeenBy, Spread, Start, Verdict};
 use serde_json::{Value, json};
 
 use super::Report;
 
-/// The object.
+/// The JSON object of the result.
 pub fn object(report: &Report) -> Value {
     let found = report.found;
     let plan = found.plan.as_ref();

@@ -23,7 +23,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// A picture of that time in OP.
+    /// A picture of this interval in OP.
     pub fn new(op: Stretch, cycle: CycleTime) -> Self {
         let window = Window::of_times(op.from_ns, op.to_ns);
         Self {
@@ -35,7 +35,7 @@ impl Picture {
         }
     }
 
-    /// Adds what the next frame has shown.
+    /// Adds the values of the next frame.
     pub fn frame(&mut self, at_ns: i64, seen: &Seen) {
         if let Some(level) = seen.level {
             self.level.push(at_ns, level.into());
@@ -50,7 +50,7 @@ impl Picture {
         }
     }
 
-    /// Draws it; `None` if there is nothing to draw.
+    /// Draws the picture; `None` if there is nothing to draw.
     pub fn draw(self, report: &Report) -> Option<Sheet> {
         let range = self.window.range();
         let ahead = report.found.plan.as_ref().map(|plan| &plan.ahead);

@@ -15,7 +15,7 @@ use super::Report;
 /// The page that has the table of differences.
 const PAGE: &str = "docs/MIGRATION.md";
 
-/// The whole text.
+/// The whole result as text.
 pub fn of(report: &Report) -> String {
     // Writing to memory does not fail.
     let mut text = String::new();

@@ -10,12 +10,12 @@ use super::watched::View;
 /// How a row is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Highlight {
-    /// Not at all.
+    /// The row is not highlighted.
     #[default]
     Plain,
-    /// As an axis that is switched on.
+    /// The axis is switched on.
     On,
-    /// As a slave with a fault or an error code.
+    /// The slave has a fault or an error code.
     Alarm,
 }
 

@@ -131,7 +131,7 @@ fn head(view: &View) -> Vec<Line<'static>> {
             counters.rejected_total(),
             counters.idle_cycles
         );
-        // Of a chip or a network card alone.
+        // These counters exist only with a chip or a network card.
         for (what, count) in [
             ("sets of outputs lost", counters.outputs_lost),
             ("answers lost", counters.answers_lost),
@@ -220,12 +220,12 @@ mod tests {
         (terminal.backend().buffer().clone(), last)
     }
 
-    /// Of forty slaves a small terminal shows a part; the table can be scrolled to any other, and no further.
+    /// A small terminal shows a part of forty slaves. The table can be scrolled to any of them, and no further.
     #[test]
     fn forty_slaves_scroll() {
         let view = forty();
         let (top, last) = screen(&view, (80, 18), 0);
-        // 7 lines above, one below.
+        // The table has 7 lines above and one below.
         assert_eq!(last, 30);
         let text = lines(&top, 0);
         let rows: Vec<&str> = text.lines().collect();

@@ -16,7 +16,7 @@ use super::watched::{View, Watched};
 use super::{CliError, MonitorError};
 use crate::recording::{self, Framed, Frames, InTime};
 
-/// How long one wait for a report may take, so that the thread notices when the monitor ends. \[OURS]
+/// Longest wait for one report, so that the thread notices the end of the monitor. \[OURS]
 const READ_WAIT_MAX: Duration = Duration::from_millis(200);
 
 /// A source, read by a thread.
@@ -129,7 +129,7 @@ fn read(ecm: &Ecm, size: SlotSize, watched: &Mutex<Watched>, stop: &AtomicBool) 
             watched.counts.bad_crc = stats.bad_crc;
         }
         if virtual_time {
-            // Virtual time passes by calls only, so the thread waits between them to make it as fast as real time.
+            // Virtual time advances only in calls, so the thread waits between them to keep up with real time.
             let at = Duration::from_nanos(snapshot.meta.at.0);
             let (since, first) = *began.get_or_insert((Instant::now(), at));
             thread::sleep(at.saturating_sub(first).saturating_sub(since.elapsed()).min(READ_WAIT_MAX));

@@ -18,14 +18,14 @@ use super::source::Feed;
 use super::{MonitorError, screen};
 use crate::signals;
 
-/// How often signals and the end of the terminal are checked. \[OURS]
+/// Interval at which signals and the end of the terminal are checked. \[OURS]
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// How many keys are buffered; further ones wait in the terminal. \[OURS]
+/// Most keys that are buffered; further ones wait in the terminal. \[OURS]
 const KEYS_BUFFERED: usize = 64;
 /// How long the screen may take to end by itself after a signal. A terminal that takes no output may block it
 /// forever. \[OURS]
 const END_WAIT_MAX: Duration = Duration::from_secs(1);
-/// How many rows a page key scrolls. \[OURS]
+/// The number of rows that a page key scrolls. \[OURS]
 const PAGE_ROWS: usize = 10;
 
 /// The action of a key.
@@ -48,7 +48,7 @@ pub fn run(feed: &Feed, interval: Duration, limit: Option<Duration>) -> Result<E
     if is_gone() {
         // Dropping the terminal would print an error to standard error, which is closed as well, and so panic.
         std::mem::forget(terminal);
-        // The terminal is closed, so nobody can be told what has failed.
+        // The terminal is closed, so the error cannot be shown.
         let number = signal.load(Ordering::Relaxed);
         return Ok(ended_by(if number == 0 { signals::HANG_UP } else { number }));
     }
@@ -121,8 +121,7 @@ fn show(
             }
             let now = Instant::now();
             if now >= next {
-                // The reason of the end is part of the view: a board that is lost leaves its last values on the
-                // screen.
+                // The view has the reason of the end: after the loss of a board its last values stay on the screen.
                 (view, _) = feed.view();
                 next = (next + interval).max(now);
                 break;

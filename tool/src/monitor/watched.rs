@@ -22,11 +22,11 @@ struct Sample {
 /// Counters since the monitor was started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Reports read.
+    /// The number of reports read.
     pub reports: u64,
-    /// Reports that were lost before they were read.
+    /// The number of reports that were lost before they were read.
     pub lost: u64,
-    /// Reports with a wrong CRC.
+    /// The number of reports with a wrong CRC.
     pub bad_crc: u64,
 }
 
@@ -35,10 +35,10 @@ pub struct Watched {
     name: String,
     kinds: Kinds,
     newest: Option<Sample>,
-    /// The report of the previous view, from which rates and speeds count.
+    /// The report of the previous view, to which rates and velocities are relative.
     shown: Option<Sample>,
     heard: Instant,
-    /// The firmware, which decides what byte 1 of a slave's slot is.
+    /// The firmware, which decides the meaning of byte 1 of a slave's slot.
     pub firmware: Firmware,
     /// Counters of the reports.
     pub counts: Counts,
@@ -46,22 +46,22 @@ pub struct Watched {
     pub counters: Option<Counters>,
     /// Why the source has ended, if it has.
     pub end: Option<String>,
-    /// Whether silence is shown: not after the end of a recording.
+    /// Whether silence of the board is shown: not after the end of a recording.
     pub live: bool,
 }
 
-/// A view: what is shown at one time.
+/// A view of the board at one time.
 #[derive(Clone, Debug)]
 pub struct View {
     /// The name of the link or the recording.
     pub name: String,
     /// Slot 0; `None` before the first report.
     pub board: Option<MasterResponse>,
-    /// When the report was made, in nanoseconds of the board's time or since the recording's first frame.
+    /// The time of the report, in nanoseconds of the board's time or since the recording's first frame.
     pub at_ns: i64,
-    /// Reports per second of that time since the previous view.
+    /// Reports per second of that time since the previous view; `None` if there is none.
     pub rate: Option<f64>,
-    /// Reports.
+    /// Counters of the reports.
     pub counts: Counts,
     /// The board's own counters.
     pub counters: Option<Counters>,
@@ -103,7 +103,7 @@ impl Watched {
         self.newest = Some(Sample { at_ns, frame: frame.clone(), size, reports: self.counts.reports });
     }
 
-    /// Makes a view. The rates of the next one count from it.
+    /// Makes a view. The rates of the next view are relative to it.
     pub fn view(&mut self) -> View {
         let silent = self.live && self.heard.elapsed() > SILENT;
         let silence = || format!("no report for {:.1} s", self.heard.elapsed().as_secs_f64());

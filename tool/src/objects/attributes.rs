@@ -1,22 +1,22 @@
-//! Takes attributes that nobody reads out of an XML text, where an element has very many of them: the parser compares each with
-//! all before it.
+//! Removes unneeded attributes from elements of an XML text that have very many of them. The parser would compare each
+//! attribute with all before it.
 
 use std::collections::HashSet;
 
-/// How many attributes of an element are left as they are. \[OURS] Elements of an ESI have ten at most.
+/// Elements with at most this many attributes stay as they are. \[OURS] Elements of an ESI file have at most ten.
 const ATTRIBUTES_MAX: usize = 64;
 
-/// An attribute that stands twice in an element.
+/// An attribute that occurs twice in an element.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Twice {
-    /// Its name.
+    /// The name of the attribute.
     pub name: String,
-    /// The line of its second place, from 1.
+    /// The line of its second occurrence, from 1.
     pub line: u32,
 }
 
-/// The same text, with blanks in the place of attributes that are not in `read`, where an element has more than
-/// [`ATTRIBUTES_MAX`]. `None`: no element has. What is no XML stays as it is.
+/// The text with blanks in place of attributes that are not in `read`, in elements with more than [`ATTRIBUTES_MAX`].
+/// `None` if no element has so many. Text that is not XML stays as it is.
 ///
 /// # Errors
 /// [`Twice`], in an element with so many.
@@ -64,10 +64,10 @@ fn find(text: &str, from: usize, what: &str) -> Option<usize> {
     text.get(from..)?.find(what).map(|at| from + at)
 }
 
-/// A name and the span from its first byte to the one behind the value.
+/// A name, and the range from its first byte to the byte after its value.
 type Attribute<'a> = (&'a str, (usize, usize));
 
-/// The attributes of a start tag, whose name begins at `at`, and where they end.
+/// The attributes of the start tag whose name begins at `at`, and the position after them.
 fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
     let bytes = text.as_bytes();
     let skip = |mut at: usize, goes_on: fn(u8) -> bool| {
@@ -98,7 +98,7 @@ fn attributes(text: &str, at: usize) -> (Vec<Attribute<'_>>, usize) {
 mod tests {
     use super::*;
 
-    /// Of an element with very many attributes those are left that are read, in their lines; other elements, comments and
+    /// An element with very many attributes keeps those that are read, in their lines; other elements, comments and
     /// texts stay as they are.
     #[test]
     fn attributes_that_nobody_reads_are_taken_out() {

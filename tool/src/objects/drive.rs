@@ -8,8 +8,8 @@ use ecmsk::slave::{ManufacturerObject, ManufacturerType, ManufacturerValue, Mapp
 /// Reads all readable objects with these indexes; nothing is written to the drive. `found` gets each object, `at` the
 /// index that is being read.
 ///
-/// SDO answers tell neither the size nor the access of an object. So all are [`ManufacturerType::Any`] and `rw`, except
-/// those that the drive reports as write-only.
+/// SDO answers show neither the data type nor the access of an object. So all objects are [`ManufacturerType::Any`] and
+/// `rw`, except those that the drive reports as write-only.
 ///
 /// # Errors
 /// [`EcmError`], for example if the slave does not answer any more; errors of `found`.

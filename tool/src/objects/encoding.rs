@@ -1,29 +1,29 @@
-//! The text of an XML file, in the encoding that it has or declares (XML 1.0, appendix F).
+//! Decodes an XML file, in the encoding of its byte order mark or declaration (XML 1.0, appendix F).
 
 use std::borrow::Cow;
 
 use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE};
 
-/// Why a file is no text.
+/// Why a file cannot be decoded.
 #[derive(Debug, thiserror::Error)]
 pub enum EncodingError {
-    /// The declared encoding is not known.
+    /// The declared encoding is not supported.
     #[error("it declares the encoding `{0}`, which is not known here; save it as UTF-8 and let it declare that")]
     Unknown(String),
-    /// The bytes are none of that encoding.
+    /// The bytes are not valid in the encoding.
     #[error(
         "it is no text in {encoding}, which {why}; let it declare the encoding that it has, e.g. \
          <?xml version=\"1.0\" encoding=\"windows-1252\"?>"
     )]
     Malformed {
-        /// The encoding.
+        /// The name of the encoding.
         encoding: &'static str,
-        /// Why it was taken for that.
+        /// Why this encoding was chosen.
         why: &'static str,
     },
 }
 
-/// The text of a file: in the encoding of its byte order mark, or else in the one that it declares, or else UTF-8.
+/// Decodes a file: in the encoding of its byte order mark, otherwise the declared one, otherwise UTF-8.
 ///
 /// # Errors
 /// [`EncodingError`].
@@ -37,7 +37,8 @@ pub fn decoded(bytes: &[u8]) -> Result<Cow<'_, str>, EncodingError> {
             Some(label) => {
                 let known = Encoding::for_label(label);
                 let known = known.ok_or_else(|| EncodingError::Unknown(String::from_utf8_lossy(label).into_owned()))?;
-                // Whose declaration can be read byte by byte is not in UTF-16, whatever it says.
+                // A declaration that can be read byte by byte proves that the file is not in UTF-16, whatever it
+                // declares.
                 let known = if [UTF_16LE, UTF_16BE].contains(&known) { UTF_8 } else { known };
                 (known, "it declares", bytes)
             }
@@ -70,8 +71,8 @@ mod tests {
         text.encode_utf16().flat_map(to_bytes).collect()
     }
 
-    /// A byte order mark goes before the declaration, the declaration before UTF-8; a declaration of UTF-16 that can be
-    /// read byte by byte is none.
+    /// A byte order mark has priority over the declaration, and the declaration over UTF-8. A declaration of UTF-16
+    /// that can be read byte by byte is ignored.
     #[test]
     fn a_text_is_read_in_its_encoding() {
         let with = |label: &str| format!("<?xml version='1.0' encoding = \"{label}\"?>\n{BODY}");
@@ -92,14 +93,14 @@ mod tests {
             utf_16(&with("UTF-16BE"), be),
         ] {
             let text = decoded(&bytes).unwrap_or_else(|why| panic!("{:?}: {why}", String::from_utf8_lossy(&bytes)));
-            // 0xB5 is another letter in ISO-8859-15 alone.
+            // 0xB5 is another letter only in ISO-8859-15.
             assert!(text.contains("Pr\u{FC}fwerk 1") && text.ends_with("s</a>"), "{text}");
         }
         let cp1252 = decoded(b"<?xml version=\"1.0\" encoding=\"cp1252\"?><a>\x80</a>").unwrap();
         assert!(cp1252.ends_with("<a>\u{20AC}</a>"));
     }
 
-    /// What has not the encoding that it says is refused with what to do.
+    /// A file that is not in its declared encoding is refused, with the next step.
     #[test]
     fn a_wrong_encoding_is_told() {
         let unknown = decoded(b"<?xml version=\"1.0\" encoding=\"klingon\"?><a/>").unwrap_err().to_string();

@@ -11,18 +11,18 @@ use roxmltree::{Document, Node};
 use super::attributes::{Twice, without_unread};
 use super::encoding::{EncodingError, decoded};
 
-/// How many data types that refer to others are followed \[OURS].
+/// Longest chain of data types that refer to each other \[OURS].
 const DEPTH_MAX: usize = 8;
 /// The first index of an object; those below are data types (ETG.1000.6 table 63).
 const FIRST_INDEX: u16 = 0x1000;
 
-/// The attributes that are read here.
+/// The attributes that this module reads.
 const ATTRIBUTES: [&str; 1] = ["ProductCode"];
 
 /// Why no objects can be read from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum EsiError {
-    /// The file is no text.
+    /// The file cannot be decoded.
     #[error(transparent)]
     Encoding(#[from] EncodingError),
     /// The file is not XML.
@@ -49,7 +49,7 @@ pub enum EsiError {
     Content {
         /// The line, from 1.
         line: u32,
-        /// What is wrong.
+        /// What is wrong with the content.
         message: String,
     },
 }
@@ -62,8 +62,8 @@ pub struct Esi {
     pub objects: Vec<ManufacturerObject>,
 }
 
-/// Reads the objects of a device from the bytes of a file, in the encoding that it declares; `wanted` is its type, its name or its
-/// product code.
+/// Reads the objects of a device from the bytes of a file, in the encoding that it declares. `wanted` is the type, the
+/// name or the product code of the device.
 ///
 /// # Errors
 /// [`EsiError`]
@@ -83,7 +83,7 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     names.dedup();
     let device = match (chosen.as_slice(), wanted) {
         _ if with_objects.is_empty() => return Err(EsiError::NoDictionary),
-        // Revisions of one device follow each other, the newest last [OURS].
+        // The revisions of one device follow each other in the file, the newest last [OURS].
         ([.., last], _) if chosen.iter().all(|device| name_of(*device) == name_of(*last)) => *last,
         ([], Some(wanted)) => return Err(EsiError::NoDevice { wanted: wanted.to_owned(), devices: names }),
         _ => return Err(EsiError::Several(names)),
@@ -102,7 +102,7 @@ pub fn read(bytes: &[u8], wanted: Option<&str>) -> Result<Esi, EsiError> {
     Ok(Esi { device: name_of(device), objects })
 }
 
-/// The objects that stand in PDOs of the device: they can be mapped, whatever the dictionary says of them.
+/// The objects in the PDOs of the device. They can be mapped, even if the dictionary does not say so.
 fn mapped(device: Node<'_, '_>) -> HashMap<ObjectAddress, Mappable> {
     let mut mapped = HashMap::<_, Mappable>::new();
     let number = |entry, name| text(entry, name).and_then(whole);
@@ -136,7 +136,7 @@ fn is_called(device: Node<'_, '_>, wanted: &str) -> bool {
         || code.is_some() && code == whole(wanted)
 }
 
-/// The data types of a dictionary by their names; the first one of those with the same name. Files may have
+/// The data types of a dictionary by name; of several with the same name the first one. A map, because files may have
 /// thousands.
 type Types<'a, 'i> = HashMap<&'a str, Node<'a, 'i>>;
 
@@ -219,7 +219,7 @@ fn parts_of(kind: &str, types: &Types<'_, '_>) -> Vec<Part> {
         };
         match text(item, "SubIdx").and_then(whole).and_then(|sub| u8::try_from(sub).ok()) {
             Some(sub) => put(sub, name.to_owned(), kind),
-            // The elements of an array are described by one item without a sub-index.
+            // One item without a sub-index describes the elements of an array.
             None => {
                 let Some(array) = types.get(kind).copied() else { continue };
                 let of = text(array, "BaseType").unwrap_or_default().trim();
@@ -279,15 +279,15 @@ fn access_of(node: Node<'_, '_>) -> Option<Access> {
     }
 }
 
-/// Into which PDOs an object may be mapped: `T`, `R`, or both letters.
+/// The PDOs into which an object may be mapped: `T`, `R`, or both letters.
 fn mappable_of(node: Node<'_, '_>) -> Option<Mappable> {
     let letters = text(child(node, "Flags")?, "PdoMapping")?;
     let has = |letter: [char; 2]| letters.contains(letter);
     Some(Mappable { rx: has(['R', 'r']), tx: has(['T', 't']) })
 }
 
-/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first; `DefaultString`; or `DefaultValue`, a
-/// number. What does not fit a type of a fixed size is truncated to it, and a text is whole.
+/// The default value of an object: `DefaultData`, bytes in hexadecimal digits, lowest first; `DefaultString`; or
+/// `DefaultValue`, a number. A value is truncated to a type of fixed size; a text is kept whole.
 fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerValue {
     let (bytes, bits) = default_of(info, data);
     match data.bytes() {
@@ -302,7 +302,7 @@ fn value_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> ManufacturerV
 
 /// The default value as bytes, or as a number.
 fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u64) {
-    // A remark may stand within a text.
+    // A comment may split a text.
     let default = |name| {
         let node = info.and_then(|info| child(info, name))?;
         Some(node.children().filter(Node::is_text).filter_map(|part| part.text()).collect::<String>())
@@ -322,7 +322,7 @@ fn default_of(info: Option<Node<'_, '_>>, data: ManufacturerType) -> (Vec<u8>, u
     (Vec::new(), whole(value).unwrap_or_else(|| value.parse::<i64>().map_or(0, |number| number as u64)))
 }
 
-/// The bytes of a text: of ISO-8859-1 as VISIBLE_STRING has them, or of UTF-8 if it has other letters \[OURS].
+/// The bytes of a text: in ISO-8859-1 as VISIBLE_STRING has them, or in UTF-8 if it has other letters \[OURS].
 fn octets(text: &str) -> Vec<u8> {
     let latin: Option<Vec<u8>> = text.chars().map(|letter| u8::try_from(letter).ok()).collect();
     latin.unwrap_or_else(|| text.as_bytes().to_vec())

@@ -34,7 +34,7 @@ pub struct AxisLines {
     pub torque: Pieces,
     /// The times in which the drive was not enabled, homing, lost or had a fault, and gaps.
     pub states: Vec<Span>,
-    /// When homing gave the position another zero last, in seconds.
+    /// The time at which homing last gave the position a new zero, in seconds.
     pub zeroed: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl AxisLines {
 
 /// The lines of an axis while they are collected.
 pub struct Axis {
-    /// Slave.
+    /// The number of the slave.
     pub number: u8,
     scale: Scale,
     /// The ids of the commands with which the axis is shown; if empty, it is always shown.
@@ -66,13 +66,13 @@ pub struct Axis {
     speeds: [Speed; 2],
     /// The target that was executed last, in counts.
     in_force: Option<i32>,
-    /// The last reported position, and whether the drive follows a target, if they are shown.
+    /// The last reported position, and whether the drive follows a target; `None` if they are not shown.
     stands: Option<(i32, bool)>,
-    /// The slot as it has been since the first report in state 0x18.
+    /// The slot of the axis since the first report in state 0x18, as long as it does not change.
     frozen: Option<Frozen>,
-    /// The last slot, and when it was another one.
+    /// The last slot, and the time at which it last changed.
     before: Option<(RawSlot, i64)>,
-    /// The last report was in state 0x18.
+    /// Whether the last report was in state 0x18.
     failed_before: bool,
     ignores: Option<Ignores>,
     zeroed_ns: Option<i64>,
@@ -82,28 +82,29 @@ pub struct Axis {
 #[derive(Debug)]
 struct Frozen {
     slot: RawSlot,
-    /// It would change if the slave were there: the axis moved before, or has targets elsewhere.
+    /// Whether the slave is certainly lost. Its slot would change if it were there, because the axis moved just before,
+    /// or because it has got other targets since.
     is_lost: bool,
 }
 
-/// \[OURS] An axis whose slot has changed that shortly before moves.
+/// \[OURS] An axis whose slot changed within this time counts as moving, nanoseconds.
 const MOVED_NS: i64 = 20_000_000;
 
-/// The board ignores the targets of an axis from GO_HOME on until homing has ended and the mode is restored (SK-7.26, SK-7.37):
-/// then its slot answers a motion command again.
+/// A phase in which the board ignores the targets of an axis: from GO_HOME until homing has ended and the mode is
+/// restored (SK-7.26, SK-7.37). After it, the slot answers motion commands again.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ignores {
-    /// A report has answered GO_HOME.
+    /// Whether a report has answered GO_HOME.
     answered: bool,
-    /// How many reports have answered a motion command without that.
+    /// The number of reports that answered a motion command before any answered GO_HOME.
     reports: u8,
 }
 
-/// \[OURS] After so many answers to motion commands a GO_HOME that was never answered was not executed.
+/// \[OURS] After more than this many answers to motion commands, GO_HOME counts as not executed.
 const UNANSWERED_MAX: u8 = 3;
 
 impl Axis {
-    /// The axis of that slave, with no lines yet.
+    /// The axis of a slave, with no lines yet.
     pub fn new(number: u8, scale: Scale, window: Window, commands: Vec<u8>) -> Self {
         let line = || Line::new(window, COLUMNS);
         let held = || Line::holding(window, COLUMNS);
@@ -132,7 +133,7 @@ impl Axis {
         }
     }
 
-    /// Adds a command for the axis that the host sends.
+    /// Adds a command for the axis, at the time when the host sends it.
     pub fn sent(&mut self, order: Option<&SlaveCommand>) {
         if order == Some(&SlaveCommand::GoHome) {
             self.states.go_home();
@@ -144,8 +145,8 @@ impl Axis {
         self.gaps.idle(at_ns);
     }
 
-    /// Adds a command for the axis that the board executes. Returns the beginning of the gap that ends with it, if
-    /// there is one.
+    /// Adds a command for the axis, at the time when the board executes it. Returns the beginning of the gap that ends
+    /// with it, if there is one.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) -> Option<i64> {
         let shown = self.shows(order.id().code()) && self.frozen.is_none();
         let is_motion = matches!(order, SlaveCommand::Csp(_) | SlaveCommand::Csv(_) | SlaveCommand::Cst(_));
@@ -190,7 +191,8 @@ impl Axis {
         }
     }
 
-    /// Looks at the axis' slot of a report in OP before what was executed is drawn. `failed`: the state of the board is 0x18.
+    /// Examines the axis' slot of a report in OP, before the executed commands are drawn. `failed`: the board is in
+    /// state 0x18.
     pub fn look(&mut self, at_ns: i64, slot: &RawSlot, failed: bool) {
         let changed_ns = match self.before {
             Some((before, changed_ns)) if before == *slot => changed_ns,
@@ -222,7 +224,7 @@ impl Axis {
         }
     }
 
-    /// The slave is there, or it is not asked any more whether it is.
+    /// The slave is there again (`was_lost`), or its slot has changed, so it never was lost.
     fn is_there(&mut self, at_ns: i64, was_lost: bool) {
         if was_lost {
             return self.interrupt(at_ns);
@@ -232,16 +234,16 @@ impl Axis {
     }
 
     /// Adds the axis' slot of a report in OP. `aborted`: it answers ABORT_HOME. `is_drive`: the slot has a torque and
-    /// an error code. `certain`: it is known which target is in force.
+    /// an error code. `certain`: the executed target is known.
     pub fn report(&mut self, at_ns: i64, drive: &DriveResponse, aborted: bool, is_drive: bool, certain: bool) {
         if self.frozen.is_some() {
-            // Nothing is drawn of what only seems to go on.
+            // The slot only repeats its last values, so nothing is drawn.
             return self.break_lines(at_ns);
         }
         let was_homing = self.states.is_homing();
         let change = self.states.report(at_ns, drive, aborted, is_drive);
         if was_homing && !self.states.is_homing() {
-            // If home is attained, this position counts from another zero than the one before.
+            // After a successful homing this position is relative to a new zero.
             self.position.break_off(at_ns);
             let word = drive.statusword.0;
             if word & Statusword::BIT13 == 0 && word & Statusword::TARGET_REACHED != 0 {
@@ -288,7 +290,7 @@ impl Axis {
         }
     }
 
-    /// Forgets the target: it is no longer in force, or it is not known which one is.
+    /// Forgets the target: it is no longer valid, or it is not known which one is.
     pub fn forget_target(&mut self, at_ns: i64) {
         self.in_force = None;
         self.gaps.reset();
@@ -297,7 +299,7 @@ impl Axis {
         targets.into_iter().for_each(|line| line.interrupt(at_ns));
     }
 
-    /// Interrupts all lines, because nothing is known from here on.
+    /// Interrupts all lines, because the state of the axis is unknown from here on.
     pub fn interrupt(&mut self, at_ns: i64) {
         self.forget_target(at_ns);
         self.speeds[0].reset();
@@ -309,7 +311,7 @@ impl Axis {
         self.states.interrupt(at_ns);
     }
 
-    /// Every line has a gap here, and begins anew behind it.
+    /// Interrupts all lines and starts the velocities anew.
     fn break_lines(&mut self, at_ns: i64) {
         self.interrupt_lines(at_ns);
         self.speeds.iter_mut().for_each(Speed::reset);
@@ -322,7 +324,7 @@ impl Axis {
         lines.into_iter().chain(more).for_each(|line| line.interrupt(at_ns));
     }
 
-    /// The target in force, in units, while the drive follows it.
+    /// The executed target, in units, while the drive follows it.
     pub fn commanded(&self) -> Option<f64> {
         self.stands.filter(|(_, follows)| *follows).and(self.in_force).map(|target| self.scale.to_units(target))
     }
@@ -332,7 +334,7 @@ impl Axis {
         self.stands.filter(|_| !self.states.is_homing()).map(|(position, _)| self.scale.to_units(position))
     }
 
-    /// The lines.
+    /// Ends the lines and returns them.
     pub fn finish(mut self) -> AxisLines {
         if let Some(Frozen { is_lost, .. }) = self.frozen {
             self.states.is_there(i64::MAX, Some(is_lost));
@@ -358,7 +360,7 @@ impl Axis {
     }
 }
 
-/// Percent from 0.1 % of the rated torque.
+/// Converts 0.1 % of the rated torque to percent.
 fn percent(torque: i16) -> f64 {
     f64::from(torque) / 10.0
 }

@@ -1,4 +1,4 @@
-//! Another recording of the same program, which is drawn beside the first one.
+//! Another recording of the same program, drawn for comparison with the first one.
 
 use std::path::{Path, PathBuf};
 
@@ -15,36 +15,36 @@ use crate::error::CliError;
 use crate::filter::Times;
 use crate::recording::{self, Frames};
 
-/// Pixels for the name of another recording in a legend.
+/// The width for the name of another recording in a legend, in pixels.
 const NAME_WIDTH: u32 = 330;
 
-/// What is drawn of another recording, at times of the first one.
+/// The lines of another recording, at times of the first one.
 #[derive(Default)]
 pub struct Beside {
-    /// Its name in legends.
+    /// The name of the other recording in legends.
     pub name: String,
     /// Positions of axes, in units.
     pub positions: Vec<(u8, Pieces)>,
-    /// When axes had a fault.
+    /// The times at which axes had a fault.
     pub faults: Vec<(u8, Vec<Span>)>,
-    /// When homing gave the positions of axes another zero last.
+    /// For axes: the time at which homing last gave the position a new zero.
     pub zeroed: Vec<(u8, f64)>,
 }
 
-/// Another recording, which was read once.
+/// Another recording, after its first reading.
 pub struct Other {
     file: PathBuf,
     size: Option<SlotSize>,
     device: Option<Address>,
     survey: Survey,
-    /// By how much its times are moved, so that its OP begins with that of the first recording.
+    /// The offset that is added to its times, so that its OP begins with that of the first recording.
     later_ns: i64,
-    /// What is shown of its OP, at times of the first recording.
+    /// The range of its OP, at times of the first recording.
     window: Window,
 }
 
 impl Other {
-    /// Reads a recording whose OP is to begin where `first` does, the OP of the first one.
+    /// Reads a recording. `first` is the OP of the first recording, with which its OP is aligned.
     pub fn read(file: &Path, size: Option<SlotSize>, first: Window) -> Result<Self, CliError> {
         let mut survey = Survey::default();
         let device = recording::board(file, None)?;
@@ -59,18 +59,18 @@ impl Other {
         Ok(Self { file: file.to_owned(), size, device, survey, later_ns, window })
     }
 
-    /// The part of it between two times of the first recording; `None` if nothing is left.
+    /// The part of the recording between two times of the first recording; `None` if nothing is left.
     pub fn cut(self, times: Times) -> Option<Self> {
         let window = self.window.cut(times)?;
         Some(Self { window, ..self })
     }
 
-    /// What is shown of its OP, at times of the first recording.
+    /// The range of its OP, at times of the first recording.
     pub const fn window(&self) -> Window {
         self.window
     }
 
-    /// The positions and faults of these axes, for which it is read a second time.
+    /// Reads the recording a second time, for the positions and faults of these axes.
     pub fn lines(&self, axes: &[(u8, Scale)]) -> Result<Beside, CliError> {
         let Self { file, size, device, survey, later_ns, window } = self;
         let own = Window::of_times(window.from_ns - later_ns, window.to_ns - later_ns);

@@ -185,7 +185,7 @@ fn draw_panel<B: DrawingBackend>(area: &Area<B>, panel: &Panel, caption: &Captio
 /// The length of a dash, and of the gap behind it.
 const DASH: u32 = 5;
 
-/// Draws the texts at the ends of lines from top to bottom; one that would overlap the one before stands below it.
+/// Draws the texts at the ends of lines from top to bottom. A text that would overlap the previous one moves below it.
 fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), PlotError> {
     let mut ends: Vec<_> = panel.ends.iter().collect();
     ends.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -201,12 +201,12 @@ fn draw_ends<B: DrawingBackend>(area: &Area<B>, panel: &Panel) -> Result<(), Plo
     Ok(())
 }
 
-/// How far below the top of a panel the notes on its states stand, and those on states of another recording.
+/// The distance of the notes on states from the top of a panel, and of the notes on states of another recording.
 const NOTES: u32 = 10;
 const OTHER_NOTES: u32 = 26;
 
-/// Draws the notes on states that far below the top of the panel, where the states begin: in full where there is room before the
-/// next one. A note that would overlap another one is left out.
+/// Draws the notes on states at the distance `y` from the top of the panel, where the states begin. A note has its full
+/// text if there is room before the next one. A note that would overlap another one is left out.
 fn draw_notes<B: DrawingBackend>(area: &Area<B>, spans: &[Span], y: u32, times: &Range<f64>) -> Result<(), PlotError> {
     let right = style::WIDTH - style::RIGHT;
     let pixels = f64::from(right - style::LEFT) / (times.end - times.start);

@@ -26,7 +26,7 @@ pub enum Diagram {
     Xy,
 }
 
-/// The slaves and diagrams that the options ask for.
+/// The slaves and diagrams that the options request.
 #[derive(Clone, Debug, Default)]
 pub struct Asked {
     /// The slaves in ascending order; if empty, those found in the recording.
@@ -35,7 +35,7 @@ pub struct Asked {
     pub diagrams: Vec<Diagram>,
     /// Whether the following difference is shown in addition.
     pub difference: bool,
-    /// The two axes whose plane is shown in addition.
+    /// The two axes whose path is shown in their plane in addition.
     pub plane: Option<[u8; 2]>,
 }
 
@@ -51,7 +51,7 @@ pub struct Chosen {
 }
 
 impl Asked {
-    /// Whether a diagram is shown. `by_itself`: whether it is shown if no diagrams are asked for.
+    /// Whether a diagram is shown. `by_itself`: whether it is shown if the options request no diagrams.
     pub fn shows(&self, diagram: Diagram, by_itself: bool) -> bool {
         match diagram {
             Diagram::Difference if self.difference => true,
@@ -61,7 +61,7 @@ impl Asked {
         }
     }
 
-    /// The slaves that are asked for, or else those found.
+    /// The requested slaves, or those found in the recording.
     pub fn choose(&self, survey: &Survey) -> Result<Chosen, PlotError> {
         let size = survey.size();
         let named = || self.slaves.iter().copied().chain(self.plane.into_iter().flatten());
@@ -111,7 +111,7 @@ impl Asked {
     }
 }
 
-/// The largest number of axes and IO slaves of a plot together.
+/// Most axes and IO slaves of a plot together.
 pub const MAX_SLAVES: usize = 2 * MAX_AXES;
 
 /// Parses two axes, `1,2`.

@@ -18,7 +18,7 @@ pub struct Line {
     hold: bool,
     segments: Vec<Vec<Sample>>,
     column: Option<Column>,
-    /// The value that holds, and since when.
+    /// The present value and its time, if the line holds values.
     held: Option<Sample>,
     /// The time of the last sample or interruption.
     latest_ns: i64,
@@ -76,7 +76,7 @@ impl Line {
         self.broken = true;
     }
 
-    /// Interrupts the line so that it is seen within a column of pixels, too: the next value has nothing to do with the one before.
+    /// Interrupts the line visibly, also within a column of pixels: the next value is unrelated to the one before.
     pub fn break_off(&mut self, at_ns: i64) {
         self.interrupt(at_ns);
         self.close_column();
@@ -130,7 +130,7 @@ impl Line {
     fn column_of(&self, at_ns: i64) -> i64 {
         let span = i128::from(self.window.to_ns) - i128::from(self.window.from_ns);
         let into = i128::from(at_ns) - i128::from(self.window.from_ns);
-        // Within the columns, as `into` is within `span`.
+        // This number is less than `columns`, since `into` is within `span`.
         (into * i128::from(self.columns) / span.max(1)) as i64
     }
 

@@ -10,7 +10,7 @@ use super::{MAX_AXES, style};
 /// Why there is no plot.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// A plot reads its recording twice.
+    /// Standard input is named, but a plot reads its recording twice.
     #[error("a plot cannot read standard input; name a file")]
     Stdin,
     /// The network was never in OP.
@@ -19,15 +19,15 @@ pub enum PlotError {
         .file.display()
     )]
     NoOp {
-        /// The recording.
+        /// The path of the recording.
         file: PathBuf,
         /// The number of frames of the recording.
         frames: u64,
     },
-    /// The recording has nothing in the range of times that was asked for.
+    /// The recording has nothing in the requested range of times.
     #[error("no time in OP is left: {asked}, and the recording is in OP from {op}; change --from or --to")]
     NothingInRange {
-        /// The range that was asked for.
+        /// The requested range of times.
         asked: String,
         /// The range of times in OP.
         op: String,
@@ -37,21 +37,21 @@ pub enum PlotError {
         "nothing is left of {}: no slot asks for or answers {commands} in the time shown; change --commands, --axes, --from or --to", axes_list(.axes)
     )]
     NoSuchCommand {
-        /// The commands that were asked for.
+        /// The requested commands.
         commands: String,
         /// The slaves that were searched.
         axes: Vec<u8>,
     },
-    /// More axes are asked for than there are colours.
+    /// More axes are requested than there are colours.
     #[error("{found} axes do not fit one plot, at most {MAX_AXES} do; name fewer with --axes")]
     TooManyAxes {
-        /// The number of axes that are asked for.
+        /// The number of requested axes.
         found: usize,
     },
     /// The network has no such axis.
     #[error("axis {axis} has no slot in frames of {}-byte slots; name axes from 1 to {} with --axes", .size.bytes(), .size.max_slaves())]
     NoSuchAxis {
-        /// The axis.
+        /// The number of the axis.
         axis: u8,
         /// The frames' slot size.
         size: SlotSize,
@@ -59,7 +59,7 @@ pub enum PlotError {
     /// The recording has no data of an axis.
     #[error("axis {axis} is empty: no slave has its slot in OP, and no command is for it; {}", others(.axes))]
     EmptyAxis {
-        /// The axis.
+        /// The number of the axis.
         axis: u8,
         /// The axes that have data.
         axes: Vec<u8>,
@@ -67,7 +67,7 @@ pub enum PlotError {
     /// An IO slave is named as an axis of the plane.
     #[error("slave {slave} is IO and has no position; name two axes with --xy, as in --xy 1,2")]
     NotAnAxis {
-        /// The slave.
+        /// The number of the slave.
         slave: u8,
     },
     /// The plane needs two axes of the plot.
@@ -76,16 +76,16 @@ pub enum PlotError {
         /// The number of axes of the plot.
         found: usize,
     },
-    /// The recording has no data for the diagrams that are asked for.
+    /// The recording has no data for the requested diagrams.
     #[error("the recording has nothing for the diagrams {asked}; name others with --panels, or leave it out")]
     NoPanel {
-        /// The diagrams that were asked for.
+        /// The requested diagrams.
         asked: String,
     },
     /// The file of the plot is the recording.
     #[error("the plot would replace the recording {}; name another file with {option}", .file.display())]
     SameFile {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// The option that names the file.
         option: &'static str,
@@ -103,7 +103,7 @@ pub enum PlotError {
     /// The file cannot be written.
     #[error("cannot write {}: {source}; name another file with {option}", .file.display())]
     Write {
-        /// The file.
+        /// The path of the file.
         file: PathBuf,
         /// The option that names the file.
         option: &'static str,

@@ -11,23 +11,23 @@ use super::chosen::MAX_SLAVES;
 /// The command in a frame for each axis and IO slave of the plot.
 pub type Orders = [Option<SlaveCommand>; MAX_SLAVES];
 
-/// How many commands are kept at most: those that may wait in the FIFO, and some more for reports that do not tell
-/// what was executed.
+/// Most commands that are kept: those that may wait in the FIFO, and some more for reports that do not show what was
+/// executed.
 const COMMANDS_KEPT: usize = 4 * FIFO_ENTRIES as usize;
 
 /// A command frame that was executed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// When it was executed: the time of that cycle's report, in nanoseconds.
+    /// The time of the execution: that of the cycle's report, in nanoseconds.
     pub at_ns: i64,
     /// The commands of its slots.
     pub orders: Orders,
 }
 
-/// What a report tells about the execution of commands.
+/// What a report shows about the execution of commands.
 #[derive(Debug, PartialEq)]
 pub enum ExecutionReport {
-    /// All commands executed since the last report that told it; none if `idle_since_ns` is given. Cycles with an
+    /// All commands executed since the last report that showed it; none if `idle_since_ns` is given. Cycles with an
     /// empty FIFO come before the entries.
     Executed {
         /// The entries, in the order of their execution.
@@ -35,7 +35,7 @@ pub enum ExecutionReport {
         /// The first cycle that found the FIFO empty, nanoseconds.
         idle_since_ns: Option<i64>,
     },
-    /// Nothing yet; a later report will tell (see [`LastExecuted::Doubtful`]).
+    /// Nothing yet; a later report will show it (see [`LastExecuted::Doubtful`]).
     Later,
     /// Nothing, because earlier commands were lost or cleared.
     Unknown,
@@ -46,14 +46,14 @@ pub enum ExecutionReport {
 pub struct Execution {
     cycle_ns: i64,
     executed: Executed,
-    /// The commands that are not known to be executed, with the time when they were sent, oldest first.
+    /// The commands that may not be executed yet, with the times at which they were sent, oldest first.
     sent: VecDeque<(i64, Orders)>,
-    /// The last report that told what was executed: when it was made, and whether commands waited.
+    /// The last report that showed what was executed: its time, and whether commands waited.
     before: Option<(i64, bool)>,
 }
 
 impl Execution {
-    /// For a board with that cycle time in nanoseconds.
+    /// For a board with this cycle time in nanoseconds.
     pub fn new(cycle_ns: i64) -> Self {
         Self { cycle_ns: cycle_ns.max(1), executed: Executed::new(cycle_ns), sent: VecDeque::new(), before: None }
     }
@@ -97,7 +97,7 @@ impl Execution {
         let before = self.before.replace((at_ns, waits));
         let idle_since_ns = before.filter(|(_, waited)| !waited).and_then(|(then_ns, _)| {
             let cycles = (at_ns.saturating_sub(then_ns) + self.cycle_ns / 2) / self.cycle_ns;
-            // On a real wire the times of reports vary by a part of a cycle, so one cycle too many is no proof of an
+            // On a real link the times of reports vary by a part of a cycle, so one additional cycle does not prove an
             // empty FIFO.
             let idle = (entries.is_empty() && !waits) || entries.len() as i64 + 1 < cycles;
             idle.then_some(then_ns.saturating_add(self.cycle_ns).min(at_ns))
@@ -105,7 +105,7 @@ impl Execution {
         ExecutionReport::Executed { entries, idle_since_ns }
     }
 
-    /// OP was left, so the FIFO is empty.
+    /// Starts anew when OP is left, since the FIFO is empty then.
     pub fn reset(&mut self) {
         self.executed.reset(self.cycle_ns);
         self.sent.clear();

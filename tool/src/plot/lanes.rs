@@ -19,7 +19,7 @@ pub enum Way {
 
 /// One bit over time.
 pub struct Lane {
-    /// The direction.
+    /// Whether the bit is an input or an output.
     pub way: Way,
     /// The number of the bit, from 0.
     pub bit: usize,
@@ -36,7 +36,7 @@ struct Bits {
     lines: [Line; BITS],
     /// The bits that were ever 1.
     used: u16,
-    /// The latest value.
+    /// The latest value of the bits.
     now: Option<u16>,
 }
 
@@ -47,7 +47,7 @@ impl Lanes {
         Self { ways: [bits(), bits()] }
     }
 
-    /// Adds a command for the slave that is executed.
+    /// Adds a command for the slave, at the time when the board executes it.
     pub fn executed(&mut self, at_ns: i64, order: &SlaveCommand) {
         if let SlaveCommand::IoWrite(outputs) = order {
             self.ways[Way::Out as usize].push(at_ns, *outputs);
@@ -62,7 +62,7 @@ impl Lanes {
         }
     }
 
-    /// Interrupts the lines, because nothing is known from here on.
+    /// Interrupts the lines, because the bits are unknown from here on.
     pub fn interrupt(&mut self, at_ns: i64) {
         for bits in &mut self.ways {
             bits.now = None;
@@ -70,7 +70,7 @@ impl Lanes {
         }
     }
 
-    /// The bits that were ever 1, inputs first; the others were 0, or nothing is known of them.
+    /// The bits that were ever 1, inputs first. The others were 0 or unknown.
     pub fn finish(self) -> Vec<Lane> {
         let lanes = [Way::In, Way::Out].into_iter().zip(self.ways).flat_map(|(way, bits)| {
             let used = bits.used;

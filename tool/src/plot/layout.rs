@@ -12,13 +12,12 @@ use super::series::Lines;
 use super::states::{Span, State};
 use super::style;
 
-/// So many axes are told apart by colours alone. \[OURS]
+/// With more axes than this, colours alone do not distinguish them. \[OURS]
 const CROWD: usize = 4;
 /// The height of a diagram of all axes together.
 const SHARED: u32 = 130;
 
-/// Makes the panels; there is none for lines without data. `plane` are the axes of the plane, `unit` is that of
-/// positions.
+/// Makes the panels; lines without data get none. `plane` are the axes of the plane, `unit` is that of positions.
 pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, mut beside: Beside) -> Vec<Panel> {
     let Lines { axes, ios, plane: paths, fifo_free, full, full_reports, gaps } = lines;
     // With many axes each gets less height, so that the plot fits on a screen.
@@ -34,7 +33,7 @@ pub fn panels(lines: Lines, asked: &Asked, plane: Option<[u8; 2]>, unit: &str, m
     let mut all = Vec::new();
     let mut shared = Shared { least: f64::MAX, ..Shared::default() };
     for (place, (axis, colour)) in axes.into_iter().zip(colours).enumerate() {
-        // Of many axes every second line is dashed, so that no two colours have to be told apart by their shade alone.
+        // With many axes every second line is dashed, so that similar colours can be distinguished.
         let solid = if is_crowded && place % 2 == 1 { Look::Dashed(colour) } else { Look::Solid(colour) };
         let pale = Look::Pale(colour);
         if is_crowded {
@@ -100,7 +99,7 @@ struct Shared {
     /// The smallest step of a position, in its unit.
     least: f64,
     legend: Vec<(Look, String)>,
-    /// What stands at the end of the line of each axis, with its colour; none of few axes.
+    /// The text at the end of the line of each axis, with its colour; empty if there are few axes.
     ends: Vec<(String, RGBColor)>,
     commanded: Vec<Stroke>,
     velocity: Vec<Stroke>,

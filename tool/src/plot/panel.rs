@@ -31,11 +31,11 @@ pub struct Panel {
     pub lanes: Vec<String>,
     /// The horizontal axis, if it differs from that of the other panels.
     pub across: Option<Across>,
-    /// What stands at the ends of lines, at the right: the value at the end, the text, its colour.
+    /// The texts at the right ends of lines: the value there, the text, its colour.
     pub ends: Vec<(f64, String, RGBColor)>,
 }
 
-/// A horizontal axis of a panel's own.
+/// The horizontal axis of a single panel.
 pub struct Across {
     /// The range of the axis.
     pub range: Range<f64>,
@@ -45,7 +45,7 @@ pub struct Across {
     pub width: u32,
 }
 
-/// A line.
+/// A line of a diagram.
 pub struct Stroke {
     /// The pieces of the line.
     pub pieces: Pieces,
@@ -56,13 +56,13 @@ pub struct Stroke {
 /// The style of a line or an area.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// A line.
+    /// A solid line.
     Solid(RGBColor),
     /// A line of dashes.
     Dashed(RGBColor),
     /// A pale and broad line for commanded values, behind the actual ones.
     Pale(RGBColor),
-    /// An area.
+    /// A shaded area.
     Area(RGBColor),
 }
 
@@ -106,7 +106,8 @@ impl Panel {
         Some(Self { name, height, range, strokes, legend, ..Self::default() })
     }
 
-    /// The same panel with its vertical axis for the values from `since` on, in seconds. What is beyond it before is left out.
+    /// The same panel with its vertical axis for the values from `since` on, in seconds. Earlier values beyond it are
+    /// left out.
     #[must_use]
     pub fn scaled_since(mut self, since: f64, least: f64) -> Self {
         let later = |piece: &Vec<(f64, f64)>| piece.iter().copied().filter(|(at, _)| *at >= since).collect();
@@ -132,7 +133,7 @@ fn within(piece: &[(f64, f64)], range: &Range<f64>) -> Pieces {
     }
     for pair in piece.windows(2) {
         let [(from, a), (to, b)] = [pair[0], pair[1]];
-        // The part of the way from a to b, of 1, that is in the range.
+        // The fraction of the way from a to b, 0 to 1, at which the line has this value.
         let at = |value: f64| if a == b { 0.0 } else { (value - a) / (b - a) };
         let (enters, leaves) = match (a == b, is_in(a)) {
             (true, true) => (0.0, 1.0),
@@ -178,7 +179,7 @@ const VALUE_MAX: f64 = 1e307;
 mod tests {
     use super::*;
 
-    /// A line is cut where it leaves the range, and goes on where it comes back.
+    /// A line is cut where it leaves the range, and continues where it returns.
     #[test]
     fn a_line_is_cut_at_the_range() {
         let line = [(0.0, 5.0), (1.0, 5.0), (2.0, 15.0), (3.0, 15.0), (4.0, -5.0), (5.0, 5.0)];
@@ -189,7 +190,7 @@ mod tests {
         assert_eq!(within(&[(0.0, 1.0)], &(0.0..10.0)), [vec![(0.0, 1.0)]]);
     }
 
-    /// A picture has an end: of a value far from 0 that hardly changes the marks can be told apart.
+    /// Drawing ends, and the numbers differ, even for values far from 0 that hardly change.
     #[test]
     fn marks_of_an_axis_show_different_numbers() {
         for range in [9e9..9e9 + 4e-6, 1e300..1e300, -9e9 - 2e-6..-9e9] {

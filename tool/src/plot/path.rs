@@ -1,9 +1,9 @@
 //! Thins the path of two axes in their plane to what a picture can show.
 
-/// How many points are kept. When there are twice as many, those that are near the previous one, compared with the
-/// whole path, are removed.
+/// Number of points that are kept. With twice as many, points that are close to the previous one, relative to the whole
+/// path, are removed.
 const POINTS_KEPT: usize = 20_000;
-/// \[OURS] Points that are nearer to each other than this fraction of the picture are one point; a pixel is about a
+/// \[OURS] Points closer to each other than this fraction of the picture (1/4000) become one; a pixel is about a
 /// thousandth.
 const POINTS_PER_PICTURE: f64 = 4000.0;
 

@@ -17,16 +17,16 @@ use super::style::{self, FINE, px};
 
 /// The font, see `tool/font/LICENSE.txt`.
 static FONT: &[u8] = include_bytes!("../../font/plot.ttf");
-/// \[OURS] How many points of the picture there are for each pixel of the page, in each direction, so that letters
-/// are sharp on paper and on screens with high resolution.
+/// \[OURS] The points of the picture for each pixel of the page, in each direction, so that letters are sharp on paper
+/// and on screens with high resolution.
 const POINTS_PER_PIXEL: u32 = 2;
-/// How many points of the grid there are for each point of the picture, in each direction.
+/// The points of the grid for each point of the picture, in each direction.
 const GRID: u32 = FINE / POINTS_PER_PIXEL;
-/// \[OURS] How many rows of the grid are drawn at a time: 20 MB.
+/// \[OURS] The rows of the grid that are drawn at a time: 20 MB.
 const BAND_ROWS: u32 = 1024;
 /// \[OURS] The resolution in the file, in points per metre: a pixel of the page is 1/96 inch.
 const POINTS_PER_METRE: u32 = 96 * POINTS_PER_PIXEL * 10_000 / 254;
-/// The drawing library's text size is this many times the height of an em.
+/// The ratio of the drawing library's text size to the height of an em.
 const TEXT_SIZE_PER_EM: f64 = 1.24;
 /// Half of the height of an x and of a capital letter, in ems.
 const HALF_X_HEIGHT_EM: f32 = 0.27;
@@ -37,7 +37,7 @@ pub fn write(sheet: &Sheet) -> Result<Vec<u8>, PlotError> {
     in_bands(sheet, BAND_ROWS)
 }
 
-/// Draws the picture in bands of `band` rows of the grid, a multiple of [`GRID`]. The result does not depend on it.
+/// Draws the picture in bands of `band` rows of the grid, a multiple of [`GRID`]. The result does not depend on `band`.
 fn in_bands(sheet: &Sheet, band: u32) -> Result<Vec<u8>, PlotError> {
     let (width, height) = (style::WIDTH, sheet.height());
     let font = FontRef::try_from_slice(FONT).map_err(failed)?;
@@ -72,8 +72,8 @@ struct Canvas {
     band: Range<u32>,
     /// The points of the band, 0x00RRGGBB, from left to right and from top to bottom.
     points: Vec<u32>,
-    /// The points that the present line covers, each once, because it must not be darker where it crosses itself; and
-    /// a bit for each point that tells whether it is among them.
+    /// The points that the present line covers, each once, because the line must not be darker where it crosses itself.
+    /// And a bit for each point that says whether it is covered.
     covered: Vec<u32>,
     is_covered: Vec<u64>,
     font: FontRef<'static>,
@@ -136,7 +136,7 @@ impl Canvas {
         let (top, bottom) = ((from.1.min(to.1) - half).floor() as i64, (from.1.max(to.1) + half).ceil() as i64);
         for y in top.max(self.band.start.into())..=bottom.min(i64::from(self.band.end) - 1) {
             let middle = y as f64 + 0.5;
-            // Only columns where the line is near this row; a long flat line is far from most of them.
+            // Only columns where the line is close to this row: most of a long flat line is far from it.
             let (least, most) = if dy.abs() < 1e-9 {
                 (from.0.min(to.0), from.0.max(to.0))
             } else {
@@ -295,7 +295,7 @@ mod tests {
     use crate::plot::chart::Caption;
     use crate::plot::panel::{Look, Panel, Stroke};
 
-    /// A sheet of that many panels, with lines across each, letters and areas.
+    /// A sheet with this number of panels, with lines across each, letters and areas.
     fn sheet(panels: usize) -> Sheet {
         let up = vec![vec![(0.0, -1.0), (0.5, 1.0), (1.0, -1.0)], vec![(0.2, 0.0)]];
         let panel = |n: usize| Panel {
@@ -322,7 +322,7 @@ mod tests {
         points
     }
 
-    /// The picture is the same whatever the bands are, even if the end of a band cuts a letter.
+    /// The picture does not depend on the height of the bands, even if the end of a band cuts a letter.
     #[test]
     fn a_picture_is_the_same_whatever_bands_it_is_drawn_in() {
         let sheet = sheet(1);
@@ -334,7 +334,7 @@ mod tests {
         }
     }
 
-    /// A picture takes as much memory as a band of it, however high it is.
+    /// Drawing needs memory for one band only, however high the picture is.
     #[test]
     fn a_picture_takes_as_much_memory_as_one_band_however_high_it_is() {
         let sheet = sheet(3);

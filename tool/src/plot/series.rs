@@ -19,7 +19,7 @@ use crate::recording::Framed;
 
 pub use super::axis::AxisLines;
 
-/// What is drawn of the recording.
+/// The parts of the recording that are drawn.
 pub struct Subject<'a> {
     /// The range of times that is shown.
     pub window: Window,
@@ -29,7 +29,7 @@ pub struct Subject<'a> {
     pub ios: &'a [u8],
     /// The two axes whose path in the plane is drawn, if it is.
     pub plane: Option<[u8; 2]>,
-    /// The board, in a capture of several boards.
+    /// The address of the board, in a capture of several boards.
     pub board: Option<(u16, u8)>,
     /// The cycle time in nanoseconds.
     pub cycle_ns: i64,
@@ -68,7 +68,7 @@ pub struct Series {
     full_count: Option<u16>,
     gaps: States,
     in_op: bool,
-    /// Since when the state is 0x18, and the last report with it.
+    /// The beginning of state 0x18, and the last report with it.
     failed_ns: Option<(i64, i64)>,
     kinds: Kinds,
     execution: Execution,
@@ -106,7 +106,7 @@ impl Series {
         }
     }
 
-    /// Adds the next frame in the order of time.
+    /// Adds the next frame; frames are sorted by time.
     pub fn frame(&mut self, framed: &Framed) {
         if self.board.is_some_and(|board| board != framed.board()) {
             return;
@@ -118,7 +118,7 @@ impl Series {
         }
     }
 
-    /// The lines.
+    /// Ends the lines and returns them.
     pub fn finish(mut self) -> Lines {
         self.note_failed(self.failed_ns.map_or(0, |(_, last_ns)| last_ns), false);
         Lines {
@@ -188,7 +188,7 @@ impl Series {
         }
     }
 
-    /// A report in OP says whether the state is 0x18.
+    /// Notes whether a report in OP is in state 0x18.
     fn note_failed(&mut self, at_ns: i64, failed: bool) {
         match (failed, self.failed_ns) {
             (true, since) => self.failed_ns = Some((since.map_or(at_ns, |(since_ns, _)| since_ns), at_ns)),
@@ -200,7 +200,7 @@ impl Series {
         }
     }
 
-    /// Draws what was executed until this report. Returns whether that is known.
+    /// Draws the commands that were executed up to this report. Returns whether they are known.
     fn execute(&mut self, at_ns: i64, master: &MasterResponse) -> bool {
         let (entries, idle_since_ns) = match self.execution.report(at_ns, master) {
             ExecutionReport::Executed { entries, idle_since_ns } => (entries, idle_since_ns),
@@ -254,7 +254,7 @@ impl Lines {
     }
 }
 
-/// Whether a report answers ABORT_HOME, which ends homing of all slaves in whatever slot it was.
+/// Whether a report answers ABORT_HOME, which ends the homing of all slaves, whatever slot it was in.
 fn answers_abort_home(frame: &Frame, size: SlotSize) -> bool {
     (1..=size.max_slaves()).any(|n| CommandId::from_code(frame.slot(size, n).id) == CommandId::AbortHome)
 }

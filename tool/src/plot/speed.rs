@@ -16,7 +16,7 @@ impl Speed {
     /// Adds a position; returns the middle of the time considered and the velocity there, per second.
     pub fn position(&mut self, at_ns: i64, position: f64) -> Option<(i64, f64)> {
         self.last.push_back((at_ns, position));
-        // The oldest position kept is at least that old, so that there is a velocity even with slow reports.
+        // The oldest kept position is at least this old, so that there is a velocity even with slow reports.
         while self.last.get(1).is_some_and(|(then_ns, _)| at_ns.saturating_sub(*then_ns) >= MEAN_OVER_NS) {
             self.last.pop_front();
         }

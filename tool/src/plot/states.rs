@@ -1,21 +1,22 @@
-//! Determines the states of a drive from its reports: not enabled, homing, or with a fault; gaps in its motion; and whether it is
-//! lost.
+//! Determines the states of a drive from its reports: not enabled, homing, or with a fault. Also gaps in its motion,
+//! and whether the slave is lost.
 //!
-//! No report says which slave is lost: the state of the board is 0x18 then, and the slot of the slave keeps its last values
-//! (SK-4.61). So a slave is lost from the first report with 0x18 on whose slot does not change as long as the state is that. One
-//! that stands still and is there looks the same until it moves.
+//! No report says which slave is lost: the board is in state 0x18 then, and the slot of the lost slave keeps its last
+//! values (SK-4.61). So a slave counts as lost from the first report with 0x18 on, as long as the state stays and the
+//! slot does not change. A slave that is there but at rest looks the same until it moves.
 //!
 //! No field of a report tells that a drive is homing. It is homing from the report that answers GO_HOME until bits 10
-//! and 12 of the statusword report that home is attained, bit 13 that it is not, the drive leaves Operation enabled,
-//! or ABORT_HOME is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the
-//! board: after bits 12 and 13 were seen clear, or when they have been set for [`SETTLE_NS`].
+//! and 12 of the statusword report that home is attained, bit 13 that it is not, the drive leaves Operation enabled, or
+//! ABORT_HOME is answered (SK-7). Bits that may still be those of an earlier homing count by the rule of the board:
+//! after bits 12 and 13 were seen clear, or when they have been set for [`SETTLE_NS`].
 
 use ecmsk::cia402::{DriveState, ErrorCode, Statusword};
 use ecmsk::sk::{CommandId, DriveResponse};
 
 use super::{Window, seconds, style};
 
-/// How long a homing result must be set that was set from the first report on; the same time as in the board. \[OURS]
+/// How long the bits of a homing result must stay set if they were set from the first report on; the same time as in
+/// the board. \[OURS]
 const SETTLE_NS: i64 = 20_000_000;
 
 /// A state that is shown. Operation enabled without homing is not shown.
@@ -23,7 +24,7 @@ const SETTLE_NS: i64 = 20_000_000;
 pub enum State {
     /// Neither in Operation enabled nor with a fault.
     NotEnabled,
-    /// Homing.
+    /// The drive is homing.
     Homing,
     /// Fault, or Fault reaction active.
     Fault,
@@ -54,7 +55,7 @@ impl Note {
         Self { brief: format!("alarm 0x{code:04X}"), full: format!("alarm {}", ErrorCode(code)) }
     }
 
-    /// The same of the recording of that name.
+    /// The same note, with the name of another recording.
     pub fn of(&self, name: &str) -> Self {
         Self { brief: format!("{}, {name}", self.brief), full: format!("{}, {name}", self.full) }
     }
@@ -65,9 +66,9 @@ impl Note {
 pub struct Span {
     /// The state.
     pub state: State,
-    /// Its beginning.
+    /// The beginning, in seconds.
     pub from: f64,
-    /// Its end.
+    /// The end, in seconds.
     pub to: f64,
     /// The note on it, such as the error code.
     pub note: Option<Note>,
@@ -76,11 +77,11 @@ pub struct Span {
 /// What a report changes for the targets of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// Nothing.
+    /// The report changes nothing.
     None,
-    /// The drive follows targets from here on. After homing its position has a new zero.
+    /// From here on the drive follows targets. After homing its position has a new zero.
     Follows,
-    /// The drive follows no target from here on, and earlier ones are void.
+    /// From here on the drive follows no target, and earlier targets are void.
     FollowsNot,
 }
 
@@ -94,7 +95,7 @@ pub struct States {
     done: Vec<Piece>,
     now: Option<Piece>,
     homing: Homing,
-    /// Since when the slave may be lost.
+    /// The time from which on the slave may be lost.
     lost_since_ns: Option<i64>,
 }
 
@@ -151,14 +152,15 @@ impl States {
         }
     }
 
-    /// The slave may be lost from here on: what it reports is not to be believed.
+    /// From here on the slave may be lost, so its reports are not trusted.
     pub fn may_be_lost(&mut self, at_ns: i64) {
         self.close(at_ns);
         self.homing = Homing { answered: self.homing.answered, ..Homing::default() };
         self.lost_since_ns = Some(at_ns);
     }
 
-    /// The slave is there. `was_lost`: it was not until now, for certain or as it seems.
+    /// The slave is there. `was_lost`: whether it was lost until now, certainly (`true`) or possibly; `None` if it was
+    /// not.
     pub fn is_there(&mut self, at_ns: i64, was_lost: Option<bool>) {
         if let Some((from_ns, is_certain)) = self.lost_since_ns.take().zip(was_lost) {
             let note = if is_certain { "lost" } else { "lost?" };

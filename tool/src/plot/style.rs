@@ -4,8 +4,8 @@ use plotters::style::RGBColor;
 
 use crate::visible::is_plain;
 
-/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is this many times finer
-/// than a pixel.
+/// The coordinates of the drawing library are integers, so lines are drawn on a grid that is finer than a pixel by this
+/// factor.
 pub const FINE: u32 = 4;
 
 /// Width of the plot.
@@ -61,43 +61,43 @@ pub fn colours(axes: impl IntoIterator<Item = u8>) -> Vec<RGBColor> {
     taken
 }
 
-/// The positions of another recording.
+/// The colour of positions of another recording.
 pub const BESIDE: RGBColor = RGBColor(0x20, 0x20, 0x20);
-/// The FIFO's level.
+/// The colour of lines about the FIFO.
 pub const FIFO: RGBColor = RGBColor(0x40, 0x50, 0x60);
-/// A lost command.
+/// The colour of marks: lost commands, limits, the first difference.
 pub const ALARM: RGBColor = RGBColor(0xD0, 0x10, 0x20);
-/// Behind the lines of a drive with a fault.
+/// The background of times in which a drive has a fault.
 pub const FAULT: RGBColor = RGBColor(0xF9, 0xCF, 0xD0);
-/// Behind the lines of a drive that is homing.
+/// The background of times in which a drive is homing.
 pub const HOMING: RGBColor = RGBColor(0xFF, 0xEE, 0xB8);
-/// Behind the lines of a drive that is not enabled.
+/// The background of times in which a drive is not enabled.
 pub const NOT_ENABLED: RGBColor = RGBColor(0xE9, 0xEC, 0xEF);
-/// Behind the lines of a drive that is lost.
+/// The background of times in which a slave is lost.
 pub const LOST: RGBColor = RGBColor(0xB4, 0xBA, 0xC6);
-/// Behind the lines of the FIFO in state 0x18.
+/// The background of times in which the board is in state 0x18.
 pub const FAILED: RGBColor = RGBColor(0xFB, 0xC9, 0x8E);
-/// Behind the lines where the FIFO was empty during motion.
+/// The background of gaps: the FIFO was empty during motion.
 pub const GAP: RGBColor = RGBColor(0xE3, 0x9B, 0xF5);
-/// Inputs of the machine.
+/// The colour of inputs.
 pub const INPUT: RGBColor = RGBColor(0x0B, 0x6E, 0x8A);
-/// Outputs to the machine.
+/// The colour of outputs.
 pub const OUTPUT: RGBColor = RGBColor(0xB8, 0x4A, 0x00);
-/// Titles and names.
+/// The colour of titles and names.
 pub const INK: RGBColor = RGBColor(0x20, 0x24, 0x28);
-/// Numbers and captions.
+/// The colour of numbers and captions.
 pub const SOFT_INK: RGBColor = RGBColor(0x58, 0x60, 0x68);
-/// Frames of panels.
+/// The colour of the frames of panels.
 pub const FRAME: RGBColor = RGBColor(0xA8, 0xB0, 0xB8);
-/// Lines at the numbers.
+/// The colour of the grid lines.
 pub const GRID: RGBColor = RGBColor(0xE4, 0xE8, 0xEC);
 
-/// Pixels on the drawing's grid.
+/// Converts pixels to the drawing's grid.
 pub const fn px(pixels: u32) -> u32 {
     pixels * FINE
 }
 
-/// Pixels on the drawing's grid, as coordinates are.
+/// Converts pixels to the drawing's grid, as the signed type of coordinates.
 pub const fn at(pixels: u32) -> i32 {
     px(pixels) as i32
 }
@@ -139,13 +139,13 @@ pub fn number(value: f64, digits: usize) -> String {
     if part.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{part}") }
 }
 
-/// How many digits after the point distinguish numbers at an axis of that span.
+/// The number of decimals that distinguishes numbers at an axis of this span.
 pub fn digits(span: f64) -> usize {
     // With a span of 1 the marks are 0.1 or 0.05 apart.
     (2.0 - span.max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize
 }
 
-/// `1, 2, 5`.
+/// Numbers as text: `1, 2, 5`.
 pub fn list(numbers: &[u8]) -> String {
     numbers.iter().map(u8::to_string).collect::<Vec<_>>().join(", ")
 }

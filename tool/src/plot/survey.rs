@@ -8,7 +8,7 @@ use ecmsk::sk::{CommandId, IoResponse, MasterResponse, MasterState, RawSlot, Sla
 use super::Window;
 use crate::recording::{self, Framed};
 
-/// What was found so far. In a capture with several boards the one that is in OP first is considered.
+/// The result so far. In a capture with several boards, the one that is in OP first is used.
 pub struct Survey {
     board: Option<(u16, u8)>,
     size: SlotSize,
@@ -29,7 +29,7 @@ pub struct Survey {
     intervals_ns: Vec<i64>,
 }
 
-/// How many intervals between reports are kept to determine the cycle.
+/// Most intervals between reports that are kept to determine the cycle time.
 const INTERVALS_KEPT: usize = 1000;
 
 impl Default for Survey {
@@ -52,7 +52,7 @@ impl Default for Survey {
 }
 
 impl Survey {
-    /// Adds the next frame in the order of time.
+    /// Adds the next frame; frames are sorted by time.
     pub fn frame(&mut self, framed: &Framed) {
         if self.board.is_some_and(|board| board != framed.board()) {
             return;
@@ -68,7 +68,7 @@ impl Survey {
         self.op
     }
 
-    /// The EtherCAT cycle in nanoseconds: the median interval between reports, since some may be missing and some
+    /// The EtherCAT cycle time in nanoseconds: the median interval between reports, since some may be missing and some
     /// come late.
     pub fn cycle_ns(&self) -> i64 {
         let mut intervals = self.intervals_ns.clone();
@@ -76,7 +76,7 @@ impl Survey {
         intervals.get(intervals.len() / 2).copied().unwrap_or_default()
     }
 
-    /// The board that is considered.
+    /// The address of the board that is used.
     pub fn board(&self) -> Option<(u16, u8)> {
         self.board
     }
@@ -122,7 +122,7 @@ impl Survey {
 
     fn see(&mut self, framed: &Framed) {
         for (n, seen) in (1..=framed.size.max_slaves()).zip(&mut self.seen) {
-            // A board repeats the index of commands for slaves that do not exist.
+            // For slaves that do not exist, a board repeats the index of commands, so the index is ignored.
             let slot = RawSlot { index: 0, ..framed.recorded.frame.slot(framed.size, n) };
             *seen |= slot != RawSlot::ZERO;
         }

@@ -60,7 +60,7 @@ pub struct Args {
     force: bool,
 }
 
-/// A list of slaves with its words.
+/// A list of slaves, with the text from which it was parsed.
 #[derive(Clone)]
 struct SlaveList {
     words: String,

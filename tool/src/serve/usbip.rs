@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<ExitCode, CliError> {
     Ok(super::ended(&links))
 }
 
-/// The links of the options, or the one that the library would find.
+/// The links of the options, otherwise the one that the library would open.
 fn links(args: &Args) -> Result<Vec<LinkUri>, CliError> {
     if !args.links.is_empty() {
         return Ok(args.links.clone());
@@ -127,7 +127,7 @@ fn board(args: &Args, index: usize, link: &LinkUri) -> BoardSpec {
         ..Identity::default()
     };
     let uri = link.to_string();
-    // A simulated board that comes back is the same one.
+    // A simulated board stays in this process, so attaching it again finds the same one.
     BoardSpec { identity, opener: Box::new(move || link::open(&uri, Share::ByUri)) }
 }
 

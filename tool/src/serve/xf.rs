@@ -1,4 +1,4 @@
-//! `ecmsk serve xf`: makes a chip ECM-XF available to hosts that are not ours.
+//! `ecmsk serve xf`: makes an ECM-XF available to hosts of other makers.
 
 use std::process::ExitCode;
 use std::sync::Arc;

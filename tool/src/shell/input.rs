@@ -16,7 +16,7 @@ use crate::board::{Board, BoardError};
 use crate::streams;
 
 const PROMPT: &str = "ecmsk> ";
-/// \[OURS] How often signals are checked while no line comes.
+/// \[OURS] Interval at which signals are checked while the user types no line.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What the thread has read.
@@ -30,7 +30,7 @@ enum Typed {
 
 /// Lines from a terminal or from a pipe.
 pub struct Input {
-    /// Asks the thread for the next line, so that there is no prompt while a step runs.
+    /// Requests the next line from the thread, so that there is no prompt while a step runs.
     wanted: Sender<()>,
     typed: Receiver<Typed>,
     terminal: Terminal,
@@ -60,7 +60,7 @@ impl Input {
         Ok(Self { wanted, typed: lines, terminal })
     }
 
-    /// Asks for a line. The prompt comes after what was told before.
+    /// Requests a line. The prompt appears after all earlier output.
     fn ask(&self) {
         streams::settle();
         // If the thread has ended, its last message says so.

@@ -38,7 +38,7 @@ fn is_ignored(signal: i32) -> bool {
     has_answer && unsafe { action.assume_init() }.sa_sigaction == libc::SIG_IGN
 }
 
-/// From now on the number of a signal that comes is stored in `signal`.
+/// Stores the number of each signal that arrives in `signal`, from now on.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -49,7 +49,8 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
     Ok(())
 }
 
-/// As [`note`], but a signal that comes while `armed` is set ends the program at once. The first signal sets `armed`.
+/// Like [`note`], but a signal that arrives while `armed` is set ends the program at once. The first signal sets
+/// `armed`.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -80,14 +81,14 @@ impl EndRequest {
         self.wait_unless_ended().unwrap_or("SIGINT")
     }
 
-    /// What ends [`Self::wait_unless_ended`] from another thread.
+    /// A function that ends [`Self::wait_unless_ended`] from another thread.
     #[cfg(target_os = "linux")]
     pub fn ender(&self) -> impl Fn() + Send + Sync + 'static {
         let handle = self.0.handle();
         move || handle.close()
     }
 
-    /// Waits for the first signal; returns its name. `None`: [`Self::ender`] was called before one came.
+    /// Waits for the first signal; returns its name. `None` if [`Self::ender`] was called before a signal arrived.
     pub fn wait_unless_ended(mut self) -> Option<&'static str> {
         self.0.forever().next().map(|signal| match signal {
             SIGTERM => "SIGTERM",

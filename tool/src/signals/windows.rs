@@ -24,7 +24,7 @@ pub const fn has_hung_up<T>(_file: &T) -> bool {
     false
 }
 
-/// What is done with an event.
+/// The reaction to an event.
 enum Watcher {
     Note { signal: Arc<AtomicUsize>, armed: Option<Arc<AtomicBool>> },
     Wait(Sender<u8>),
@@ -32,7 +32,7 @@ enum Watcher {
 
 static WATCHERS: Mutex<Vec<Watcher>> = Mutex::new(Vec::new());
 
-/// From now on the number of an event that comes is stored in `signal`.
+/// Stores the number of each event that occurs in `signal`, from now on.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -40,7 +40,7 @@ pub fn note(signal: &Arc<AtomicUsize>) -> io::Result<()> {
     watch(Watcher::Note { signal: Arc::clone(signal), armed: None })
 }
 
-/// As [`note`], but an event that comes while `armed` is set ends the program at once. The first event sets `armed`.
+/// Like [`note`], but an event that occurs while `armed` is set ends the program at once. The first event sets `armed`.
 ///
 /// # Errors
 /// Errors of the operating system.
@@ -93,11 +93,11 @@ fn watch(watcher: Watcher) -> io::Result<()> {
 }
 
 fn install() -> io::Result<()> {
-    // A program that was started as a group of its own ignores Ctrl-C until it says otherwise.
-    // SAFETY: without a function this sets whether this process ignores Ctrl-C, and nothing else.
+    // A program that was started as a process group of its own ignores Ctrl-C until it enables it. SAFETY: without a
+    // function this sets whether this process ignores Ctrl-C, and nothing else.
     let hears = unsafe { SetConsoleCtrlHandler(None, 0) };
-    // Once more does no harm: what is first called has done it all.
-    // SAFETY: the function has the signature that is asked for, and stays as long as the process.
+    // Installing the handler again is harmless, because the handler called first does everything. SAFETY: the function
+    // has the signature that is asked for, and stays as long as the process.
     let installed = unsafe { SetConsoleCtrlHandler(Some(came), TRUE) };
     if hears == 0 || installed == 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
@@ -113,7 +113,7 @@ unsafe extern "system" fn came(event: u32) -> i32 {
                 }
                 signal.store(number.into(), Ordering::SeqCst);
             }
-            // A receiver that does not exist any more needs no event.
+            // A receiver that no longer exists needs no event.
             Watcher::Wait(sender) => drop(sender.send(number)),
         }
     }

@@ -11,9 +11,9 @@ use super::motion::{Target, counts};
 use crate::board::{Board, BoardError, Needs, SlaveList, find_axis, position};
 
 const WHAT: &str = "home";
-/// Homing method.
+/// The object "homing method".
 const METHOD: ObjectAddress = ObjectAddress::new(0x6098, 0);
-/// \[OURS] The longest time of the homing of one axis.
+/// \[OURS] Timeout for the homing of one axis.
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// Find the home of axes, one after the other
@@ -99,7 +99,7 @@ impl Args {
             if pace.due(now.elapsed) {
                 let phase = phase(now.phase);
                 let at = now.position;
-                // If standard output fails, the result will show it.
+                // An error of standard output is reported with the result.
                 let _ = reporter.progress(format_args!("homing axis {slave}: {phase}, at {at}, {seconds:.1} s"), || {
                     json!({"verb": WHAT, "axis": slave, "progress": phase, "position_counts": at, "seconds": seconds})
                 });

@@ -23,7 +23,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether nothing is sent.
+    /// Whether the step sends nothing.
     pub const fn only_looks(&self) -> bool {
         !self.scan
     }
@@ -129,7 +129,7 @@ fn config_of(board: &Board, number: u8) -> Option<&Slave> {
     board.config.as_ref()?.slaves.get(usize::from(number).checked_sub(1)?)
 }
 
-/// What a slave reports in OP, as text and as JSON.
+/// The values that a slave reports in OP, as text and as JSON.
 fn slave_values(board: &Board, number: u8, slave: &SlaveView) -> (String, Value) {
     match slave {
         SlaveView::Drive(drive) => {
@@ -161,7 +161,7 @@ fn slave_values(board: &Board, number: u8, slave: &SlaveView) -> (String, Value)
     }
 }
 
-/// Reads the identity of one slave after the other; the network ends before the first one that does not answer.
+/// Reads the identities of the slaves, one after the other, up to the first slave that does not answer.
 fn scan(board: &Board, text: &mut String) -> Result<Vec<Value>, BoardError> {
     let mut found = Vec::new();
     for slave in 1..=board.ecm.slot_size()?.max_slaves() as u8 {

@@ -21,18 +21,18 @@ use target::{Jerk, outside};
 pub use target::{Target, counts};
 
 const WHAT: &str = "move";
-/// \[OURS] How far targets are sent ahead of their execution. A program that is late by less leaves no gap in the
+/// \[OURS] How far targets are sent ahead of their execution. A program that is late by less causes no gap in the
 /// motion.
 const AHEAD: Duration = Duration::from_millis(64);
 /// \[OURS] The allowed numbers of frames ahead, which limit [`AHEAD`] for very short and very long cycles.
 const DEPTHS: std::ops::RangeInclusive<u64> = 8..=150;
-/// \[OURS] How long axes may take to settle after the last target, and how far from it they may be then, in counts.
+/// \[OURS] The settling time of axes after the last target, and the largest distance from it then, in counts.
 const SETTLE_LIMIT: Duration = Duration::from_millis(500);
 const SETTLE_WINDOW_COUNTS: u32 = 2;
-/// \[OURS] An axis that has stood so long under an internal limit of its drive, away from its target, will not get there. It
-/// is more than twice the time that targets are ahead, too: what is shown then is the answer to them.
+/// \[OURS] If an axis stands for this long under an internal limit of its drive, away from its target, it will not
+/// arrive. The time is more than twice that of the targets ahead, so the reports already answer these targets.
 const HELD_LIMIT: Duration = Duration::from_millis(150);
-/// \[OURS] How long braking after Ctrl-C may take. The rest of the 2 s is for closing the board.
+/// \[OURS] Limit for braking after Ctrl-C. The rest of the 2 s is for closing the board.
 const BRAKE_LIMIT: Duration = Duration::from_millis(1500);
 
 /// Move axes to positions, all together
@@ -72,11 +72,10 @@ pub struct Args {
 }
 
 impl Args {
-    /// Checks that the units are those of the axes: where `--counts-per-unit` gives them axis by axis, each axis of the move
-    /// needs its own.
+    /// Checks the units: if `--counts-per-unit` has a value for single axes, each axis of the move needs one.
     ///
     /// # Errors
-    /// An axis has none.
+    /// An axis has no value.
     pub fn check_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
         let Some(scales) = scales else { return Ok(()) };
         match self.targets.iter().find(|target| !scales.has(target.slave)) {
@@ -89,10 +88,11 @@ impl Args {
         }
     }
 
-    /// As [`Args::check_units`], for a move that is all that these units are for: each of them is for an axis of the move.
+    /// Like [`Args::check_units`], for units that are given for this move alone: each of them must be for an axis of
+    /// the move.
     ///
     /// # Errors
-    /// An axis has no unit, or there is one for another axis.
+    /// An axis has no unit, or there is a unit for another axis.
     pub fn check_only_units(&self, scales: Option<&Scales>) -> Result<(), BoardError> {
         self.check_units(scales)?;
         let of = |axis: &u8| self.targets.iter().any(|target| target.slave == *axis);
@@ -184,8 +184,8 @@ impl Args {
         Ok(())
     }
 
-    /// Moves the axes along their path, from rest again after each gap. Returns the seconds, the cycles that found no target, and the
-    /// path on which they have arrived.
+    /// Moves the axes along their path, starting from rest again after each long gap. Returns the seconds, the number
+    /// of underruns, and the last path, on which the axes have arrived.
     fn carry_out(&self, board: &Board, depth: u16, cycle: f64) -> Result<(f64, u64, Path), BoardError> {
         let (mut snapshot, mut path) = self.agreed_path(board)?;
         let held_limit_s = HELD_LIMIT.as_secs_f64().max(2.0 * f64::from(depth) * cycle);
@@ -216,14 +216,14 @@ impl Args {
         }
     }
 
-    /// The path, with the report from which it begins, once it is known that the user wants one so long.
+    /// The path, with the report at its beginning, once the user has agreed to a long move.
     fn agreed_path(&self, board: &Board) -> Result<(Snapshot, Path), BoardError> {
         let snapshot = board.ecm.snapshot()?;
         let path = self.path(board, &snapshot)?;
         if duration::announce(board, &path, self.yes)? == Asked::No {
             return Ok((snapshot, path));
         }
-        // Who has taken time to answer may have turned an axis meanwhile, or it has an alarm.
+        // While the user took time to answer, an axis may have been turned by hand or got an alarm.
         let slaves: Vec<u8> = self.targets.iter().map(|target| target.slave).collect();
         board.ready(WHAT, Needs::On(&slaves))?;
         let snapshot = board.ecm.snapshot()?;
@@ -253,7 +253,7 @@ impl Args {
     }
 }
 
-/// Says where the axes of a move that has failed are.
+/// Prints the positions of the axes after a failed move.
 fn note_positions(board: &Board, path: &Path) -> Result<(), BoardError> {
     let after = board.ecm.snapshot()?;
     for axis in &path.axes {
@@ -268,22 +268,22 @@ fn no_path(why: String) -> BoardError {
     refused(why, "choose a speed and an acceleration nearer to each other")
 }
 
-/// \[OURS] After a gap that is longer axes go on from rest. After a shorter one they go on with the speed that they had: on a machine
-/// that is a little late again and again a motion would never get going.
+/// \[OURS] After a longer gap the axes start again from rest. After a shorter one they continue at their speed: on a
+/// machine that is often slightly late, a motion would otherwise never get going.
 const GAP_MAX: Duration = Duration::from_millis(100);
 
-/// \[OURS] How often the last target is repeated.
+/// \[OURS] How many times the last target is repeated.
 const HOLD_FRAMES: usize = 9;
 
-/// How a move has ended, after so many seconds.
+/// How a move has ended, with its duration in seconds.
 enum Ended {
-    /// All axes have got their last targets, or the user has ended it.
+    /// All axes have got their last targets, or the user has ended the move.
     Arrived(f64),
-    /// The board ran dry on the way, and the axes stand after that part of it, 0 to 1.
+    /// The FIFO ran empty for too long, and the axes stand after this part of the path, 0 to 1.
     Stood(f64, f64),
 }
 
-/// A move that is being carried out.
+/// A move in progress.
 struct Run<'a> {
     board: &'a Board,
     path: &'a Path,
@@ -295,10 +295,11 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Sends one target per cycle until all axes have arrived, or the board ran dry. Returns that and the counters of the stream.
+    /// Sends one target per cycle until all axes have arrived, or until a long gap. Returns how the move ended, and the
+    /// counters of the stream.
     fn go(&self, mut stream: Stream<'_>) -> Result<(Ended, StreamStats), BoardError> {
         let stepped = self.steps(&mut stream);
-        // Whatever has failed, moving axes are brought to a standstill.
+        // Moving axes are braked, whatever has failed.
         let finished = stream.finish();
         let ended = stepped?;
         self.board.check_stop()?;
@@ -328,7 +329,7 @@ impl Run<'_> {
                 self.hold(stream, |axis| axis.end)?;
                 return Ok(Ended::Arrived(time));
             }
-            // A board that catches up tells of a gap in several steps, and each step makes up for a cycle.
+            // A board that catches up reports a gap in several steps, and each step makes up for one cycle.
             gap = (gap + stats.underruns - std::mem::replace(&mut before, stats.underruns)).saturating_sub(1);
             if gap as f64 * self.cycle > GAP_MAX.as_secs_f64() {
                 return Ok(Ended::Stood(time, last.length / self.path.length));
@@ -342,7 +343,7 @@ impl Run<'_> {
         Ok(Ended::Arrived(0.0))
     }
 
-    /// The first axis that its drive has held back for too long, and where it stands.
+    /// The first axis that its drive has held back for too long, with its position.
     fn held_axis(
         &self,
         stream: &Stream<'_>,
@@ -360,7 +361,7 @@ impl Run<'_> {
         Ok(None)
     }
 
-    /// Brakes on the path from its point `last` on.
+    /// Brakes along the path, from its point `last` on.
     fn brake(&self, stream: &mut Stream<'_>, last: PathPoint) -> Result<(), BoardError> {
         let brake = Profile::to_rest(last, self.path.limits, BRAKE_LIMIT);
         let brake = brake.map_err(|why| refused(why, "the axes hold their last targets"))?;
@@ -375,7 +376,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Repeats the last targets, so that drives make up for their lag.
+    /// Repeats the last targets, so that the drives reach them.
     fn hold(&self, stream: &mut Stream<'_>, at: impl Fn(&AxisPath) -> i32) -> Result<(), BoardError> {
         (0..HOLD_FRAMES).try_for_each(|_| self.step(stream, &at).map(drop))
     }
@@ -400,7 +401,7 @@ impl Run<'_> {
     }
 }
 
-/// Waits until all axes are at their targets, or the time for settling has passed; returns the latest report.
+/// Waits until all axes are at their targets, or the settling time has passed; returns the latest report.
 fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     let mut now = board.ecm.snapshot()?;
     let end = now.meta.at.0 + SETTLE_LIMIT.as_nanos() as u64;
@@ -417,7 +418,7 @@ fn settled(board: &Board, path: &Path) -> Result<Snapshot, BoardError> {
     Ok(now)
 }
 
-/// How many frames are sent ahead of their execution.
+/// The number of frames that are sent ahead of their execution.
 fn depth(network: &Config) -> u16 {
     let frames = AHEAD.as_micros() as u64 / u64::from(network.cycle_us.max(1));
     frames.clamp(*DEPTHS.start(), *DEPTHS.end()) as u16

@@ -54,7 +54,7 @@ impl Type {
         (low..=high).contains(&value.number) || value.is_bits && (0..1_i64 << self.bits()).contains(&value.number)
     }
 
-    /// The number that these bits are in this type.
+    /// The number that these bits mean in this type.
     pub const fn number(self, raw: u32) -> i64 {
         match self {
             U8 | U16 | U32 => raw as i64,
@@ -69,7 +69,7 @@ impl Type {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
     pub number: i64,
-    /// Whether it was written with 0x, so that it may be the bits of a signed value.
+    /// Whether the value was written with 0x, so that it may be the bits of a signed number.
     is_bits: bool,
 }
 
@@ -84,11 +84,11 @@ impl Value {
     }
 }
 
-/// An object, with what is known of it.
+/// An object, with its name and type if they are known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Object {
     pub address: ObjectAddress,
-    /// Its name and type, if it is in [`KNOWN`].
+    /// The name and type of the object, if it is in [`KNOWN`].
     pub known: Option<(&'static str, Type)>,
 }
 
@@ -183,7 +183,7 @@ impl fmt::Display for Object {
 mod tests {
     use super::*;
 
-    /// An object by number or by name, decimal or with 0x; a wrong name is told with what is near.
+    /// An object is named by number, decimal or with 0x, or by name; for a wrong name the error lists similar ones.
     #[test]
     fn an_object_is_named_by_number_or_by_name() {
         let statusword = Object::parse("statusword").unwrap();
@@ -197,7 +197,7 @@ mod tests {
         assert!(Object::parse("statuswrod").unwrap_err().contains("did you mean `statusword`?"));
     }
 
-    /// A value is checked against its type; 0x means the bits of a signed one.
+    /// A value is checked against its type; a value with 0x means the bits of a signed number.
     #[test]
     fn a_value_is_checked_against_its_type() {
         let takes = |of: Type, text| of.takes(Value::parse(text).unwrap());

@@ -28,7 +28,7 @@ pub struct PathPoint {
 pub struct Profile {
     /// The motion in scaled units; `None` for a standstill.
     trajectory: Option<Trajectory<1>>,
-    /// The point of the path where it begins, in the caller's unit.
+    /// The point of the path where the motion begins, in the caller's unit.
     from: f64,
     scale: Scale,
 }
@@ -46,7 +46,7 @@ struct Scale {
 const SCALED_MAX: Limits = Limits { velocity: 1e1, acceleration: 1e3, jerk: Some(1e6) };
 /// \[OURS] A speed below this part of the limit counts as a standstill.
 const STANDSTILL: f64 = 1e-9;
-/// How often the limits are doubled at most: up to 2^64 times.
+/// Most doublings of the limits: up to 2^64 times.
 const DOUBLINGS_MAX: usize = 64;
 
 impl Profile {
@@ -141,7 +141,7 @@ mod tests {
 
     use super::*;
 
-    /// Steps through a profile; every difference must be within the limits, apart from rounding.
+    /// Steps through a profile and checks that every difference is within the limits, apart from rounding.
     fn check(profile: &Profile, limits: Limits, from: PathPoint) -> Result<PathPoint, TestCaseError> {
         if profile.seconds() == 0.0 {
             prop_assert!(from.velocity.abs() <= limits.velocity * STANDSTILL);

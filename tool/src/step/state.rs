@@ -17,7 +17,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Whether nothing is sent.
+    /// Whether the step sends nothing.
     pub const fn only_looks(&self) -> bool {
         self.to.is_none()
     }
@@ -53,7 +53,7 @@ impl Args {
     }
 }
 
-/// Notes which axes will be switched off; one that hangs without a brake drops.
+/// Notes which axes will be switched off: a vertical axis without a brake drops.
 fn leave_op(board: &Board, to: MasterState) -> Result<(), BoardError> {
     let snapshot = board.ecm.snapshot()?;
     if to == MasterState::Op || snapshot.state().state() != Some(MasterState::Op) {

@@ -11,9 +11,9 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// How long a conversion may take. \[OURS]
+/// Timeout for a conversion. \[OURS]
 const CONVERSION_MAX: Duration = Duration::from_millis(100);
-/// How long is waited before the chip is asked again. \[OURS]
+/// Interval at which the chip is asked for the result. \[OURS]
 const PAUSE: Duration = Duration::from_millis(1);
 
 /// Convert the analog input once
@@ -37,7 +37,7 @@ pub fn adc(session: &mut Session, differential: bool) -> Result<Vec<Shown>, XfVe
     let value = convert(session);
     session.xf.run(&AdcClose)?;
     let value = value?;
-    // What a difference is in volts no manual says.
+    // No manual gives the voltage of a differential value.
     let volts = (!differential).then(|| volts(value));
     let text = volts.map_or(String::new(), |volts| format!(" ({volts:.3} V)"));
     let json = json!({"verb": "xf adc", "value": value, "volts": volts, "differential": differential});

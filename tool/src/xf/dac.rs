@@ -7,7 +7,7 @@ use super::session::{ChipArgs, Session};
 use super::words::volts;
 use super::{Shown, XfVerbError};
 
-/// What is put out.
+/// The output of the DAC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     Value(Analog),

@@ -17,24 +17,24 @@ pub enum XfVerbError {
     /// The configuration of the link is invalid.
     #[error(transparent)]
     Choice(#[from] ChoiceError),
-    /// Nobody has named a chip.
+    /// The command line names no chip.
     #[error(
         "no chip was named: no --link, {LINK_VARIABLE} is not set, there is no {FILE_NAME}; give one, e.g. --link \
          'xf-sim:?slaves=drive*2', see `ecmsk link help`"
     )]
     NoLink,
-    /// The chip, its link or a slave.
+    /// An error of the chip, its link or a slave.
     #[error(transparent)]
     // Boxed, because every error of a verb is as large as its largest variant.
     Xf(Box<XfError>),
-    /// The command line asks for what cannot be.
+    /// The command line requests something that is not possible.
     #[error("{what}: {why}; {next}")]
     WrongRequest {
         /// The operation.
         what: String,
         /// What is wrong.
         why: String,
-        /// What to do.
+        /// The next step.
         next: String,
     },
     /// The chip is in a state in which the verb cannot do its work.
@@ -42,9 +42,9 @@ pub enum XfVerbError {
     Refused {
         /// The operation.
         what: &'static str,
-        /// Why not.
+        /// Why the verb cannot do its work.
         why: String,
-        /// What to do.
+        /// The next step for the user.
         next: String,
     },
 }

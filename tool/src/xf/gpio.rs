@@ -149,7 +149,7 @@ fn set_mode(session: &mut Session, pins: u32, mode: GpioMode, pull: GpioPull) ->
 }
 
 fn set_levels(session: &mut Session, levels: AllPins) -> Result<Vec<Shown>, XfVerbError> {
-    // All 20 pins at once, where the firmware has them; else those above 15 would keep their levels unsaid.
+    // Sets all 20 pins at once if the firmware can; otherwise the pins above 15 would silently keep their levels.
     let all = unless_refused(session.xf.run(&GpioExtSetValue { values: levels }))?;
     match (all, u16::try_from(levels.get())) {
         (Some(()), _) => {}

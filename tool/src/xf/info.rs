@@ -1,4 +1,4 @@
-//! `xf info`: shows what the chip says of itself.
+//! `xf info`: shows what the chip reports of itself.
 
 use std::fmt::Write;
 
@@ -41,7 +41,7 @@ pub fn info(session: &mut Session) -> Result<Vec<Shown>, XfVerbError> {
     Ok(vec![(page.text.trim_end().to_owned(), Value::Object(page.json))])
 }
 
-/// What is printed, as text and as JSON.
+/// The output of the verb, as text and as JSON.
 #[derive(Default)]
 struct Page {
     text: String,
@@ -205,7 +205,7 @@ fn counters(session: &Session, page: &mut Page) {
 fn named(counters: Counters) -> Vec<(&'static str, u64)> {
     macro_rules! all {
         ($($name:ident)*) => {{
-            // A counter that is new is missing here, and does not compile.
+            // A new counter that is missing here is a compile error.
             let Counters { $($name,)* } = counters;
             vec![$((stringify!($name), $name),)*]
         }};

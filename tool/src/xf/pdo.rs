@@ -1,4 +1,4 @@
-//! `xf pdo`: where the objects of slaves are in the process data, and what the inputs are now.
+//! `xf pdo`: the places of the slaves' objects in the process image, and the present inputs.
 
 use std::fmt::Write;
 
@@ -47,7 +47,7 @@ pub fn pdo(session: &mut Session, slave: Option<u8>) -> Result<Vec<Shown>, XfVer
     Ok((0..found).filter(shown).map(|slave| show(&layout, inputs.as_deref(), slave)).collect())
 }
 
-/// The inputs of all slaves. `Xf::process_data` would also set n to what a program's cycle needs.
+/// Reads the inputs of all slaves. `Xf::process_data` would also set the packet size to what a program's cycle needs.
 fn read_inputs(session: &mut Session) -> Result<Vec<u8>, XfVerbError> {
     let read = PdoData { operation: PdoOperation::READ | PdoOperation::VALID, data: &[] };
     let mut data = vec![0; DataSize::MAX.bytes()];
@@ -106,7 +106,7 @@ fn object_json(field: &MappedField, byte: usize, bit: usize, name: &str, value: 
     })
 }
 
-/// Up to 64 bits of little-endian process data as a number; `None` if there are not so many.
+/// Up to 64 bits of a little-endian process image as a number; `None` if the image is too short.
 fn bits(image: &[u8], at: usize, width: u8) -> Option<u64> {
     let all = (0..usize::from(width)).map(|n| {
         let at = at + n;
@@ -119,7 +119,7 @@ fn bits(image: &[u8], at: usize, width: u8) -> Option<u64> {
 mod tests {
     use super::*;
 
-    /// XF-18.8 Objects are taken out of the image bit by bit, across bytes and up to 64 bits.
+    /// XF-18.8 Objects are read from the process image bit by bit, across bytes and up to 64 bits.
     #[test]
     fn objects_are_bits_of_the_image() {
         let image = [0x34, 0x12, 0xF0, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x7F];

@@ -20,11 +20,11 @@ use super::session::{ChipArgs, Session};
 use super::{Shown, XfVerbError, on_chip};
 use request::Assignment;
 
-/// How long a reset may take to show; the vendor's driver waits 1 s (XF EN 1517, OBS).
+/// Timeout until a reset shows; the vendor's driver waits 1 s (XF EN 1517, OBS).
 const RESET_MAX: Duration = Duration::from_secs(3);
-/// How long is waited before that is looked at again. \[OURS]
+/// Interval at which the reset is checked. \[OURS]
 const PAUSE: Duration = Duration::from_millis(10);
-/// Bytes of the longest data segment.
+/// The length of the longest data segment, bytes.
 const SEGMENT: usize = DataSize::MAX.bytes();
 
 /// Run any function of the chip, and show its answer by fields
@@ -58,7 +58,7 @@ pub struct Args {
 struct Function(&'static FunctionFields);
 
 /// # Errors
-/// There is no such function, or the manuals give its name to several.
+/// There is no such function, or the manuals give the name to several.
 fn find(name: &str) -> Result<Function, String> {
     let found: Vec<_> = function(name).collect();
     match found[..] {
@@ -75,7 +75,7 @@ fn find(name: &str) -> Result<Function, String> {
     }
 }
 
-/// The names that are most alike, at most three.
+/// The most similar names, at most three.
 fn near(name: &str) -> Vec<&'static str> {
     let manuals = FUNCTIONS.iter().map(|row| row.name().trim_start_matches("ECM_").trim_start_matches("CMD_"));
     let types = FUNCTIONS.iter().map(|row| row.type_name);
@@ -89,7 +89,7 @@ fn near(name: &str) -> Vec<&'static str> {
 /// # Errors
 /// [`XfVerbError`]
 pub fn run(args: &Args) -> Result<(), XfVerbError> {
-    // What is wrong with the request shows before the chip is opened.
+    // A wrong request is reported before the chip is opened.
     let mut data = [0; SEGMENT];
     let request_draft = draft(args.function.0, &args.fields, &mut data)?;
     if let Ok(Request::CrcTypeSet(_) | Request::SpiReconfig(_)) = request_draft.request() {
@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), XfVerbError> {
     on_chip(&args.chip, |session| raw(session, args.function.0, &args.fields))
 }
 
-/// The request of the fields, which was checked.
+/// Makes the request from the fields and checks it.
 fn draft<'b>(
     row: &'static FunctionFields,
     fields: &[Assignment],
@@ -135,7 +135,7 @@ fn raw(session: &mut Session, row: &'static FunctionFields, fields: &[Assignment
     Ok(vec![answer::shown(row, returned, &answer)])
 }
 
-/// WARM_RESET has no answer: that the driver finds the chip reset shows that it ran.
+/// Waits for a reset: WARM_RESET has no answer, so the driver has to find the chip reset.
 fn expect_reset(session: &mut Session, before: u64) -> Result<(), XfVerbError> {
     let mut waited = Duration::ZERO;
     while session.xf.host().counters().chip_resets == before {

@@ -42,7 +42,7 @@ pub fn scan(session: &mut Session, force: bool) -> Result<Vec<Shown>, XfVerbErro
     Ok(list.iter().map(|slave| (columns.line(slave), line_json(slave))).collect())
 }
 
-/// Counts the slaves, after the network was initialised if that harms nobody.
+/// Counts the slaves. Initialises the network first if that does no harm.
 fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     let state = session.state().filter(|state| *state != EtherCatState::Init);
     if let (Some(state), false) = (state, force) {
@@ -54,7 +54,7 @@ fn find(session: &mut Session, force: bool) -> Result<u8, XfVerbError> {
     }
     let slaves = match session.start() {
         Ok(slaves) => slaves,
-        // The chip fails where it finds none.
+        // The command fails if the chip finds no slave.
         Err(error) => return none_found(session, error),
     };
     match session.xf.set_state(Slaves::All, EtherCatState::PreOp) {
@@ -81,7 +81,7 @@ fn none_found(session: &mut Session, error: XfError) -> Result<u8, XfVerbError> 
     }
 }
 
-/// The widths of columns that go by what stands in them.
+/// The widths of the columns, which depend on their content.
 struct Columns {
     place: usize,
     name: usize,

@@ -25,7 +25,7 @@ pub struct ChipArgs {
     json: bool,
 }
 
-/// A chip that was found as it is.
+/// An open chip, in the state in which it was found.
 pub struct Session {
     pub xf: Xf,
     /// The link in its normal form.
@@ -39,7 +39,7 @@ impl ChipArgs {
     /// Opens the chip.
     ///
     /// # Errors
-    /// Nobody has named one, it is no chip, or it does not answer.
+    /// The command line names no chip, the link is not one to a chip, or the chip does not answer.
     pub fn open(&self) -> Result<Session, XfVerbError> {
         let chosen = ChosenLink::find(self.link.as_ref())?;
         if !chosen.is_named() {
@@ -52,7 +52,7 @@ impl ChipArgs {
 }
 
 impl Session {
-    /// The chip behind a link, with what is in its FIFO.
+    /// Opens the chip behind a link and keeps the content of its FIFO.
     ///
     /// # Errors
     /// [`XfError`]
@@ -67,7 +67,7 @@ impl Session {
         Ok(Self { xf, link: info.name, reporter, found })
     }
 
-    /// The state of the network, as the chip knows it; `None`: there is none.
+    /// The state of the network, as the chip knows it; `None` if there is none.
     pub fn state(&self) -> Option<EtherCatState> {
         self.xf.header().state.state()
     }
@@ -77,7 +77,7 @@ impl Session {
         self.xf.header().state.0 & 0x0F != 0
     }
 
-    /// Initialises the network, and says so. Its slaves are counted.
+    /// Initialises the network, with a note, and counts its slaves.
     ///
     /// # Errors
     /// [`XfError`]
@@ -87,7 +87,7 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Counts the slaves of a network that is up. One that is not is initialised and brought to a state.
+    /// Counts the slaves of a network that is up. A network that is not up is initialised and brought to `state`.
     ///
     /// # Errors
     /// [`XfError`]
@@ -100,7 +100,7 @@ impl Session {
         Ok(slaves)
     }
 
-    /// Brings a network that has just been initialised to a state, and lays out its process data on the way.
+    /// Brings a network that was just initialised to a state, and configures its process data on the way.
     fn go_to(&mut self, state: EtherCatState) -> Result<(), XfError> {
         if state == EtherCatState::Init {
             return Ok(());
@@ -114,7 +114,7 @@ impl Session {
         Ok(())
     }
 
-    /// Checks that the network has a state in which slaves have mailboxes.
+    /// Checks that the network is in a state in which mailboxes work.
     ///
     /// # Errors
     /// [`XfVerbError::Refused`]
@@ -130,7 +130,7 @@ impl Session {
     }
 }
 
-/// `1 slave`, `3 slaves`.
+/// A number of slaves as text: `1 slave`, `3 slaves`.
 pub fn counted(slaves: u8) -> String {
     format!("{slaves} {}", if slaves == 1 { "slave" } else { "slaves" })
 }

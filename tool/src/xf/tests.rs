@@ -1,4 +1,4 @@
-//! Verbs on a chip that goes on between them, as a real one does.
+//! Verbs on a chip that keeps running between them, as a real one does.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -16,7 +16,7 @@ use super::{Shown, info, pdo, scan, sdo, state};
 use crate::step::object::Object;
 use crate::transfer::{Transfer, Written};
 
-/// A link to a chip that stays when the link is closed.
+/// A link to a chip that keeps running when the link is closed.
 #[derive(Clone)]
 struct Lasting(Arc<Mutex<SimChip>>);
 
@@ -30,7 +30,7 @@ impl Lasting {
         use_it(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// What a verb of the tool opens.
+    /// A session as a verb of the tool opens it.
     fn session(&self) -> Session {
         Session::over(Box::new(self.clone()), HostConfig::DEFAULT, false).expect("it starts")
     }
@@ -66,8 +66,8 @@ impl ChipLink for Lasting {
     }
 }
 
-/// A chip with a drive and an IO slave whose program has brought them to OP, with the FIFO on or off and three RxPDOs in
-/// it, and has ended there.
+/// A chip with a drive and an IO slave. A program has brought them to OP and then ended, with the FIFO on or off and
+/// three RxPDOs in it.
 fn running(fifo_on: bool) -> (Lasting, ProcessData) {
     let chip = Lasting::new("xf-sim:?slaves=drive,io&clock=virtual");
     let mut xf = Xf::over(chip.clone(), HostConfig::DEFAULT).expect("it starts");
@@ -89,7 +89,8 @@ fn json(shown: &[Shown]) -> Vec<&Value> {
     shown.iter().map(|(_, json)| json).collect()
 }
 
-/// XF-18.4 Verbs that look at a chip on which a machine runs leave its network in OP, its FIFO on, and what is in the FIFO.
+/// XF-18.4 Verbs that look at a chip with a running machine leave its network in OP, its FIFO on, and the content of
+/// the FIFO.
 #[test]
 fn verbs_that_look_leave_a_running_machine_alone() {
     let (chip, _) = running(true);
@@ -113,7 +114,8 @@ fn verbs_that_look_leave_a_running_machine_alone() {
     }
 }
 
-/// XF-18.3, XF-18.4 `scan` shows what the chip knows of a network above Init; with `--force` it initialises it anew.
+/// XF-18.3, XF-18.4 `scan` shows what the chip knows of a network above Init; with `--force` it initialises the network
+/// anew.
 #[test]
 fn scan_initialises_a_network_above_init_only_by_force() {
     let (chip, _) = running(true);
@@ -123,7 +125,7 @@ fn scan_initialises_a_network_above_init_only_by_force() {
     assert_eq!((states, json(&shown)[1]["output_bytes"].as_u64()), (vec!["OP".into(), "OP".into()], Some(2)));
     let shown = scan::scan(&mut chip.session(), true).expect("it answers");
     assert_eq!(json(&shown)[0]["state"], "PreOP");
-    // What is up now is not touched any more.
+    // The network is up now, so it is not touched any more.
     let mut session = chip.session();
     assert_eq!(session.state(), Some(EtherCatState::PreOp));
     assert_eq!(scan::scan(&mut session, false).expect("it answers").len(), 2);
@@ -155,7 +157,7 @@ fn errors_from_before_are_shown() {
     assert!(!json(&shown)[0]["errors"].to_string().contains("command"));
 }
 
-/// XF-18.4, XF-18.7, XF-18.8 `sdo` and `pdo` on a machine that runs read from it, and it goes on.
+/// XF-18.4, XF-18.7, XF-18.8 `sdo` and `pdo` read from a running machine, and it keeps running.
 #[test]
 fn slaves_of_a_running_machine_are_read() {
     let (chip, _) = running(true);
@@ -177,7 +179,7 @@ fn slaves_of_a_running_machine_are_read() {
     assert!(header.state.state() == Some(EtherCatState::Op) && header.status.contains(Status::FIFO_ON));
 }
 
-/// XF-18.7, XF-18.8 In Init no slave has a mailbox: the error says how to go on, and the state stays.
+/// XF-18.7, XF-18.8 In Init no slave has a mailbox: the error has the next step, and the state stays.
 #[test]
 fn in_init_the_error_says_how_to_go_on() {
     let chip = Lasting::new("xf-sim:?slaves=drive&clock=virtual");

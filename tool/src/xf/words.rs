@@ -4,7 +4,7 @@ use ecmsk::ethercat::AlStatus;
 use ecmsk::xf::fields::Names;
 use ecmsk::xf::{EtherCatState, NetworkState};
 
-/// The states by the names that the tool's other verbs have for them.
+/// The states, with the names that the tool's other verbs use.
 pub const STATES: [(&str, EtherCatState); 5] = [
     ("Init", EtherCatState::Init),
     ("PreOP", EtherCatState::PreOp),
@@ -31,7 +31,7 @@ pub fn state_text(state: NetworkState) -> String {
 /// Parses the number of a slave.
 ///
 /// # Errors
-/// It is none; the error says what is allowed.
+/// The text is not a number of a slave; the error says what is allowed.
 pub fn slave_number(text: &str) -> Result<u8, String> {
     let number = text.parse().ok().filter(|number| *number <= 127);
     number.ok_or_else(|| "allowed: 0 to 127, the first slave is 0".to_owned())
@@ -46,7 +46,7 @@ pub fn parse_state(text: &str) -> Result<EtherCatState, String> {
     state.map(|(_, state)| *state).ok_or_else(|| "allowed: init, preop, boot, safeop, op".into())
 }
 
-/// A name of the library as a word: `PinRising`, `X4Free` and `NON_IMMEDIATE` are `pin-rising`, `x4-free` and
+/// Converts a name of the library to a word: `PinRising`, `X4Free` and `NON_IMMEDIATE` are `pin-rising`, `x4-free` and
 /// `non-immediate`.
 pub fn word(name: &str) -> String {
     let mut word = String::new();
@@ -68,17 +68,17 @@ pub fn words(names: impl Iterator<Item = &'static str>) -> Vec<String> {
     names.map(word).collect()
 }
 
-/// The words as a list, or `none`.
+/// The words as a list; `none` if there are none.
 pub fn listed(words: &[String]) -> String {
     if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
-/// The AL status code behind a state, if there is one.
+/// The AL status code as text; empty if it is 0.
 pub fn al_status_text(code: u16) -> String {
     if code == 0 { String::new() } else { format!(", AL status code {}", AlStatus(code)) }
 }
 
-/// The number of a name, in any case, dashes and underscores left out.
+/// The number of a name in any case; dashes and underscores are ignored.
 pub fn named(text: &str, names: &[(&str, u32)]) -> Option<u32> {
     let plain = |text: &str| text.replace(['-', '_', ' '], "").to_ascii_lowercase();
     names.iter().find(|(name, _)| plain(name) == plain(text)).map(|(_, number)| *number)
@@ -97,7 +97,7 @@ pub fn list(names: Names) -> Vec<String> {
     names.iter().map(|(name, _)| word(name)).collect()
 }
 
-/// A value of 12 bits of the DAC or the ADC in volts.
+/// Converts a 12-bit value of the DAC or the ADC to volts.
 pub fn volts(value: u32) -> f64 {
     f64::from(value) * 3.3 / 4095.0
 }
@@ -106,7 +106,7 @@ pub fn volts(value: u32) -> f64 {
 mod tests {
     use super::*;
 
-    /// XF-18.10 Names of the library become words, and words are taken back in any spelling.
+    /// XF-18.10 Names of the library become words, and words are parsed in any spelling.
     #[test]
     fn names_become_words() {
         for (name, wanted) in [

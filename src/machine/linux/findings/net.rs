@@ -1,17 +1,18 @@
-//! Judges a network card, and what else stands between this machine and the cycle of the slaves at its end.
+//! Judges a network card, and the settings of the machine that make the cycle of its slaves late.
 
 use super::{Finding, Machine};
 use crate::address::keys::Scheme;
 use crate::address::uri::LinkUri;
 use crate::machine::net::NetCard;
 
-/// How long a frame of EtherCAT may be without its Ethernet header, bytes.
+/// The longest EtherCAT frame without its Ethernet header, bytes, which the MTU of the card has to allow.
 const MTU_MIN: i64 = 1500;
-/// \[OURS] A processor that takes longer to wake up, us, makes cycles late.
+/// \[OURS] Longest time that a processor may take to wake up from its deepest sleep, us. A longer one makes cycles
+/// late.
 const SLEEP_MAX_US: i64 = 50;
 
 impl Machine {
-    /// What `nic:` needs; nothing if another link is wanted.
+    /// The findings for a link `nic:`; none if another link is wanted.
     pub(super) fn net_findings(&self, wanted: Option<&LinkUri>) -> Vec<Finding> {
         let Some(link) = wanted.filter(|link| link.scheme() == Scheme::Nic) else { return Vec::new() };
         let cards = self.net_cards();
@@ -38,17 +39,17 @@ impl Machine {
         all
     }
 
-    /// Why a card cannot be opened, the first one of it, and what to do; `None` if it can.
+    /// The first reason why a card cannot be opened, with the next step; `None` if it can.
     pub fn card_obstacle(&self, card: &NetCard) -> Option<Finding> {
         self.obstacles(card).into_iter().find(|finding| finding.blocks)
     }
 
-    /// What keeps a card from being opened, all of it that is looked at.
+    /// The checks that decide whether a card can be opened.
     fn obstacles(&self, card: &NetCard) -> Vec<Finding> {
         vec![fitness(card), claim(card), raw_frames(self.may_use_raw_frames(), card)]
     }
 
-    /// How the card is set up, where its driver says.
+    /// The findings about the driver settings of a card, where its driver reports them.
     fn card_settings(&self, name: &str) -> Vec<Finding> {
         #[cfg(any(feature = "nic", feature = "serve"))]
         if self.file("/") == std::path::Path::new("/") {
@@ -191,12 +192,12 @@ fn sleep(deepest: Option<(String, i64)>) -> Finding {
 
 #[cfg(any(feature = "nic", feature = "serve"))]
 mod settings {
-    //! Judges how a card is set up.
+    //! Judges the driver settings of a card.
 
     use crate::io::ethernet::CardSettings;
     use crate::machine::findings::Finding;
 
-    /// Coalescing, offloads and Energy Efficient Ethernet of a card, as far as its driver says.
+    /// Judges coalescing, offloads and Energy Efficient Ethernet of a card, where its driver reports them.
     pub(super) fn findings(name: &str, settings: &CardSettings) -> Vec<Finding> {
         [coalescing(name, settings), offloads(name, settings), eee(name, settings)].into_iter().flatten().collect()
     }
@@ -247,7 +248,8 @@ mod settings {
         use super::*;
         use crate::machine::findings::Verdict;
 
-        /// What holds frames back is advised against, with the command; what a driver does not say is left out.
+        /// Settings that delay frames get advice with the command that changes them; settings that the driver does not
+        /// report are left out.
         #[test]
         fn what_holds_frames_back_is_advised_against() {
             let judged = |settings: CardSettings| -> Vec<(&str, Verdict, String)> {

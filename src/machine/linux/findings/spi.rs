@@ -1,4 +1,4 @@
-//! Judges what a board or a chip ECM-XF on SPI needs: a spidev device, exchanges that are long enough, GPIO lines.
+//! Judges whether a board or an ECM-XF on SPI can work: the spidev device, exchanges that are long enough, GPIO lines.
 
 use super::{Finding, Machine};
 use crate::address::keys::Scheme;
@@ -30,7 +30,7 @@ impl Machine {
             None if devices.is_empty() => all.push(Finding::fine("spi", "no SPI device for programs (spidev)")),
             _ => {}
         }
-        // Whether other devices than the link's are meant for a board is not known.
+        // Only the device of the link has to be usable: nothing shows whether other devices are meant for a board.
         let matters = |device: &SpiDevice| file.as_ref() == Some(&device.file);
         all.extend(devices.iter().map(|device| spi_permission(device, matters(device))));
         if wanted || !devices.is_empty() {
@@ -47,7 +47,7 @@ impl Machine {
     }
 }
 
-/// What is on SPI.
+/// The device at the other end of the SPI cable.
 #[derive(Clone, Copy)]
 enum OtherEnd {
     Board,

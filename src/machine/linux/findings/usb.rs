@@ -62,7 +62,7 @@ impl Machine {
             shown.collect::<Vec<_>>().join(", ")
         };
         let fitting: Vec<&UsbDevice> = boards.iter().filter(fits).collect();
-        // The link passes over boards that are off, where another one is on.
+        // The link skips boards that are switched off if another one is on.
         let on: Vec<&UsbDevice> = fitting.iter().copied().filter(|board| board.configured).collect();
         let fitting = if on.is_empty() { fitting } else { on };
         match (&fitting[..], boards) {
@@ -127,7 +127,7 @@ impl Machine {
     }
 }
 
-/// What to do so that a user may open a board.
+/// The next step for a user who may not open a board.
 fn allow(rule: &Rule) -> String {
     match rule {
         Rule::None => "sudo ecmsk doctor --write-udev-rule".to_owned(),

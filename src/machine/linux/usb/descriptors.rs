@@ -70,7 +70,7 @@ enum Selection {
     Inside,
 }
 
-/// A HID interface in one of its settings, and its endpoints so far.
+/// A HID interface in one of its alternate settings, with the endpoints read so far.
 struct Setting {
     interface: u8,
     input: Option<u8>,
@@ -114,7 +114,7 @@ mod tests {
         vec![7, ENDPOINT, address, attributes, low, high, 1]
     }
 
-    /// What stands between an interface of HID and its endpoints.
+    /// The HID descriptor, which follows the interface descriptor and precedes the endpoints.
     const HID_DESCRIPTOR: [u8; 9] = [9, 0x21, 0x11, 0x01, 0, 1, 0x22, 26, 0];
 
     fn board() -> Vec<u8> {
@@ -124,8 +124,8 @@ mod tests {
 
     const INTERFACE_OF_BOARD: ReportInterface = ReportInterface { number: 0, input: 0x81, output: 0x02 };
 
-    /// SK-9.2 A HID interface with interrupt endpoints of 512 bytes both ways is a board, whether it is
-    /// configured or not; anything less is none.
+    /// SK-9.2 A HID interface with interrupt endpoints of 512 bytes in both directions is a board, also if the device
+    /// is not configured. An interface with less is no board.
     #[test]
     fn a_board_is_told_from_other_devices() {
         assert_eq!(
@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(with(HID, &[]), Err(NotTheBoard::OtherReports));
     }
 
-    /// The configuration that is active counts, and no interface of another one.
+    /// The active configuration decides; an interface of another configuration is ignored.
     #[test]
     fn the_active_configuration_counts() {
         let hobby = [configuration(2), interface(0, 0xFF)].concat();
@@ -171,7 +171,7 @@ mod tests {
         );
     }
 
-    /// Descriptors that lie about their length, or end early, are an error and no panic.
+    /// Descriptors with a wrong length, or cut off, are an error and cause no panic.
     #[test]
     fn descriptors_that_lie() {
         let board = board();
@@ -185,7 +185,7 @@ mod tests {
         }
     }
 
-    /// What the virtual board says of itself is a board.
+    /// The descriptors of the virtual board are recognized as those of a board.
     #[test]
     #[cfg(feature = "serve")]
     fn the_virtual_board_is_one() {
@@ -198,7 +198,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever bytes a device sends, they give an interface or a reason.
+        /// Any bytes of a device give an interface or a reason why it is not a board.
         #[test]
         fn any_bytes(tail in proptest::collection::vec(any::<u8>(), 0..300), number in any::<Option<u8>>()) {
             let _ = report_interface(&tail, number);

@@ -1,10 +1,10 @@
-//! A line that is typed at the console.
+//! Reads a line that is typed at the console.
 
 use std::io;
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
-/// The line that is being typed, which a thread waits for.
+/// The line that is being typed. A thread waits for it.
 pub struct TypedLine(Receiver<String>);
 
 impl TypedLine {
@@ -12,14 +12,14 @@ impl TypedLine {
         let (sender, typed) = mpsc::channel();
         thread::spawn(move || {
             let mut line = String::new();
-            // An error is the end of the input.
+            // An error counts as the end of the input.
             let _ = io::stdin().read_line(&mut line);
             let _ = sender.send(line);
         });
         Self(typed)
     }
 
-    /// The line, if it has been typed; empty at the end of the input.
+    /// The line, once it was typed; empty at the end of the input.
     pub fn take(&mut self) -> Option<String> {
         match self.0.try_recv() {
             Ok(line) => Some(line),

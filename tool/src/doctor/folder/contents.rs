@@ -23,11 +23,11 @@ pub struct Entry {
     pub image: Result<Image, String>,
 }
 
-/// A library.
+/// A library of the folder.
 pub struct Library {
     /// The name of the file, with its folder.
     pub name: String,
-    /// The folder of a width that contains it; `None` if it is beside the programs.
+    /// The sub-folder for a width that contains the library; `None` if it is beside the programs.
     pub folder: Option<&'static str>,
     /// The content of the file, or why it cannot be read.
     pub image: Result<Image, String>,

@@ -1,4 +1,4 @@
-//! Writes the udev rule, or prints the commands with which somebody else can.
+//! Writes the udev rule, or prints the commands with which a user with more rights can.
 
 use std::fs::OpenOptions;
 use std::io::{self, ErrorKind, Write};
@@ -15,7 +15,7 @@ pub enum RuleError {
     /// This user may not write the file.
     #[error("{PLACE} was not written: {0}; type the lines above")]
     Refused(io::Error),
-    /// There is a different file of that name.
+    /// The file exists with other content.
     #[error(
         "{PLACE} is there and says something else, it was left as it is; look at it, sudo rm {PLACE}, then try again"
     )]
@@ -47,11 +47,11 @@ pub fn write(machine: &Machine) -> Result<(), CliError> {
     }
 }
 
-/// Writes the file completely or not at all.
+/// Writes the whole file or nothing.
 fn put(file: &Path) -> io::Result<()> {
     let mut opened = OpenOptions::new().write(true).create_new(true).open(file)?;
     opened.write_all(RULE.as_bytes()).inspect_err(|_| {
-        // The first error is the one that is reported.
+        // Only the first error is reported.
         let _ = std::fs::remove_file(file);
     })
 }

@@ -14,7 +14,7 @@ use signal_hook::iterator::Signals;
 use super::{ExecError, failed, not_started};
 use crate::signals;
 
-/// What to do about a program that may not be executed.
+/// The next step for a program without the right to execute it.
 pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
 
 /// Starts `command` and waits for its end.
@@ -23,16 +23,16 @@ pub const MAKE_EXECUTABLE: &str = "make it executable with `chmod +x`";
 /// them to the program. SIGTERM and SIGHUP, which only the tool gets, are passed on. The tool then ends as the
 /// program does.
 pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecError> {
-    // The signals are caught and not ignored, because a program inherits that a signal is ignored. Those that the
-    // tool was started to ignore (`nohup`) stay ignored. This happens before the program starts, so that no signal is
-    // lost in between.
+    // The signals are caught and not ignored, because a program inherits ignored signals. Signals that were already
+    // ignored when the tool started (`nohup`) stay ignored. This happens before the program starts, so that no signal
+    // is lost in between.
     let ours = signals::not_ignored(&[SIGINT, SIGQUIT, SIGTERM, SIGHUP]);
     let mut signals = Signals::new(ours).map_err(failed("catch signals"))?;
-    // The process id as long as it is the program's.
+    // The process id while it belongs to the program.
     let running = Arc::new(Mutex::new(None));
     let mut started = running.lock().unwrap_or_else(PoisonError::into_inner);
-    // A thread of its own, so that the end of the program is noticed even if the system loses a signal. It waits for the
-    // lock until the program runs.
+    // The signals have their own thread, so that the end of the program is noticed even if the system loses a signal.
+    // The thread waits for the lock until the program runs.
     let passed_on = Arc::clone(&running);
     let pass_on = move || {
         for signal in signals.forever() {
@@ -59,14 +59,15 @@ pub fn run(command: &mut Command, program: &Path) -> Result<ExitStatus, ExecErro
     child.wait().map_err(failed("wait for the program"))
 }
 
-/// The exit code of the program, or 128 + n after signal n, as shells have it.
+/// The exit code of the program, or 128 + n after signal n, as shells return it.
 pub fn end_as(ended: ExitStatus) -> ExitCode {
     let code = ended.code().or_else(|| ended.signal().map(|signal| 128 + signal));
-    // Exit codes have 8 bits, and signals go up to 64.
+    // Exit codes have 8 bits. The largest signal number is 64.
     ExitCode::from(code.and_then(|code| u8::try_from(code).ok()).unwrap_or(u8::MAX))
 }
 
-/// Passes a signal on to the program, unless that was waited for: then its process id may be that of another process.
+/// Passes a signal on to the program, unless the program was waited for: its process id may then belong to another
+/// process.
 fn pass_on(running: &Mutex<Option<Pid>>, signal: Signal) {
     let running = running.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(id) = *running {

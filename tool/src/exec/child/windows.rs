@@ -6,7 +6,7 @@ use std::process::{Command, ExitCode, ExitStatus};
 use super::{ExecError, failed, not_started};
 use crate::signals;
 
-/// What to do about a program that may not be executed.
+/// The next step for a program without the right to execute it.
 pub const MAKE_EXECUTABLE: &str = "look at the rights of its file, and at what a virus scanner says of it";
 
 /// Starts `command` and waits for its end.

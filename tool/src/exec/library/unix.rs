@@ -25,11 +25,11 @@ pub const SEPARATOR: &str = ":";
 pub const UNOPENED: &str =
     "if it should have, see by `ldd` whether it links libNEXTWUSBLib.so, and not the static library";
 
-/// Why a folder cannot be on the search path, and what to do.
+/// Why a folder cannot be on the search path, with the next step.
 pub const UNLINKABLE: &str = "it takes no `:`, `;` or `$`; set TMPDIR to another folder";
 
-/// The usual folders of the library: that of this tool, `../lib` from there, and the folder in it in which Debian has
-/// the libraries of this architecture.
+/// The usual folders of the library: that of this tool, `../lib` from there, and the sub-folder of the latter with
+/// Debian's libraries for this architecture.
 pub fn usual_folders(beside_tool: &Path, _program: Option<&Path>) -> Vec<PathBuf> {
     let stage = beside_tool.parent().map(|above| above.join("lib"));
     let debian = stage.as_ref().map(|lib| lib.join(format!("{}-linux-gnu", std::env::consts::ARCH)));

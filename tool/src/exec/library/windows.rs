@@ -20,7 +20,7 @@ pub const SEPARATOR: &str = ";";
 pub const UNOPENED: &str =
     "if it should have, see by `ecmsk doctor DIR` which NEXTWUSBLib.dll it has in its folder DIR";
 
-/// Why a folder cannot be on `PATH`, and what to do.
+/// Why a folder cannot be on `PATH`, with the next step.
 pub const UNLINKABLE: &str = "PATH takes no `;` and no quotes; put the library into another folder";
 
 /// The width of this tool.
@@ -60,8 +60,7 @@ fn width_of(program: &Path) -> Option<Width> {
     Some(Image::read(&file).ok()?.width)
 }
 
-/// Makes a private folder, which only holds the file that tells whether the library was used; the library stays where
-/// it is.
+/// Creates a private folder for the file that shows whether the library was used. The library stays where it is.
 pub fn folder(library: &Path) -> Result<TempDir, ExecError> {
     let place = std::env::temp_dir();
     let failed = |source| ExecError::Folder { place: place.clone(), source };

@@ -1,4 +1,4 @@
-//! How long a move takes: a long one is told before it begins, and at a terminal it is asked for.
+//! The duration of a move: a long one is announced before it begins, and at a terminal the user has to confirm it.
 
 use std::fmt;
 
@@ -6,10 +6,10 @@ use super::path::Path;
 use super::{WHAT, refused};
 use crate::board::{Board, BoardError};
 
-/// \[OURS] A move that takes longer than this is told first. Nobody waits a minute for a slip of the finger.
+/// \[OURS] A longer move is announced, in seconds: a mistyped number should not start a move of more than a minute.
 const TOLD_FROM_S: f64 = 60.0;
 
-/// A time for people, in seconds: `8 min 20 s`, `3 h 5 min`.
+/// A duration as text for users, from seconds: `8 min 20 s`, `3 h 5 min`.
 struct Long(f64);
 
 impl fmt::Display for Long {
@@ -24,8 +24,8 @@ impl fmt::Display for Long {
     }
 }
 
-/// Tells how long a long move takes. At a terminal it asks whether to go on, unless `yes`; \[OURS] without one it goes on, so
-/// that scripts of before do.
+/// Announces the duration of a long move. At a terminal it asks whether to continue, unless `yes`. \[OURS] Without a
+/// terminal it continues, so that older scripts still run.
 ///
 /// # Errors
 /// [`BoardError::Refused`] without a yes, [`BoardError::Stopped`], and those of reading reports.
@@ -45,7 +45,7 @@ pub fn announce(board: &Board, path: &Path, yes: bool) -> Result<Asked, BoardErr
     Err(refused(format!("nobody has said yes to {takes}"), "give a higher --velocity, or --yes"))
 }
 
-/// Whether time has passed for an answer, in which the axes may have been moved.
+/// Whether the user was asked, so that time has passed in which the axes may have been moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     No,

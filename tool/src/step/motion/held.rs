@@ -1,19 +1,19 @@
-//! Whether a drive holds an axis back from its targets, as it says by bit 11 of its statusword (internal limit active, CiA 402):
-//! at a limit switch, at a software limit, or because its torque does not suffice.
+//! Detects that a drive holds an axis back from its targets, by bit 11 of its statusword (internal limit active, CiA
+//! 402): at a limit switch, at a software limit, or because its torque is too low.
 
 use ecmsk::cia402::Statusword;
 use ecmsk::ecm::Snapshot;
 
 use crate::board::{Board, NEAR_COUNTS};
 
-/// \[OURS] How far an axis that stands may move meanwhile: encoders have noise.
+/// \[OURS] Largest change of position at which an axis still counts as standing, in counts: encoders have noise.
 const STANDING_COUNTS: u32 = 16;
 
-/// An axis of a move, watched in each cycle.
+/// An axis of a move, checked in each cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Watched {
     pub slave: u8,
-    /// Since when the axis stands under an internal limit, in seconds of the move, and where.
+    /// The time since which the axis stands under an internal limit, in seconds of the move, and its position.
     since: Option<(f64, i32)>,
 }
 
@@ -22,7 +22,8 @@ impl Watched {
         Self { slave, since: None }
     }
 
-    /// Takes the newest report at a time of the move. For how many seconds the axis has been held back from its target.
+    /// Takes the newest report, at a time of the move in seconds. Returns for how many seconds the axis has been held
+    /// back from its target.
     pub fn held_for(&mut self, board: &Board, now: &Snapshot, target: i32, seconds: f64) -> f64 {
         let at = now.position(self.slave).unwrap_or_default();
         if !is_limited(board, now, self.slave) || target.wrapping_sub(at).unsigned_abs() <= NEAR_COUNTS {
@@ -41,7 +42,7 @@ pub fn is_limited(board: &Board, now: &Snapshot, slave: u8) -> bool {
     board.statusword(now, slave).0 & Statusword::INTERNAL_LIMIT != 0
 }
 
-/// What an internal limit may be, for errors.
+/// The meaning of an internal limit, for errors.
 pub const WHY: &str = "its drive holds it back (internal limit active, statusword bit 11)";
-/// What to do about it.
+/// The next step after an internal limit.
 pub const NEXT: &str = "see its limit switches (0x60FD), its software limits (0x607D), its torque limit and its load";

@@ -61,10 +61,10 @@ impl AxisPath {
     }
 }
 
-/// The path of all axes.
+/// The common path of all axes.
 pub struct Path {
     pub axes: Vec<AxisPath>,
-    /// The distance of the axis that goes furthest, in counts.
+    /// The distance of the axis that moves furthest, in counts.
     pub length: f64,
     pub limits: Limits,
     /// The motion along the path; `None` if no axis has to move.
@@ -92,7 +92,7 @@ impl Path {
         Ok(Self { axes, length, limits, profile })
     }
 
-    /// The rest of the path behind a part of it, 0 to 1, at which the axes stand.
+    /// The rest of the path, from the part `part` (0 to 1) at which the axes stand.
     ///
     /// # Errors
     /// As [`Path::new`].

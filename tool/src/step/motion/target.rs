@@ -28,10 +28,11 @@ impl Target {
     }
 }
 
-/// A target in counts. With units it is rounded to the nearest count; without units a fraction of a count is refused.
+/// Converts a target to counts. With units it is rounded to the nearest count; without units a fraction of a count is
+/// refused.
 ///
 /// # Errors
-/// The target is no position.
+/// The target does not fit the range of positions.
 pub fn counts(what: &str, target: &Target, scale: Scale) -> Result<i32, BoardError> {
     if scale == Scale::COUNTS && target.value.fract() != 0.0 {
         let why = format!("{} of axis {} is no whole number of counts", target.value, target.slave);

@@ -18,7 +18,7 @@ const DRIVE_STATES: Names = &[
     ("Fault", 0x08),
 ];
 
-/// A field with its value, as they were written.
+/// A field with its value, as the user wrote them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assignment {
     name: String,
@@ -39,7 +39,7 @@ impl Assignment {
 /// Writes the fields and checks the request.
 ///
 /// # Errors
-/// What is wrong with a field, in words.
+/// What is wrong with a field, as text.
 pub fn fill(draft: &mut Draft<'_>, row: &'static FunctionFields, fields: &[Assignment]) -> Result<(), String> {
     let mut given: Vec<&Field> = Vec::new();
     for Assignment { name, value } in fields {
@@ -68,7 +68,7 @@ pub fn fill(draft: &mut Draft<'_>, row: &'static FunctionFields, fields: &[Assig
     }
 }
 
-/// A value as a field takes it.
+/// A value in the form that its field needs.
 enum Parsed {
     Number(i64),
     Bytes(Vec<u8>),
@@ -132,7 +132,7 @@ fn slave_set(text: &str) -> Result<Vec<u8>, String> {
     Ok(set)
 }
 
-/// The fields of a function, those that may be left out in brackets.
+/// The fields of a function; optional ones are in brackets.
 pub fn described(row: &FunctionFields) -> String {
     let fields = row.request.iter().map(|field| {
         let text = format!("{}={}", field.name, allowed(field));

@@ -1,10 +1,10 @@
-//! Requests from fields as they are typed.
+//! Requests from fields as users type them.
 
 use super::*;
 use ecmsk::coe::{ObjectAddress, SdoScope};
 use ecmsk::xf::request::*;
 
-/// The request that these words are, given to `use_it`; or what is wrong with them.
+/// Parses these words and passes the request to `use_it`, or returns what is wrong with the words.
 fn request<T>(name: &str, fields: &[&str], use_it: impl FnOnce(&Request<'_>) -> T) -> Result<T, String> {
     let row = find(name)?.0;
     let fields: Vec<_> = fields.iter().map(|field| Assignment::parse(field)).collect::<Result<_, _>>()?;
@@ -72,7 +72,7 @@ fn requests_from_fields() {
     expect("DCSYNC", &["slaves=all", "sync0_ns=1000000", "shift_ns=-5"], DcSync { slaves: Slaves::All, dc: shift });
 }
 
-/// XF-18.10 A field that is wrong, missing, given twice, or that means nothing here, is told with all fields there are.
+/// XF-18.10 For a field that is wrong, missing, given twice or unknown, the error lists all fields.
 #[test]
 fn wrong_fields_name_those_there_are() {
     let error = |name, fields: &[&str]| request(name, fields, |_| ()).expect_err("it is wrong");

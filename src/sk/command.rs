@@ -69,11 +69,11 @@ pub enum MasterCommand {
     LocalWrite(u8),
     /// Boot the board again.
     SoftReset,
-    /// A command that does not belong into slot 0, or an id that no guide lists.
+    /// A command that does not belong in slot 0, or an id that no guide lists.
     Other(RawSlot),
 }
 
-/// A command that does not belong in slot 0, or an id that no guide lists.
+/// SK-8: the board itself has six digital outputs.
 const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {

@@ -79,11 +79,11 @@ impl SlotSize {
 pub struct Slot12 {
     /// Byte 0: command id (low byte of `CMD`).
     pub id: u8,
-    /// Byte 1: command index, mode or error code (high byte of `CMD`).
-    pub index: u8,
     /// Byte 1: in a command the command index, in a response the index, the mode or an error code (high byte of `CMD`).
-    pub parm: U16Le,
+    pub index: u8,
     /// Bytes 2..3. In slot 0 these are two values and not one number: byte 2 is an argument, byte 3 the frame's CRC.
+    pub parm: U16Le,
+    /// Bytes 4..7.
     pub data1: U32Le,
     /// Bytes 8..11.
     pub data2: U32Le,

@@ -10,8 +10,8 @@ bits! {
     Reserve(u16) {
         /// Bit 15: the chip takes the GPIO outputs of this header (XF EN 211).
         GPIO_OUTPUTS_VALID = 1 << 15;
-        /// Bit 12, in ECAT_INIT_OP and from firmware 0x22 on: the first slave's clock is the reference clock (XF ZH
-        /// 384).
+        /// Bit 12, in ECAT_INIT_OP and from firmware 0x22 on: the first slave's clock is the reference clock
+        /// (XF ZH 384).
         MASTER_SHIFT = 1 << 12;
         /// Bit 11, in ECAT_INIT_OP and from firmware 0x22 on: LRW datagrams are enabled (XF EN 375).
         LRW = 1 << 11;

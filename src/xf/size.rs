@@ -14,8 +14,7 @@ impl DataSize {
     pub const MANUAL: Self = Self(112);
     /// 1024 bytes: the size at power-on with newer firmware (OBS).
     pub const NEWER: Self = Self(1024);
-    /// 992 bytes: the only size of an ECM-XFU, whose packets then fit exactly into a USB transfer of 1024 bytes (XF EN
-    /// 715).
+    /// 992 bytes: the only size of an ECM-XFU, so that a packet is one USB packet of 1024 bytes (XF EN 715).
     pub const XFU: Self = Self(992);
 
     /// The size of `n` bytes; `None` unless `n` is 32..=1408.

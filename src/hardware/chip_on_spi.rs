@@ -1,6 +1,5 @@
 //! `xf-spi:`: a real ECM-XF on a spidev device, with INT0 and INT1 on lines of a GPIO chip.
 //!
-//! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). When an
 //! INT0 is active while the chip is ready for a packet, and inactive while it processes one (XF EN 1706). Right after
 //! an exchange INT0 may still be active from before, so its level does not show whether the chip is ready. The link
 //! waits for the edge that follows the beginning of the exchange.

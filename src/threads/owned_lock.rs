@@ -88,7 +88,7 @@ impl<T> Deref for MutexGuard<'_, T> {
 
 impl<T> DerefMut for MutexGuard<'_, T> {
     fn deref_mut(&mut self) -> &mut T {
-        // SAFETY: as above, and through this guard alone.
+        // SAFETY: this thread has the lock, and reaches the value through this guard alone.
         unsafe { &mut *self.mutex.value.get() }
     }
 }

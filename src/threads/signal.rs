@@ -170,7 +170,7 @@ mod imp {
                     (events[count], count) = (waiter.event, count + 1);
                 }
                 for event in &events[..count] {
-                    // SAFETY: as above.
+                    // SAFETY: the event is open until `drop`.
                     unsafe { SetEvent(*event) };
                 }
                 if count < AT_ONCE {

@@ -18,7 +18,7 @@ pub(super) struct Known {
     pub al_status: u16,
     /// The times of the slave's clock, as set by ECAT_DCSYNC or ECAT_INIT_OP.
     pub dc: DcTiming,
-    /// Whether the last initialisation of the clocks has started SYNC signals of this slave.
+    /// Whether the last initialisation of the clocks has activated this slave's distributed clock.
     pub dc_active: bool,
 }
 

@@ -75,7 +75,8 @@ fn keep_library_loaded() {
     use std::ffi::c_void;
     use std::ptr::null_mut;
 
-    /// `GET_MODULE_HANDLE_EX_FLAG_PIN | GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS`
+    /// `GET_MODULE_HANDLE_EX_FLAG_PIN | GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS`: keeps the module that contains an
+    /// address loaded until the process ends.
     const PIN_BY_ADDRESS: u32 = 5;
 
     #[link(name = "kernel32")]

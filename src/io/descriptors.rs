@@ -18,7 +18,7 @@ const PACKET: u16 = 0x07FF;
 /// The interface and the two interrupt endpoints through which a device sends and receives reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReportInterface {
-    /// bInterfaceNumber.
+    /// The interface's number, bInterfaceNumber.
     pub number: u8,
     /// bEndpointAddress of the endpoint to the host.
     pub input: u8,

@@ -89,7 +89,7 @@ pub struct SlaveResponse {
 pub struct DriveResponse {
     /// Bytes 0..1: the id and the index.
     pub head: SlaveResponse,
-    /// Bytes 2..3: object 0x6041.
+    /// Bytes 2..3: the statusword, object 0x6041.
     pub statusword: Statusword,
     /// Bytes 4..7: the actual position, object 0x6064, in counts.
     pub position: i32,
@@ -161,9 +161,9 @@ pub struct HspResponse {
     pub head: SlaveResponse,
     /// Bytes 2..3: the statusword of axis 1. The slot does not contain the statusword of axis 2.
     pub statusword: Statusword,
-    /// Axis 1.
+    /// The position and the inputs of axis 1.
     pub first: HspAxis,
-    /// Axis 2 of a two-channel HSP in 16-byte mode, otherwise 0.
+    /// The position and the inputs of axis 2, for a two-channel HSP in 16-byte mode; otherwise 0.
     pub second: HspAxis,
 }
 
@@ -204,7 +204,7 @@ pub enum SdoResponse {
     Empty,
     /// An object was read or written.
     Done {
-        /// SDO_RD or SDO_WR.
+        /// The answered command: SDO_RD or SDO_WR.
         id: CommandId,
         /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,
@@ -215,7 +215,7 @@ pub enum SdoResponse {
     },
     /// The slave, or the board on its behalf, aborted the transfer.
     Aborted {
-        /// SDO_RD or SDO_WR.
+        /// The answered command: SDO_RD or SDO_WR.
         id: CommandId,
         /// The slave's number, 1..=40 (1..=30 in 16-byte mode).
         slave: u8,

@@ -83,9 +83,9 @@ pub struct Slot12 {
     pub index: u8,
     /// Bytes 2..3. In slot 0 these are two values and not one number: byte 2 is an argument, byte 3 the frame's CRC.
     pub parm: U16Le,
-    /// Bytes 4..7.
+    /// Bytes 4..7: Data1, whose meaning depends on the command.
     pub data1: U32Le,
-    /// Bytes 8..11.
+    /// Bytes 8..11: Data2, whose meaning depends on the command.
     pub data2: U32Le,
 }
 
@@ -93,7 +93,7 @@ pub struct Slot12 {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Slot16 {
-    /// Bytes 0..11.
+    /// Bytes 0..11: the fields of a 12-byte slot.
     pub slot: Slot12,
     /// Bytes 12..15: used by the two-channel HSP, reserved otherwise.
     pub data3: U32Le,

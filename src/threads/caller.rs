@@ -63,7 +63,8 @@ mod imp {
 
     type Handle = *mut c_void;
 
-    /// `SYNCHRONIZE | THREAD_QUERY_LIMITED_INFORMATION`
+    /// `SYNCHRONIZE | THREAD_QUERY_LIMITED_INFORMATION`: access for waiting for a thread and for reading its creation
+    /// time.
     const ACCESS: u32 = 0x0010_0800;
 
     /// A thread by its id, which Windows may soon reuse, and its creation time, which tells the two threads apart.

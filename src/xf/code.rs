@@ -11,27 +11,27 @@ use core::fmt;
 /// When a command is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Timing {
-    /// At once: the answer to the command has the result.
+    /// The command is complete at once: its answer has the result.
     Immediate,
-    /// Later. Meanwhile [`Status::BUSY`](super::Status::BUSY) is set and the chip accepts no other non-immediate
-    /// command.
+    /// The command takes time. Meanwhile [`Status::BUSY`](super::Status::BUSY) is set and the chip accepts no other
+    /// non-immediate command.
     NonImmediate,
-    /// `[OURS]` Later with parameter 0, at once with any other parameter.
+    /// `[OURS]` With parameter 0 the command takes time; with any other parameter it is complete at once.
     ByParameter,
 }
 
 /// Where the answer to a command carries the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AnswerForm {
-    /// There is no result.
+    /// The command has no result.
     Nothing,
-    /// In the return byte of the header.
+    /// The result is in the return byte of the header.
     Value,
-    /// In the data segment.
+    /// The result is in the data segment.
     Data,
-    /// In the return byte and in the data segment.
+    /// The result is in the return byte and in the data segment.
     ValueAndData,
-    /// Depends on the function, for the codes 31 to 35.
+    /// The place of the result depends on the function, for the codes 31 to 35.
     ByFunction,
 }
 

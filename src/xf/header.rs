@@ -6,7 +6,7 @@ use super::{CheckType, HEADER_LEN, START_WORD};
 use crate::ethercat::bits;
 
 bits! {
-    /// Word 0x08 of a command, called reserve in the manuals.
+    /// Flags at word 0x08 of a command, called reserve in the manuals.
     Reserve(u16) {
         /// Bit 15: the chip takes the GPIO outputs of this header (XF EN 211).
         GPIO_OUTPUTS_VALID = 1 << 15;
@@ -230,7 +230,7 @@ headers! {
     CommandHeader {
         /// Bytes 0x04..0x07: the information bytes `i0` to `i3`, whose meaning depends on the command.
         info: [u8; 4] = 0x04,
-        /// Word 0x08: the reserve bits.
+        /// Word at 0x08: the flags that the manuals call reserve.
         reserve: Reserve = 0x08,
         /// Byte 0x0A: clears errors, and requests an update of the states.
         control: Control = 0x0A,

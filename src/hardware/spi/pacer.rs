@@ -101,7 +101,7 @@ enum PrefillState {
     Done,
 }
 
-/// Counters of a pacer.
+/// Counters of a pacer since it was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PacerCounts {
     /// Number of all exchanges.

@@ -20,7 +20,7 @@ use crate::sk::{CrcPolicy, Frame, MasterCommand};
 const CLOSE_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 /// How many invalid answers in a row mean that the board is lost. \[OURS]
 const INVALID_ANSWERS_MAX: u32 = 16;
-/// The reason of the loss after SW_RESET.
+/// The reason that the link gives for the loss of the board after SW_RESET.
 const WAS_RESET: &str = "it was reset (SW_RESET)";
 /// A board processes a frame in less than a cycle. If BUSY stays high for longer than this after a SW_RESET, the board
 /// is starting up. \[OURS]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Reads sysfs and /proc below a root folder, which is `/` except in tests.
 #[derive(Clone, Debug)]
 pub struct Sysfs {
-    /// `None` on systems other than Linux.
+    /// The folder in which `sys` and `proc` are; `None` on systems other than Linux.
     root: Option<PathBuf>,
 }
 

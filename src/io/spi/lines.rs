@@ -40,7 +40,7 @@ impl std::fmt::Display for GpioLine {
     }
 }
 
-/// The level of a line.
+/// The level of a GPIO line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// Low.

@@ -10,7 +10,7 @@ use crate::sk::slot::{RawSlot, SlotSize, object_word};
 /// A command for the SDO slot, the last slot of a frame. The board transfers one object at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SdoCommand {
-    /// No request.
+    /// No request: GET_STATUS.
     GetStatus,
     /// Read an object of a slave: SDO upload.
     Read {

@@ -81,9 +81,9 @@ pub enum SlaveCommand {
     GetStatus,
     /// Choose the mode of operation and with it the slave's process data, before SafeOP.
     DriveMode {
-        /// CSP, CSV or CST.
+        /// The mode of operation: CSP, CSV or CST.
         mode: Mode,
-        /// Free run or DC sync.
+        /// The synchronisation: free run or DC sync.
         sync: DriveSync,
     },
     /// Clear a drive's fault: fault reset of CiA 402.

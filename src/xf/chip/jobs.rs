@@ -20,7 +20,7 @@ pub(super) use kinds::{DatagramJob, EepromJob, FileJob, Job, SdoJob, StateJob};
 use requests::Procedure;
 pub(super) use requests::Requests;
 
-/// Bytes of outputs and of inputs of each slave.
+/// The sizes of each slave's outputs and inputs, in bytes.
 pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 
 /// A running job.
@@ -66,7 +66,7 @@ pub(super) enum Gained {
     /// The network did not answer in time.
     TimedOut,
     Answer(Answer),
-    /// Bytes of outputs and inputs of each slave.
+    /// The sizes of each slave's outputs and inputs, in bytes.
     Lengths(Result<Lengths, AbortCode>),
     Pdos(Result<PdoConfig, AbortCode>),
 }

@@ -67,19 +67,20 @@ pub struct HostConfig {
 /// The driver's timeouts, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Deadlines {
-    /// For the search for packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start (OBS).
+    /// Timeout of the search for packets in the stream of bytes; 3 s by default, since a chip takes up to 1 s to start
+    /// (OBS).
     pub search_ns: Ns,
-    /// For the whole start, including the search; 10 s by default.
+    /// Timeout of the whole start, including the search; 10 s by default.
     pub start_ns: Ns,
-    /// For an edge of INT0; 10 ms by default.
+    /// Timeout of the wait for an edge of INT0; 10 ms by default.
     pub int0_ns: Ns,
-    /// For the answer to a packet, including all its retries; 100 ms by default.
+    /// Timeout of the answer to a packet, including all its retries; 100 ms by default.
     pub answer_ns: Ns,
-    /// For the end of a non-immediate command; 30 s by default. [`Host::submit_within`](super::Host::submit_within)
-    /// sets another time for one command.
+    /// Timeout of a non-immediate command in the chip; 30 s by default.
+    /// [`Host::submit_within`](super::Host::submit_within) sets another time for one command.
     pub busy_ns: Ns,
-    /// For a queued command until it is sent, and for an ended command until its result is read from the chip; 60 s by
-    /// default.
+    /// Timeout of a queued command until it is sent, and of an ended command until its result is read from the chip; 60
+    /// s by default.
     pub queue_ns: Ns,
     /// Pause after SPI_RECONFIG_OP in which nothing is sent; 100 ms by default (OBS).
     pub resize_ns: Ns,

@@ -21,7 +21,7 @@ pub enum HostError {
     StartTooLong {
         /// The step that did not finish.
         step: StartStep,
-        /// Time since the beginning of the start.
+        /// Time since the start of the chip began.
         waited_ns: Ns,
         /// The defect of the last answer, if it was damaged.
         last: Option<PacketError>,
@@ -35,9 +35,9 @@ pub enum HostError {
     },
     /// The driver has stopped: INT0 did not become active.
     Int0Missing {
-        /// Timeout of each wait.
+        /// Duration of each wait.
         waited_ns: Ns,
-        /// Number of waits in a row.
+        /// Number of timeouts in a row.
         times: u32,
     },
     /// No answer came. It is unknown whether the command ran.

@@ -66,14 +66,14 @@ impl Pacer {
         self.misses = 0;
     }
 
-    /// Increases the idle time, because the chip was not ready.
+    /// Doubles the idle time, up to the configured maximum, because the chip was not ready.
     pub(super) fn slower(&mut self, config: &HostConfig) {
         self.excuse_int0();
         // The lower bound matters: an idle time of 0 would remain 0 when doubled.
         self.idle_ns = self.idle_ns.max(1_000).saturating_mul(2).min(config.idle_max_ns.max(config.idle_ns));
     }
 
-    /// Reduces the idle time, at least to the configured one, because the chip was ready.
+    /// Halves the idle time, down to the configured one, because the chip was ready.
     pub(super) fn faster(&mut self, config: &HostConfig) {
         self.idle_ns = (self.idle_ns / 2).max(config.idle_ns);
     }

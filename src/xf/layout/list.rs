@@ -127,7 +127,7 @@ macro_rules! field_slice {
     }};
 }
 
-/// A type with static lifetime.
+/// Expands to a type with the lifetime `'static`, if it has one.
 macro_rules! type_of {
     ($name:ident) => { $name };
     ($name:ident <$life:lifetime>) => { $name<'static> };

@@ -8,7 +8,7 @@ use crate::xf::{Allowed, Malformed};
 /// it.
 #[derive(Clone, Copy, Debug)]
 pub struct Spot {
-    /// The field.
+    /// The field, as far as it is declared.
     pub field: Field,
     /// The number on the wire that counts the field's bytes.
     pub count: Option<Count>,
@@ -218,7 +218,7 @@ impl Count {
 pub struct Fixed {
     /// The field with the number, which is the field's default.
     pub field: Field,
-    /// The bits that are compared.
+    /// The bits of the number that are compared.
     looked_at: u32,
     name: &'static str,
     allowed: &'static str,

@@ -14,7 +14,7 @@ choices! {
     pub AdcMode(u32), "ECM_AdcOpen mode", "0x000 single ended, 0x100 differential" {
         /// 0x000: one input against ground.
         SingleEnded = 0x000,
-        /// 0x100: the difference of two inputs.
+        /// 0x100: the difference between two inputs.
         Differential = 0x100,
     }
 }

@@ -58,16 +58,16 @@ layout! {
     /// MDIO, code 81: writes or reads a register of a PHY (XF EN 1455). Parameter: 0 write, 1 read; information bytes:
     /// `i0` register, `i1` PHY, `i2` and `i3` data as u16.
     pub enum Mdio by operation: u8 = par(), "operation", "0 write, 1 read" {
-        /// Writes a register.
+        /// Writes a register of a PHY.
         Write = 0 {
             /// Address of the PHY.
             phy: u8 = info(1),
             /// Number of the register.
             register: u8 = info(0),
-            /// The value.
+            /// The new value of the register.
             value: u16 = info(2).hex().or(0),
         },
-        /// Reads a register. Answer: @0 u16.
+        /// Reads a register of a PHY. Answer: @0 u16.
         Read = 1 {
             /// Address of the PHY.
             phy: u8 = info(1),

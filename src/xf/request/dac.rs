@@ -15,9 +15,9 @@ layout! {
 choices! {
     /// The trigger at which the DAC outputs the value that was set.
     pub DacTrigger(u32), "ECM_DacOpen trigger", "0x0000, 0x0010, 0x0030, 0x1030, 0x2030 or 0x3030" {
-        /// 0x0000: at once with [`DacSetData`].
+        /// 0x0000: [`DacSetData`] itself is the trigger.
         SetData = 0x0000,
-        /// 0x0010: with [`DacStartConv`].
+        /// 0x0010: [`DacStartConv`] is the trigger.
         StartConv = 0x0010,
         /// 0x0030: while the pin DAC_ST is low.
         PinLow = 0x0030,

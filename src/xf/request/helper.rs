@@ -30,7 +30,7 @@ layout! {
         pub controlword_offset: u8 = info(0),
         /// Offset of the statusword in the slave's TxPDO, in bytes.
         pub statusword_offset: u8 = info(1),
-        /// The control byte.
+        /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(2),
         /// The slave to which the axis belongs.
         pub slave: SlaveNumber = info(3),
@@ -55,7 +55,7 @@ layout! {
     pub struct HelperControlSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
-        /// The control byte.
+        /// What the helper does with the axis: the control byte.
         pub control: HelperControl = info(0),
         /// The number of axes.
         pub motors: u8 = info(2).after(CONTROL_KEY),

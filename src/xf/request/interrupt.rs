@@ -30,7 +30,7 @@ bits! {
         GPIO_10 = 1 << 2;
         /// Bit 3: GPIO 11.
         GPIO_11 = 1 << 3;
-        /// Bit 4: the encoder's index.
+        /// Bit 4: the encoder's index pulse.
         ENCODER_INDEX = 1 << 4;
         /// Bit 5: the encoder's count has reached the comparison value.
         ENCODER_COMPARE = 1 << 5;
@@ -55,7 +55,7 @@ layout! {
     /// ECAT_INT_SET_ENABLE, code 58: sets which interrupts raise INT1, and the polarity of both lines (XF EN 1310).
     /// Parameter: polarity. Data, 6 bytes: @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the encoder.
     pub struct InterruptSetEnable {
-        /// The new settings.
+        /// The new settings of interrupts and polarity.
         pub enable: InterruptEnable,
     }
 }

@@ -121,7 +121,7 @@ macro_rules! code {
     };
 }
 
-/// The type of an answer.
+/// Expands to the type of an answer; `()` without one.
 macro_rules! answer {
     () => {
         ()
@@ -131,7 +131,7 @@ macro_rules! answer {
     };
 }
 
-/// The forms of an answer.
+/// Expands to the forms of an answer.
 macro_rules! forms {
     ($name:ty,) => {
         &[]

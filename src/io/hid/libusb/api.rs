@@ -132,11 +132,11 @@ pub(super) struct PollDescriptor {
     pub events: c_short,
 }
 
-/// `LIBUSB_TRANSFER_TYPE_BULK`
+/// `LIBUSB_TRANSFER_TYPE_BULK`: the type of a bulk transfer.
 pub(super) const BULK: u8 = 2;
-/// `LIBUSB_TRANSFER_TYPE_INTERRUPT`
+/// `LIBUSB_TRANSFER_TYPE_INTERRUPT`: the type of an interrupt transfer.
 pub(super) const INTERRUPT: u8 = 3;
-/// `LIBUSB_SPEED_HIGH`
+/// `LIBUSB_SPEED_HIGH`: 480 Mbit/s.
 pub(super) const HIGH_SPEED: c_int = 3;
 
 /// The values of `enum libusb_transfer_status`.

@@ -134,7 +134,7 @@ pub(super) struct Endpoint {
 }
 
 impl Device {
-    /// idVendor and idProduct.
+    /// The USB vendor id and product id (idVendor, idProduct).
     pub fn ids(&self) -> Result<(u16, u16), UsbError> {
         let mut descriptor = DeviceDescriptor::default();
         // SAFETY: the device is valid until `drop`; `descriptor` receives the copy.

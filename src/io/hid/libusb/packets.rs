@@ -19,9 +19,9 @@ const KIND: u8 = 3;
 /// The USB ids of a device, and the endpoints for its packets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PacketPlace {
-    /// idVendor.
+    /// USB vendor id, idVendor.
     pub vendor: u16,
-    /// idProduct.
+    /// USB product id, idProduct.
     pub product: u16,
     /// The number of the endpoint to the device, 1..=15.
     pub output: u8,

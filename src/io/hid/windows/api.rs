@@ -9,21 +9,21 @@ use std::ffi::c_void;
 pub type Bool = i32;
 pub type Handle = *mut c_void;
 
-/// `INVALID_HANDLE_VALUE`
+/// `INVALID_HANDLE_VALUE`: the handle of a file that could not be opened.
 pub const INVALID_HANDLE: Handle = -1_isize as Handle;
-/// `GENERIC_READ | GENERIC_WRITE`
+/// `GENERIC_READ | GENERIC_WRITE`: access for reading and writing.
 pub const READ_AND_WRITE: u32 = 0xC000_0000;
-/// `FILE_SHARE_READ | FILE_SHARE_WRITE`
+/// `FILE_SHARE_READ | FILE_SHARE_WRITE`: other programs may open the device too.
 pub const SHARED: u32 = 3;
-/// `OPEN_EXISTING`
+/// `OPEN_EXISTING`: opens a device, and creates nothing.
 pub const OPEN_EXISTING: u32 = 3;
-/// `FILE_FLAG_OVERLAPPED`
+/// `FILE_FLAG_OVERLAPPED`: for asynchronous reads and writes.
 pub const OVERLAPPED: u32 = 0x4000_0000;
-/// `DIGCF_PRESENT | DIGCF_DEVICEINTERFACE`
+/// `DIGCF_PRESENT | DIGCF_DEVICEINTERFACE`: lists the interfaces of connected devices.
 pub const PRESENT_INTERFACES: u32 = 0x12;
-/// `HIDP_STATUS_SUCCESS`
+/// `HIDP_STATUS_SUCCESS`: the status of a successful call of `hid.dll`.
 pub const HIDP_SUCCESS: i32 = 0x0011_0000;
-/// `CR_SUCCESS`
+/// `CR_SUCCESS`: the result of a successful call of `cfgmgr32.dll`.
 pub const CR_SUCCESS: u32 = 0;
 
 /// The C layout of `GUID`.

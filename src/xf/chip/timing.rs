@@ -13,39 +13,39 @@ pub struct Timing {
     pub port_ns: Ns,
     /// From the end of a packet until the next one is accepted.
     pub packet_ns: Ns,
-    /// ECAT_INIT_OP, whatever the size of the network.
+    /// Duration of ECAT_INIT_OP, for a network of any size.
     pub init_ns: Ns,
-    /// Addition for each slave in RECONFIG_OP and CONFIG_MAP.
+    /// Additional duration of RECONFIG_OP and CONFIG_MAP for each slave.
     pub slave_ns: Ns,
-    /// ECAT_RECONFIG_OP and CONFIG_MAP, without the addition for each slave.
+    /// Duration of ECAT_RECONFIG_OP and CONFIG_MAP, without the addition for each slave.
     pub reconfig_ns: Ns,
-    /// Change of state from Init to PreOP.
+    /// Duration of a change of state from Init to PreOP.
     pub to_preop_ns: Ns,
-    /// Change of state from PreOP to SafeOP.
+    /// Duration of a change of state from PreOP to SafeOP.
     pub to_safeop_ns: Ns,
-    /// Change of state from SafeOP to OP.
+    /// Duration of a change of state from SafeOP to OP.
     pub to_op_ns: Ns,
-    /// Change of state to a lower state, or to the present one.
+    /// Duration of a change of state to a lower state, or to the present one.
     pub down_ns: Ns,
-    /// Addition for each slave in a change of state.
+    /// Additional duration of a change of state for each slave.
     pub change_slave_ns: Ns,
-    /// ECAT_STATE_UPDATE.
+    /// Duration of ECAT_STATE_UPDATE.
     pub update_ns: Ns,
-    /// ECAT_INIT_DC_OP and ECAT_DCSYNC.
+    /// Duration of ECAT_INIT_DC_OP and of ECAT_DCSYNC.
     pub dc_ns: Ns,
-    /// From the end of an initialisation of the clocks until they are stable.
+    /// Time from the end of an initialisation of the clocks until they are stable.
     pub dc_settle_ns: Ns,
-    /// An SDO transfer, or an access to an EEPROM or a mailbox.
+    /// Duration of an SDO transfer, or of an access to an EEPROM or a mailbox.
     pub sdo_ns: Ns,
-    /// PDO_CONFIG_SET and PDO_CONFIG_REQ, each of which makes several SDO transfers.
+    /// Duration of PDO_CONFIG_SET and of PDO_CONFIG_REQ, each of which makes several SDO transfers.
     pub pdo_config_ns: Ns,
-    /// FIFO_INIT.
+    /// Duration of FIFO_INIT.
     pub fifo_init_ns: Ns,
-    /// An access to the flash memory, and the minimum for a file transfer.
+    /// Duration of an access to the flash memory, and minimum duration of a file transfer.
     pub flash_ns: Ns,
-    /// A datagram, or setting a sync manager.
+    /// Duration of sending a datagram, and of setting a sync manager.
     pub datagram_ns: Ns,
-    /// A conversion of the ADC.
+    /// Duration of a conversion of the ADC.
     pub adc_ns: Ns,
     /// The EtherCAT cycle time before ECAT_INIT_OP, and if its SYNC0 time is 0.
     pub cycle_ns: Ns,

@@ -82,7 +82,7 @@ pub struct Field {
 /// A value of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Value<'a> {
-    /// A number.
+    /// The value of a field that is a number.
     Number(i64),
     /// Bytes: of a text, of objects of 4 bytes each, of a set of slaves.
     Bytes(&'a [u8]),

@@ -43,7 +43,7 @@ pub struct Budget {
 pub enum BudgetError {
     /// The process data do not fit into a packet.
     TooManyBytes {
-        /// Bytes of process data.
+        /// Size of the process data in bytes.
         process_bytes: usize,
         /// The largest n available: the present one, or 1408.
         most: usize,

@@ -42,7 +42,7 @@ pub enum HostError {
     },
     /// No answer came. It is unknown whether the command ran.
     NoAnswer {
-        /// The command.
+        /// The command that got no answer.
         code: CommandCode,
         /// The command's index.
         index: u8,
@@ -55,17 +55,17 @@ pub enum HostError {
     },
     /// The command ran, but the only answer with its result was damaged.
     AnswerLost {
-        /// The command.
+        /// The command whose answer was lost.
         code: CommandCode,
     },
     /// The chip refused the command: error bit 7.
     Refused {
-        /// The command.
+        /// The refused command.
         code: CommandCode,
     },
     /// A non-immediate command ended with error bit 3.
     Failed {
-        /// The command.
+        /// The command that failed.
         code: CommandCode,
         /// The SDO abort code; `None` if the command is no SDO or the chip did not report a code.
         abort: Option<AbortCode>,
@@ -74,14 +74,14 @@ pub enum HostError {
     },
     /// A non-immediate command has not ended.
     StillBusy {
-        /// The command.
+        /// The command that is still running.
         code: CommandCode,
         /// How long the command has been running.
         waited_ns: Ns,
     },
     /// The command was queued for too long and was not sent.
     NotSent {
-        /// The command.
+        /// The command that was not sent.
         code: CommandCode,
         /// How long the command was queued.
         waited_ns: Ns,
@@ -90,14 +90,14 @@ pub enum HostError {
     ChipReset,
     /// The queue of commands is full.
     QueueFull {
-        /// The command.
+        /// The command for which the queue has no room.
         code: CommandCode,
         /// The capacity of the queue.
         slots: usize,
     },
     /// The command's data do not fit into a slot of the queue, or into a packet.
     TooLong {
-        /// The command.
+        /// The command that is too long.
         code: CommandCode,
         /// Size of the data in bytes.
         found: usize,
@@ -107,7 +107,7 @@ pub enum HostError {
     /// The command cannot be queued: process data are sent with `Host::process`, and n and the check word are set by
     /// the driver itself.
     OfDriver {
-        /// The command.
+        /// The command that cannot be queued.
         code: CommandCode,
     },
     /// The second command of a pair does not read the result of the first one.

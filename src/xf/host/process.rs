@@ -15,21 +15,21 @@ pub(super) const NOT_TAKEN: Errors = Errors::FIFO.with(Errors::COMMAND);
 pub enum ProcessData<'d> {
     /// PDO_DATA_FIFO_OP: RxPDOs into the FIFO, and the same number of TxPDOs out of the FIFO.
     Exchange {
-        /// Number of PDOs.
+        /// Number of PDOs to write, and maximum number to read.
         count: u8,
         /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
     /// RxPDOs into the FIFO, without reading.
     Write {
-        /// Number of PDOs.
+        /// Number of PDOs to write.
         count: u8,
         /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
     /// TxPDOs out of the FIFO, without writing.
     Read {
-        /// Maximum number of PDOs.
+        /// Maximum number of PDOs to read.
         count: u8,
     },
     /// PDO_DATA_OP: one RxPDO and one TxPDO directly, without the FIFO.
@@ -60,17 +60,17 @@ impl<'d> ProcessData<'d> {
 pub enum ProcessKind {
     /// Like [`ProcessData::Exchange`].
     Exchange {
-        /// Number of PDOs.
+        /// Number of PDOs to write, and maximum number to read.
         count: u8,
     },
     /// Like [`ProcessData::Write`].
     Write {
-        /// Number of PDOs.
+        /// Number of PDOs to write.
         count: u8,
     },
     /// Like [`ProcessData::Read`].
     Read {
-        /// Maximum number of PDOs.
+        /// Maximum number of PDOs to read.
         count: u8,
     },
     /// Like [`ProcessData::DirectExchange`].

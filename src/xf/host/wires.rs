@@ -37,7 +37,7 @@ pub trait Wires {
 pub enum StepError<E> {
     /// The driver has stopped.
     Host(HostError),
-    /// The wires cannot be used.
+    /// An exchange or a wait over the wires has failed.
     Wires(E),
 }
 

@@ -11,7 +11,7 @@ use crate::xf::request::{
 #[allow(clippy::large_enum_variant, reason = "there is one, and boxing it would allocate")]
 pub(in crate::xf::chip) enum Job {
     Init(EcatInit),
-    /// RECONFIG_OP and CONFIG_MAP.
+    /// RECONFIG_OP and CONFIG_MAP: the layout of process data.
     Map,
     InitDc,
     DcSync(DcSync),

@@ -177,7 +177,7 @@ pub enum Malformed {
     Kind {
         /// The slave's number, 1..=40.
         slave: u8,
-        /// The value of the nibble.
+        /// The value of the nibble, 4..=14.
         nibble: u8,
     },
     /// SET_DC: Data1 is not 250 us * 2^n or more than 1 s.

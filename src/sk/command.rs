@@ -67,7 +67,7 @@ pub enum MasterCommand {
     LocalRead,
     /// Write the board's own six digital outputs: bit k is output k. Bits 6 and 7 have no output and are not sent.
     LocalWrite(u8),
-    /// Boot the board again.
+    /// Reset the board, which then boots again.
     SoftReset,
     /// A command that does not belong in slot 0, or an id that no guide lists.
     Other(RawSlot),

@@ -112,9 +112,9 @@ mod imp {
     #[derive(Debug)]
     struct Waiter {
         event: Handle,
-        /// A thread uses this event.
+        /// Whether a thread uses this event.
         taken: bool,
-        /// The thread is waiting and has not been woken yet.
+        /// Whether the thread is waiting and has not been woken yet.
         waits: bool,
     }
 

@@ -51,8 +51,8 @@ impl Motors {
 
 /// The failures so far while the axes are stopped.
 struct Effort {
-    /// Number of failed exchanges since the newest answer; the time of the first one and the number of answers then are
-    /// next.
+    /// Number of failed exchanges since the newest answer. `failing_since` is the time of the first one, `answers` the
+    /// number of answers at that time.
     failures: u32,
     failing_since: Ns,
     answers: u64,

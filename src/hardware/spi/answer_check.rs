@@ -42,7 +42,7 @@ pub enum WiringFault {
         if *late { "late" } else { "early" }
     )]
     Bits {
-        /// The number of bits.
+        /// The number of bits by which the answers are shifted.
         bits: usize,
         /// Whether the answers come too late; otherwise they come too early.
         late: bool,
@@ -54,7 +54,7 @@ pub enum WiringFault {
         if *late { "late" } else { "early" }
     )]
     Bytes {
-        /// The number of bytes.
+        /// The number of bytes by which the answers are shifted.
         bytes: usize,
         /// Whether the answers come too late; otherwise they come too early.
         late: bool,

@@ -141,8 +141,8 @@ mod tests {
         assert_eq!(index_of_board(&both(), &with(Some("8"), Some("1-2.3"))), Ok(1));
     }
 
-    /// WIRE-80, SK-9.17 If there is a board that the system has not switched on, the error is about that board and not about
-    /// other devices with its ids.
+    /// WIRE-80, SK-9.17 If there is a board without an active configuration, the error is about that board and not
+    /// about other devices with its ids.
     #[test]
     fn a_board_that_is_not_switched_on_is_named_before_other_devices() {
         let off = Facts { why_no_board: Some(NotTheBoard::Unconfigured), ..board("1-3", "7") };

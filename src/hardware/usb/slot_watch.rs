@@ -18,16 +18,16 @@ pub(crate) struct SlotWatch {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// The size is not proven yet.
+    /// The reports have not proven a size yet.
     Open {
         /// Reports in a row that fit the given size.
         given: u32,
         /// Reports in a row that fit the other size: first by their CRC, second by the form of their slots.
         other: [u32; 2],
     },
-    /// The given size is proven.
+    /// The reports have proven the given size.
     Right,
-    /// The other size is proven.
+    /// The reports have proven the other size.
     Wrong,
 }
 
@@ -36,7 +36,7 @@ impl SlotWatch {
         Self { given, state: State::Open { given: 0, other: [0; 2] } }
     }
 
-    /// The size that was given.
+    /// The slot size that the link was given.
     pub const fn given(&self) -> SlotSize {
         self.given
     }

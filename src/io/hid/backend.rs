@@ -28,7 +28,8 @@ pub(super) trait TransferListener: Send + Sync {
     fn input_ended(&self, number: usize, outcome: Outcome, bytes: &[u8], resubmit: &dyn Fn() -> Result<(), UsbError>);
     /// The transfer to the device has ended after `moved` bytes.
     fn output_ended(&self, outcome: Outcome, moved: usize);
-    /// One of the functions above has panicked, so it is unknown whether that transfer was counted as ended.
+    /// [`Self::input_ended`] or [`Self::output_ended`] has panicked, so it is unknown whether that transfer was counted
+    /// as ended.
     #[cfg_attr(windows, allow(dead_code, reason = "there a thread of this crate calls, and no foreign code"))]
     fn panicked(&self);
 }

@@ -60,7 +60,7 @@ pub trait EdgeWires: Send {
     /// The time in nanoseconds; its zero point is arbitrary.
     fn now_ns(&self) -> u64;
 
-    /// Waits for that time.
+    /// Waits for a duration.
     fn sleep(&mut self, time: Duration);
 
     /// Sends `tx` and receives the same number of bytes into `rx`, under one chip select.

@@ -187,7 +187,7 @@ impl<N: Network> Chip<N> {
     ///
     /// `[OURS]` An error can be cleared only after an answer without NOP has shown it. One client sets the bits that
     /// clear all errors in every packet from the first error on, but looks only at the answers to its commands (OBS).
-    /// It would never see another error.
+    /// Without this rule such a client would never see another error.
     fn take_header(&mut self, header: &CommandHeader) {
         let shown = self.errors.without(self.not_shown);
         self.errors = self.errors.without(Errors(shown.0 & header.control.0 & Control::CLEAR_ALL.0));

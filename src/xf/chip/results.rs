@@ -15,7 +15,7 @@ pub(super) struct EepromResult {
 }
 
 impl EepromResult {
-    /// The result of a read of these words, at most 4.
+    /// The result of a successful read of up to 4 words.
     pub fn of(words: &[u16]) -> Self {
         let mut data = [0; 8];
         for (place, word) in data.as_chunks_mut().0.iter_mut().zip(words) {

@@ -9,7 +9,7 @@ use crate::ethercat::{AlState, Ns};
 pub struct Timing {
     /// From power-on or WARM_RESET until packets are accepted. The vendor's driver waits 1 s (OBS).
     pub start_ns: Ns,
-    /// From then until the network port is initialised.
+    /// From the moment at which packets are accepted until the network port is initialised.
     pub port_ns: Ns,
     /// From the end of a packet until the next one is accepted.
     pub packet_ns: Ns,

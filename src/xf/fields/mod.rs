@@ -65,7 +65,7 @@ pub struct AnswerFields {
 }
 
 impl AnswerFields {
-    /// These fields, in an answer of any length.
+    /// The form of an answer with these fields and any length.
     pub(super) const fn of(fields: &'static [Field]) -> Self {
         Self { len: None, every: None, fields }
     }

@@ -38,12 +38,13 @@ pub(super) enum Purpose {
         sequence: u32,
         /// Number of RxPDOs written.
         written: u8,
-        /// Number of these RxPDOs that go into the FIFO.
+        /// Number of the written RxPDOs that go into the FIFO.
         queued: u8,
         reads: bool,
         /// Whether the packet's header clears, in each copy, the error bits that show that RxPDOs were rejected.
         clears: bool,
-        /// Whether these error bits may come from an earlier packet that had no answer yet when this one was sent.
+        /// Whether the error bits for rejected RxPDOs may come from an earlier packet that had no answer yet when this
+        /// one was sent.
         others: bool,
     },
 }

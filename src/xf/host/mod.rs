@@ -200,10 +200,10 @@ pub struct Host {
     busy: bool,
     /// The number of the exchange whose answer showed that the non-immediate command was accepted.
     accepted: u64,
-    /// Errors that remain when they are cleared; the number of attempts is next.
+    /// Errors that remain when they are cleared, and are therefore ignored.
     stuck: Errors,
     clear_tries: u32,
-    /// The errors that these attempts were to clear.
+    /// The errors that the attempts counted in `clear_tries` were to clear.
     cleared: Errors,
     /// Whether the last packet other than INFO_UPDATE was process data.
     process_last: bool,

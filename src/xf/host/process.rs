@@ -20,14 +20,14 @@ pub enum ProcessData<'d> {
         /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
-    /// RxPDOs into the FIFO, without reading.
+    /// PDO_DATA_FIFO_OP: RxPDOs into the FIFO, without reading TxPDOs.
     Write {
         /// Number of PDOs to write.
         count: u8,
         /// The RxPDOs, one after the other.
         outputs: &'d [u8],
     },
-    /// TxPDOs out of the FIFO, without writing.
+    /// PDO_DATA_FIFO_OP: TxPDOs out of the FIFO, without writing RxPDOs.
     Read {
         /// Maximum number of PDOs to read.
         count: u8,
@@ -37,7 +37,7 @@ pub enum ProcessData<'d> {
         /// The RxPDO with the outputs of all slaves.
         outputs: &'d [u8],
     },
-    /// One TxPDO directly, without the FIFO, for example to learn positions.
+    /// PDO_DATA_OP: one TxPDO directly, without the FIFO, for example to learn positions.
     DirectRead,
 }
 

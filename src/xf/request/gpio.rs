@@ -79,9 +79,9 @@ layout! {
     pub struct GpioSetMode {
         /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
-        /// The new mode of these GPIOs.
+        /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
-        /// The pull resistor of these GPIOs.
+        /// The pull resistor of the selected GPIOs.
         pub pull: GpioPull = info(3).or(0),
     }
 
@@ -90,9 +90,9 @@ layout! {
     pub struct GpioSetModeExt {
         /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
-        /// The new mode of these GPIOs.
+        /// The new mode of the selected GPIOs.
         pub mode: GpioMode = info(2),
-        /// The pull resistor of these GPIOs.
+        /// The pull resistor of the selected GPIOs.
         pub pull: GpioPull = info(3).or(0),
     }
 
@@ -101,7 +101,7 @@ layout! {
     pub struct GpioEnableDebounce {
         /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
-        /// Whether these inputs are debounced.
+        /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
     }
 
@@ -110,7 +110,7 @@ layout! {
     pub struct GpioEnableDebounceExt {
         /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
-        /// Whether these inputs are debounced.
+        /// Whether the selected inputs are debounced.
         pub on: bool = info(2),
     }
 

@@ -38,8 +38,8 @@ pub struct Emergencies {
 }
 
 impl Emergencies {
-    /// A list with these positions, some of which may be empty; `None` if there are more than 8. An emergency with the
-    /// number 0xFF counts as empty.
+    /// A list of emergencies by position, where a position may be empty; `None` if there are more than 8. An emergency
+    /// with the number 0xFF counts as empty.
     pub fn new(places: &[Option<Emergency>]) -> Option<Self> {
         let mut list = Self { count: u8::try_from(places.len()).ok()?, ..Self::default() };
         list.places.get_mut(..places.len())?.copy_from_slice(places);

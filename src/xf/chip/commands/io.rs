@@ -17,12 +17,12 @@ fn upper(pins: UpperPins) -> u32 {
 }
 
 impl<N: Network> Chip<N> {
-    /// Runs a command of these units; `None` for other commands.
+    /// Runs a command of GPIO, encoder, DAC or ADC; `None` for other commands.
     pub(super) fn run_io(&mut self, request: &Request<'_>, data: &mut [u8]) -> Option<Outcome> {
         if self.set_io(request) { Some(DONE) } else { self.use_io(request, data) }
     }
 
-    /// Runs a command that cannot be refused; returns false for other commands.
+    /// Runs a command of these units that cannot be refused; returns false for other commands.
     fn set_io(&mut self, request: &Request<'_>) -> bool {
         let (now, gpio, encoder, analog) = (self.now, &mut self.gpio, &mut self.encoder, &mut self.analog);
         match *request {

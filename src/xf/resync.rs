@@ -181,8 +181,8 @@ impl Resync {
         self.has(at, FIXED_CHECK) || self.has(at, NOT_READY)
     }
 
-    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two packets. Without a CRC, n comes
-    /// out too large if the border between two packets was damaged during the search.
+    /// `[OURS]` Whether the packet of `len` bytes at the beginning is more likely two packets. Without a CRC, the data
+    /// segment size comes out too large if the border between two packets was damaged during the search.
     fn is_joined(&self, len: usize) -> bool {
         let shortest = DataSize::MIN.packet_len();
         let is_end = |at: usize| self.has_constant_check(at - 4) && self.is_border(at);
@@ -202,7 +202,7 @@ impl Resync {
             .unwrap_or(self.held)
     }
 
-    /// Finds n. Bytes that cannot belong to a packet any more are dropped to make room.
+    /// Finds the data segment size n. Bytes that cannot belong to a packet any more are dropped to make room.
     fn find_size(&mut self) -> Option<DataSize> {
         let places = (self.held + 1).saturating_sub(BORDER);
         let is_border = |at: &usize| self.is_border(*at);

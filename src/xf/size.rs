@@ -40,7 +40,7 @@ impl DataSize {
         super::HEADER_LEN + self.bytes() + super::TRAILER_LEN
     }
 
-    /// n as in the length field of SPI_RECONFIG_OP.
+    /// The size as in the length field of SPI_RECONFIG_OP.
     pub const fn get(self) -> u16 {
         self.0
     }

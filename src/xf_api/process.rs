@@ -158,8 +158,8 @@ impl<L: ChipLink> Xf<L> {
     /// not from the FIFO. Called in SafeOP it shows the actual positions.
     ///
     /// This also chooses n, the size of the data segment, unless the link sets it (`use_n=`) or has only one: large
-    /// packets take long, and a cycle too short for them would leave gaps in every motion. If n changes, the RxFIFO is
-    /// off and empty afterwards.
+    /// packets take long, and a cycle too short for them would leave gaps in every motion. If the size changes, the
+    /// RxFIFO is off and empty afterwards.
     ///
     /// # Errors
     /// The errors of [`Self::layout`]; [`XfError::Budget`] with the calculation; [`XfError::ProcessData`].
@@ -172,8 +172,8 @@ impl<L: ChipLink> Xf<L> {
         Ok(data)
     }
 
-    /// Makes sure that so many bytes of process data can be transferred within a network cycle, choosing n if it is
-    /// free.
+    /// Makes sure that so many bytes of process data can be transferred within a network cycle, choosing the data
+    /// segment size if it is free.
     fn fit(&mut self, process_bytes: usize) -> Result<(), XfError> {
         let info = self.link.info();
         let Some(cycle_ns) = self.cycle_ns else { return Ok(()) };

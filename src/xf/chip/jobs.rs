@@ -26,7 +26,7 @@ pub(super) type Lengths = List<[u16; 2], SLAVES_MAX>;
 /// A running job.
 pub(super) struct Running {
     pub job: Job,
-    /// The time at which its requests to the network begin.
+    /// The time at which the job's requests to the network begin.
     begin_at: Ns,
     /// The earliest end of the job, or of its present part.
     pub due: Ns,

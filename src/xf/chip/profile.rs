@@ -22,7 +22,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// The chip of the manuals' first editions: n is 112, FW_VERSION_GET has no data, and LRW is not supported.
+    /// The chip of the manuals' first editions: the data segment has 112 bytes, FW_VERSION_GET has no data, and LRW is
+    /// not supported.
     ///
     /// `[OURS]` Version 0x0E: it has the functions of firmware 9, but drives GPIO 12 to 15 only by command 32.
     pub const OLD: Self = Self {
@@ -34,7 +35,8 @@ impl Profile {
         pdo_config: PdoConfigForm::Three,
     };
 
-    /// A newer chip: n is 1024, and firmware 0x22 supports LRW and the reference clock in ECAT_INIT_OP.
+    /// A newer chip: the data segment has 1024 bytes, and firmware 0x22 supports LRW and the reference clock in
+    /// ECAT_INIT_OP.
     ///
     /// `[OURS]` Identification and series are 0, since the manual gives no numbers for them.
     pub const NEW: Self = Self {
@@ -45,7 +47,7 @@ impl Profile {
         ..Self::OLD
     };
 
-    /// An ECM-XFU: like [`Self::NEW`], with a fixed n of 992.
+    /// An ECM-XFU: like [`Self::NEW`], with a data segment of always 992 bytes.
     pub const XFU: Self = Self { size: DataSize::XFU, size_is_fixed: true, ..Self::NEW };
 
     /// Whether the firmware supports LRW and the reference clock: 0x22 and later (XF EN 375).

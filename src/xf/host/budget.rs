@@ -5,8 +5,8 @@ use core::fmt;
 use crate::ethercat::Ns;
 use crate::xf::DataSize;
 
-/// The smallest n that is chosen if the cycle is long enough for it. `[OURS]` 112, the n of an ECM-XF at power-on:
-/// PDO_CONFIG_SET needs 112 bytes.
+/// The smallest data segment size n that is chosen if the cycle is long enough for it. `[OURS]` 112, the n of an ECM-XF
+/// at power-on: PDO_CONFIG_SET needs 112 bytes.
 pub const COMFORTABLE_SIZE: DataSize = DataSize::MANUAL;
 
 /// The properties of a cycle from which n, the size of the data segment, is chosen.
@@ -45,14 +45,14 @@ pub enum BudgetError {
     TooManyBytes {
         /// Size of the process data in bytes.
         process_bytes: usize,
-        /// The largest n available: the present one, or 1408.
+        /// The largest data segment size available: the present one, or 1408.
         most: usize,
     },
     /// The clock frequency or the number of exchanges is 0.
     NoExchange,
     /// The exchanges of a cycle take longer than the cycle.
     CycleTooShort {
-        /// The n with which the exchanges were calculated.
+        /// The data segment size with which the exchanges were calculated.
         size: DataSize,
         /// The SPI clock in Hz.
         clock_hz: u32,
@@ -80,12 +80,13 @@ impl Budget {
         (size.packet_len() as u64 * 8 * 1_000_000_000).div_ceil(self.clock_hz as u64)
     }
 
-    /// The duration of one cycle's exchanges with this n in nanoseconds, including the idle time after each.
+    /// The duration of one cycle's exchanges with this data segment size in nanoseconds, including the idle time after
+    /// each.
     pub const fn needed_ns(&self, size: DataSize) -> Ns {
         self.transfer_ns(size).saturating_add(self.idle_ns).saturating_mul(self.exchanges as u64)
     }
 
-    /// Checks that the exchanges of a cycle with this n fit into the cycle.
+    /// Checks that the exchanges of a cycle with this data segment size fit into the cycle.
     ///
     /// # Errors
     /// [`BudgetError`] with the calculation, if the exchanges do not fit into the cycle or the process data not into a
@@ -105,8 +106,8 @@ impl Budget {
         Err(BudgetError::CycleTooShort { size, clock_hz, transfer_ns, idle_ns, exchanges, needed_ns, cycle_ns })
     }
 
-    /// Chooses n: [`COMFORTABLE_SIZE`], or more if the process data need more. If the cycle is too short for that, the
-    /// smallest n that holds the process data.
+    /// Chooses the data segment size: [`COMFORTABLE_SIZE`], or more if the process data need more. If the cycle is too
+    /// short for that, the smallest size that holds the process data.
     ///
     /// # Errors
     /// [`BudgetError`] with the calculation, if no packet holds the process data or the exchanges do not fit into the

@@ -25,7 +25,7 @@ pub struct HostConfig {
     /// The chip's n (size of the data segment), if known. `None`, the default: the driver searches for it. If no
     /// answers come with the given size, the driver searches as well.
     pub size: Option<DataSize>,
-    /// The n to which the driver sets the chip at the start, as chosen by
+    /// The data segment size n to which the driver sets the chip at the start, as chosen by
     /// [`Budget::choose_size`](super::Budget::choose_size). `None`, the default: the chip keeps its n, as an ECM-XFU
     /// must.
     pub wanted_size: Option<DataSize>,

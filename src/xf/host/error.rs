@@ -26,11 +26,11 @@ pub enum HostError {
         /// The defect of the last answer, if it was damaged.
         last: Option<PacketError>,
     },
-    /// The driver has stopped: the chip reports an n that differs from that of its packets.
+    /// The driver has stopped: the chip reports a data segment size that differs from that of its packets.
     OtherSize {
-        /// The n of the packets.
+        /// The data segment size of the packets.
         expected: DataSize,
-        /// The n that SPI_PACK_SIZE_GET reports.
+        /// The data segment size that SPI_PACK_SIZE_GET reports.
         found: DataSize,
     },
     /// The driver has stopped: INT0 did not become active.
@@ -104,8 +104,8 @@ pub enum HostError {
         /// The limit in bytes.
         most: usize,
     },
-    /// The command cannot be queued: process data are sent with `Host::process`, and n and the check word are set by
-    /// the driver itself.
+    /// The command cannot be queued: process data are sent with `Host::process`, and the driver itself sets the data
+    /// segment size and the check word.
     OfDriver {
         /// The command that cannot be queued.
         code: CommandCode,

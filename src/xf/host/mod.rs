@@ -304,13 +304,14 @@ impl Host {
         self.config.busy_poll_ns = busy_poll_ns;
     }
 
-    /// From the next start on leaves the chip's n as it is found: [`HostConfig::wanted_size`] becomes `None`.
+    /// From the next start on leaves the chip's data segment size n as it is found: [`HostConfig::wanted_size`] becomes
+    /// `None`.
     pub const fn keep_size(&mut self) {
         (self.config.size, self.config.wanted_size) = (None, None);
     }
 
-    /// Starts the chip again and sets it to another n (SPI_RECONFIG_OP). As after every start, the RxFIFO is off and
-    /// empty afterwards; the number of its entries stays. An ECM-XFU refuses this.
+    /// Starts the chip again and sets it to another data segment size n (SPI_RECONFIG_OP). As after every start, the
+    /// RxFIFO is off and empty afterwards; the number of its entries stays. An ECM-XFU refuses this.
     pub fn resize(&mut self, now: Ns, size: DataSize) {
         (self.config.size, self.config.wanted_size) = (Some(self.size), Some(size));
         let entries = self.room.entries;
@@ -489,7 +490,7 @@ impl Host {
     /// reports their outcome.
     ///
     /// # Errors
-    /// Earlier process data are still waiting, the data are longer than n, the RxFIFO may have no room
+    /// Earlier process data are still waiting, the data are longer than the data segment, the RxFIFO may have no room
     /// ([`Self::rx_free`]), or the driver has stopped; then the error is the reason of the stop.
     pub fn process(&mut self, data: ProcessData<'_>) -> Result<u32, HostError> {
         let (kind, outputs) = data.parts();
@@ -533,7 +534,7 @@ impl Host {
         self.inbox.inputs()
     }
 
-    /// Checks that a command fits into a packet, once n is known.
+    /// Checks that a command fits into a packet, once the data segment size n is known.
     fn room_for<'d, C: Call<'d>>(&self, call: &C) -> Result<(), HostError> {
         let found = usize::from(call.encode(&mut [0; SLOT_BYTES])?.len);
         let most = self.size.bytes();

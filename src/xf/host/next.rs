@@ -62,8 +62,8 @@ impl Host {
             Pace::Missed => {
                 self.counters.int0_missed += 1;
                 if self.pacer.misses >= self.config.int0_misses && self.bad_in_row > 0 {
-                    // A chip that was reset and now has another n waits for the rest of a packet, so INT0 stays
-                    // inactive.
+                    // A chip that was reset and now has another data segment size waits for the rest of a packet, so
+                    // INT0 stays inactive.
                     self.pacer.misses = 0;
                     self.search_anew(now);
                 } else if self.pacer.misses >= self.config.int0_misses {
@@ -138,8 +138,8 @@ impl Host {
         self.flight = None;
         self.settled = now;
         if self.state == HostState::Running && self.answered < flight.first {
-            // A wrong n can look like "not ready": that is the end of a packet if several smaller packets fit into one
-            // of the assumed size, as after a reset from n = 1408 to n = 112.
+            // A wrong data segment size n can look like "not ready": that is the end of a packet if several smaller
+            // packets fit into one of the assumed size, as after a reset from n = 1408 to n = 112.
             self.begin_search(now, HostState::Searching);
         }
         match flight.purpose {
@@ -359,7 +359,7 @@ impl Host {
         let packet = &mut self.packets[1 - self.current];
         let sent = write_around(packet, self.size, self.rule, header, code, arguments).is_ok();
         if !sent {
-            // The outputs no longer fit, because n has become smaller since they were submitted.
+            // The outputs no longer fit, because the data segment has become smaller since they were submitted.
             self.report(sequence, ProcessOutcome::Refused);
             return Choice::Nothing { until: now + 1 };
         }

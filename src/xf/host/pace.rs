@@ -61,7 +61,8 @@ impl Pacer {
         self.not_before = self.not_before.max(until);
     }
 
-    /// Does not count INT0 timeouts, because the chip takes no packets: it is starting, or its packets have another n.
+    /// Does not count INT0 timeouts, because the chip takes no packets: it is starting, or its packets have another
+    /// data segment size.
     pub(super) const fn excuse_int0(&mut self) {
         self.misses = 0;
     }

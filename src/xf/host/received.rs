@@ -78,8 +78,8 @@ impl Host {
         matches!(self.flight, Some(flight) if flight.purpose == Purpose::Start(StartStep::Resize))
     }
 
-    /// Handles the answer to SPI_RECONFIG_OP. The answer is ignored, as in the vendor's driver, and the new n is tried.
-    /// If the chip was not ready, it has not taken the command, which is sent again.
+    /// Handles the answer to SPI_RECONFIG_OP. The answer is ignored, as in the vendor's driver, and the new data
+    /// segment size n is tried. If the chip was not ready, it has not taken the command, which is sent again.
     fn resized(&mut self, now: Ns, len: usize, ready: bool) {
         self.counters.exchanges += 1;
         self.flight = None;
@@ -276,7 +276,7 @@ impl Host {
         self.state = HostState::Starting(StartStep::CheckType);
     }
 
-    /// Ends everything pending or in flight, and forgets all knowledge of the chip except n.
+    /// Ends everything pending or in flight, and forgets all knowledge of the chip except the data segment size n.
     pub(super) fn forget_all(&mut self) {
         // The overtaken process data come first, so that reports are in the order of submission.
         self.settle_overtaken(None);

@@ -1,5 +1,5 @@
-//! Searches for n and the beginning of a packet: bytes are clocked until packets are recognised, and then up to the end
-//! of a packet.
+//! Searches for the data segment size n and the beginning of a packet: bytes are clocked until packets are recognised,
+//! and then up to the end of a packet.
 
 use crate::ethercat::Ns;
 use crate::xf::{DataSize, MAX_PACKET, Resync};
@@ -40,7 +40,7 @@ impl Search {
         ((self.pushed - self.reader.dropped() - self.given) % size.packet_len() as u64) as usize
     }
 
-    /// Takes received bytes; returns n once the next byte is the first one of a packet.
+    /// Takes received bytes; returns the data segment size once the next byte is the first one of a packet.
     pub(super) fn take(&mut self, bytes: &[u8]) -> Option<DataSize> {
         let mut rest = bytes;
         while !rest.is_empty() {

@@ -10,18 +10,18 @@ use crate::xf::{CheckType, Control, DataSize};
 /// A step of the start. Each step may be repeated without harm, and is repeated if its answer is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StartStep {
-    /// Packets and their n are searched in the stream of bytes.
+    /// Packets and their data segment size n are searched in the stream of bytes.
     Search,
     /// CRC_TYPE_SET 3: CRC-32. This is repeated after [`Self::Resize`], since no source says whether the check type
     /// survives it.
     CheckType,
     /// CRC_TYPE_SET 0: the fixed check word, if the chip's CRC-32 fits no known coverage.
     FixedWord,
-    /// SPI_PACK_SIZE_GET: reads the chip's n.
+    /// SPI_PACK_SIZE_GET: reads the chip's data segment size n.
     PackSize,
     /// SPI_PACK_SIZE_GET again, with another length, which shows whether a CRC-32 covers whole words of 4 bytes.
     Coverage,
-    /// SPI_RECONFIG_OP: sets the chip to the wanted n.
+    /// SPI_RECONFIG_OP: sets the chip to the wanted data segment size n.
     Resize,
     /// FW_VERSION_GET: reads the firmware's version.
     Version,
@@ -34,7 +34,7 @@ pub enum StartStep {
 }
 
 impl StartStep {
-    /// The request to send in this step; `wanted` is the n that [`Self::Resize`] sets.
+    /// The request to send in this step; `wanted` is the data segment size that [`Self::Resize`] sets.
     pub(super) fn request(self, wanted: DataSize) -> Request<'static> {
         match self {
             Self::PackSize | Self::Coverage => SpiPackSizeGet.into(),
@@ -69,8 +69,8 @@ impl StartStep {
     /// The next step; `None` after the last one. [`Self::Resize`], [`Self::FixedWord`] and [`Self::Coverage`] are
     /// outside this order.
     ///
-    /// `[OURS]` Applications read n first (OBS). This driver sets the check word first, so that only one packet has the
-    /// fixed word, with which bit errors go unnoticed.
+    /// `[OURS]` Applications read the data segment size first (OBS). This driver sets the check word first, so that
+    /// only one packet has the fixed word, with which bit errors go unnoticed.
     pub(super) const fn next(self) -> Option<Self> {
         match self {
             Self::Search | Self::Resize => Some(Self::CheckType),

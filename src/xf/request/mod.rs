@@ -57,7 +57,7 @@ pub struct Arguments {
     pub info: [u8; 4],
     /// The reserve bits, word 0x08; only ECAT_INIT_OP uses them.
     pub reserve: Reserve,
-    /// Word 0x0E: the number of used bytes in the data segment; in SPI_RECONFIG_OP the new n.
+    /// Word 0x0E: the number of used bytes in the data segment; in SPI_RECONFIG_OP the new size of the data segment.
     pub len: u16,
 }
 

@@ -97,7 +97,7 @@ impl Forms for WkcErrorLimit {
     const FORMS: &'static [AnswerFields] = &[AnswerFields::of(&[ret().of::<WkcErrorLimit>("limit").field])];
 }
 
-/// The size n is the u16 at byte 0 of the data.
+/// The size of the data segment is the u16 at byte 0 of the data.
 impl Answer<'_> for DataSize {
     fn encode(&self, data: &mut [u8]) -> Result<Returned, Malformed> {
         self.get().encode(data)

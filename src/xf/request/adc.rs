@@ -20,7 +20,7 @@ choices! {
 }
 
 layout! {
-    /// ECM_AdcOpen, code 35, parameter 40: opens the ADC (XF EN 1076). Data, 4 bytes: @0 u32 mode.
+    /// ECM_AdcOpen, code 35, parameter 40: opens the ADC (XF EN 1076). Data, 4 bytes (@offset): @0 u32 mode.
     pub struct AdcOpen {
         /// The signal to measure.
         pub mode: AdcMode = at(0),
@@ -69,20 +69,21 @@ const WHOLE: u32 = u32::MAX;
 
 fixed! {
     /// ECM_AdcConfigSampleModule, code 35, parameter 42: conversions are started by software, the only trigger there is
-    /// (XF EN 1091). Data, 12 bytes: @0 reserved, @4 u32 trigger, 0, @8 reserved.
+    /// (XF EN 1091). Data, 12 bytes (@offset): @0 reserved, @4 u32 trigger, 0, @8 reserved.
     AdcConfigSampleModule = at(4).named("trigger").or(0), bits WHOLE, of WITH_RESERVED,
         "ECM_AdcConfigSampleModule trigger", "0 software";
 
     /// ECM_AdcGetDataValidFlag, code 35, parameter 17: asks whether a conversion is complete (XF EN 1102). Data, 4
-    /// bytes: @0 u32 0x1000. Answer: @0 u32, not 0 if complete.
+    /// bytes (@offset): @0 u32 0x1000. Answer: u32 at byte 0, not 0 if complete.
     AdcGetDataValidFlag = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcGetDataValidFlag number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcStartConv, code 35, parameter 12: starts a conversion (XF EN 1117). Data, 4 bytes: @0 u32 0x1000.
+    /// ECM_AdcStartConv, code 35, parameter 12: starts a conversion (XF EN 1117). Data, 4 bytes (@offset): @0 u32
+    /// 0x1000.
     AdcStartConv = at(0).hex().or(SAMPLE_MODULE), bits SAMPLE_MODULE, of 4,
         "ECM_AdcStartConv number", "0x1000, or more bits beside it";
 
-    /// ECM_AdcGetConvData, code 35, parameter 15: reads the converted value (XF EN 1128). Data, 4 bytes: @0 u32 12.
-    /// Answer: @0 u32, 0..=4095 for 0 V to 3.3 V.
+    /// ECM_AdcGetConvData, code 35, parameter 15: reads the converted value (XF EN 1128). Data, 4 bytes (@offset):
+    /// @0 u32 12. Answer: u32 at byte 0, 0..=4095 for 0 V to 3.3 V.
     AdcGetConvData = at(0).hex().or(12), bits WHOLE, of 4, "ECM_AdcGetConvData number", "12";
 }

@@ -6,7 +6,7 @@ use crate::xf::layout::{field_values, layout};
 use crate::xf::{CheckType, DataSize, Malformed};
 
 layout! {
-    /// SPI_PACK_SIZE_GET, code 20: reads n, the size of the data segment (XF EN 704). Answer: @0 u16.
+    /// SPI_PACK_SIZE_GET, code 20: reads n, the size of the data segment (XF EN 704). Answer: u16 at byte 0.
     pub struct SpiPackSizeGet;
 
     /// CRC_ERR_CNT_CLR, code 24: clears the count of wrong check words. The manuals do not say what the return byte
@@ -67,7 +67,7 @@ layout! {
             /// The new value of the register.
             value: u16 = info(2).hex().or(0),
         },
-        /// Reads a register of a PHY. Answer: @0 u16.
+        /// Reads a register of a PHY. Answer: u16 at byte 0.
         Read = 1 {
             /// Address of the PHY.
             phy: u8 = info(1),

@@ -31,21 +31,21 @@ choices! {
 }
 
 layout! {
-    /// ECM_DacOpen, code 34, parameter 20: opens the DAC (XF EN 1034). Data, 4 bytes: @0 u32 trigger.
+    /// ECM_DacOpen, code 34, parameter 20: opens the DAC (XF EN 1034). Data, 4 bytes (@offset): @0 u32 trigger.
     pub struct DacOpen {
         /// The trigger at which the DAC outputs the value that was set.
         pub trigger: DacTrigger = at(0),
     }
 
-    /// ECM_DacSetDelayTime, code 34, parameter 22: sets the duration of a conversion (XF EN 1050). Data, 4 bytes: @0
-    /// u32 in units of 1/96 us.
+    /// ECM_DacSetDelayTime, code 34, parameter 22: sets the duration of a conversion (XF EN 1050). Data, 4 bytes
+    /// (@offset): @0 u32 in units of 1/96 us.
     pub struct DacSetDelayTime {
         /// The duration of a conversion.
         pub delay: DacDelay = at(0),
     }
 
-    /// ECM_DacSetData, code 34, parameter 11: sets the output value (XF EN 1058). Data, 4 bytes: @0 u32, 0..=4095 for 0
-    /// V to 3.3 V.
+    /// ECM_DacSetData, code 34, parameter 11: sets the output value (XF EN 1058). Data, 4 bytes (@offset): @0 u32,
+    /// 0..=4095 for 0 V to 3.3 V.
     pub struct DacSetData {
         /// The output value.
         pub value: Analog = at(0),

@@ -17,7 +17,7 @@ layout! {
         Write = 1 (value: u16 = at(6).hex().or(0)),
     }
 
-    /// EEPROM_REQ, code 38: reads or writes a slave's EEPROM (XF EN 1144, XF ZH 1096). Data, 12 bytes: @0 u16
+    /// EEPROM_REQ, code 38: reads or writes a slave's EEPROM (XF EN 1144, XF ZH 1096). Data, 12 bytes (@offset): @0 u16
     /// operation, @2 u16 slave, @4 u16 position, @6 u16 word to write, @8 u32 timeout in us.
     pub struct EepromRequest {
         /// The slave whose EEPROM is accessed.

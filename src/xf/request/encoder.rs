@@ -10,7 +10,7 @@ layout! {
     /// ECM_EncStop, code 33, parameter 6: stops counting (XF EN 1014).
     pub struct EncStop;
 
-    /// ECM_EncGetCount, code 33, parameter 21: reads the count (XF EN 1021). Answer: @0 u32.
+    /// ECM_EncGetCount, code 33, parameter 21: reads the count (XF EN 1021). Answer: u32 at byte 0.
     pub struct EncGetCount;
 }
 
@@ -29,7 +29,7 @@ choices! {
 }
 
 layout! {
-    /// ECM_EncOpen, code 33, parameter 4: opens the encoder (XF EN 995). Data, 4 bytes: @0 u32 mode.
+    /// ECM_EncOpen, code 33, parameter 4: opens the encoder (XF EN 995). Data, 4 bytes (@offset): @0 u32 mode.
     pub struct EncOpen {
         /// The counting mode.
         pub mode: EncoderMode = at(0),

@@ -27,7 +27,7 @@ layout! {
     }
 
     /// FIFO_PACK_SIZE_GET, code 19: reads the size of one PDO, which is one entry of a FIFO. The parameter selects the
-    /// FIFO (XF EN 685). Answer: @0 u16, in bytes.
+    /// FIFO (XF EN 685). Answer: u16 at byte 0, in bytes.
     pub struct FifoPackSizeGet {
         /// The FIFO whose entries are meant.
         pub fifo: Fifo = par(),
@@ -55,7 +55,8 @@ layout! {
 }
 
 /// ECAT_SET_FIFO_TH, code 70: sets the FIFO levels that raise an interrupt (XF EN 1374). Parameter: bit 0 enables the
-/// interrupt of the TxFIFO, bit 1 that of the RxFIFO; `i0` level of the TxFIFO, `i1` level of the RxFIFO.
+/// interrupt of the TxFIFO, bit 1 that of the RxFIFO; information bytes: `i0` level of the TxFIFO, `i1` level of the
+/// RxFIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FifoThresholdSet {
     /// The level that raises an interrupt when the TxFIFO rises to it; `None` for no interrupt.

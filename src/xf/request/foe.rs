@@ -26,8 +26,8 @@ layout! {
     }
 
     /// FOE_FUNC_REQ, code 139: transfers files, and reads and writes the flash memory through which they pass
-    /// (XF EN 1598, XF ZH 1517). Data, 20 bytes and the name or the data: @0 slave, @2 operation, @4 u32 password, @8
-    /// u32 bytes, @12 u32 timeout in us, @16 u32 start in the flash memory, @20 name or data.
+    /// (XF EN 1598, XF ZH 1517). Data, 20 bytes and the name or the data (@offset): @0 slave, @2 operation, @4 u32
+    /// password, @8 u32 bytes, @12 u32 timeout in us, @16 u32 start in the flash memory, @20 name or data.
     pub enum FoeRequest<'d> by operation: u8 = at(2),
         "FOE_FUNC_REQ operation", "1 upload, 2 download, 3 read flash, 4 write flash"
     {

@@ -8,19 +8,19 @@ use crate::xf::layout::layout;
 use crate::xf::value::choices;
 
 layout! {
-    /// ECM_GpioGetValue, code 32, parameter 1: reads the inputs (XF EN 940). Answer: @0 u16, bit k is GPIO k.
+    /// ECM_GpioGetValue, code 32, parameter 1: reads the inputs (XF EN 940). Answer: u16 at byte 0, bit k is GPIO k.
     pub struct GpioGetValue;
 
     /// ECM_GpioExtGetValue, code 32, parameter 3, from firmware 9 on: reads the inputs of GPIO 0 to 19 (XF EN 953).
-    /// Answer: @0 u32, bit k is GPIO k.
+    /// Answer: u32 at byte 0, bit k is GPIO k.
     pub struct GpioExtGetValue;
 
-    /// ECM_GpioGetIntFlag, code 32, parameter 5: reads the interrupt flags (XF EN 968). Answer: @0 u16, bit k is GPIO
-    /// k.
+    /// ECM_GpioGetIntFlag, code 32, parameter 5: reads the interrupt flags (XF EN 968). Answer: u16 at byte 0, bit k is
+    /// GPIO k.
     pub struct GpioGetIntFlag;
 
-    /// ECM_GpioExtGetIntFlag, code 32, parameter 7: reads the interrupt flags of GPIO 0 to 19 (XF EN 980). Answer: @0
-    /// u32, bit k is GPIO k.
+    /// ECM_GpioExtGetIntFlag, code 32, parameter 7: reads the interrupt flags of GPIO 0 to 19 (XF EN 980). Answer: u32
+    /// at byte 0, bit k is GPIO k.
     pub struct GpioExtGetIntFlag;
 }
 
@@ -74,8 +74,8 @@ choices! {
 }
 
 layout! {
-    /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). `i0` and `i1` mask, `i2` mode,
-    /// `i3` pull resistor.
+    /// ECM_GpioSetMode, code 31, parameter 0: sets the mode of GPIO 0 to 15 (XF EN 825). Information bytes: `i0` and
+    /// `i1` mask, `i2` mode, `i3` pull resistor.
     pub struct GpioSetMode {
         /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -85,8 +85,8 @@ layout! {
         pub pull: GpioPull = info(3).or(0),
     }
 
-    /// ECM_GpioSetMode, code 31, parameter 8: sets the mode of GPIO 16 to 19 (XF EN 838). `i0` mask, `i2` mode, `i3`
-    /// pull resistor.
+    /// ECM_GpioSetMode, code 31, parameter 8: sets the mode of GPIO 16 to 19 (XF EN 838). Information bytes: `i0` mask,
+    /// `i2` mode, `i3` pull resistor.
     pub struct GpioSetModeExt {
         /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
@@ -97,7 +97,7 @@ layout! {
     }
 
     /// ECM_GpioEnableDebounce, code 31, parameter 2: switches debouncing of inputs among GPIO 0 to 15 on or off
-    /// (XF EN 850). `i0` and `i1` mask, `i2` switch.
+    /// (XF EN 850). Information bytes: `i0` and `i1` mask, `i2` switch.
     pub struct GpioEnableDebounce {
         /// The GPIOs to set: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
@@ -106,7 +106,7 @@ layout! {
     }
 
     /// ECM_GpioEnableDebounce, code 31, parameter 9: switches debouncing of inputs among GPIO 16 to 19 on or off
-    /// (XF EN 861). `i0` mask, `i2` switch.
+    /// (XF EN 861). Information bytes: `i0` mask, `i2` switch.
     pub struct GpioEnableDebounceExt {
         /// The GPIOs to set.
         pub pins: UpperPins = info(0).hex(),
@@ -115,14 +115,14 @@ layout! {
     }
 
     /// ECM_GpioSetDebounceClock, code 31, parameter 3: sets the sampling period of debounced inputs to 2^exponent
-    /// periods of the source (XF EN 876). `i0`: bits 0 to 3 exponent, bit 4 source.
+    /// periods of the source (XF EN 876). Information byte `i0`: bits 0 to 3 exponent, bit 4 source.
     pub struct GpioSetDebounceClock {
         /// The debounce clock.
         pub clock: DebounceClock,
     }
 
-    /// ECM_GpioIntEnable, code 31, parameter 1: sets which edges of a GPIO raise an interrupt (XF EN 890). `i0`
-    /// channel, `i1` edges.
+    /// ECM_GpioIntEnable, code 31, parameter 1: sets which edges of a GPIO raise an interrupt (XF EN 890). Information
+    /// bytes: `i0` channel, `i1` edges.
     pub struct GpioIntEnable {
         /// The GPIO; above 15 only with certain versions of the chip.
         pub channel: GpioChannel = info(0),
@@ -130,27 +130,28 @@ layout! {
         pub trigger: GpioTrigger = info(1),
     }
 
-    /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). `i0` and `i1` mask.
+    /// ECM_GpioIntClear, code 31, parameter 4: clears interrupt flags (XF EN 899). Information bytes: `i0` and `i1`
+    /// mask.
     pub struct GpioIntClear {
         /// The flags to clear: bit k is GPIO k.
         pub pins: u16 = info(0).hex(),
     }
 
     /// ECM_GpioIntClear, code 31, parameter 6, from firmware 9 on: clears interrupt flags of GPIO 0 to 19 (XF EN 910).
-    /// `i0` to `i2` mask.
+    /// Information bytes: `i0` to `i2` mask.
     pub struct GpioIntClearExt {
         /// The flags to clear.
         pub pins: AllPins = info(0).bytes(3).hex(),
     }
 
-    /// ECM_GpioSetValue, code 32, parameter 0: sets the outputs (XF EN 920). `i0` and `i1` bits.
+    /// ECM_GpioSetValue, code 32, parameter 0: sets the outputs (XF EN 920). Information bytes: `i0` and `i1` bits.
     pub struct GpioSetValue {
         /// The outputs: bit k is GPIO k.
         pub values: u16 = info(0).hex(),
     }
 
     /// ECM_GpioExtSetValue, code 32, parameter 2, from firmware 9 on: sets the outputs of GPIO 0 to 19 (XF EN 930).
-    /// `i0` to `i2` bits.
+    /// Information bytes: `i0` to `i2` bits.
     pub struct GpioExtSetValue {
         /// The outputs: bit k is GPIO k.
         pub values: AllPins = info(0).bytes(3).hex(),

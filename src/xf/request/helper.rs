@@ -22,7 +22,8 @@ bits! {
 
 layout! {
     /// 402_CONFIG_SET, code 26: sets where the words of an axis are in the process data (XF EN 750, XF ZH 708).
-    /// Parameter: motor; `i0` offset of the controlword, `i1` offset of the statusword, `i2` control byte, `i3` slave.
+    /// Parameter: motor; information bytes: `i0` offset of the controlword, `i1` offset of the statusword, `i2` control
+    /// byte, `i3` slave.
     pub struct HelperConfigSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -36,7 +37,8 @@ layout! {
         pub slave: SlaveNumber = info(3),
     }
 
-    /// 402_STATE_SET, code 27: sets the state that an axis has to reach (XF EN 767). Parameter: motor; `i0` state.
+    /// 402_STATE_SET, code 27: sets the state that an axis has to reach (XF EN 767). Parameter: motor; information
+    /// bytes: `i0` state.
     pub struct HelperStateSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -50,8 +52,8 @@ layout! {
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_CTL_SET, code 29: sets what the helper does with an axis (XF EN 795). Parameter: motor; `i0` control byte,
-    /// `i1` 0x5A, `i2` number of motors, `i3` slave.
+    /// 402_CTL_SET, code 29: sets what the helper does with an axis (XF EN 795). Parameter: motor; information bytes:
+    /// `i0` control byte, `i1` 0x5A, `i2` number of motors, `i3` slave.
     pub struct HelperControlSet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),
@@ -69,7 +71,8 @@ layout! {
         pub motor: MotorNumber = par(),
     }
 
-    /// 402_GET_STATUSWORD, code 74: reads the statusword of an axis (XF EN 1432). Parameter: motor. Answer: @0 u16.
+    /// 402_GET_STATUSWORD, code 74: reads the statusword of an axis (XF EN 1432). Parameter: motor. Answer: u16 at
+    /// byte 0.
     pub struct HelperStatuswordGet {
         /// The axis, as the helper's motor number.
         pub motor: MotorNumber = par(),

@@ -44,16 +44,17 @@ layout! {
     pub struct InterruptEnable {
         /// The polarity: the parameter of the command, the return byte of the answer.
         pub polarity: Polarity = par(),
-        /// The enabled interrupts. Data: @0 u32.
+        /// Bytes 0..3 of the data: the enabled interrupts.
         pub sources: Interrupts = at(0),
-        /// The enabled interrupts of GPIO 0 to 7: bit k is GPIO k. Data: @4.
+        /// Byte 4 of the data: the enabled interrupts of GPIO 0 to 7; bit k is GPIO k.
         pub gpio: u8 = at(4).hex().or(0),
-        /// The enabled interrupts of GPIO 8 to 11 and the encoder. Data: @5.
+        /// Byte 5 of the data: the enabled interrupts of GPIO 8 to 11 and of the encoder.
         pub peripherals: PeripheralInterrupts = at(5).or(0),
     }
 
     /// ECAT_INT_SET_ENABLE, code 58: sets which interrupts raise INT1, and the polarity of both lines (XF EN 1310).
-    /// Parameter: polarity. Data, 6 bytes: @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the encoder.
+    /// Parameter: polarity. Data, 6 bytes (@offset): @0 u32 interrupts, @4 GPIO 0 to 7, @5 GPIO 8 to 11 and the
+    /// encoder.
     pub struct InterruptSetEnable {
         /// The new settings of interrupts and polarity.
         pub enable: InterruptEnable,

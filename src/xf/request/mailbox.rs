@@ -26,12 +26,14 @@ layout! {
     /// RECV_MAILBOX, code 143: reads a message that a slave has sent by mailbox (XF EN 1646, XF ZH 1563). The answer to
     /// `Read` has the bytes.
     pub enum ReceiveMailbox by operation: u8 = par(), "RECV_MAILBOX operation", "0 request, 1 read" {
-        /// Parameter 0: the chip fetches the message from a slave's mailbox. `i0` and `i1`: slave as u16.
+        /// Parameter 0: the chip fetches the message from a slave's mailbox. Information bytes: `i0` and `i1`: slave as
+        /// u16.
         Request = 0 {
             /// The slave whose mailbox is fetched.
             slave: SlaveNumber = info(0).bytes(2).or(0),
         },
-        /// Parameter 1: reads a part of the fetched message. `i0` and `i1` start, `i2` and `i3` length.
+        /// Parameter 1: reads a part of the fetched message. Information bytes: `i0` and `i1` start, `i2` and `i3`
+        /// length.
         Read = 1 (part: MailboxPart),
     }
 

@@ -27,8 +27,8 @@ layout! {
     /// it (XF EN 1421, XF ZH 410).
     pub struct ConfigMap;
 
-    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; `i0` state, to which bit 4 may be added
-    /// (XF EN 619; OBS).
+    /// ECAT_STATE_SET, code 12: brings slaves to a state. Parameter: slaves; information byte `i0`: state, to which
+    /// bit 4 may be added (XF EN 619; OBS).
     pub struct StateSet {
         /// The slaves to bring to the state.
         pub slaves: Slaves = par(),
@@ -52,7 +52,7 @@ layout! {
     }
 
     /// ECAT_PDO_WC_GET, code 4: reads a number about the working counter. Parameter: which number (XF EN 421). Answer:
-    /// @0 u32.
+    /// u32 at byte 0.
     pub struct PdoWorkingCounterGet {
         /// The number to read.
         pub which: WorkingCounterItem = par(),
@@ -65,7 +65,8 @@ layout! {
         pub lrw: bool = par(),
     }
 
-    /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; `i0` item (XF EN 643).
+    /// ECAT_SLV_INFO_GET, code 15: reads an item about a slave. Parameter: slave; information byte `i0`: item
+    /// (XF EN 643).
     pub struct SlaveInfoGet {
         /// The slave to ask about.
         pub slave: SlaveNumber = par(),
@@ -161,8 +162,8 @@ impl SlaveInfoGet {
 }
 
 /// ECAT_INIT_OP, code 1: initialises the network (XF EN 375, XF ZH 384). Parameter: 48 for special slaves; reserve bits
-/// 12 and 11. Data, 16 bytes: @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32 SYNC0, @8
-/// u32 SYNC1, @12 i32 shift, times in nanoseconds.
+/// 12 and 11. Data, 16 bytes (@offset): @0 0xFF, @1 0x81 for a FIFO that is off at start, @2 u16 AssignActivate, @4 u32
+/// SYNC0, @8 u32 SYNC1, @12 i32 shift, times in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct EcatInit {
     /// Whether the parameter is 48, for slaves that the manuals call special without an explanation.
@@ -186,11 +187,11 @@ impl EcatInit {
     /// The two reserve bits that this command uses.
     const RESERVE: Spot = reserve().bits(Self::BITS).or(0).of::<u16>("reserve");
     const BITS: Names = &[("master_shift", Reserve::MASTER_SHIFT.0 as u32), ("lrw", Reserve::LRW.0 as u32)];
-    /// The fixed byte @0 of the data.
+    /// Byte 0 of the data, which is fixed: all slaves.
     const ALL_SLAVES: Spot = at(0).of::<u8>("slaves");
-    /// Byte @1 of the data: the FIFO is off at start.
+    /// Byte 1 of the data: the FIFO is off at start.
     const FIFO_OFF: u8 = 0x81;
-    /// Byte @1 of the data: the FIFO is on at start. `[OURS]` The manuals list only 0x81 and call it fixed; any other
+    /// Byte 1 of the data: the FIFO is on at start. `[OURS]` The manuals list only 0x81 and call it fixed; any other
     /// value is taken for on.
     const FIFO_ON: u8 = 0;
     const FIFO: Spot = at(1)

@@ -35,7 +35,7 @@ field_values! {
 
 layout! {
     /// ECAT_PDO_DATA_FIFO_OP, code 5: puts RxPDOs into the FIFO and takes TxPDOs out of it (XF EN 436). Parameter:
-    /// number of PDOs; `i0` operation. The length is that of all RxPDOs together (OBS).
+    /// number of PDOs; information byte `i0`: operation. The length is that of all RxPDOs together (OBS).
     pub struct PdoDataFifo<'d> {
         /// The number of PDOs to write, and the maximum number to read.
         pub count: u8 = par(),
@@ -45,8 +45,8 @@ layout! {
         pub data: &'d [u8] = tail(0),
     }
 
-    /// ECAT_PDO_DATA_OP, code 6: writes outputs and reads inputs directly, bypassing the FIFO (XF EN 452). `i0`
-    /// operation; the data are one RxPDO.
+    /// ECAT_PDO_DATA_OP, code 6: writes outputs and reads inputs directly, bypassing the FIFO (XF EN 452). Information
+    /// bytes: `i0` operation; the data are one RxPDO.
     pub struct PdoData<'d> {
         /// The operation: write, read or both, with [`PdoOperation::VALID`].
         pub operation: PdoOperation = info(0),
@@ -55,7 +55,7 @@ layout! {
     }
 
     /// ECAT_PDO_CONFIG_REQ, code 8: reads the PDOs of a slave, which [`PdoConfigGet`] then returns (XF EN 517). Data, 4
-    /// bytes: @0 slave, @1 0, @2 u16 assignment.
+    /// bytes (@offset): @0 slave, @1 0, @2 u16 assignment.
     pub struct PdoConfigRequest {
         /// The slave whose PDOs are read.
         pub slave: SlaveNumber = at(0),
@@ -141,8 +141,9 @@ impl PdoMap {
 
 /// The PDOs that are assigned to a sync manager of a slave, as set by [`PdoConfigSet`] and read by [`PdoConfigGet`].
 ///
-/// Data: @0 slave, @1 number of PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16 numbers of
-/// objects @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware (OBS).
+/// Data (@offset): @0 slave, @1 number of PDOs, @2 u16 assignment, then for 3 (4) PDOs: u16 mapping objects @4, u16
+/// numbers of objects @10 (@12), 8 objects each @16 (@20). 112 (148) bytes; the longer form is that of newer firmware
+/// (OBS).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PdoConfig {
     /// The slave to which the PDOs belong.

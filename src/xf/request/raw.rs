@@ -43,14 +43,15 @@ pub(crate) const RAW_HEAD: usize = 20;
 /// The maximum size of a datagram's data, in bytes.
 pub const RAW_DATA_MAX: usize = 256;
 
-/// The datagram's data at [`RAW_HEAD`], whose size is the u16 @2. `name` is the name of that size in errors.
+/// The datagram's data at [`RAW_HEAD`], whose size is the u16 at byte 2. `name` is the name of that size in errors.
 pub(in crate::xf) const fn raw_data(name: &'static str) -> Spot {
     tail(RAW_HEAD as u16).counted(at(2), name, Allowed::AtMost(RAW_DATA_MAX as u32))
 }
 
 layout! {
-    /// RAW_ECAT_FUNC_REQ, code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the datagram's: @0
-    /// operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32 timeout in us, @20 data.
+    /// RAW_ECAT_FUNC_REQ, code 137: sends a datagram (XF EN 1560, XF ZH 1474). Data, 20 bytes and the datagram's
+    /// (@offset): @0 operation, @2 u16 bytes, @4 u16 ADP, @6 u16 ADO, @8 u32 logical address, @12 i32 timeout in us,
+    /// @20 data.
     ///
     /// A datagram that reads has data too: as many bytes as it has to read.
     pub struct RawRequest<'d> {

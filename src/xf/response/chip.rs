@@ -20,13 +20,13 @@ pub struct FirmwareVersion {
 layout! {
     /// The identity of the chip in answers of newer firmware.
     pub struct FirmwareIdentity {
-        /// The extended version. Data: @0 u16.
+        /// Bytes 0..1 of the data: the extended version.
         // A column is missing in the manual's drawing, so that the extended version in these two bytes is an
         // interpretation.
         pub extended: u16 = at(0).hex(),
-        /// The type of the chip. Data: @3.
+        /// Byte 3 of the data: the type of the chip.
         pub series: Series = at(3),
-        /// Identification for the vendor's own use. Data: @4..@19.
+        /// Bytes 4..19 of the data: identification for the vendor's own use.
         pub identification: [u8; 16] = at(4),
     }
 }
@@ -61,7 +61,7 @@ impl Forms for FirmwareVersion {
     ))];
 }
 
-/// The answer to MDIO (XF EN 1455): the value read, u16 @0; `None` after a write.
+/// The answer to MDIO (XF EN 1455): the value read, u16 at byte 0 of the data; `None` after a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MdioAnswer(pub Option<u16>);
 

@@ -10,17 +10,17 @@ layout! {
     /// A CoE emergency of a slave.
     #[derive(Default)]
     pub struct Emergency {
-        /// The position in the list, 0..=7. Data: @0.
+        /// Byte 0: the position in the list, 0..=7.
         pub number: u8 = at(0).kind(Kind::Named(&[("none", NO_EMERGENCY as u32)])),
-        /// The slave's number. Data: @1.
+        /// Byte 1: the slave's number.
         pub slave: u8 = at(1),
-        /// Serial number of the emergency since the chip has started. Data: @2 u16.
+        /// Bytes 2..3: serial number of the emergency since the chip has started.
         pub running_number: u16 = at(2),
-        /// The error code, as in object 0x603F. Data: @4 u16.
+        /// Bytes 4..5: the error code, as in object 0x603F.
         pub code: u16 = at(4).hex(),
-        /// The error register, object 0x1001. Data: @6.
+        /// Byte 6: the error register, object 0x1001.
         pub register: u8 = at(6).hex(),
-        /// Additional manufacturer-specific data. Data: @7..@11.
+        /// Bytes 7..11: additional manufacturer-specific data.
         pub data: [u8; 5] = at(7),
     }
 }

@@ -8,10 +8,10 @@ use crate::xf::request::{RawOperation, raw_data};
 
 layout! {
     /// The answer to [`RawGet`](crate::xf::request::RawGet): the layout of the request, with the working counter as i32
-    /// @16 (XF EN 1580).
+    /// at byte 16 (XF EN 1580).
     ///
     /// Both manuals give the length 4 + n, but their drawings need 20 + n. `[OURS]` The length is 20 + n. A host uses
-    /// the number of data bytes @2, whatever the length.
+    /// the number of data bytes at byte 2, whatever the length.
     pub struct RawAnswer<'d> {
         /// The datagram's EtherCAT command; see [`RawOperation::from_code`].
         pub operation: u8 = at(0).kind(Kind::Named(RawOperation::NAMES)),

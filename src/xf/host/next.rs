@@ -138,8 +138,8 @@ impl Host {
         self.flight = None;
         self.settled = now;
         if self.state == HostState::Running && self.answered < flight.first {
-            // A wrong data segment size n can look like "not ready": that is the end of a packet if several smaller
-            // packets fit into one of the assumed size, as after a reset from n = 1408 to n = 112.
+            // Answers "not ready" may be due to a wrong data segment size n. Several smaller packets may fit exactly
+            // into one of the assumed size, as after a reset from n = 1408 to n = 112, so that its end looks valid.
             self.begin_search(now, HostState::Searching);
         }
         match flight.purpose {

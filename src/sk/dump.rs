@@ -4,8 +4,8 @@
 //! use ecmsk::sk::{CommandDump, Frame, Motion, SlaveCommand, SlotSize};
 //!
 //! let mut frame = Frame::new();
-//! A dump omits nothing: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line ends
-//! with the raw fields and the reason. A line without raw fields is therefore complete.
+//! frame.put_slave(SlotSize::Bytes12, 1, &SlaveCommand::Csp(Motion::to(-1_234_567)).with_index(7));
+//! frame.fill_crc(SlotSize::Bytes12);
 //! assert_eq!(
 //!     CommandDump::new(&frame, SlotSize::Bytes12).to_string(),
 //!     "ECM      GET_STATUS, CRC 0xFA ok\n\
@@ -13,8 +13,8 @@
 //! );
 //! ```
 //!
-//! A dump leaves nothing out: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line
-//! ends with the raw fields and the reason. A line without raw fields is thus complete.
+//! A dump omits nothing: if a slot has bytes set that its meaning does not use, or has no meaning at all, its line ends
+//! with the raw fields and the reason. A line without raw fields is therefore complete.
 
 mod meaning;
 mod text;

@@ -13,8 +13,8 @@ use crate::xf::host::{Budget, HostError, ProcessData as Exchanged, ProcessOutcom
 /// How many RxPDOs a program stays ahead of the chip, by default. \[OURS] With a cycle of 1 ms a program may be late by
 /// 20 ms.
 const AHEAD: u8 = 20;
-/// How many TxPDOs may wait in the TxFIFO. If there are more, all are read at once so that inputs are not old. \[OURS]
-/// The known level lags two exchanges behind.
+/// How many TxPDOs may wait in the TxFIFO. If there are more, as many as fit into a packet are read at once, so that
+/// inputs are not old. \[OURS] The known level lags two exchanges behind.
 const TX_BACKLOG: u8 = 3;
 /// How many times per cycle the driver polls the chip's FIFO levels. \[OURS]
 const POLLS_A_CYCLE: Ns = 2;

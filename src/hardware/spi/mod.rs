@@ -1,7 +1,6 @@
 //! The link `spi:`: a real ECM-SK on a spidev device, with BUSY and RESETN on lines of a GPIO chip.
 //!
 //! On SPI every exchange carries a command frame: the board sends a report only while it receives a frame, and in OP
-//! On SPI every exchange carries a command frame: the board sends a report only while it receives a frame, and in OP
 //! that frame takes an entry of the board's FIFO. A program nevertheless gets the same reports as on USB, one per cycle
 //! whether it writes or not. For this the link has a thread that makes one exchange per cycle, timed by a [`Pacer`]. An
 //! exchange carries the oldest frame that the program has written, or else a frame of GET_STATUS commands.

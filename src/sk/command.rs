@@ -78,6 +78,9 @@ const LOCAL_OUTPUTS_MASK: u32 = 0x3F;
 
 impl MasterCommand {
     /// Decodes slot 0 of a command frame. Byte 3, the frame's CRC, is ignored.
+    ///
+    /// # Errors
+    /// [`Malformed`] if the id is a command for the board and an argument is not allowed.
     pub fn decode(slot: &RawSlot, size: SlotSize) -> Result<Self, Malformed> {
         let argument = slot.parm as u8;
         Ok(match CommandId::from_code(slot.id) {

@@ -4,6 +4,21 @@
 //! A type encodes itself into its fields of the header ([`Arguments`]) and the data segment, and decodes itself from
 //! them. Like the chip it reads fixed layouts from the data segment, whatever the length field says. Only requests that
 //! say so use the length field (XF-4.3).
+//!
+//! | file | requests |
+//! | --- | --- |
+//! | `network` | initialisation, states, slaves, clocks |
+//! | `slave` | sync managers, FMMUs, assigned process data |
+//! | `pdo` | process data and their configuration |
+//! | `fifo` | the FIFOs of process data |
+//! | `sdo` | objects of slaves |
+//! | `chip` | the chip itself: packets, version, resets, error counts, PHY |
+//! | `interrupt` | the interrupt lines |
+//! | `helper` | the CiA 402 helper |
+//! | `gpio`, `encoder`, `dac`, `adc` | inputs and outputs of the chip |
+//! | `eeprom`, `raw`, `foe`, `mailbox` | EEPROMs of slaves, datagrams, files, mailboxes and emergencies |
+//!
+//! `table` lists all functions.
 
 mod adc;
 mod chip;

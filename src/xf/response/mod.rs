@@ -3,6 +3,16 @@
 //! [`Call::Answer`](super::Call::Answer) names the type of a request's answer. Some are plain types: `()` is no result,
 //! `u8` the return byte, `u16` and `u32` a number at byte 0 of the data, a slice the valid bytes of the data segment.
 //! The files correspond to those of the requests:
+//!
+//! | file | answers |
+//! | --- | --- |
+//! | `plain` | numbers, bytes and words that other parts of the crate have types for |
+//! | `network` | items about slaves |
+//! | `pdo` | process data and their configuration |
+//! | `chip` | version, limit of working counter errors, PHY, size of packets |
+//! | `helper` | states of axes; interrupts |
+//! | `raw` | datagrams and EEPROMs |
+//! | `mailbox` | emergencies, sets of slaves |
 
 mod chip;
 mod helper;

@@ -24,7 +24,7 @@ const EVENT_WAIT_MAX: Duration = Duration::from_secs(1);
 /// calls have not handled. It is half of the shortest cycle (250 us), so that transfers are resubmitted before the last
 /// one is used. \[OURS]
 const CHECK_INTERVAL_PER_TRANSFER: Duration = Duration::from_micros(125);
-/// The longest such interval, for any number of transfers. \[OURS]
+/// The longest interval at which the pipe's thread checks for events, for any number of transfers. \[OURS]
 const CHECK_INTERVAL_MAX: Duration = Duration::from_millis(1);
 /// Interval at which a thread checks that another one, for which it waits, still exists. \[OURS]
 pub(super) const CALLER_CHECK_INTERVAL: Duration = Duration::from_millis(100);

@@ -1,7 +1,8 @@
 //! The macro that declares types with their layouts.
 
 /// Declares the layout of types: `pub struct` and `pub enum` also define the type, `impl` refers to a type defined
-/// elsewhere. Each value is at the given place. A value without a place is itself a type with a layout.
+/// elsewhere. The place of each value in header or data segment stands after `=`. A value without a place is itself a
+/// type with a layout.
 ///
 /// A number selects the variant of an enum. After `by` stand its place, the name that errors use for it, and its
 /// allowed values.

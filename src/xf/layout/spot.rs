@@ -135,7 +135,8 @@ impl Spot {
         Self { fixed: Some(fixed), ..self }
     }
 
-    /// Adds the name, unless the spot has one, and the properties of the type.
+    /// Completes the declaration of a field: adds the name of the Rust field, unless the declaration has one, and the
+    /// properties of its type.
     pub const fn of<'d, T: Part<'d>>(self, name: &'static str) -> Self {
         let field = self.field;
         let bytes = if field.bytes > 0 { field.bytes } else { T::BYTES };

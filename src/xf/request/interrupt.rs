@@ -22,13 +22,13 @@ bits! {
 
     /// Enables of the interrupts of GPIO 8 to 11 and of the encoder.
     PeripheralInterrupts(u8) {
-        /// Bit 0: GPIO 8.
+        /// Bit 0: the interrupt of GPIO 8.
         GPIO_8 = 1 << 0;
-        /// Bit 1: GPIO 9.
+        /// Bit 1: the interrupt of GPIO 9.
         GPIO_9 = 1 << 1;
-        /// Bit 2: GPIO 10.
+        /// Bit 2: the interrupt of GPIO 10.
         GPIO_10 = 1 << 2;
-        /// Bit 3: GPIO 11.
+        /// Bit 3: the interrupt of GPIO 11.
         GPIO_11 = 1 << 3;
         /// Bit 4: the encoder's index pulse.
         ENCODER_INDEX = 1 << 4;
